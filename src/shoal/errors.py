@@ -1,0 +1,28 @@
+"""The errors that Shoal raises for bad input.
+
+Every one of them is a :class:`ShoalError` and also the built-in error that a Python programmer would expect, so
+``except ValueError`` keeps working. Their text is one sentence that says what was expected, what came, and where.
+A planner that finds nothing does not raise: its result says so.
+"""
+
+from __future__ import annotations
+
+
+class ShoalError(Exception):
+    """Base of all errors raised on purpose by Shoal."""
+
+
+class InvalidInputError(ShoalError, ValueError):
+    """A value, map or file does not fit what was expected."""
+
+
+class UnknownNameError(ShoalError, LookupError):
+    """No object is registered under the given name."""
+
+
+class OutputError(ShoalError, OSError):
+    """A result could not be written."""
+
+
+class MissingExtraError(ShoalError, ImportError):
+    """An optional dependency (an extra) is needed and not installed."""

@@ -1,0 +1,84 @@
+"""Names for objects: the built-ins of each kind, and any third party's as ``module:attribute``."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from collections.abc import Callable, Iterator
+from typing import Generic, TypeVar
+
+from shoal.errors import UnknownNameError
+
+T = TypeVar("T")
+
+
+class Registry(Generic[T]):
+    """A mapping from names to objects of one kind.
+
+    Parameters
+    ----------
+    kind : str
+        What the objects are, for error messages ("policy").
+
+    Examples
+    --------
+    >>> colours = Registry[int]("colour")
+    >>> colours.add("red", 1)
+    1
+    >>> colours.get("red")
+    1
+    >>> colours.get("rad")
+    Traceback (most recent call last):
+    ...
+    shoal.errors.UnknownNameError: unknown colour 'rad': did you mean 'red'? (known: red; or MODULE:ATTRIBUTE)
+    """
+
+    def __init__(self, kind: str) -> None:
+        self.kind = kind
+        self._items: dict[str, T] = {}
+
+    def add(self, name: str, item: T) -> T:
+        """Register ``item`` under ``name`` and return it; a name is taken once."""
+        if name in self._items:
+            raise UnknownNameError(f"the {self.kind} name {name!r} is already taken")
+        self._items[name] = item
+        return item
+
+    def register(self, name: str) -> Callable[[T], T]:
+        """Return a decorator that registers what it decorates under ``name``."""
+        return lambda item: self.add(name, item)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._items)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._items
+
+    def get(self, name: str) -> T:
+        """Return the object called ``name``, or the one at ``module:attribute``.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is none; the message suggests the nearest name.
+        """
+        if name in self._items:
+            return self._items[name]
+        if ":" in name:
+            return self._import(name)
+        raise UnknownNameError(f"unknown {self.kind} {name!r}: {self._suggestion(name)}")
+
+    def _suggestion(self, name: str) -> str:
+        near = difflib.get_close_matches(name, self._items, n=1, cutoff=0.5)
+        known = f"known: {', '.join(self._items)}; or MODULE:ATTRIBUTE"
+        return f"did you mean {near[0]!r}? ({known})" if near else known
+
+    def _import(self, name: str) -> T:
+        module_name, _, attribute = name.partition(":")
+        if module_name in self._items:
+            raise UnknownNameError(f"the {self.kind} {module_name!r} takes no option {attribute!r}")
+        try:
+            found: T = getattr(importlib.import_module(module_name), attribute)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise UnknownNameError(f"cannot import the {self.kind} {name!r}: {error}") from None
+        return found

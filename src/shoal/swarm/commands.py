@@ -1,0 +1,64 @@
+"""The commands: one letter moves every particle one cell."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+
+LETTERS = "lurdio"
+"""Left, up, right, down; in 3-D also in (towards layer 0) and out."""
+
+_CODES = {letter: code for code, letter in enumerate(LETTERS)}
+
+
+def letters_of(ndim: int) -> str:
+    """Return the command letters of a 2-D ("lurd") or 3-D ("lurdio") workspace."""
+    return LETTERS[: 2 * ndim]
+
+
+def encode(commands: str, *, ndim: int = 2) -> NDArray[np.int8]:
+    """Turn a command string into codes 0 to 5.
+
+    Parameters
+    ----------
+    commands : str
+        Letters out of ``lurd`` (2-D) or ``lurdio`` (3-D).
+    ndim : int
+        2 or 3.
+
+    Returns
+    -------
+    ndarray of int8, shape (len(commands),)
+
+    Raises
+    ------
+    InvalidInputError
+        At the first letter that is none of these, with its position.
+
+    Examples
+    --------
+    >>> encode("llurr").tolist()
+    [0, 0, 1, 2, 2]
+    """
+    known = letters_of(ndim)
+    for position, letter in enumerate(commands):
+        if letter not in known:
+            raise InvalidInputError(
+                f"expected commands out of {known!r} for a {ndim}-D workspace, "
+                f"got {letter!r} at position {position + 1}"
+            )
+    return np.array([_CODES[letter] for letter in commands], dtype=np.int8)
+
+
+def decode(codes: NDArray[np.int8]) -> str:
+    """Turn codes 0 to 5 into a command string; the inverse of :func:`encode`.
+
+    Examples
+    --------
+    >>> decode(encode("llurr"))
+    'llurr'
+    """
+    table = np.frombuffer(LETTERS.encode(), dtype=np.uint8)
+    return table[np.asarray(codes, dtype=np.intp)].tobytes().decode()

@@ -1,0 +1,189 @@
+"""Between boards and kernels: work space for a running episode, and single pushes for the step-by-step world."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.swarm.belief import Belief
+from shoal.swarm.boards import Board, Frame, Words
+from shoal.swarm.commands import decode, encode, letters_of
+from shoal.swarm.kernels import moves, play, search, slide
+from shoal.swarm.world import SwarmState, empty_words, window_counts
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
+
+RUNNING, COMPLETE, STALLED = play.RUNNING, play.COMPLETE, play.STALLED
+RULE_CODES = {"block": moves.BLOCK, "merge": moves.MERGE, "tilt": moves.TILT}
+ORDERS = {"column-major": search.COLUMN_MAJOR, "row-major": search.ROW_MAJOR}
+# The cell from which a command comes, in the order in which such cells are expanded; column-major: left, up, in, out, down, right.
+_PARENTS = {"column-major": "rdoiul", "row-major": "droilu"}
+_NO_COUNTS = np.zeros((0, 0), dtype=np.int32)
+
+
+def pushed(frame: Frame, free: Words, state: SwarmState, code: int, rule: str) -> SwarmState:
+    """Return the state after one push; the world's own bookkeeping, so nothing is observed."""
+    open_, frontier, fresh = empty_words(frame, 3)
+    known = np.full(frame.words, np.uint64(2**64 - 1))
+    occupied = state.occupied.words.copy()
+    counts = _NO_COUNTS if state.counts is None else window_counts(frame, state.counts)
+    field = moves.Field(free, occupied, open_, known, frontier, fresh, counts, frame.layers, frame.rows)
+    moves.push(field, code, RULE_CODES[rule])
+    return state_of(frame, field)
+
+
+def field_of(free: Words, state: SwarmState, belief: Belief) -> moves.Field:
+    """Return the kernels' boards for a state and a belief: copies, as they are changed in place."""
+    frame = state.occupied.frame
+    counts = _NO_COUNTS if state.counts is None else window_counts(frame, state.counts)
+    boards = (state.occupied, belief.open, belief.known, belief.frontier)
+    copies = [board.words.copy() for board in boards]
+    return moves.Field(free, *copies, np.zeros_like(free), counts, frame.layers, frame.rows)
+
+
+def check_neighbours(neighbours: str, ndim: int) -> NDArray[np.int8]:
+    """Return the codes of an order of neighbours; "lurd" stands for "lurdio" in 3-D."""
+    text = neighbours + "io" if ndim == 3 and len(neighbours) == 4 else neighbours
+    if sorted(text) != sorted(letters_of(ndim)):
+        raise InvalidInputError(f"neighbours: expected an order of {letters_of(ndim)!r}, got {neighbours!r}")
+    return encode(text, ndim=ndim)
+
+
+def search_of(frame: Frame, *, ties: str, neighbours: str, plan_size: int) -> search.Search:
+    """Return the work space of a frontier search."""
+    if ties not in ORDERS:
+        raise InvalidInputError(f"ties: expected one of {', '.join(ORDERS)}, got {ties!r}")
+    parents = "".join(letter for letter in _PARENTS[ties] if letter in letters_of(frame.ndim))
+    return search.Search(
+        planes=np.zeros((7, *frame.words), dtype=np.uint64),
+        plan=np.zeros(plan_size, dtype=np.int8),
+        neighbours=check_neighbours(neighbours, frame.ndim),
+        parents=encode(parents, ndim=frame.ndim),
+        order=ORDERS[ties],
+    )
+
+
+def slides_of(frame: Frame, rule: str) -> slide.Slides:
+    """Return the work space of the tilt search; empty for other rules."""
+    rows, words = frame.words
+    size = rows * words * 64 if rule == "tilt" else 0
+    return slide.Slides(np.zeros(size, np.int64), np.zeros(size, np.int8), np.zeros(size, np.int64))
+
+
+def mind_of(frame: Frame, n_free: int, belief: Belief, *, rule: str, ties: str, neighbours: str, plan: str) -> play.Mind:
+    """Return the memory of a built-in policy that has not decided anything yet, or follows ``plan``."""
+    space = search_of(frame, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan)))
+    memory = np.zeros(play.MEMORY, dtype=np.int64)
+    memory[play.REMAINING] = len(belief.frontier)
+    if plan:
+        space.plan[: len(plan)] = encode(plan, ndim=frame.ndim)
+        memory[play.PLAN_LENGTH] = len(plan)
+    single, visited = empty_words(frame, 2)
+    trail = np.zeros(n_free + 2, dtype=np.int8)
+    return play.Mind(memory, space, slides_of(frame, rule), single, visited, trail)
+
+
+def path_to_frontier(
+    belief: Belief,
+    sources: Board,
+    *,
+    rule: str = "block",
+    mapping: bool = True,
+    ties: str = "column-major",
+    neighbours: str = "lurd",
+) -> str:
+    """Return the shortest commands that bring a particle from ``sources`` onto a frontier cell, "" if none do.
+
+    Breadth-first search through known-free cells. At each distance cells are expanded in the order of ``ties``, their neighbours in
+    the order of ``neighbours``; the first frontier cell met is the target.
+
+    Parameters
+    ----------
+    belief : Belief
+    sources : Board
+        The cells to start from.
+    rule : str
+        Under "tilt" the path is over stop cells and has the fewest tilts.
+    mapping : bool
+        Matters under "tilt" only: whether frontier cells are unknown (mapping) or known to be free (coverage).
+    ties : str
+        "column-major" (leftmost column first, top to bottom) or "row-major".
+    neighbours : str
+        An order of the commands.
+
+    Notes
+    -----
+    Source: paper M, algorithm 3; tie rule: spec/swarm.md, section 3.
+
+    Examples
+    --------
+    >>> from shoal.swarm import GridWorkspace, GridWorld, Mapping
+    >>> world = GridWorld(GridWorkspace([[1, 1, 1]]))
+    >>> state = world.initial([(0, 1)])
+    >>> path_to_frontier(Mapping().begin(world, state), state.occupied)
+    'l'
+    """
+    frame = sources.frame
+    space = search_of(frame, ties=ties, neighbours=neighbours, plan_size=len(belief.open) + 2)
+    empty = np.zeros_like(sources.words)
+    field = moves.Field(
+        empty,
+        sources.words,
+        belief.open.words,
+        belief.known.words,
+        belief.frontier.words,
+        empty,
+        _NO_COUNTS,
+        frame.layers,
+        frame.rows,
+    )
+    if rule == "tilt":
+        length = slide.nearest_by_tilts(field, space, slides_of(frame, rule), sources.words, mapping)
+    else:
+        length = search.nearest(field, space, sources.words)
+    return decode(space.plan[:length])
+
+
+def choose_driven(code: int, state: SwarmState, mind: play.Mind, rng: Generator) -> None:
+    """Choose the particle that a policy drives: elect-particle a random one, depth-first the first."""
+    frame, cells = state.occupied.frame, state.occupied.cells
+    cell = cells[rng.integers(0, len(cells)) if code == play.ELECT else 0] + 1
+    layer = int(cell[0]) if frame.ndim == 3 else 0
+    mind.memory[play.ROW], mind.memory[play.COLUMN] = layer * frame.rows + cell[-2], cell[-1]
+
+
+def new_log(moves_at_most: int) -> play.Log:
+    """Return an empty log with room for that many moves."""
+    return play.Log(
+        np.zeros(moves_at_most, np.int8),
+        np.zeros(moves_at_most, np.int32),
+        np.zeros(moves_at_most, np.int32),
+        np.zeros(moves_at_most, np.int64),
+    )
+
+
+def remaining(mind: play.Mind) -> int:
+    """Return the number of frontier cells left."""
+    return int(mind.memory[play.REMAINING])
+
+
+def state_of(frame: Frame, field: moves.Field) -> SwarmState:
+    """Return the state that the kernels' boards hold now."""
+    counts = None
+    if field.counts.size:
+        counts = field.counts[:, : frame.columns].reshape(frame.window).copy()
+    return SwarmState(Board(frame, field.occupied), counts)
+
+
+def play_on(
+    code: int, field: moves.Field, rule: str, mapping: bool, mind: play.Mind, rng: Generator, log: play.Log
+) -> tuple[int, int]:
+    """Play a policy until the log is full; return (moves, status code). What is random is drawn here, outside the kernel."""
+    if code == play.RANDOM:
+        log.commands[:] = rng.integers(0, len(mind.search.neighbours), size=len(log.commands))
+    played, status = play.play(code, field, RULE_CODES[rule], mapping, mind, log)
+    return int(played), int(status)

@@ -1,0 +1,41 @@
+"""The cells nearest to a cell by path length."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.swarm.kernels.compiling import kernel
+from shoal.swarm.kernels.bits import has, put
+from shoal.swarm.kernels.search import ahead
+
+
+class Flood(NamedTuple):
+    """A flood in progress: the free cells, those reached, and the queue of both coordinates."""
+
+    free: NDArray[np.uint64]
+    reached: NDArray[np.uint64]
+    queue: NDArray[np.int32]  # (n, 2): row, column
+    layers: int
+    rows: int
+
+
+@kernel
+def flood(state, row, column):  # type: ignore[no-untyped-def]
+    """Fill ``reached`` breadth-first from one cell until the queue is full; return how many cells were reached."""
+    queue, size = state.queue, 1
+    queue[0, 0], queue[0, 1] = row, column
+    put(state.reached, row, column)
+    directions = 4 if state.layers == 1 else 6
+    for at in range(queue.shape[0]):
+        if at == size:
+            break
+        for command in range(directions):
+            r, c = ahead(queue[at, 0], queue[at, 1], command, state.rows)
+            if size < queue.shape[0] and has(state.free, r, c) and not has(state.reached, r, c):
+                put(state.reached, r, c)
+                queue[size, 0], queue[size, 1] = r, c
+                size += 1
+    return size

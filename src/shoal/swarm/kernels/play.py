@@ -1,0 +1,186 @@
+"""Whole episodes: a policy decides, the world moves, the log is written, without leaving compiled code.
+
+``play`` runs for a limited number of moves and can be called again: all that a policy remembers is in ``Mind``. So a caller may
+show progress, be interrupted between two calls and let logs grow, and the result does not depend on where it was cut.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.swarm.kernels.compiling import kernel
+from shoal.swarm.kernels.bits import ZERO, has, put
+from shoal.swarm.kernels.moves import DOWN, LEFT, RIGHT, TILT, UP
+from shoal.swarm.kernels.observe import step
+from shoal.swarm.kernels.search import Search, ahead, nearest, opposite
+from shoal.swarm.kernels.slide import Slides, nearest_by_tilts
+
+RUNNING, COMPLETE, STALLED = 0, 1, 2
+MANUAL, RANDOM, CLOSEST, ELECT, DEPTH_FIRST, SWEEP = 0, 1, 2, 3, 4, 5
+
+# entries of Mind.memory
+REMAINING = 0  # cells of the frontier
+PLAN_LENGTH, PLAN_AT = 1, 2
+ROW, COLUMN = 3, 4  # the elected particle, or the one that depth-first drives
+TARGET_ROW, TARGET_COLUMN = 5, 6
+TRAIL_LENGTH, BACKTRACKING = 7, 8
+PHASE, SECOND, GAIN = 9, 10, 11  # of sweep
+IDLE = 12  # commands in a row that changed nothing
+MEMORY = 13  # size
+
+PATIENCE = 1_000  # so many of them, and the policy is stopped
+
+
+class Mind(NamedTuple):
+    """What a policy remembers between two moves, and the space that it works in."""
+
+    memory: NDArray[np.int64]  # (MEMORY,)
+    search: Search
+    slides: Slides
+    single: NDArray[np.uint64]  # a board for one cell
+    visited: NDArray[np.uint64]  # depth-first: the cells where its particle has been
+    trail: NDArray[np.int8]  # depth-first: the commands that led from the root
+
+
+class Log(NamedTuple):
+    """One entry a move."""
+
+    commands: NDArray[np.int8]
+    done: NDArray[np.int32]
+    frontier: NDArray[np.int32]
+    travelled: NDArray[np.int64]
+
+
+@kernel
+def decide_elect(field, mind):  # type: ignore[no-untyped-def]
+    """Plan from the elected particle alone to the frontier cell nearest to it."""
+    memory = mind.memory
+    row, column = memory[ROW], memory[COLUMN]
+    put(mind.single, row, column)
+    length = nearest(field, mind.search, mind.single)
+    mind.single[row, column >> 6] = ZERO
+    for i in range(length):
+        row, column = ahead(row, column, mind.search.plan[i], field.rows)
+    memory[TARGET_ROW], memory[TARGET_COLUMN] = row, column
+    return length
+
+
+@kernel
+def decide_depth_first(field, mind):  # type: ignore[no-untyped-def]
+    """Probe, else step to a cell not visited, else go back one step."""
+    memory, plan = mind.memory, mind.search.plan
+    put(mind.visited, memory[ROW], memory[COLUMN])
+    memory[BACKTRACKING] = 0
+    for command in mind.search.neighbours:
+        row, column = ahead(memory[ROW], memory[COLUMN], command, field.rows)
+        fresh = has(field.open, row, column) and not has(mind.visited, row, column)
+        if fresh or not has(field.known, row, column):
+            plan[0] = command
+            return 1
+    if memory[TRAIL_LENGTH] == 0:
+        return 0
+    memory[BACKTRACKING] = 1
+    plan[0] = opposite(mind.trail[memory[TRAIL_LENGTH] - 1])
+    return 1
+
+
+@kernel
+def decide_sweep(mind):  # type: ignore[no-untyped-def]
+    """Left to the wall; up and right by turns to the other wall; down and left by turns back; and again while it helps."""
+    memory, plan = mind.memory, mind.search.plan
+    if memory[PHASE] == 3:
+        if memory[GAIN] == 0:
+            return 0
+        memory[PHASE], memory[GAIN] = 1, 0
+    if memory[PHASE] == 0:
+        plan[0] = LEFT
+    elif memory[PHASE] == 1:
+        plan[0] = RIGHT if memory[SECOND] == 1 else UP
+    else:
+        plan[0] = LEFT if memory[SECOND] == 1 else DOWN
+    return 1
+
+
+@kernel
+def decide(code, field, rule, mapping, mind, draw):  # type: ignore[no-untyped-def]
+    """Write the next commands into the plan; return how many, 0 if the policy has none left."""
+    if code == RANDOM:
+        mind.search.plan[0] = draw
+        return 1
+    if code == CLOSEST:
+        if rule == TILT:
+            return nearest_by_tilts(field, mind.search, mind.slides, field.occupied, mapping)
+        return nearest(field, mind.search, field.occupied)
+    if code == ELECT:
+        return decide_elect(field, mind)
+    if code == DEPTH_FIRST:
+        return decide_depth_first(field, mind)
+    if code == SWEEP:
+        return decide_sweep(mind)
+    return 0  # MANUAL: its whole plan was there from the start
+
+
+@kernel
+def follow(field, mind, command):  # type: ignore[no-untyped-def]
+    """Keep track of the driven particle: whoever stands where it should have gone is it now; tell whether anybody does."""
+    memory = mind.memory
+    row, column = ahead(memory[ROW], memory[COLUMN], command, field.rows)
+    if not has(field.occupied, row, column):
+        return False
+    memory[ROW], memory[COLUMN] = row, column
+    return True
+
+
+@kernel
+def notice(code, field, mind, command, travelled, done):  # type: ignore[no-untyped-def]
+    """Let the policy see what its last command did."""
+    memory = mind.memory
+    if code == ELECT:
+        follow(field, mind, command)
+        if not has(field.frontier, memory[TARGET_ROW], memory[TARGET_COLUMN]):
+            memory[PLAN_LENGTH] = 0
+    elif code == DEPTH_FIRST:
+        if not follow(field, mind, command):
+            return
+        if memory[BACKTRACKING] == 1:
+            memory[TRAIL_LENGTH] -= 1
+        else:
+            mind.trail[memory[TRAIL_LENGTH]] = command
+            memory[TRAIL_LENGTH] += 1
+            put(mind.visited, memory[ROW], memory[COLUMN])
+    elif code == SWEEP:
+        memory[GAIN] += done
+        if memory[PHASE] == 0 or memory[SECOND] == 1:
+            if travelled == 0:
+                memory[PHASE] += 1
+            memory[SECOND] = 0
+        else:
+            memory[SECOND] = 1
+
+
+@kernel
+def play(code, field, rule, mapping, mind, log):  # type: ignore[no-untyped-def]
+    """Play until the log is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
+
+    For RANDOM ``log.commands`` holds the commands to play, drawn beforehand.
+    """
+    memory, plan = mind.memory, mind.search.plan
+    for move in range(log.commands.shape[0]):
+        if memory[REMAINING] == 0:
+            return move, COMPLETE
+        if memory[PLAN_AT] >= memory[PLAN_LENGTH]:
+            memory[PLAN_LENGTH], memory[PLAN_AT] = decide(code, field, rule, mapping, mind, log.commands[move]), 0
+            if memory[PLAN_LENGTH] == 0 or memory[IDLE] >= PATIENCE:
+                return move, STALLED
+        command = plan[memory[PLAN_AT]]
+        memory[PLAN_AT] += 1
+        travelled, done, change = step(field, command, rule, mapping)
+        memory[REMAINING] += change
+        memory[IDLE] = memory[IDLE] + 1 if travelled == 0 and done == 0 else 0
+        log.commands[move], log.done[move] = command, done
+        log.frontier[move], log.travelled[move] = memory[REMAINING], travelled
+        notice(code, field, mind, command, travelled, done)
+    return log.commands.shape[0], COMPLETE if memory[REMAINING] == 0 else RUNNING

@@ -1,0 +1,50 @@
+"""Policies: what decides the next commands. One file a policy."""
+
+from __future__ import annotations
+
+from shoal.registry import Registry
+from shoal.swarm.options import configured
+from shoal.swarm.policies.closest_frontier import ClosestFrontier
+from shoal.swarm.policies.compiled import Compiled
+from shoal.swarm.policies.depth_first import DepthFirst
+from shoal.swarm.policies.elect_particle import ElectParticle
+from shoal.swarm.policies.manual import Manual
+from shoal.swarm.policies.protocol import Decision, Policy, View
+from shoal.swarm.policies.random_moves import RandomMoves
+from shoal.swarm.policies.sweep import Sweep
+
+POLICIES: Registry[type[Policy]] = Registry("policy")
+for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, Sweep, Manual):
+    POLICIES.add(_policy.kind, _policy)
+
+
+def make_policy(policy: str | Policy) -> Policy:
+    """Return a policy by name, or the given one.
+
+    Parameters
+    ----------
+    policy : str or Policy
+        "closest-frontier", "closest-frontier:ties=row-major", "manual:llurr", "module:attribute" (an object, or a class that
+        is called without arguments), or an object that has the protocol's methods.
+
+    Raises
+    ------
+    UnknownNameError, InvalidInputError
+    """
+    return configured(POLICIES, policy) if isinstance(policy, str) else policy
+
+
+__all__ = [
+    "POLICIES",
+    "ClosestFrontier",
+    "Compiled",
+    "Decision",
+    "DepthFirst",
+    "ElectParticle",
+    "Manual",
+    "Policy",
+    "RandomMoves",
+    "Sweep",
+    "View",
+    "make_policy",
+]

@@ -1,0 +1,37 @@
+"""closest-frontier: bring the nearest particle to the nearest frontier cell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from numpy.random import Generator
+
+from shoal.swarm.policies.compiled import Searching
+from shoal.swarm.policies.protocol import Decision, View
+
+
+@dataclass(frozen=True)
+class ClosestFrontier(Searching):
+    """Search from all particles to the nearest frontier cell, play the whole path, repeat.
+
+    Playing the path always settles its target: a particle that is held up on the way is held up by one that stands where it
+    should be. At most m(m+1)/2 moves (paper M, theorem 2). Source: paper M, algorithm 3; ties: spec/swarm.md, section 3.
+    """
+
+    kind: ClassVar[str] = "closest-frontier"
+    code: ClassVar[int] = 2
+
+    def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
+        """Return the path to the nearest frontier cell."""
+        from shoal.swarm.engine import path_to_frontier
+
+        path = path_to_frontier(
+            view.belief,
+            view.occupied,
+            rule=view.rule,
+            mapping=view.mapping,
+            ties=self.ties,
+            neighbours=self.neighbours,
+        )
+        return path, None

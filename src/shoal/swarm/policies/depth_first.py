@@ -1,0 +1,65 @@
+"""depth-first: one particle explores a tree and returns along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from numpy.random import Generator
+
+from shoal.swarm.commands import letters_of
+from shoal.swarm.policies.compiled import Compiled
+from shoal.swarm.policies.driven import OPPOSITE, step_from
+from shoal.swarm.policies.protocol import Decision, View
+
+
+@dataclass
+class _Trail:
+    cell: tuple[int, ...]
+    visited: set[tuple[int, ...]]
+    commands: list[str] = field(default_factory=list)
+    last: str = ""
+    backtracking: bool = False
+
+
+@dataclass(frozen=True)
+class DepthFirst(Compiled):
+    """Drive one particle (the first in row-major order): probe, else step to a cell not visited, else go back.
+
+    At most 2(m - 1) moves along the tree plus one for each wall found; with one particle that is at most twice the optimum of any
+    tour of the cells (competitive ratio 2, which no strategy betters on general grid graphs). Other particles that come along
+    help. Source: paper M, section III.B.1.
+    """
+
+    kind: ClassVar[str] = "depth-first"
+    code: ClassVar[int] = 4
+    rules: ClassVar[frozenset[str]] = frozenset({"block", "merge"})
+
+    def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
+        """Return one probe, step or step back."""
+        if memory is None:
+            cell = tuple(view.occupied.cells[0].tolist())
+            trail = _Trail(cell, {cell})
+        else:
+            trail = self._noticed(memory, view)
+        for command in letters_of(view.occupied.frame.ndim):
+            ahead = step_from(trail.cell, command)
+            unknown = ahead not in view.belief.known
+            if unknown or (ahead in view.belief.open and ahead not in trail.visited):
+                return command, _Trail(trail.cell, trail.visited, trail.commands, command)
+        if not trail.commands:
+            return "", trail
+        back = OPPOSITE[trail.commands[-1]]
+        return back, _Trail(trail.cell, trail.visited, trail.commands, back, backtracking=True)
+
+    @staticmethod
+    def _noticed(trail: _Trail, view: View) -> _Trail:
+        intended = step_from(trail.cell, trail.last)
+        if intended not in view.occupied:
+            return trail
+        if trail.backtracking:
+            trail.commands.pop()
+        else:
+            trail.commands.append(trail.last)
+            trail.visited.add(intended)
+        return _Trail(intended, trail.visited, trail.commands)

@@ -1,0 +1,37 @@
+"""manual: a given command string."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from numpy.random import Generator
+
+from shoal.swarm.boards import Frame
+from shoal.swarm.commands import encode
+from shoal.swarm.policies.compiled import Compiled
+from shoal.swarm.policies.protocol import Decision, View
+
+
+@dataclass(frozen=True)
+class Manual(Compiled):
+    """Send the given commands; stalled if they end before the task is complete.
+
+    Parameters
+    ----------
+    commands : str
+        For example "llurr".
+    """
+
+    kind: ClassVar[str] = "manual"
+    code: ClassVar[int] = 0
+    commands: str = ""
+
+    def check(self, frame: Frame, rule: str) -> None:
+        """Refuse letters that are no commands."""
+        super().check(frame, rule)
+        encode(self.commands, ndim=frame.ndim)
+
+    def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
+        """Return all commands at the first call, none afterwards."""
+        return (self.commands if memory is None else ""), "sent"

@@ -1,0 +1,60 @@
+"""What a policy is: it sees what is known and answers with commands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+from numpy.random import Generator
+
+from shoal.swarm.belief import Belief
+from shoal.swarm.boards import Board
+
+Decision = tuple[str, Any]
+"""Commands, and the memory to hand to the next decision."""
+
+
+@dataclass(frozen=True)
+class View:
+    """What a policy may see.
+
+    Parameters
+    ----------
+    belief : Belief
+        What is known; its frontier is what is left to do.
+    occupied : Board
+        The cells that hold particles now.
+    rule : str
+        The move rule.
+    mapping : bool
+        Whether frontier cells are unknown (mapping) or known to be free (coverage).
+    moves : int
+        Commands sent so far.
+    travelled, done : int
+        What the last command did: cells travelled by all particles, frontier cells settled.
+    """
+
+    belief: Belief
+    occupied: Board
+    rule: str = "block"
+    mapping: bool = True
+    moves: int = 0
+    travelled: int = 0
+    done: int = 0
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """What a policy must have; :func:`shoal.testing.check_policy` tests it.
+
+    ``decide(view, memory, rng)`` returns ``(commands, memory)``: the commands are all sent before it is asked again (fewer if the
+    task is complete before); "" says that the policy can make no progress. Memory is None at the first decision; a policy
+    object itself never changes, so that one object can play many episodes.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name for summaries and files, with its options."""
+
+    def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
+        """Return the next commands and the memory for the next decision."""

@@ -1,0 +1,25 @@
+"""random-moves: a uniformly random command each step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from numpy.random import Generator
+
+from shoal.swarm.commands import letters_of
+from shoal.swarm.policies.compiled import Compiled
+from shoal.swarm.policies.protocol import Decision, View
+
+
+@dataclass(frozen=True)
+class RandomMoves(Compiled):
+    """Send uniformly random commands. Source: paper M, algorithm 1."""
+
+    kind: ClassVar[str] = "random-moves"
+    code: ClassVar[int] = 1
+
+    def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
+        """Return one random command."""
+        letters = letters_of(view.occupied.frame.ndim)
+        return letters[rng.integers(0, len(letters))], None

@@ -1,0 +1,264 @@
+"""run(): play a policy on a task in a world. Built-ins run whole in compiled code, all others step by step."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.swarm.belief import Belief
+from shoal.swarm.boards import Board
+from shoal.swarm.commands import encode
+from shoal.swarm.episode import Episode
+from shoal.swarm.placement import Placement, place
+from shoal.swarm.policies import Compiled, Manual, Policy, View, make_policy
+from shoal.swarm.tasks import Coverage, Mapping, Task, make_task
+from shoal.swarm.workspace import GridWorkspace
+from shoal.swarm.world import GridWorld, SwarmState, check_start
+from shoal.version import VERSION
+
+MAX_MOVES = 1_000_000
+PATIENCE = 1_000  # as in kernels.play
+"""So many commands in a row that move no particle and settle no cell: the policy is stopped as stalled."""
+
+OnMoves = Callable[[int, int], None]
+"""Called now and then with (moves so far, frontier cells left)."""
+
+
+def trial_rng(seed: int, trial: int = 0) -> Generator:
+    """Return the generator of one trial: it depends on nothing but (seed, trial)."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial,)))
+
+
+def run(
+    workspace: GridWorkspace,
+    *,
+    task: str | Task = "mapping",
+    policy: str | Policy = "closest-frontier",
+    particles: int | None = None,
+    placement: str | Placement = "uniform",
+    start: ArrayLike | None = None,
+    rule: str = "block",
+    seed: int = 0,
+    trial: int = 0,
+    max_moves: int = MAX_MOVES,
+    stepwise: bool = False,
+    on_moves: OnMoves | None = None,
+) -> Episode:
+    """Play one episode.
+
+    Parameters
+    ----------
+    workspace : GridWorkspace
+    task : str or Task
+        "mapping", "coverage", "subset-coverage", ...; see :func:`shoal.swarm.tasks.make_task`.
+    policy : str or Policy
+        "closest-frontier", ...; see :func:`shoal.swarm.policies.make_policy`.
+    particles : int, optional
+        How many to place. Needed unless ``start`` is given.
+    placement : str or callable
+        See :func:`shoal.swarm.placement.place`.
+    start : array_like of int, shape (n, ndim), optional
+        Cells of the particles; then nothing is placed.
+    rule : str
+        "block", "merge" or "tilt".
+    seed, trial : int
+        Not negative. The same pair gives the same episode, whatever else runs.
+    max_moves : int
+        The episode ends as "limit" there.
+    stepwise : bool
+        Play a built-in policy step by step, too, as third parties' are; the episode is the same.
+    on_moves : callable, optional
+        Told the progress.
+
+    Returns
+    -------
+    Episode
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        For arguments that do not fit.
+
+    Examples
+    --------
+    >>> episode = run(GridWorkspace([[1, 1, 1, 1]]), particles=4)
+    >>> episode.status, episode.commands
+    ('complete', 'ludr')
+    """
+    world, chosen, todo = GridWorld(workspace, rule), make_policy(policy), make_task(task)
+    _check_numbers(seed=seed, trial=trial, max_moves=max_moves)
+    if isinstance(chosen, Compiled):
+        chosen.check(world.frame, rule)
+    rng = trial_rng(seed, trial)
+    if start is not None:
+        cells, placed = check_start(workspace, start, rule=rule), "given"
+    elif particles is None:
+        raise InvalidInputError("expected a number of particles or their start cells, got neither")
+    else:
+        cells = place(workspace, particles, placement, rng)
+        placed = placement if isinstance(placement, str) else getattr(placement, "__name__", "custom")
+    targets = todo.choose_targets(workspace, rng)
+    blank = Episode(
+        workspace, cells, np.zeros(0, np.int8), rule, todo.name, chosen.name, placed, targets, seed, trial, "limit", 0,
+        np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, np.int64), 0.0, VERSION,
+    )  # fmt: skip
+    state = world.initial(cells)
+    belief = todo.begin(world, state, targets)
+    blank = replace(blank, first_frontier=len(belief.frontier))
+    compiled = isinstance(chosen, Compiled) and isinstance(todo, Mapping | Coverage) and not stepwise
+    player = play_compiled if compiled else play_stepwise
+    began = time.perf_counter()
+    episode, *_ = player(blank, world, chosen, todo, state, belief, rng, max_moves, on_moves)
+    return replace(episode, seconds=time.perf_counter() - began)
+
+
+def _check_numbers(**numbers: Any) -> None:
+    for name, value in numbers.items():
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
+            raise InvalidInputError(f"{name}: expected a whole number, 0 or more, got {value!r}")
+
+
+def play_compiled(
+    blank: Episode,
+    world: GridWorld,
+    policy: Any,
+    task: Any,
+    state: SwarmState,
+    belief: Belief,
+    rng: Generator,
+    max_moves: int,
+    on_moves: OnMoves | None = None,
+) -> tuple[Episode, SwarmState, Belief]:
+    """Play a built-in policy in compiled code, in pieces of a fraction of a second."""
+    from shoal.swarm import engine
+
+    frame = world.frame
+    field = engine.field_of(world.free.words, state, belief)
+    mind = engine.mind_of(
+        frame,
+        world.workspace.n_free,
+        belief,
+        rule=world.rule,
+        ties=getattr(policy, "ties", "column-major"),
+        neighbours=getattr(policy, "neighbours", "lurd"),
+        plan=getattr(policy, "commands", ""),
+    )
+    if not belief.complete:
+        engine.choose_driven(policy.code, state, mind, rng)
+    largest = int(np.clip(2**25 // field.free.size, 64, 2**16))
+    room, moves, status = min(2048, largest), 0, "limit"
+    pieces: list[tuple[NDArray[Any], ...]] = []
+    if belief.complete:
+        max_moves, status = 0, "complete"
+    while moves < max_moves:
+        log = engine.new_log(min(room, max_moves - moves))
+        played, ended = engine.play_on(policy.code, field, world.rule, task.mapping, mind, rng, log)
+        pieces.append(tuple(column[:played] for column in log))
+        moves, room = moves + played, min(2 * room, largest)
+        if on_moves is not None:
+            on_moves(moves, engine.remaining(mind))
+        if ended != engine.RUNNING:
+            status = "complete" if ended == engine.COMPLETE else "stalled"
+            break
+    final = Belief(*(Board(frame, words) for words in (field.open, field.known, field.frontier)))
+    after = engine.state_of(frame, field)
+    columns = [np.concatenate(column) for column in zip(*pieces, strict=True)] if pieces else list(engine.new_log(0))
+    codes, done, frontier, travelled = columns
+    return (
+        replace(blank, codes=codes, done=done, frontier=frontier, travelled=travelled, status=status),
+        after,
+        final,
+    )
+
+
+def play_stepwise(
+    blank: Episode,
+    world: GridWorld,
+    policy: Policy,
+    task: Task,
+    state: SwarmState,
+    belief: Belief,
+    rng: Generator,
+    max_moves: int,
+    on_moves: OnMoves | None = None,
+) -> tuple[Episode, SwarmState, Belief]:
+    """Play any policy on any task, one pure step after another."""
+    memory: Any = None
+    plan, status, idle = "", "limit", 0
+    codes: list[int] = []
+    log: list[tuple[int, int, int]] = []
+    travelled = done = 0
+    while True:
+        if belief.complete:
+            status = "complete"
+            break
+        if len(codes) >= max_moves:
+            break
+        if not plan:
+            view = View(
+                belief, state.occupied, world.rule, getattr(task, "mapping", True), len(codes), travelled, done
+            )
+            plan, memory = policy.decide(view, memory, rng)
+            if not plan or idle >= PATIENCE:
+                status = "stalled"
+                break
+            encode(plan, ndim=world.workspace.ndim)
+        command, plan = plan[0], plan[1:]
+        travelled = done = 0
+        for after in world.pushes(state, command):
+            travelled += distance_of_push(state, after, command)
+            updated = task.update(belief, command, state.occupied, after.occupied)
+            done += settled(belief, updated)
+            state, belief = after, updated
+        idle = idle + 1 if travelled == done == 0 else 0
+        codes.append(int(encode(command, ndim=world.workspace.ndim)[0]))
+        log.append((done, len(belief.frontier), travelled))
+        if on_moves is not None:
+            on_moves(len(codes), log[-1][1])
+    columns = np.array(log, dtype=np.int64).reshape(-1, 3)
+    episode = replace(
+        blank,
+        codes=np.array(codes, dtype=np.int8),
+        done=columns[:, 0].astype(np.int32),
+        frontier=columns[:, 1].astype(np.int32),
+        travelled=columns[:, 2].copy(),
+        status=status,
+    )
+    return episode, state, belief
+
+
+def distance_of_push(before: SwarmState, after: SwarmState, command: str) -> int:
+    """Return how many particles moved one cell in a push.
+
+    In a queue the leader stays and the others close up, so particles are told apart by their order: the occupied cells
+    summed along the direction of the command say how far the swarm has moved in all.
+    """
+    axis = {"l": -1, "r": -1, "u": -2, "d": -2, "i": -3, "o": -3}[command]
+    sign = 1 if command in "rdo" else -1
+    return sign * int(after.cells[:, axis].sum() - before.cells[:, axis].sum())
+
+
+def settled(before: Belief, after: Belief) -> int:
+    """Return how many cells a push settled: newly known ones (mapping) or frontier cells covered (coverage)."""
+    learnt = len(after.known) - len(before.known)
+    return learnt if learnt else len(before.frontier - after.frontier)
+
+
+def replay(episode: Episode) -> tuple[SwarmState, Belief, Episode]:
+    """Play an episode's commands again; return the last state and belief, and the episode as replayed."""
+    world, task = GridWorld(episode.workspace, episode.rule), make_task(episode.task)
+    state = world.initial(episode.start)
+    belief = task.begin(world, state, episode.targets)
+    blank = replace(episode, first_frontier=len(belief.frontier))
+    player = play_compiled if isinstance(task, Mapping | Coverage) else play_stepwise
+    again, state, belief = player(
+        blank, world, Manual(commands=episode.commands), task, state, belief, trial_rng(0), episode.moves
+    )
+    return state, belief, again

@@ -1,0 +1,194 @@
+"""GridWorld: what a command does to the particles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.registry import Registry
+from shoal.swarm.boards import Board, Frame, Words
+from shoal.swarm.commands import encode
+from shoal.swarm.workspace import GridWorkspace
+
+RULES: Registry[str] = Registry("move rule")
+RULES.add("block", "a particle stays if the next cell is an obstacle or holds a particle that stays")
+RULES.add("merge", "particles may share a cell; only obstacles stop them")
+RULES.add("tilt", "one command slides every particle until it is stopped")
+
+
+@dataclass(frozen=True, eq=False)
+class SwarmState:
+    """Where the particles are.
+
+    Parameters
+    ----------
+    occupied : Board
+        The cells that hold a particle.
+    counts : ndarray of int32, shape ``frame.window``, or None
+        Particles of each cell under rule merge, where a cell may hold several; else None.
+    """
+
+    occupied: Board
+    counts: NDArray[np.int32] | None = None
+
+    @property
+    def n_particles(self) -> int:
+        """Number of particles."""
+        return len(self.occupied) if self.counts is None else int(self.counts.sum())
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """Cell of each particle in row-major order; int64, shape (n, ndim); repeated where particles share one."""
+        if self.counts is None:
+            return self.occupied.cells
+        return np.repeat(np.argwhere(self.counts > 0) - 1, self.counts[self.counts > 0], axis=0)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, SwarmState) or self.occupied != other.occupied:
+            return False
+        if self.counts is None or other.counts is None:
+            return self.counts is other.counts
+        return np.array_equal(self.counts, other.counts)
+
+    def __hash__(self) -> int:
+        return hash((self.occupied, None if self.counts is None else self.counts.tobytes()))
+
+
+def check_start(workspace: GridWorkspace, cells: ArrayLike, *, rule: str = "block") -> NDArray[np.int64]:
+    """Return start cells as an int64 array (n, ndim), sorted in row-major order.
+
+    Raises
+    ------
+    InvalidInputError
+        If a cell is outside, an obstacle, or (but for rule merge) given twice; or there is none.
+    """
+    array = np.asarray(cells)
+    if array.ndim != 2 or array.shape[1] != workspace.ndim or not np.issubdtype(array.dtype, np.integer):
+        raise InvalidInputError(
+            f"start: expected integer cells of shape (n, {workspace.ndim}), got {array.dtype} {array.shape}"
+        )
+    if len(array) == 0:
+        raise InvalidInputError("start: expected at least one particle, got none")
+    outside = ((array < 0) | (array >= np.array(workspace.shape))).any(axis=1)
+    if outside.any():
+        cell = tuple(int(i) for i in array[outside][0])
+        raise InvalidInputError(f"start: expected cells inside {workspace.shape}, got {cell}")
+    blocked = ~workspace.free[tuple(array.T)]
+    if blocked.any():
+        cell = tuple(int(i) for i in array[blocked][0])
+        raise InvalidInputError(f"start: expected free cells, got the obstacle {cell}")
+    flat = np.sort(np.ravel_multi_index(tuple(array.T), workspace.shape))
+    twice = flat[1:][flat[1:] == flat[:-1]]
+    if rule != "merge" and len(twice):
+        cell = tuple(int(i) for i in np.unravel_index(twice[0], workspace.shape))
+        raise InvalidInputError(f"start: expected one particle a cell under rule {rule}, got two at {cell}")
+    return np.stack(np.unravel_index(flat, workspace.shape), axis=1).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class GridWorld:
+    """The dynamics of particles in a workspace under one shared command.
+
+    Parameters
+    ----------
+    workspace : GridWorkspace
+    rule : str
+        "block", "merge" or "tilt".
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such rule.
+
+    Notes
+    -----
+    Source: paper M, section I (rule block); spec/swarm.md, section 1. Nothing here is changed in place.
+
+    Examples
+    --------
+    A train of three moves together; against the wall it queues.
+
+    >>> world = GridWorld(GridWorkspace([[1, 1, 1, 1, 1]]))
+    >>> state = world.initial([(0, 1), (0, 2), (0, 3)])
+    >>> [tuple(cell) for cell in world.step(state, "r").cells.tolist()]
+    [(0, 2), (0, 3), (0, 4)]
+    >>> world.step(world.step(state, "r"), "r") == world.step(state, "r")
+    True
+    """
+
+    workspace: GridWorkspace
+    rule: str = "block"
+
+    def __post_init__(self) -> None:
+        if self.rule not in RULES:
+            RULES.get(self.rule.replace(":", " "))
+
+    @cached_property
+    def frame(self) -> Frame:
+        """The window of the workspace's boards."""
+        return Frame(self.workspace.shape)
+
+    @cached_property
+    def free(self) -> Board:
+        """The free cells as a board."""
+        return Board.of_mask(self.workspace.free)
+
+    def initial(self, cells: ArrayLike) -> SwarmState:
+        """Return the state with particles at ``cells``, int, shape (n, ndim), in any order.
+
+        Raises
+        ------
+        InvalidInputError
+            See :func:`check_start`.
+        """
+        checked = check_start(self.workspace, cells, rule=self.rule)
+        counts = None
+        if self.rule == "merge":
+            counts = np.zeros(self.frame.window, dtype=np.int32)
+            np.add.at(counts, tuple(checked.T + 1), 1)
+        return SwarmState(Board.of_cells(self.frame, checked), counts)
+
+    def step(self, state: SwarmState, command: str) -> SwarmState:
+        """Return the state after one command, a letter out of ``lurd`` (3-D: ``lurdio``)."""
+        *_, last = self.pushes(state, command)
+        return last
+
+    def pushes(self, state: SwarmState, command: str) -> Iterator[SwarmState]:
+        """Yield the states after each push of one command.
+
+        Under block and merge a command is one push. A tilt is pushes until nothing moves; the last one, at which
+        everything stays, is yielded too: it is what tells the walls. Particles of a row keep their order, so an observer who
+        sees only the first and the last of these states knows all between.
+        """
+        letters = encode(command, ndim=self.workspace.ndim)
+        if len(letters) != 1:
+            raise InvalidInputError(f"expected one command, got {command!r}")
+        while True:
+            after = self._push(state, int(letters[0]))
+            yield after
+            if self.rule != "tilt" or after.occupied == state.occupied:
+                return
+            state = after
+
+    def _push(self, state: SwarmState, code: int) -> SwarmState:
+        from shoal.swarm.engine import pushed
+
+        return pushed(self.frame, self.free.words, state, code, self.rule)
+
+
+def window_counts(frame: Frame, counts: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return counts of the window in the layout of the kernels: rows flattened, 64 columns a word."""
+    rows, words = frame.words
+    wide = np.zeros((rows, 64 * words), dtype=np.int32)
+    wide[:, : frame.columns] = counts.reshape(rows, frame.columns)
+    return wide
+
+
+def empty_words(frame: Frame, count: int) -> list[Words]:
+    """Return ``count`` empty boards as words."""
+    return [np.zeros(frame.words, dtype=np.uint64) for _ in range(count)]

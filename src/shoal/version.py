@@ -1,0 +1,3 @@
+"""The version of Shoal."""
+
+VERSION = "0.1.0"

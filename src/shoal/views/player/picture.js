@@ -1,0 +1,259 @@
+/* The picture: the grid at one move, on a canvas that fills its stage.
+ *
+ * Cells are written as single pixels of a small image, which is then scaled without smoothing; particles are
+ * drawn over it. All lengths below are device pixels unless a name says otherwise. */
+"use strict";
+
+const ShoalPicture = (() => {
+  const EXTREME = 12; // maps longer than this many times their width are wrapped like text
+  const GAP = 2; // cells between the lines of a wrapped map
+  const DISC_FROM = 6; // the cell size from which particles are discs
+  const GRID_FROM = 14; // ... and from which cells get hairlines between them
+  const CLOSEST = 64; // the largest cell when zoomed in, CSS pixels
+  const SNAP_LOSS = 0.9; // whole-pixel cells are used if the picture keeps this share of its size
+
+  /** How a map of rows × cols is laid out in an area: in `lines` of `length` cells, stacked across. */
+  function wrap(rows, cols, width, height) {
+    const wide = cols > EXTREME * rows, tall = rows > EXTREME * cols;
+    const long = tall ? rows : cols, across = tall ? cols : rows;
+    const [along, stack] = tall ? [height, width] : [width, height];
+    let best = { lines: 1, length: long, size: Math.min(along / long, stack / across) };
+    for (let lines = 2; (wide || tall) && lines <= long; lines++) {
+      const length = Math.ceil(long / lines);
+      const size = Math.min(along / length, stack / (lines * (across + GAP) - GAP));
+      if (size < best.size) break; // lines only get narrower from here
+      best = { lines: Math.ceil(long / length), length, size };
+    }
+    const span = best.lines * (across + GAP) - GAP;
+    return {
+      ...best, tall, across,
+      width: tall ? span : best.length,
+      height: tall ? best.length : span,
+    };
+  }
+
+  const packColour = ([r, g, b]) => ((255 << 24) | (b << 16) | (g << 8) | r) >>> 0;
+  const cssColour = ([r, g, b], alpha = 1) => `rgb(${r} ${g} ${b} / ${alpha})`;
+  const clamp = (x, low, high) => Math.max(low, Math.min(high, x));
+
+  class Picture {
+    constructor(canvas, timeline) {
+      this.canvas = canvas;
+      this.pen = canvas.getContext("2d");
+      this.timeline = timeline;
+      this.world = timeline.world;
+      this.image = document.createElement("canvas");
+      this.stamp = new Uint32Array(this.world.wall.length); // the last frame that drew a particle here
+      this.frame = 0;
+      this.zoom = 1;
+      this.painted = -1; // the move that the image shows
+    }
+
+    /** Colours as [r, g, b]: unknown, frontier, free, obstacle, particle, shared, label. */
+    setPalette(palette) {
+      this.palette = palette;
+      this.packed = ["unknown", "frontier", "free", "obstacle"].map((name) => packColour(palette[name]));
+      this.painted = -1;
+      this.discs = new Map();
+    }
+
+    resize(cssWidth, cssHeight, ratio) {
+      const { canvas, world } = this;
+      canvas.width = Math.max(1, Math.round(cssWidth * ratio));
+      canvas.height = Math.max(1, Math.round(cssHeight * ratio));
+      this.ratio = ratio;
+      this.margin = Math.round(6 * ratio);
+      this.gutter = world.cols > EXTREME * world.rows && cssWidth >= 480 ? Math.round(40 * ratio) : 0;
+      const width = canvas.width - 2 * this.margin - this.gutter, height = canvas.height - 2 * this.margin;
+      this.layOut(wrap(world.rows, world.cols, width, height));
+      this.fitSize = this.snap(this.layout.size, SNAP_LOSS);
+      this.fit();
+    }
+
+    /** Where each cell goes in the image. */
+    layOut(layout) {
+      const { cols, wall } = this.world;
+      this.layout = layout;
+      this.x = new Int32Array(wall.length);
+      this.y = new Int32Array(wall.length);
+      for (let cell = 0; cell < wall.length; cell++) {
+        const row = Math.floor(cell / cols), col = cell - row * cols;
+        const line = Math.floor((layout.tall ? row : col) / layout.length);
+        const shift = line * (layout.across + GAP);
+        this.x[cell] = layout.tall ? col + shift : col - line * layout.length;
+        this.y[cell] = layout.tall ? row - line * layout.length : row + shift;
+      }
+      this.image.width = layout.width;
+      this.image.height = layout.height;
+      this.imagePen = this.image.getContext("2d");
+      this.pixels = this.imagePen.createImageData(layout.width, layout.height);
+      this.painted = -1;
+    }
+
+    /** Whole device pixels make cells of equal size, worth a little smaller picture but not a lot. */
+    snap(size, keep) {
+      const whole = Math.floor(size);
+      return whole >= 3 && whole >= keep * size ? whole : size;
+    }
+
+    // ---- the view: cell size and the place of the image's corner -----------------------------------
+
+    fit() {
+      this.zoom = 1;
+      this.size = this.fitSize;
+      this.centreX = this.layout.width / 2;
+      this.centreY = this.layout.height / 2;
+      this.place();
+    }
+
+    /** Scale by a factor, keeping what is under the given point (CSS pixels) where it is. */
+    zoomAt(factor, cssX, cssY) {
+      const largest = Math.max(1, (CLOSEST * this.ratio) / this.fitSize);
+      const x = cssX * this.ratio, y = cssY * this.ratio;
+      const columnThere = (x - this.left) / this.size, rowThere = (y - this.top) / this.size;
+      this.zoom = clamp(this.zoom * factor, 1, largest);
+      if (this.zoom === 1) return this.fit();
+      this.size = this.snap(this.fitSize * this.zoom, 0);
+      this.centreX = columnThere + (this.canvas.width / 2 - x) / this.size;
+      this.centreY = rowThere + (this.canvas.height / 2 - y) / this.size;
+      return this.place();
+    }
+
+    panBy(cssX, cssY) {
+      this.centreX -= (cssX * this.ratio) / this.size;
+      this.centreY -= (cssY * this.ratio) / this.size;
+      this.place();
+    }
+
+    /** Set the corner from the centre, without letting the picture leave the stage. */
+    place() {
+      const { canvas, size, layout, margin, gutter } = this;
+      const inset = this.zoom === 1 ? gutter : 0;
+      const axis = (centre, room, extent) => {
+        const corner = room / 2 - centre * size, slack = room - extent * size;
+        return Math.round(slack >= 0 ? slack / 2 : clamp(corner, slack - margin, margin));
+      };
+      this.left = inset + axis(this.centreX, canvas.width - inset, layout.width);
+      this.top = axis(this.centreY, canvas.height, layout.height);
+      this.centreX = ((canvas.width) / 2 - this.left) / size;
+      this.centreY = (canvas.height / 2 - this.top) / size;
+    }
+
+    // ---- drawing ------------------------------------------------------------------------------------
+
+    /** Draw move n; `slide` below 1 shows the particles on their way there. */
+    draw(n, swarm, slide = 1) {
+      const { pen, canvas, layout, size } = this;
+      if (this.painted !== n) this.paint(n);
+      pen.clearRect(0, 0, canvas.width, canvas.height);
+      pen.imageSmoothingEnabled = size < 1; // else thin walls would drop out
+      pen.drawImage(this.image, this.left, this.top, layout.width * size, layout.height * size);
+      if (size >= GRID_FROM * this.ratio) this.drawGrid();
+      if (this.gutter && this.zoom === 1) this.drawLabels();
+      this.drawParticles(swarm, slide);
+    }
+
+    paint(n) {
+      const words = new Uint32Array(this.pixels.data.buffer), { timeline, packed, layout, x, y } = this;
+      for (let cell = 0; cell < x.length; cell++) {
+        words[y[cell] * layout.width + x[cell]] = packed[timeline.state(cell, n)];
+      }
+      this.imagePen.putImageData(this.pixels, 0, 0);
+      this.painted = n;
+    }
+
+    drawGrid() {
+      const { pen, layout, size, left, top, canvas } = this;
+      if (layout.lines > 1) return; // lines across the gaps would only confuse
+      const width = Math.max(1, Math.floor(this.ratio));
+      pen.fillStyle = cssColour(this.palette.obstacle, 0.1);
+      for (let col = 1; col < layout.width; col++) {
+        const x = Math.round(left + col * size);
+        if (x >= 0 && x < canvas.width) pen.fillRect(x, top, width, layout.height * size);
+      }
+      for (let row = 1; row < layout.height; row++) {
+        const y = Math.round(top + row * size);
+        if (y >= 0 && y < canvas.height) pen.fillRect(left, y, layout.width * size, width);
+      }
+    }
+
+    /** The first column of each line of a wrapped map, like line numbers. */
+    drawLabels() {
+      const { pen, layout, size, left, top, ratio } = this;
+      const pitch = (layout.across + GAP) * size, font = Math.min(11 * ratio, 0.8 * pitch);
+      const skip = Math.ceil((9 * ratio) / pitch); // too tight: label every second, third, ... line
+      pen.font = `${Math.max(font, 9 * ratio)}px system-ui, sans-serif`;
+      pen.fillStyle = cssColour(this.palette.label);
+      pen.textAlign = "right";
+      pen.textBaseline = "middle";
+      for (let line = 0; line < layout.lines; line += skip) {
+        const y = top + line * pitch + (layout.across * size) / 2;
+        pen.fillText(String(Math.max(0, line * layout.length - 1)), left - 6 * ratio, y);
+      }
+    }
+
+    drawParticles(swarm, slide) {
+      const { stamp, x, y, size } = this, merged = this.world.rule === "merge";
+      const disc = size >= DISC_FROM ? [this.disc(false), this.disc(true)] : null;
+      this.frame++;
+      swarm.pos.forEach((cell, i) => {
+        if (merged && slide === 1) {
+          if (stamp[cell] === this.frame) return;
+          stamp[cell] = this.frame;
+        }
+        const from = swarm.before[i], shared = merged && swarm.count[cell] > 1;
+        let column = x[cell], row = y[cell];
+        if (slide < 1 && this.sameLine(from, cell)) {
+          column -= (1 - slide) * (column - x[from]);
+          row -= (1 - slide) * (row - y[from]);
+        }
+        if (disc) this.stampDisc(disc[+shared], column, row);
+        else this.fillCell(shared, column, row);
+      });
+    }
+
+    /** Wrapping breaks a straight slide where a line ends. */
+    sameLine(from, to) {
+      return this.x[from] === this.x[to] ? Math.abs(from - to) % this.world.cols === 0 : this.y[from] === this.y[to];
+    }
+
+    stampDisc(disc, column, row) {
+      const corner = (this.size - disc.width) / 2;
+      const x = Math.round(this.left + column * this.size + corner);
+      const y = Math.round(this.top + row * this.size + corner);
+      if (x > this.canvas.width || y > this.canvas.height || x < -disc.width || y < -disc.width) return;
+      this.pen.drawImage(disc, x, y);
+    }
+
+    /** A cell too small for a disc; never less than a visible speck. */
+    fillCell(shared, column, row) {
+      const speck = Math.max(1, Math.round(1.5 * this.ratio));
+      const x = Math.round(this.left + column * this.size), y = Math.round(this.top + row * this.size);
+      const width = Math.max(speck, Math.round(this.left + (column + 1) * this.size) - x);
+      const height = Math.max(speck, Math.round(this.top + (row + 1) * this.size) - y);
+      this.pen.fillStyle = cssColour(shared ? this.palette.shared : this.palette.particle);
+      this.pen.fillRect(x, y, width, height);
+    }
+
+    /** A ready-made disc of the present cell size; one that stands for several particles has a dark core. */
+    disc(shared) {
+      const across = Math.max(4, Math.round(this.size)), key = across * 2 + shared;
+      if (!this.discs.has(key)) {
+        const canvas = document.createElement("canvas"), pen = canvas.getContext("2d");
+        canvas.width = canvas.height = across;
+        const circle = (radius, colour) => {
+          pen.fillStyle = cssColour(colour);
+          pen.beginPath();
+          pen.arc(across / 2, across / 2, radius, 0, 2 * Math.PI);
+          pen.fill();
+        };
+        circle(across * (across < 12 ? 0.46 : 0.4), this.palette.particle);
+        if (shared) circle(across * 0.2, this.palette.shared);
+        this.discs.set(key, canvas);
+      }
+      return this.discs.get(key);
+    }
+  }
+
+  return { Picture, wrap, cssColour };
+})();
