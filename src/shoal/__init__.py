@@ -1,1 +1,63 @@
-"""Shoal."""
+"""Shoal: groups of simple bodies that must explore a space exhaustively, under the control that real ones have.
+
+Names are loaded when they are first used, so that ``import shoal`` is quick.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from shoal.version import VERSION as __version__
+
+if TYPE_CHECKING:
+    from shoal.errors import InvalidInputError, MissingExtraError, OutputError, ShoalError, UnknownNameError
+    from shoal.lab import run_trials
+    from shoal.swarm import Board, Episode, GridWorkspace, GridWorld, run
+    from shoal.swarm.formats import read_map, write_map
+    from shoal.swarm.maps import open_map
+
+_HOMES = {
+    "Board": "shoal.swarm",
+    "Episode": "shoal.swarm",
+    "GridWorkspace": "shoal.swarm",
+    "GridWorld": "shoal.swarm",
+    "InvalidInputError": "shoal.errors",
+    "MissingExtraError": "shoal.errors",
+    "OutputError": "shoal.errors",
+    "ShoalError": "shoal.errors",
+    "UnknownNameError": "shoal.errors",
+    "open_map": "shoal.swarm.maps",
+    "read_map": "shoal.swarm.formats",
+    "run": "shoal.swarm",
+    "run_trials": "shoal.lab",
+    "write_map": "shoal.swarm.formats",
+}
+
+__all__ = [
+    "Board",
+    "Episode",
+    "GridWorkspace",
+    "GridWorld",
+    "InvalidInputError",
+    "MissingExtraError",
+    "OutputError",
+    "ShoalError",
+    "UnknownNameError",
+    "__version__",
+    "open_map",
+    "read_map",
+    "run",
+    "run_trials",
+    "write_map",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(importlib.import_module(_HOMES[name]), name)
+    raise AttributeError(f"module 'shoal' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

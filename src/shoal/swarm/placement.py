@@ -52,7 +52,8 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
         )
     function = PLACEMENTS.get(placement) if isinstance(placement, str) else placement
     cells = np.asarray(function(workspace, n, rng))
-    return cells[np.lexsort(cells.T[::-1])].astype(np.int64, copy=False)
+    flat = np.sort(np.ravel_multi_index(tuple(cells.T), workspace.shape))
+    return np.stack(np.unravel_index(flat, workspace.shape), axis=1)
 
 
 @PLACEMENTS.register("uniform")

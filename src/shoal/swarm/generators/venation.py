@@ -18,10 +18,10 @@ Points = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 STEP = 1.5  # length of one piece of vessel, in cells: short enough for smooth bends
-SPACING = 7.5  # distance between neighbouring twigs, in cells
-ROUNDS = (6.0, 2.6, 1.0)  # spacing of the attraction points of each round, in units of SPACING
+SPACING = 5.5  # distance between neighbouring twigs, in cells
+ROUNDS = (6.0, 3.0, 1.6, 1.0)  # spacing of the attraction points of each round, in units of SPACING
 JOIN_REACH = 1.9  # how far a twig looks for a vessel to join, in units of SPACING
-JOINED_SHARE = 0.72  # of the twigs; the others stay dead ends
+JOINED_SHARE = 0.6  # of the twigs; the others stay dead ends
 
 
 @dataclass(frozen=True)
@@ -90,31 +90,47 @@ def grow_network(area: float, rng: np.random.Generator) -> Network:
     return Network(points, parents, _join_tips(points, parents, rng))
 
 
-def leaf_counts(parents: Indices) -> Indices:
-    """Return how many tips each node feeds, shape (nodes,); a tip feeds itself."""
-    counts = np.zeros(len(parents), dtype=np.int64)
-    counts[tips(parents)] = 1
-    for node in range(len(parents) - 1, 0, -1):
-        if parents[node] != node:
-            counts[parents[node]] += counts[node]
-    return counts
+def subtrees(parents: Indices) -> tuple[Indices, Indices]:
+    """Return each node's place in depth-first order and the size of its subtree, each of shape (nodes,).
+
+    A node and all its descendants have the places ``first`` to ``first + size - 1``.
+    """
+    up = parents.tolist()
+    size, first, taken = [1] * len(up), [0] * len(up), [1] * len(up)
+    for node in range(len(up) - 1, -1, -1):
+        if up[node] != node:
+            size[up[node]] += size[node]
+    roots_end = 0
+    for node, parent in enumerate(up):
+        if parent == node:
+            first[node] = roots_end
+            roots_end += size[node]
+        else:
+            first[node] = first[parent] + taken[parent]
+            taken[parent] += size[node]
+    return np.array(first), np.array(size)
 
 
-def tips(parents: Indices) -> Indices:
+def _tips(parents: Indices) -> Indices:
     """Return the nodes that nothing grew from."""
     grown_from = parents[parents != np.arange(len(parents))]
     return np.flatnonzero(np.bincount(grown_from, minlength=len(parents)) == 0)
 
 
 def _roots(outline: Outline, rng: np.random.Generator) -> tuple[Points, Indices]:
-    """Return the first nodes: where one vessel, or two that meet, enter the organ."""
-    angle = float(rng.uniform(0, 2 * np.pi))
-    entry = outline.at(angle, 1.0)
-    inward = outline.at(angle, 0.8)
-    pieces = max(2, int(np.hypot(*(entry - inward)) / STEP))
-    share = np.linspace(0, 1, pieces)[:, None]
-    parents = np.maximum(np.arange(pieces) - 1, 0)
-    return entry + share * (inward - entry), parents
+    """Return the first nodes: one vessel that enters the organ, or two from different sides."""
+    angles = rng.uniform(0, 2 * np.pi) + np.array([0, rng.uniform(0.6, 1.4) * np.pi])
+    stems = [_stem(outline, float(angle)) for angle in angles[: rng.integers(1, 3)]]
+    starts = np.cumsum([0] + [len(stem) for stem in stems])
+    parents = [start + np.maximum(np.arange(len(stem)) - 1, 0) for start, stem in zip(starts, stems, strict=False)]
+    return np.concatenate(stems), np.concatenate(parents)
+
+
+def _stem(outline: Outline, angle: float) -> Points:
+    """Return the nodes of a straight vessel from the outline inwards."""
+    entry, inner = outline.at(angle, 1.0), outline.at(angle, 0.8)
+    pieces = max(2, int(np.hypot(*(entry - inner)) / STEP))
+    return np.asarray(entry + np.linspace(0, 1, pieces)[:, None] * (inner - entry))
 
 
 def _colonise(
@@ -125,35 +141,46 @@ def _colonise(
 
     distance, nearest = cKDTree(points).query(targets)
     sight = max(5 * spacing, float(distance.min()) + spacing) if len(targets) else 0.0
+    patience = np.full(len(targets), 6)
+    fresh = len(points)  # nodes from here on grew in the last step
     while True:
-        far = distance > 0.55 * spacing
-        targets, distance, nearest = targets[far], distance[far], nearest[far]
+        # A target that keeps pulling without getting closer is balanced by others: drop it, so that growth ends.
+        left = (distance > 0.6 * spacing) & (patience > 0)
+        targets, distance, nearest, patience = targets[left], distance[left], nearest[left], patience[left]
         seen = distance < sight
         if not seen.any():
             return points, parents
-        growing, heading = _headings(points, targets[seen], nearest[seen], rng)
-        new = points[growing] + STEP * heading
+        growing, pulls = np.unique(nearest[seen], return_counts=True)
+        growing = _uncrowded(points[growing], growing, pulls + 1000 * (growing >= fresh), 0.5 * spacing)
+        pulling = seen & np.isin(nearest, growing)
+        new = points[growing] + STEP * _headings(points, targets[pulling], nearest[pulling], rng)
         closer, which = cKDTree(new).query(targets)
         better = closer < distance - 0.05 * STEP
-        # A target that pulls without getting closer is balanced by others: drop it, so that growth ends.
-        keep = better | ~seen
-        nearest = np.where(better, which + len(points), nearest)[keep]
-        distance, targets = np.minimum(closer, distance)[keep], targets[keep]
+        patience -= pulling & ~better
+        fresh = len(points)
+        nearest = np.where(better, which + fresh, nearest)
+        distance = np.minimum(closer, distance)
         points, parents = np.concatenate([points, new]), np.concatenate([parents, growing])
 
 
-def _headings(
-    points: Points, targets: Points, nearest: Indices, rng: np.random.Generator
-) -> tuple[Indices, Points]:
-    """Return the nodes that are pulled and the unit direction each one grows in."""
+def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> Indices:
+    """Return the nodes that outrank all others within ``room``: no combs of parallel vessels."""
+    from scipy.spatial import cKDTree
+
+    one, two = cKDTree(places).query_pairs(room, output_type="ndarray").T
+    loser = np.where(rank[one] >= rank[two], two, one)
+    return nodes[~np.isin(np.arange(len(nodes)), loser)]
+
+
+def _headings(points: Points, targets: Points, nearest: Indices, rng: np.random.Generator) -> Points:
+    """Return the unit direction in which each pulled node grows, nodes in ascending order."""
     pull = targets - points[nearest]
     pull /= np.hypot(pull[:, 0], pull[:, 1])[:, None]
-    growing, slot = np.unique(nearest, return_inverse=True)
-    total = np.column_stack([np.bincount(slot, pull[:, axis], len(growing)) for axis in (0, 1)])
+    slot = np.unique(nearest, return_inverse=True)[1]
+    total = np.column_stack([np.bincount(slot, pull[:, axis]) for axis in (0, 1)])
     total /= np.hypot(total[:, 0], total[:, 1])[:, None] + 1e-9
     total += rng.normal(0, 0.22, total.shape)
-    total /= np.hypot(total[:, 0], total[:, 1])[:, None] + 1e-9
-    return growing, total
+    return np.asarray(total / (np.hypot(total[:, 0], total[:, 1])[:, None] + 1e-9))
 
 
 def _smooth(points: Points, parents: Indices) -> Points:
@@ -175,12 +202,12 @@ def _join_tips(points: Points, parents: Indices, rng: np.random.Generator) -> tu
     """Return curves that lead most tips to a vessel nearby which is not their own branch."""
     from scipy.spatial import cKDTree
 
-    first, size = _subtrees(parents)
+    first, size = subtrees(parents)
     tree = cKDTree(points)
     joined: set[int] = set()
-    curves = []
+    curves = _bridge(points, first < size[0])
     kin_steps = int(1.6 * SPACING / STEP)
-    for tip in rng.permutation(tips(parents)):
+    for tip in rng.permutation(_tips(parents)):
         if tip in joined or rng.random() > JOINED_SHARE:
             continue
         near = np.sort(np.asarray(tree.query_ball_point(points[tip], JOIN_REACH * SPACING), dtype=np.int64))
@@ -192,6 +219,18 @@ def _join_tips(points: Points, parents: Indices, rng: np.random.Generator) -> tu
             joined |= {int(tip), target}
             curves.append(_bend(points[tip], points[target], heading))
     return tuple(curves)
+
+
+def _bridge(points: Points, in_first_tree: NDArray[np.bool_]) -> list[Points]:
+    """Return the shortest line between the first tree and the second, if there is one."""
+    from scipy.spatial import cKDTree
+
+    one, two = points[in_first_tree], points[~in_first_tree]
+    if not len(two):
+        return []
+    distance, nearest = cKDTree(one).query(two)
+    end = int(np.argmin(distance))
+    return [np.linspace(one[nearest[end]], two[end], int(distance[end] / STEP) + 2)]
 
 
 def _best_target(points: Points, tip: int, heading: Points, candidates: Indices) -> int | None:
@@ -221,18 +260,3 @@ def _ancestor(parents: Indices, node: int, steps: int) -> int:
     return node
 
 
-def _subtrees(parents: Indices) -> tuple[Indices, Indices]:
-    """Return each node's place in depth-first order and the size of its subtree.
-
-    A node's descendants are those whose place is in ``[first, first + size)``.
-    """
-    size = np.ones(len(parents), dtype=np.int64)
-    for node in range(len(parents) - 1, 0, -1):
-        size[parents[node]] += size[node]
-    first = np.zeros(len(parents), dtype=np.int64)
-    taken = np.ones(len(parents), dtype=np.int64)
-    for node in range(1, len(parents)):
-        parent = parents[node]
-        first[node] = first[parent] + taken[parent]
-        taken[parent] += size[node]
-    return first, size

@@ -5,86 +5,152 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.generators.venation import Network, Points, grow_network, leaf_counts
+from shoal.swarm.generators.venation import Indices, Network, Points, grow_network, subtrees
 
 Mask = NDArray[np.bool_]
 
+AREA_PER_CELL = 2.1  # area of the organ for each free cell, before the network is scaled
+TIP_WIDTH = 0.9  # cells; narrower than one cell is drawn as one cell
+TRUNK_WIDTH = 4.5  # cells, at 5000 free cells
+THIN = 1.5  # pieces narrower than this are drawn as a line of single cells
+SAMPLES = 9  # points drawn for each piece, which is one or two cells long
+SPECK = 2  # a hole of at most so many cells is filled: two vessels that touch have merged
 
-def vessels(count: int, *, seed: int = 0) -> Mask:
+
+def draw_vessels(count: int, *, seed: int = 0) -> Mask:
+    """Return a vascular network with exactly ``count`` free cells.
+
+    The network has one or two inlets, vessels that get narrower from fork to fork, closed loops and dead ends.
+
+    Parameters
+    ----------
+    count : int
+        Number of free cells.
+    seed : int
+        The same seed gives the same map.
+
+    Returns
+    -------
+    ndarray, bool, shape (H, W)
+        True where free; 4-connected, no empty rim.
+    """
     rng = np.random.default_rng([seed, count])
-    network = grow_network(2.3 * count, rng)
-    free = fit(network, count)
-    return trim(free, count, rng)
+    network = grow_network(AREA_PER_CELL * count, rng)
+    return _crop(_trim(_fit(network, count), count, rng))
 
 
-def samples(network, trunk):
-    # pieces: start, end, wstart, wend
-    pts, par = network.points, network.parents
-    leaves = leaf_counts(par)
-    width = np.minimum(leaves ** (1 / 2.6), trunk)
-    child = np.flatnonzero(par != np.arange(len(par)))
-    starts = [pts[par[child]]]; ends = [pts[child]]; widths = [np.minimum(width[child]+0,width[par[child]])]
-    for curve in network.joints:
-        starts.append(curve[:-1]); ends.append(curve[1:]); widths.append(np.ones(len(curve) - 1))
-    return np.concatenate(starts), np.concatenate(ends), np.concatenate(widths)
-
-
-def draw(start, end, width):
-    t = np.linspace(0, 1, 9)[:, None, None]
-    p = (start + t * (end - start)).transpose(1, 0, 2)  # piece, sample, xy
-    margin = int(np.ceil(width.max() / 2)) + 2
-    low = np.floor(p.min(axis=(0, 1))).astype(int) - margin
-    cell = np.floor(p).astype(int) - low
-    shape = cell.max(axis=(0, 1)) + margin + 1
-    m = np.zeros((shape[1], shape[0]), bool)
-    m[cell[..., 1], cell[..., 0]] = True
-    m[cell[:, 1:, 1], cell[:, :-1, 0]] = True
-    wide = width >= 1.5
-    q = p[wide].reshape(-1, 2) - low
-    c = cell[wide].reshape(-1, 2)
-    rad = np.repeat(width[wide] / 2, 9)
-    k = margin - 1
-    for dx in range(-k, k + 1):
-        for dy in range(-k, k + 1):
-            ok = (c[:, 0] + dx + .5 - q[:, 0]) ** 2 + (c[:, 1] + dy + .5 - q[:, 1]) ** 2 <= rad ** 2
-            m[c[ok, 1] + dy, c[ok, 0] + dx] = True
-    return m
-
-
-def fill_tiny(m, size=2):
-    from scipy import ndimage
-    lab, n = ndimage.label(~m, np.ones((3, 3)))
-    area = np.bincount(lab.ravel())
-    area[0] = 0
-    small = (area <= size) & (area > 0)
-    return m | small[lab]
-
-
-def fit(network, count):
-    trunk = max(4.0, 4.0 * (count / 5000) ** .25)
-    s, e, w = samples(network, trunk)
-    scale = 1.0
-    best = None
-    for _ in range(10):
-        m = fill_tiny(draw(s * scale, e * scale, w))
-        c = int(m.sum())
-        if c >= count and (best is None or c < best.sum()):
-            best = m
-        if c >= count and c - count <= max(2, .003 * count):
+def _fit(network: Network, count: int) -> Mask:
+    """Return the network drawn at the scale that gives ``count`` free cells or slightly more."""
+    start, end, width = _pieces(network, TRUNK_WIDTH * (count / 5000) ** (1 / 6))
+    scale, best, best_excess = 1.0, None, count
+    for attempt in range(40):
+        free = _fill_specks(_draw(start * scale, end * scale, width))
+        excess = int(np.count_nonzero(free)) - count
+        if 0 <= excess and (best is None or excess < best_excess):
+            best, best_excess = free, excess
+        if best is not None and (best_excess <= max(2, count // 300) or attempt > 10):
             break
-        scale *= ((count + max(1, .0015 * count)) / c) ** (.8)
+        # Aim a little high: free cells are easier to take away than to add.
+        scale *= ((count + max(1.0, count / 600)) / (count + excess)) ** 0.8
+    assert best is not None, "a larger scale gives more free cells"
     return best
 
 
-def trim(m, count, rng):
+def _pieces(network: Network, trunk_width: float) -> tuple[Points, Points, Points]:
+    """Return start, end (pieces, 2) and width (pieces,) of every straight piece of vessel.
+
+    As in Murray's law the width is a power of what a vessel feeds: here the length of vessel behind it.
+    """
+    points, parents = network.points, network.parents
+    size = subtrees(parents)[1]
+    power = np.log(trunk_width / TIP_WIDTH) / np.log(max(size.max(), 2))
+    grown = np.flatnonzero(parents != np.arange(len(parents)))
+    curves = network.joints
+    start = np.concatenate([points[parents[grown]], *(curve[:-1] for curve in curves)])
+    end = np.concatenate([points[grown], *(curve[1:] for curve in curves)])
+    width = np.full(len(start), TIP_WIDTH)
+    width[: len(grown)] *= size[grown] ** power
+    return start, end, width
+
+
+def _draw(start: Points, end: Points, width: Points) -> Mask:
+    """Return the cells under the pieces; each piece is 4-connected."""
+    share = np.linspace(0, 1, SAMPLES)[None, :, None]
+    at = start[:, None] + share * (end - start)[:, None]
+    margin = int(np.ceil(width.max() / 2)) + 1
+    at -= np.floor(at.min(axis=(0, 1))) - margin
+    cell = np.floor(at).astype(np.int64)
+    free = np.zeros((cell.max(axis=(0, 1)) + margin + 1)[::-1], dtype=np.bool_)
+    free[cell[..., 1], cell[..., 0]] = True
+    free[cell[:, 1:, 1], cell[:, :-1, 0]] = True  # the corner of each diagonal step
+    wide = width >= THIN
+    radius = np.repeat(width[wide] / 2, SAMPLES)
+    _paint_discs(free, at[wide].reshape(-1, 2), cell[wide].reshape(-1, 2), radius)
+    return free
+
+
+def _paint_discs(free: Mask, centre: Points, cell: Indices, radius: Points) -> None:
+    """Free all cells whose middle lies within ``radius`` of a centre."""
+    reach = int(np.ceil(radius.max(initial=0)))
+    for right in range(-reach, reach + 1):
+        for down in range(-reach, reach + 1):
+            offset = cell + (right, down) + 0.5 - centre
+            inside = cell[offset[:, 0] ** 2 + offset[:, 1] ** 2 <= radius**2]
+            free[inside[:, 1] + down, inside[:, 0] + right] = True
+
+
+def _fill_specks(free: Mask) -> Mask:
+    """Return the map without its smallest holes."""
     from scipy import ndimage
-    m = np.pad(m, 1)
-    while True:
-        extra = int(m.sum()) - count
-        if extra <= 0: break
-        nb = m[:-2, 1:-1].astype(int) + m[2:, 1:-1] + m[1:-1, :-2] + m[1:-1, 2:]
-        r, c = np.nonzero(m[1:-1, 1:-1] & (nb == 1))
-        pick = rng.permutation(len(r))[:extra]
-        m[r[pick] + 1, c[pick] + 1] = False
-    r, c = np.nonzero(m)
-    return np.ascontiguousarray(m[r.min():r.max() + 1, c.min():c.max() + 1])
+
+    holes = ndimage.label(~free, np.ones((3, 3)))[0]
+    area = np.bincount(holes.ravel())
+    return np.asarray(free | ((area <= SPECK) & (area > 0))[holes] & (holes > 0))
+
+
+def _trim(free: Mask, count: int, rng: np.random.Generator) -> Mask:
+    """Return the map with only ``count`` free cells left: dead ends are shortened, a cell at a time."""
+    free = np.pad(free, 1)
+    excess = int(np.count_nonzero(free)) - count
+    while excess > 0:
+        ends = _dead_ends(free)
+        if not len(ends):
+            return _nearest_cells(free, count)
+        gone = rng.permutation(ends)[:excess]
+        for row, column in gone:  # one at a time: the neighbour of an end may be an end itself
+            if _free_neighbours(free, row, column) == 1:
+                free[row, column] = False
+                excess -= 1
+    return free
+
+
+def _dead_ends(free: Mask) -> Indices:
+    """Return the free cells with one free neighbour, shape (k, 2); the rim of the map must not be free."""
+    neighbours = np.zeros(free.shape, dtype=np.int64)
+    neighbours[1:-1, 1:-1] = free[:-2, 1:-1].astype(np.int64) + free[2:, 1:-1] + free[1:-1, :-2] + free[1:-1, 2:]
+    return np.argwhere(free & (neighbours == 1))
+
+
+def _free_neighbours(free: Mask, row: int, column: int) -> int:
+    sides = free[row - 1, column], free[row + 1, column], free[row, column - 1], free[row, column + 1]
+    return sum(map(int, sides))
+
+
+def _nearest_cells(free: Mask, count: int) -> Mask:
+    """Return the ``count`` free cells that are nearest to the first one by path."""
+    kept = np.zeros_like(free)
+    ring = [tuple(np.argwhere(free)[0])]
+    kept[ring[0]] = True
+    queue = ring
+    for row, column in queue:
+        for cell in ((row, column - 1), (row - 1, column), (row, column + 1), (row + 1, column)):
+            if free[cell] and not kept[cell] and len(queue) < count:
+                kept[cell] = True
+                queue.append(cell)
+    return kept
+
+
+def _crop(free: Mask) -> Mask:
+    """Return the map without empty rows and columns at its sides."""
+    rows, columns = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
+    return np.ascontiguousarray(free[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])

@@ -328,8 +328,8 @@ const ShoalSim = (() => {
 
     /** Take a swarm that is at move `from` to move `to`, which must be done. */
     seek(swarm, from, to) {
-      const key = Math.floor(to / this.every);
-      if (to < from || from < key * this.every) {
+      if (to < from || to - from > this.every) {
+        const key = Math.floor(to / this.every);
         from = key * this.every;
         swarm.place(this.keyframes[key]);
       }

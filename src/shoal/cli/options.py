@@ -1,0 +1,68 @@
+"""The options that commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Map = Annotated[
+    str,
+    typer.Argument(
+        metavar="MAP",
+        help="A generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy or .csv.",
+        show_default=False,
+    ),
+]
+Particles = Annotated[int, typer.Option("-n", "--particles", help="Number of particles.")]
+PolicyName = Annotated[
+    str,
+    typer.Option(
+        "--policy",
+        help="closest-frontier, elect-particle, random-moves, depth-first, sweep, manual:COMMANDS or MODULE:ATTRIBUTE; "
+        "options follow a colon, as in closest-frontier:ties=row-major.",
+    ),
+]
+PlacementName = Annotated[
+    str,
+    typer.Option("--placement", help="uniform, flood-fill, region-fill, left-wall or MODULE:ATTRIBUTE."),
+]
+Rule = Annotated[str, typer.Option("--rule", help="Move rule: block, merge or tilt.")]
+Trials = Annotated[int, typer.Option("--trials", help="How many times, each from another start.")]
+Seed = Annotated[int, typer.Option("--seed", help="The same seed gives the same result, whatever the workers.")]
+MaxMoves = Annotated[int, typer.Option("--max-moves", help="Stop an episode there, with status limit.")]
+Workers = Annotated[
+    int | None,
+    typer.Option("--workers", help="Trials that run at once; default: one a processor.", show_default=False),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        metavar="FOLDER",
+        help="Write map.png, frontier.png, summary.json and the episodes into this folder.",
+        show_default=False,
+    ),
+]
+Film = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--film",
+        metavar="FILE",
+        help="Write a film of the first trial: .gif, .mp4 or .html (the player). May be given again.",
+        show_default=False,
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")]
+Vessels = Annotated[bool, typer.Option("--vessels", help="MAP is a photograph: segment its vessels (shoal[imaging]).")]
+Width = Annotated[
+    int | None,
+    typer.Option("--width", help="With --vessels: larger side of the map, in cells.", show_default=False),
+]
+Threshold = Annotated[float, typer.Option("--threshold", help="Pictures: pixels at least this bright are free, 0 to 1.")]
+Invert = Annotated[bool, typer.Option("--invert", help="Pictures: dark pixels are free.")]
+Scale = Annotated[float, typer.Option("--scale", help="Pictures: cells a pixel, 0.5 halves both sides.")]
+LargestComponent = Annotated[
+    bool, typer.Option("--largest-component", help="Keep only the largest connected part of the free space.")
+]

@@ -1,0 +1,82 @@
+"""How commands talk: results on stdout, all else on stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from shoal.errors import OutputError
+
+Advance = Callable[[int], None]
+
+
+def say(text: str) -> None:
+    """Print a message for people on stderr."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def print_json(result: dict[str, Any]) -> None:
+    """Print one JSON object on stdout."""
+    print(json.dumps(result, ensure_ascii=False, allow_nan=False))
+
+
+def print_table(rows: list[tuple[str, str]], *, title: str) -> None:
+    """Print a summary for people on stdout."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title=escape(title), title_justify="left", title_style="bold", show_header=False, box=None, pad_edge=False)
+    table.add_column(style="cyan", no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, value in rows:
+        table.add_row(escape(name), escape(value))
+    Console(soft_wrap=False).print(table)
+
+
+@contextmanager
+def progress(what: str, total: int, *, shown: bool) -> Iterator[Advance]:
+    """Show a bar on stderr while the block runs; gives a function that takes how much is done.
+
+    Where stderr is no terminal a line is printed every tenth of the way instead.
+    """
+    if not shown:
+        yield lambda _done: None
+    elif sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=Console(stderr=True)) as bar:
+            task = bar.add_task(what, total=total)
+            yield lambda done: bar.update(task, completed=done)
+    else:
+        tenths = [0]
+
+        def advance(done: int) -> None:
+            if done * 10 // max(1, total) > tenths[0]:
+                tenths[0] = done * 10 // max(1, total)
+                say(f"{what}: {done}/{total}")
+
+        yield advance
+
+
+def check_folder(folder: Path) -> Path:
+    """Make an output folder and see that it can be written, before any work is done.
+
+    Raises
+    ------
+    OutputError
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise OutputError(f"cannot write into the folder {folder}: {error.strerror or error}") from None
+    return folder

@@ -1,0 +1,247 @@
+"""shoal map, shoal cover, shoal replay: runs of the swarm part."""
+
+from __future__ import annotations
+
+import json
+import statistics
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from shoal.cli import options
+from shoal.cli.output import check_folder, print_json, print_table, progress, say
+from shoal.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from shoal.swarm import Episode, GridWorkspace
+
+MAP_EXAMPLE = "Example: shoal map vessels:1000 --particles 100 --seed 1"
+COVER_EXAMPLE = "Example: shoal cover maze:21x15 --particles 20 --subset 0.1"
+REPLAY_EXAMPLE = "Example: shoal replay result/episode.npz --film result/film.html"
+
+
+def map_(
+    map_name: options.Map,
+    particles: options.Particles = 100,
+    policy: options.PolicyName = "closest-frontier",
+    placement: options.PlacementName = "uniform",
+    rule: options.Rule = "block",
+    trials: options.Trials = 1,
+    seed: options.Seed = 0,
+    max_moves: options.MaxMoves = 1_000_000,
+    workers: options.Workers = None,
+    out: options.Out = None,
+    film: options.Film = None,
+    json_: options.Json = False,
+    vessels: options.Vessels = False,
+    width: options.Width = None,
+    threshold: options.Threshold = 0.5,
+    invert: options.Invert = False,
+    scale: options.Scale = 1.0,
+    largest_component: options.LargestComponent = False,
+) -> None:
+    """Map an unknown workspace: find every free cell that the particles can reach, and the walls around them."""
+    from shoal.swarm.maps import open_map
+
+    workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
+    problem = {"task": "mapping", "particles": particles, "policy": policy, "placement": placement, "rule": rule}
+    _play(workspace, problem, trials, seed, max_moves, workers, out, film, json_, largest_component)
+
+
+def cover(
+    map_name: options.Map,
+    subset: Annotated[
+        float | None,
+        typer.Option("--subset", help="Cover a random share of the free cells only, above 0 to 1.", show_default=False),
+    ] = None,
+    particles: options.Particles = 100,
+    policy: options.PolicyName = "closest-frontier",
+    placement: options.PlacementName = "uniform",
+    rule: options.Rule = "block",
+    trials: options.Trials = 1,
+    seed: options.Seed = 0,
+    max_moves: options.MaxMoves = 1_000_000,
+    workers: options.Workers = None,
+    out: options.Out = None,
+    film: options.Film = None,
+    json_: options.Json = False,
+    vessels: options.Vessels = False,
+    width: options.Width = None,
+    threshold: options.Threshold = 0.5,
+    invert: options.Invert = False,
+    scale: options.Scale = 1.0,
+    largest_component: options.LargestComponent = False,
+) -> None:
+    """Cover a known workspace: let some particle stand in every free cell, or in each of a random subset of them."""
+    from shoal.swarm import SubsetCoverage
+    from shoal.swarm.maps import open_map
+
+    task: Any = "coverage" if subset is None else SubsetCoverage(fraction=subset)
+    workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
+    problem = {"task": task, "particles": particles, "policy": policy, "placement": placement, "rule": rule}
+    _play(workspace, problem, trials, seed, max_moves, workers, out, film, json_, largest_component)
+
+
+def _play(
+    workspace: GridWorkspace,
+    problem: dict[str, Any],
+    trials: int,
+    seed: int,
+    max_moves: int,
+    workers: int | None,
+    out: Path | None,
+    film: list[Path] | None,
+    json_: bool,
+    largest_component: bool,
+) -> None:
+    from shoal.lab import run_trials
+
+    _check_outputs(out, film)
+    if largest_component:
+        workspace = workspace.largest_component()
+    what = "trials"
+    with progress(what, trials, shown=trials > 1) as advance:
+        episodes = run_trials(
+            workspace, trials=trials, workers=workers, seed=seed, max_moves=max_moves, on_trial=advance, **problem
+        )
+    result = summary(episodes, seed=seed)
+    written = write_outputs(episodes, result, out, film)
+    if json_:
+        print_json(result)
+        return
+    print_table([*_rows(episodes, result), *(("written", str(path)) for path in written)], title=_title(episodes[0]))
+
+
+def summary(episodes: list[Episode], *, seed: int) -> dict[str, Any]:
+    """Return the JSON object of map and cover."""
+    first = episodes[0]
+    moves = [episode.moves for episode in episodes]
+    return {
+        "task": first.task,
+        "policy": first.policy,
+        "map": {
+            "name": first.workspace.name,
+            "shape": list(first.workspace.shape),
+            "free_cells": first.workspace.n_free,
+        },
+        "particles": first.n_particles,
+        "placement": first.placement,
+        "rule": first.rule,
+        "seed": seed,
+        "trials": len(episodes),
+        "moves": moves,
+        "status": [episode.status for episode in episodes],
+        "mean": statistics.fmean(moves),
+        "std": statistics.stdev(moves) if len(moves) > 1 else 0.0,
+    }
+
+
+def _title(first: Episode) -> str:
+    return f"{first.task} of {first.workspace.name}"
+
+
+def _rows(episodes: list[Episode], result: dict[str, Any]) -> list[tuple[str, str]]:
+    first = episodes[0]
+    size = "x".join(str(length) for length in first.workspace.shape)
+    rows = [
+        ("map", f"{first.workspace.name}, {size}, {first.workspace.n_free} free cells"),
+        ("particles", f"{first.n_particles}, {first.placement} placement, rule {first.rule}"),
+        ("policy", first.policy),
+    ]
+    if len(episodes) == 1:
+        done = int(first.done.sum())
+        rows += [
+            ("result", first.sentence),
+            ("classified" if first.targets is None else "covered", f"{done} cells"),
+            ("distance", f"{first.distance} cells travelled by all particles"),
+            ("time", f"{first.seconds:.3f} s, {1e6 * first.seconds_per_move:.1f} µs a move"),
+        ]
+        return rows
+    counts = {status: result["status"].count(status) for status in dict.fromkeys(result["status"])}
+    rows += [
+        ("moves", f"{result['mean']:.2f} ± {result['std']:.2f} (mean and sample standard deviation)"),
+        ("range", f"{min(result['moves'])} to {max(result['moves'])}"),
+        ("status", ", ".join(f"{count} {status}" for status, count in counts.items())),
+    ]
+    return rows
+
+
+def _check_outputs(out: Path | None, film: list[Path] | None) -> None:
+    """Refuse outputs that cannot be written before the work is done."""
+    if film:
+        from shoal.views.films import check_film
+
+        for path in film:
+            check_folder(check_film(path).parent)
+    if out is not None:
+        check_folder(out)
+
+
+def write_outputs(
+    episodes: list[Episode], result: dict[str, Any], out: Path | None, film: list[Path] | None
+) -> list[Path]:
+    """Write what --out and --film ask for; return the files."""
+    written: list[Path] = []
+    if out is not None:
+        from shoal.files import atomic
+        from shoal.views.figures import final_map, frontier_plot, save_figure
+
+        for name, figure in (("map.png", final_map(episodes[0])), ("frontier.png", frontier_plot(episodes))):
+            save_figure(figure, out / name)
+            written.append(out / name)
+        names = ["episode.npz"] if len(episodes) == 1 else [f"episodes/{e.trial:05d}.npz" for e in episodes]
+        with progress("episodes", len(episodes), shown=len(episodes) > 100) as advance:
+            for done, (episode, name) in enumerate(zip(episodes, names, strict=True), start=1):
+                episode.save(out / name)
+                advance(done)
+        written.append(out / names[0] if len(names) == 1 else out / "episodes")
+        with atomic(out / "summary.json") as temporary:
+            temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        written.append(out / "summary.json")
+    for path in film or []:
+        write_film_with_progress(episodes[0], path)
+        written.append(path)
+    return written
+
+
+def write_film_with_progress(episode: Episode, path: Path) -> None:
+    """Write one film, with a bar if it takes long."""
+    from shoal.views.films import write_film
+
+    with progress(f"film {path.name}", 1, shown=episode.moves > 200) as advance:
+        write_film(episode, path, on_frame=lambda done, total: advance(done / total))  # type: ignore[arg-type]
+
+
+def replay(
+    episode_file: Annotated[Path, typer.Argument(metavar="EPISODE", help="An episode file (.npz).", show_default=False)],
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", help="Refuse the episode unless it was played with this seed.", show_default=False),
+    ] = None,
+    out: options.Out = None,
+    film: options.Film = None,
+    json_: options.Json = False,
+) -> None:
+    """Replay an episode file, check that it is what it says, and draw or film it. Exit code 1 if it is not."""
+    from shoal.swarm import Episode
+
+    _check_outputs(out, film)
+    episode = Episode.load(episode_file)
+    if seed is not None and seed != episode.seed:
+        raise InvalidInputError(f"{episode_file}: expected an episode of seed {seed}, got seed {episode.seed}")
+    verified = episode.verify()
+    result = summary([episode], seed=episode.seed) | {
+        "commands": episode.commands,
+        "verified": verified.ok,
+        "message": verified.message,
+    }
+    written = write_outputs([episode], result, out, film) if verified else []
+    if json_:
+        print_json(result)
+    else:
+        rows = [*_rows([episode], result), ("verified", f"{'yes' if verified else 'NO'}: {verified.message}")]
+        print_table([*rows, *(("written", str(path)) for path in written)], title=_title(episode))
+    if not verified:
+        say(f"shoal: {episode_file}: {verified.message}")
+        raise typer.Exit(1)

@@ -1,0 +1,31 @@
+"""Where trials run: all as `concurrent.futures.Executor`."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+
+from shoal.errors import InvalidInputError
+
+
+def default_workers() -> int:
+    """Return the number of processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def make_executor(workers: int, *, compiled: bool) -> Executor:
+    """Return an executor of that many workers.
+
+    Compiled episodes hold no lock, so threads serve and start at once; policies written in Python need processes of their own.
+
+    Raises
+    ------
+    InvalidInputError
+        If ``workers`` is not positive.
+    """
+    if workers < 1:
+        raise InvalidInputError(f"workers: expected 1 or more, got {workers}")
+    if compiled:
+        return ThreadPoolExecutor(workers, thread_name_prefix="shoal")
+    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))

@@ -1,0 +1,149 @@
+"""Episodes on disk: one ``.npz`` file without pickles, its text fields checked by a schema."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, NonNegativeInt, ValidationError
+
+from shoal.errors import InvalidInputError
+from shoal.files import atomic
+from shoal.swarm.commands import letters_of
+from shoal.swarm.episode import Episode
+from shoal.swarm.workspace import MAX_CELLS, GridWorkspace
+from shoal.swarm.world import RULES, check_start
+
+FORMAT = 1
+
+
+class Header(BaseModel):
+    """The text fields of an episode file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    format: Literal[1]
+    version: str
+    map: str
+    shape: tuple[int, ...]
+    rule: str
+    task: str
+    policy: str
+    placement: str
+    seed: NonNegativeInt
+    trial: NonNegativeInt
+    status: Literal["complete", "stalled", "limit"]
+    first_frontier: NonNegativeInt
+    seconds: float
+
+
+def save(episode: Episode, path: str | os.PathLike[str]) -> None:
+    """Write an episode; see :meth:`Episode.save`."""
+    target = Path(path)
+    if target.suffix != ".npz":
+        raise InvalidInputError(f"{target}: expected the suffix .npz, got {target.suffix!r}")
+    header = Header(
+        format=FORMAT,
+        version=episode.version,
+        map=episode.workspace.name,
+        shape=episode.workspace.shape,
+        rule=episode.rule,
+        task=episode.task,
+        policy=episode.policy,
+        placement=episode.placement,
+        seed=episode.seed,
+        trial=episode.trial,
+        status=episode.status,  # type: ignore[arg-type]  # checked by the schema
+        first_frontier=episode.first_frontier,
+        seconds=episode.seconds,
+    )
+    arrays: dict[str, NDArray[Any]] = {
+        "header": np.frombuffer(header.model_dump_json().encode(), dtype=np.uint8),
+        "free": np.packbits(episode.workspace.free),
+        "start": episode.start.astype(np.int32),
+        "commands": episode.codes,
+        "done": episode.done,
+        "frontier": episode.frontier,
+        "travelled": episode.travelled,
+    }
+    if episode.targets is not None:
+        arrays["targets"] = np.packbits(episode.targets)
+    with atomic(target) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+
+
+def load(path: str | os.PathLike[str]) -> Episode:
+    """Read an episode; see :meth:`Episode.load`."""
+    source = Path(path)
+    if not source.is_file():
+        raise InvalidInputError(f"{source}: expected an episode file, got {'a folder' if source.is_dir() else 'no such file'}")
+    try:
+        with np.load(source, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        header = Header.model_validate_json(arrays["header"].tobytes())
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "its header"
+        raise InvalidInputError(f"{source}: not an episode of format {FORMAT}: {where}: {first['msg']}") from None
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+        text = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidInputError(f"{source}: expected an episode file (.npz): {text}") from None
+    try:
+        return _assembled(header, arrays)
+    except (KeyError, ValueError, TypeError) as error:
+        raise InvalidInputError(f"{source}: the episode is damaged: {error}") from None
+
+
+def _assembled(header: Header, arrays: dict[str, NDArray[Any]]) -> Episode:
+    size = int(np.prod(header.shape, dtype=object))
+    if len(header.shape) not in (2, 3) or not 0 < size <= MAX_CELLS or min(header.shape) < 1:
+        raise InvalidInputError(f"expected a 2-D or 3-D shape, got {header.shape}")
+    if header.rule not in RULES:
+        raise InvalidInputError(f"expected a move rule ({', '.join(RULES)}), got {header.rule!r}")
+    workspace = GridWorkspace(_mask(arrays["free"], header.shape, "free"), name=header.map)
+    codes = _column(arrays, "commands", np.int8)
+    commands = len(letters_of(workspace.ndim))
+    if len(codes) and not 0 <= int(codes.min()) <= int(codes.max()) < commands:
+        raise InvalidInputError(f"commands: expected codes 0 to {commands - 1}, got {codes.min()} to {codes.max()}")
+    columns = {name: _column(arrays, name, dtype) for name, dtype in _COLUMNS.items()}
+    for name, column in columns.items():
+        if len(column) != len(codes):
+            raise InvalidInputError(f"{name}: expected {len(codes)} entries, one a command, got {len(column)}")
+    return Episode(
+        workspace=workspace,
+        start=check_start(workspace, arrays["start"], rule=header.rule),
+        codes=codes,
+        rule=header.rule,
+        task=header.task,
+        policy=header.policy,
+        placement=header.placement,
+        targets=_mask(arrays["targets"], header.shape, "targets") if "targets" in arrays else None,
+        seed=header.seed,
+        trial=header.trial,
+        status=header.status,
+        first_frontier=header.first_frontier,
+        seconds=header.seconds,
+        version=header.version,
+        **columns,
+    )
+
+
+_COLUMNS: dict[str, type[np.generic]] = {"done": np.int32, "frontier": np.int32, "travelled": np.int64}
+
+
+def _column(arrays: dict[str, NDArray[Any]], name: str, dtype: type[np.generic]) -> NDArray[Any]:
+    column = arrays[name]
+    if column.ndim != 1 or column.dtype != dtype:
+        raise InvalidInputError(f"{name}: expected a column of {np.dtype(dtype)}, got {column.dtype} {column.shape}")
+    return column
+
+
+def _mask(packed: NDArray[Any], shape: tuple[int, ...], name: str) -> NDArray[np.bool_]:
+    size = int(np.prod(shape))
+    if packed.dtype != np.uint8 or packed.shape != (-(-size // 8),):
+        raise InvalidInputError(f"{name}: expected {-(-size // 8)} packed bytes for {shape}, got {packed.shape}")
+    return np.unpackbits(packed, count=size).astype(np.bool_).reshape(shape)

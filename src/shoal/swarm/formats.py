@@ -1,0 +1,302 @@
+"""Read and write maps: pictures (PNG, TIFF, BMP, JPEG), text, MovingAI ``.map``, ``.npy`` and CSV."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.files import atomic
+from shoal.swarm.workspace import MAX_CELLS, GridWorkspace
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+PICTURES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
+_LARGEST_FILE = 2**31
+
+
+@dataclass(frozen=True)
+class PictureOptions:
+    """How a picture becomes a map.
+
+    Parameters
+    ----------
+    threshold : float
+        0 to 1: pixels at least this bright are free (black 0, white 1).
+    invert : bool
+        Dark pixels are free instead.
+    scale : float
+        Above 0: the map has this many cells a pixel along each side, 0.5 halves both.
+    """
+
+    threshold: float = 0.5
+    invert: bool = False
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.threshold <= 1:
+            raise InvalidInputError(f"threshold: expected 0 to 1, got {self.threshold:g}")
+        if not 0 < self.scale <= 64:
+            raise InvalidInputError(f"scale: expected above 0 and at most 64, got {self.scale:g}")
+
+
+def read_map(
+    path: str | os.PathLike[str], *, threshold: float = 0.5, invert: bool = False, scale: float = 1.0
+) -> GridWorkspace:
+    """Read a workspace from a file; the suffix says the format.
+
+    Parameters
+    ----------
+    path : path
+        ``.png .tif .tiff .bmp .jpg .jpeg`` (bright is free), ``.txt`` (``.`` free, ``#`` obstacle), ``.map`` (MovingAI: ``.``,
+        ``G``, ``S`` free), ``.npy`` (2-D or 3-D, not zero is free) or ``.csv`` (1 free, 0 obstacle).
+    threshold, invert, scale
+        For pictures; see :class:`PictureOptions`.
+
+    Returns
+    -------
+    GridWorkspace
+        Named as the file, without its suffix.
+
+    Raises
+    ------
+    InvalidInputError
+        If the file is missing, unreadable, damaged, of another format, too large, or has no free cell; the message says where.
+    """
+    source = Path(path)
+    options = PictureOptions(threshold, invert, scale)
+    suffix = source.suffix.lower()
+    if suffix not in _READERS and suffix not in PICTURES:
+        known = " ".join((*PICTURES, *_READERS))
+        raise InvalidInputError(f"{source}: expected a map file ({known}), got the suffix {suffix!r}")
+    try:
+        if not source.is_file():
+            found = "a folder" if source.is_dir() else "no such file"
+            raise InvalidInputError(f"{source}: expected a map file, got {found}")
+        if source.stat().st_size == 0:
+            raise InvalidInputError(f"{source}: expected a map, got an empty file")
+        if source.stat().st_size > _LARGEST_FILE:
+            raise InvalidInputError(f"{source}: expected a file of at most 2 GiB, got {source.stat().st_size} bytes")
+        free = _read_picture(source, options) if suffix in PICTURES else _READERS[suffix](source)
+    except OSError as error:
+        raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
+    try:
+        return GridWorkspace(free, name=source.stem)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{source}: {error}") from None
+
+
+def read_pixels(path: str | os.PathLike[str]) -> NDArray[np.uint8]:
+    """Return the pixels of a picture; uint8, shape (H, W) if it is grey, else (H, W, 3).
+
+    Raises
+    ------
+    InvalidInputError
+        As :func:`read_map`.
+    """
+    source = Path(path)
+    if source.suffix.lower() not in PICTURES:
+        raise InvalidInputError(f"{source}: expected a picture ({' '.join(PICTURES)}), got {source.suffix!r}")
+    if not source.is_file():
+        raise InvalidInputError(f"{source}: expected a picture, got no such file")
+    image = _open_picture(source)
+    return np.asarray(image.convert("L" if image.mode in {"1", "L", "I;16", "I", "F"} else "RGB"))
+
+
+def _open_picture(path: Path) -> Image:
+    """Open and decode a picture, checking its size before it is decoded."""
+    import warnings
+
+    from PIL import Image, UnidentifiedImageError
+
+    limit = Image.MAX_IMAGE_PIXELS
+    try:
+        Image.MAX_IMAGE_PIXELS = None  # checked here, with a sentence of our own
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            image = Image.open(path)
+            if image.width * image.height > MAX_CELLS:
+                raise InvalidInputError(
+                    f"{path}: expected a picture of at most {MAX_CELLS} pixels, got {image.width}x{image.height}"
+                )
+            image.load()
+    except UnidentifiedImageError:
+        raise InvalidInputError(f"{path}: expected a {path.suffix[1:].upper()} picture, got something else") from None
+    except InvalidInputError:
+        raise
+    except Exception as error:  # Pillow's readers raise many kinds for damaged files
+        raise InvalidInputError(f"{path}: the picture is damaged: {_one_line(error)}") from None
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+    return image
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _read_picture(path: Path, options: PictureOptions) -> NDArray[np.bool_]:
+    image = _open_picture(path)
+    grey = _grey(image)
+    if options.scale != 1.0:
+        size = tuple(max(1, round(side * options.scale)) for side in image.size)
+        if size[0] * size[1] > MAX_CELLS:
+            raise InvalidInputError(f"{path}: expected at most {MAX_CELLS} cells, got {size[0]}x{size[1]} after scaling")
+        from PIL import Image
+
+        grey = np.asarray(Image.fromarray(grey).resize((size[0], size[1]), Image.Resampling.BOX))
+    free = grey >= options.threshold
+    return ~free if options.invert else free
+
+
+def _grey(image: Image) -> NDArray[np.float32]:
+    """Return brightness 0 to 1; transparent pixels count as white."""
+    if image.mode in {"I;16", "I", "F"}:  # 16-bit and float pictures: full range of the type, or of the data
+        values = np.asarray(image, dtype=np.float32)
+        top = 65535.0 if image.mode != "F" else max(float(values.max(initial=0.0)), 1e-30)
+        return np.clip(values / np.float32(top), 0, 1)
+    if image.has_transparency_data:
+        from PIL import Image as Pillow
+
+        rgba = image.convert("RGBA")
+        image = Pillow.alpha_composite(Pillow.new("RGBA", rgba.size, "white"), rgba)
+    return np.asarray(image.convert("L"), dtype=np.float32) / np.float32(255)
+
+
+def _text_lines(path: Path) -> list[str]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InvalidInputError(f"{path}: expected text, got the byte {error.object[error.start]:#04x}") from None
+    return text.replace("\r\n", "\n").rstrip("\n").split("\n")
+
+
+def _grid(path: Path, lines: list[str], first_line: int, free: str, blocked: str) -> NDArray[np.bool_]:
+    """Turn lines of equal length into cells; errors name line and column."""
+    width = len(lines[0]) if lines else 0
+    if not width:
+        raise InvalidInputError(f"{path}, line {first_line}: expected a row of cells, got an empty line")
+    table = {ord(letter): True for letter in free} | {ord(letter): False for letter in blocked}
+    for number, line in enumerate(lines, start=first_line):
+        if len(line) != width:
+            raise InvalidInputError(
+                f"{path}, line {number}: expected {width} cells as in the first row, got {len(line)}"
+            )
+        for column, letter in enumerate(line, start=1):
+            if ord(letter) not in table:
+                raise InvalidInputError(
+                    f"{path}, line {number}, column {column}: expected one of {free + blocked!r}, got {letter!r}"
+                )
+    return np.array([[table[ord(letter)] for letter in line] for line in lines], dtype=np.bool_)
+
+
+def _read_text(path: Path) -> NDArray[np.bool_]:
+    return _grid(path, _text_lines(path), 1, free=".", blocked="#")
+
+
+def _read_movingai(path: Path) -> NDArray[np.bool_]:
+    lines = _text_lines(path)
+    sizes: dict[str, int] = {}
+    for number, line in enumerate(lines, start=1):
+        words = line.split()
+        if words == ["map"]:
+            body = lines[number:]
+            break
+        if len(words) == 2 and words[0] in {"height", "width"} and words[1].isascii() and words[1].isdigit():
+            sizes[words[0]] = int(words[1])
+        elif not (len(words) == 2 and words[0] == "type"):
+            raise InvalidInputError(
+                f"{path}, line {number}: expected 'type NAME', 'height N', 'width N' or 'map', got {line[:40]!r}"
+            )
+    else:
+        raise InvalidInputError(f"{path}: expected a line 'map' after the header, got none in {len(lines)} lines")
+    cells = _grid(path, body, number + 1, free=".GS", blocked="@OTW")
+    for key, got in (("height", cells.shape[0]), ("width", cells.shape[1])):
+        if sizes.get(key, got) != got:
+            raise InvalidInputError(f"{path}: expected {key} {sizes[key]} as the header says, got {got}")
+    return cells
+
+
+def _read_npy(path: Path) -> NDArray[Any]:
+    try:
+        with path.open("rb") as file:
+            version = np.lib.format.read_magic(file)
+            header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            shape, _, dtype = header(file)
+            if dtype.hasobject or int(np.prod(shape, dtype=object)) > MAX_CELLS:
+                raise InvalidInputError(f"{path}: expected at most {MAX_CELLS} numbers, got {dtype} {shape}")
+        return np.asarray(np.load(path, allow_pickle=False))
+    except InvalidInputError:
+        raise
+    except Exception as error:  # NumPy's header parser raises several kinds
+        raise InvalidInputError(f"{path}: expected a NumPy array file: {_one_line(error)}") from None
+
+
+def _read_csv(path: Path) -> NDArray[np.bool_]:
+    rows: list[list[bool]] = []
+    for number, line in enumerate(_text_lines(path), start=1):
+        values = [value.strip() for value in line.split(",")]
+        for column, value in enumerate(values, start=1):
+            if value not in {"0", "1"}:
+                raise InvalidInputError(f"{path}, line {number}, column {column}: expected 0 or 1, got {value[:20]!r}")
+        if rows and len(values) != len(rows[0]):
+            raise InvalidInputError(
+                f"{path}, line {number}: expected {len(rows[0])} cells as in the first row, got {len(values)}"
+            )
+        rows.append([value == "1" for value in values])
+    return np.array(rows, dtype=np.bool_)
+
+
+_READERS: dict[str, Callable[[Path], NDArray[Any]]] = {
+    ".txt": _read_text,
+    ".map": _read_movingai,
+    ".npy": _read_npy,
+    ".csv": _read_csv,
+}
+
+
+def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
+    """Write a workspace; the suffix says the format, as for :func:`read_map`, which reads the same cells back.
+
+    Only ``.npy`` takes three dimensions, and JPEG is refused: it would not come back the same.
+
+    Raises
+    ------
+    InvalidInputError
+        For another suffix, or a 3-D workspace in a 2-D format.
+    OutputError
+        If the file cannot be written; nothing is left behind.
+    """
+    target = Path(path)
+    suffix = target.suffix.lower()
+    writable = [*(s for s in PICTURES if s not in {".jpg", ".jpeg"}), *_READERS]
+    if suffix not in writable:
+        raise InvalidInputError(f"{target}: expected one of the suffixes {' '.join(writable)}, got {suffix!r}")
+    if workspace.ndim != 2 and suffix != ".npy":
+        raise InvalidInputError(f"{target}: expected .npy for a 3-D workspace, got {suffix!r}")
+    with atomic(target) as temporary:
+        if suffix == ".npy":
+            np.save(temporary, workspace.free)
+        elif suffix in PICTURES:
+            from PIL import Image
+
+            Image.fromarray(workspace.free.astype(np.uint8) * 255).save(temporary)
+        else:
+            temporary.write_text(_as_text(workspace, suffix), encoding="utf-8")
+
+
+def _as_text(workspace: GridWorkspace, suffix: str) -> str:
+    if suffix == ".csv":
+        return "".join(",".join(np.where(row, "1", "0")) + "\n" for row in workspace.free)
+    if suffix == ".map":
+        height, width = workspace.shape
+        body = str(workspace).replace("#", "@")
+        return f"type octile\nheight {height}\nwidth {width}\nmap\n{body}\n"
+    return f"{workspace}\n"

@@ -1,0 +1,62 @@
+"""Open a map by what a user types: a file, or the name of a generated one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from shoal.errors import InvalidInputError
+from shoal.swarm.workspace import GridWorkspace
+
+
+def open_map(
+    text: str,
+    *,
+    vessels: bool = False,
+    width: int | None = None,
+    threshold: float = 0.5,
+    invert: bool = False,
+    scale: float = 1.0,
+) -> GridWorkspace:
+    """Return the workspace that ``text`` names.
+
+    Parameters
+    ----------
+    text : str
+        A generated map ("vessels:5000"; see ``shoal maps``) or the path of a file (see :func:`shoal.swarm.formats.read_map`).
+    vessels : bool
+        The file is a photograph: segment its vessels (needs the extra ``shoal[imaging]``).
+    width : int, optional
+        With ``vessels``: the larger side of the map, in cells.
+    threshold, invert, scale
+        For pictures that are maps already.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError, MissingExtraError
+        If there is no such map, or it cannot be read.
+
+    Examples
+    --------
+    >>> open_map("line:7")
+    <GridWorkspace 'line:7': 1x7, 7 free cells>
+    """
+    from shoal.swarm import generators
+
+    path = Path(text)
+    named = generators.is_spec(text) and not path.is_file()
+    if vessels:
+        if named:
+            raise InvalidInputError(f"vessels: expected a photograph to segment, got the generated map {text!r}")
+        from shoal.swarm.formats import read_pixels
+        from shoal.swarm.imaging import segment_vessels
+
+        pixels = read_pixels(path)
+        try:
+            return GridWorkspace(segment_vessels(pixels, width=width), name=path.stem)
+        except InvalidInputError as error:
+            raise InvalidInputError(f"{path}: {error}") from None
+    if named or (not path.suffix and not path.exists()):
+        return GridWorkspace(generators.generate(text), name=text)
+    from shoal.swarm.formats import read_map
+
+    return read_map(path, threshold=threshold, invert=invert, scale=scale)

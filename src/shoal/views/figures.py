@@ -1,0 +1,133 @@
+"""Figures of episodes: the final map, and the frontier by move."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from shoal.errors import InvalidInputError
+from shoal.files import atomic
+from shoal.swarm import Episode
+from shoal.swarm.display import PALETTE, belief_raster, in_strips
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_INK, _MUTED = "#22262c", "#6b7280"
+_LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obstacle": "obstacle", "unknown": "unknown"}
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
+
+
+def final_map(episode: Episode) -> Figure:
+    """Return the figure of the map at the end of an episode: particles, frontier, free cells, obstacles, unknown cells.
+
+    Very wide maps are cut into strips, read like lines of text; layers of a 3-D map stand side by side.
+    """
+    return map_figure(episode, moves=episode.moves)
+
+
+def map_figure(episode: Episode, *, moves: int) -> Figure:
+    """Return the figure of the map after ``moves`` moves.
+
+    Raises
+    ------
+    InvalidInputError
+        If the episode has fewer moves.
+    """
+    if not 0 <= moves <= episode.moves:
+        raise InvalidInputError(f"moves: expected 0 to {episode.moves}, got {moves}")
+    if moves == episode.moves:
+        state, belief = episode.final()
+    else:
+        state, belief = next(frame for i, frame in enumerate(episode.frames()) if i == moves)
+    sheet = in_strips(belief_raster(state, belief))
+    height, width = sheet.shape[:2]
+    inches = 6.4
+    figure = _figure(inches, float(np.clip(inches * height / width + 0.9, 2.2, 9.5)))
+    axes = figure.add_subplot()
+    axes.imshow(sheet, interpolation="nearest" if max(height, width) < 900 else "antialiased")
+    axes.set_axis_off()
+    axes.set_title(
+        f"{episode.workspace.name} after {moves} moves", fontsize=11, color=_INK, loc="left", fontweight="bold"
+    )
+    _legend(axes, coverage=episode.targets is not None)
+    return figure
+
+
+def _legend(axes: Axes, *, coverage: bool) -> None:
+    from matplotlib.patches import Patch
+
+    names = dict(_LEGEND, frontier="not covered yet") if coverage else _LEGEND
+    handles = [
+        Patch(facecolor=PALETTE[key], edgecolor=_MUTED, linewidth=0.5, label=name)
+        for key, name in names.items()
+        if not (coverage and key == "unknown")
+    ]
+    axes.legend(
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=5, frameon=False, fontsize=8,
+        handlelength=1, handleheight=1, columnspacing=1.4,
+    )  # fmt: skip
+
+
+def frontier_plot(episodes: Sequence[Episode]) -> Figure:
+    """Return the plot of frontier cells against moves, as paper M, Fig. 8: a line an episode, and the median of many.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no episode.
+    """
+    if not episodes:
+        raise InvalidInputError("frontier plot: expected at least one episode, got none")
+    figure = _figure(6.4, 3.6)
+    axes = figure.add_subplot()
+    curves = [np.concatenate([[e.first_frontier], e.frontier]) for e in episodes]
+    many = len(curves) > 1
+    for curve in curves[:200]:
+        axes.plot(curve, color=PALETTE["frontier"], lw=0.7 if many else 1.8, alpha=0.35 if many else 1.0)
+    if many:
+        longest = max(len(curve) for curve in curves)
+        table = np.zeros((len(curves), longest))
+        for row, curve in zip(table, curves, strict=True):
+            row[: len(curve)] = curve
+        axes.plot(np.median(table, axis=0), color=PALETTE["particle"], lw=2, label=f"median of {len(curves)} trials")
+        axes.legend(frameon=False, fontsize=9)
+    first = episodes[0]
+    cells = "frontier cells" if first.targets is None else "cells not covered yet"
+    axes.set(xlabel="moves", ylabel=cells, xlim=(0, None), ylim=(0, None))
+    axes.set_title(
+        f"{first.workspace.name}: {first.task} by {first.policy}, {first.n_particles} particles",
+        fontsize=11, color=_INK, loc="left", fontweight="bold",
+    )  # fmt: skip
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(colors=_MUTED, labelcolor=_INK)
+    axes.grid(color="#e5e7eb", lw=0.6)
+    axes.set_axisbelow(True)
+    return figure
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
+    """Write a figure as PNG, SVG or PDF, whole or not at all.
+
+    Raises
+    ------
+    InvalidInputError
+        For another suffix.
+    OutputError
+        If it cannot be written.
+    """
+    target = Path(path)
+    if target.suffix not in {".png", ".svg", ".pdf"}:
+        raise InvalidInputError(f"{target}: expected the suffix .png, .svg or .pdf, got {target.suffix!r}")
+    with atomic(target) as temporary:
+        figure.savefig(temporary)

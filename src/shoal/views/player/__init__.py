@@ -1,0 +1,79 @@
+"""The player: one HTML page, with nothing outside it, that plays a swarm episode.
+
+The page simulates the episode again from its start and its commands, so the file stays small: some 50 kB for the
+player and a few kB for the episode.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from importlib import resources
+
+__all__ = ["render"]
+
+_MARKER = re.compile(r"<!-- shoal:(\w+) -->")
+_PARTS = {
+    "css": "player.css",
+    "simulate": "simulate.js",
+    "picture": "picture.js",
+    "chart": "chart.js",
+    "hands": "hands.js",
+    "player": "player.js",
+}
+
+
+def render(data: dict[str, object]) -> str:
+    r"""Return the text of a page that plays an episode.
+
+    Parameters
+    ----------
+    data : dict
+        The episode, ready for JSON:
+
+        - ``title``, ``map``, ``policy``, ``version`` : str, shown as they are; ``seed`` : int or None.
+        - ``task`` : ``"mapping"``, ``"coverage"`` or ``"subset-coverage"``.
+        - ``rule`` : ``"block"``, ``"merge"`` or ``"tilt"``.
+        - ``shape`` : ``[H, W]``.
+        - ``free`` : base64 of ``numpy.packbits(free.ravel())``; a set bit is a free cell.
+        - ``start`` : base64 of the particles as little-endian uint32 indices ``r * W + c``.
+        - ``targets`` : None, or the cells to cover in the form of ``free``. None in the task ``"coverage"`` means
+          all free cells.
+        - ``commands`` : str of the letters ``lurd``.
+        - ``status`` : ``"complete"``, ``"stalled"`` or ``"limit"``.
+
+    Returns
+    -------
+    str
+        An HTML document with styles, scripts and data inlined. It loads nothing; its content security policy
+        forbids it to.
+
+    Raises
+    ------
+    TypeError
+        If a value has no JSON form.
+    ValueError
+        If a number is not finite.
+
+    Notes
+    -----
+    The data is not checked here: a page whose data describes no episode opens, and says in one sentence what is
+    wrong with it.
+
+    Examples
+    --------
+    >>> page = render({"title": "A </script> in the title"})
+    >>> "A </script>" in page, r"A \u003c/script>" in page
+    (False, True)
+    """
+    parts = {name: _read(file) for name, file in _PARTS.items()}
+    parts["title"] = html.escape(str(data.get("title") or "Shoal"))
+    # A "<" can end the script block or open a comment in it; anywhere in JSON it can only stand inside a string.
+    parts["data"] = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", r"\u003c")
+    return _MARKER.sub(lambda marker: parts[marker[1]], _read("player.html"))
+
+
+def _read(file: str) -> str:
+    """Return the text of a file of this package."""
+    return resources.files(__name__).joinpath(file).read_text(encoding="utf-8")

@@ -1,0 +1,359 @@
+/* The page: what the buttons, keys and pointers do, and what is shown after each move. */
+"use strict";
+
+(() => {
+  const SPEEDS = [1, 5, 20, 60, 240, 1000]; // moves a second
+  const FILM_SECONDS = 20; // the first speed is the one that comes nearest to this
+  const SLICE = 12; // milliseconds of simulation between two looks at the page
+  const SLIDE = 150; // milliseconds a particle takes to its next cell, if the speed leaves the time
+  const SLIDES_UP_TO = 20; // moves a second; beyond, and for small cells, sliding only blurs
+  const PILES = 5000; // particles beyond which sliding costs too much
+  const NAMES = { l: "left", u: "up", r: "right", d: "down" };
+  const ENDINGS = { complete: "complete", stalled: "stalled", limit: "stopped at the limit" };
+
+  const $ = (id) => document.getElementById(id);
+  const number = (n) => n.toLocaleString("en-GB");
+  const plural = (n, word) => `${number(n)} ${word}${n === 1 ? "" : "s"}`;
+  const calm = matchMedia("(prefers-reduced-motion: reduce)");
+
+  function fail(sentence) {
+    $("player").hidden = true;
+    $("problem").hidden = false;
+    $("problem").textContent = `This film cannot be shown. ${sentence}`;
+  }
+
+  function start() {
+    let data;
+    try {
+      data = JSON.parse($("data").textContent);
+      const world = ShoalSim.readWorld(data);
+      $("player").hidden = false;
+      window.shoalPlayer = play(data, world);
+    } catch (error) {
+      if (error instanceof ShoalSim.DataError) fail(error.message);
+      else if (data === undefined) fail("Its data is not valid JSON.");
+      else {
+        fail("Its data is damaged.");
+        throw error;
+      }
+    }
+  }
+
+  // ---- what does not change ---------------------------------------------------------------------
+
+  function fillRows(list, rows) {
+    for (const [term, value] of rows) {
+      const row = document.createElement("div"), dt = document.createElement("dt"), dd = document.createElement("dd");
+      dt.textContent = term;
+      dd.textContent = value;
+      row.append(dt, dd);
+      list.append(row);
+    }
+  }
+
+  function describe(data, world) {
+    const text = (value) => (value == null ? "" : String(value));
+    const { length } = world.commands, covering = world.task !== "mapping";
+    const ending = ENDINGS[data.status] ?? text(data.status);
+    $("title").textContent = text(data.title) || text(data.map) || "Episode";
+    const facts = [data.map, data.task, data.policy, plural(world.start.length, "particle"), ending];
+    $("facts").replaceChildren(...facts.map(text).filter(Boolean).map((fact) => {
+      const span = document.createElement("span");
+      span.textContent = fact;
+      return span;
+    }));
+    $("of").textContent = `of ${number(length)}`;
+    $("shareWord").textContent = covering ? "covered" : "classified";
+    $("frontierWord").textContent = covering ? "To cover" : "Frontier";
+    $("chartTitle").textContent = covering ? "Cells to cover by move" : "Frontier cells by move";
+    $("unknownRow").hidden = covering;
+    $("sharedRow").hidden = world.rule !== "merge";
+    $("particles").textContent = number(world.start.length);
+    $("scrub").max = length;
+    fillRows($("details"), [
+      ["Map", `${world.shape[0]} × ${world.shape[1]}`],
+      ["Rule", world.rule],
+      ["Seed", data.seed == null ? "none" : text(data.seed)],
+      ["Shoal", text(data.version) || "unknown"],
+    ]);
+  }
+
+  // ---- the player -----------------------------------------------------------------------------------
+
+  function play(data, world) {
+    const timeline = new ShoalSim.Timeline(world), swarm = new ShoalSim.Swarm(world);
+    const picture = new ShoalPicture.Picture($("picture"), timeline);
+    const chart = new ShoalChart.Chart($("chart"), timeline);
+    const { length } = timeline;
+    let move = 0; // the move shown
+    let wanted = null; // a move asked for before it was simulated
+    let playing = false, owed = 0, clock = 0; // owed: the part of a move that playing has not shown yet
+    let slideStart = -Infinity, slideTime = 0;
+    let speed = SPEEDS.reduce((a, b) => (distance(b) < distance(a) ? b : a));
+    let colours = {}, pending = 0;
+
+    /** How far the length of the film at some speed is from the wanted one, as a ratio. */
+    function distance(rate) {
+      return Math.abs(Math.log(Math.max(1, length) / rate / FILM_SECONDS));
+    }
+
+    // ---- drawing: at most once a frame ----
+
+    function redraw() {
+      pending ||= requestAnimationFrame(frame);
+    }
+
+    function frame(now) {
+      pending = 0;
+      if (playing) advance(now);
+      const slide = slideTime ? Math.min(1, (performance.now() - slideStart) / slideTime) : 1;
+      picture.draw(move, swarm, 1 - (1 - slide) ** 3);
+      chart.draw(move, colours);
+      if (slide === 1) slideTime = 0;
+      if (playing || slideTime) redraw();
+    }
+
+    function advance(now) {
+      owed += (Math.max(0, Math.min(now - clock, 100)) / 1000) * speed; // after a hidden tab, no leap
+      clock = now;
+      const next = Math.min(move + Math.floor(owed), timeline.done);
+      owed %= 1;
+      if (next > move) show(next);
+      if (move === length) pause();
+    }
+
+    // ---- moves ----
+
+    function show(n) {
+      if (n === move) return;
+      const single = n === move + 1 && speed <= SLIDES_UP_TO && world.start.length <= PILES && !calm.matches;
+      timeline.seek(swarm, move, n);
+      move = n;
+      slideTime = single && picture.size >= 4 ? Math.min(SLIDE, 700 / speed) : 0;
+      slideStart = performance.now();
+      report();
+      redraw();
+    }
+
+    /** Go to move n; what is not simulated yet is followed as the simulation gets there. */
+    function goTo(n) {
+      n = Math.max(0, Math.min(length, Math.round(n)));
+      wanted = n > timeline.done ? n : null;
+      owed = 0;
+      show(Math.min(n, timeline.done));
+    }
+
+    function build() {
+      timeline.advance(length, SLICE);
+      if (wanted !== null) {
+        show(Math.min(wanted, timeline.done));
+        if (move === wanted) wanted = null;
+      }
+      redraw();
+      if (timeline.done < length) setTimeout(build);
+    }
+
+    function start() {
+      if (playing || length === 0) return;
+      if (move === length) goTo(0);
+      playing = true;
+      clock = performance.now();
+      owed = 0;
+      reportPlaying();
+      redraw();
+    }
+
+    function pause() {
+      if (!playing) return;
+      playing = false;
+      reportPlaying();
+    }
+
+    function stepBy(n) {
+      pause();
+      goTo((wanted ?? move) + n);
+    }
+
+    // ---- words and numbers ----
+
+    function report() {
+      const letter = move ? ShoalSim.COMMANDS[world.commands[move - 1]] : null;
+      $("move").textContent = number(move);
+      const share = timeline.progress(move); // rounded down, so 100 % means all
+      $("share").textContent = `${share === 1 ? "100" : (Math.floor(share * 1000) / 10).toFixed(1)} %`;
+      $("bar").style.transform = `scaleX(${share})`;
+      for (const name of ["frontier", "free", "obstacle"]) $(name).textContent = number(timeline[name][move]);
+      if (world.rule === "merge") $("shared").textContent = number(swarm.count.reduce((n, c) => n + (c > 1), 0));
+      $("scrub").value = move;
+      $("scrub").style.setProperty("--done", length ? move / length : 0);
+      for (const arrow of $("compass").querySelectorAll("path")) arrow.classList.toggle("on", arrow.dataset.to === letter);
+      $("compass").setAttribute("aria-label", letter ? `Command: ${NAMES[letter]}` : "No command yet");
+      if (!playing) announce();
+    }
+
+    let speaking = 0;
+    function announce() {
+      const words = `Move ${move} of ${length}`;
+      $("scrub").setAttribute("aria-valuetext", words);
+      $("picture").setAttribute("aria-label",
+        `The grid at move ${move}: ${timeline.frontier[move]} ${$("frontierWord").textContent.toLowerCase()} cells`);
+      clearTimeout(speaking); // a drag should be read out once, where it ends
+      speaking = setTimeout(() => { if (!playing) $("live").textContent = words; }, 300);
+    }
+
+    function reportPlaying() {
+      $("player").classList.toggle("playing", playing);
+      $("play").setAttribute("aria-label", playing ? "Pause" : "Play");
+      if (playing) $("live").textContent = "";
+      else announce();
+    }
+
+    function setSpeed(rate) {
+      speed = rate;
+      $("speed").value = rate;
+    }
+
+    function changeSpeed(by) {
+      setSpeed(SPEEDS[Math.max(0, Math.min(SPEEDS.length - 1, SPEEDS.indexOf(speed) + by))]);
+    }
+
+    // ---- colours and sizes ----
+
+    /** The picture takes its colours from the legend, so that the two cannot disagree. */
+    function setTheme(theme) {
+      document.documentElement.dataset.theme = theme;
+      $("theme").setAttribute("aria-pressed", theme === "dark");
+      const style = getComputedStyle(document.documentElement);
+      const read = (name) => {
+        const hex = style.getPropertyValue(`--${name}`).trim();
+        return [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16));
+      };
+      const palette = { label: read("soft") };
+      for (const name of ["unknown", "frontier", "free", "obstacle", "particle", "shared"]) palette[name] = read(name);
+      picture.setPalette(palette);
+      const css = (name, alpha) => ShoalPicture.cssColour(read(name), alpha);
+      colours = {
+        line: css("curve"), faint: css("curve", 0.45), past: css("curve", 0.3), future: css("curve", 0.1),
+        axis: css("line"), cursor: css("ink"), surface: css("page"),
+      };
+      redraw();
+    }
+
+    function toggleTheme() {
+      setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+    }
+
+    function resize() {
+      const ratio = window.devicePixelRatio || 1, stage = $("stage"), strip = $("chart");
+      picture.resize(stage.clientWidth, stage.clientHeight, ratio);
+      chart.resize(strip.clientWidth, strip.clientHeight, ratio);
+      reportZoom();
+      redraw();
+    }
+
+    function reportZoom() {
+      $("fit").hidden = picture.zoom === 1;
+      $("stage").classList.toggle("zoomed", picture.zoom > 1);
+    }
+
+    function fit() {
+      picture.fit();
+      reportZoom();
+      redraw();
+    }
+
+    function zoom(factor, x, y) {
+      picture.zoomAt(factor, x, y);
+      reportZoom();
+      redraw();
+    }
+
+    function pan(x, y) {
+      picture.panBy(x, y);
+      redraw();
+    }
+
+    // ---- hands ----
+
+    const toggle = () => (playing ? pause() : start());
+    const openKeys = () => { if (!$("keys").open) $("keys").showModal(); };
+    const actions = {
+      play: toggle, theme: toggleTheme, help: openKeys, fit,
+      first: () => stepBy(-Infinity), last: () => stepBy(Infinity),
+      back: () => stepBy(-1), forward: () => stepBy(1),
+    };
+    const keys = {
+      " ": toggle, Home: actions.first, End: actions.last, "+": () => changeSpeed(1), "=": () => changeSpeed(1),
+      "-": () => changeSpeed(-1), _: () => changeSpeed(-1), d: toggleTheme, f: fit, "?": openKeys,
+    };
+
+    function onKey(event) {
+      if (event.ctrlKey || event.metaKey || event.altKey || $("keys").open) return;
+      const { key, target } = event, arrow = { ArrowLeft: -1, ArrowRight: 1 }[key];
+      if (target.tagName === "SELECT") return; // it has its own use for these keys
+      if (key === " " && target.tagName === "BUTTON") return; // a focused button is pressed by Space
+      const action = arrow ? () => stepBy(arrow * (event.shiftKey ? 10 : 1)) : keys[key.length === 1 ? key.toLowerCase() : key];
+      if (!action) return;
+      event.preventDefault(); // else the scrub bar would move as well
+      action();
+    }
+
+    function listen() {
+      for (const [id, action] of Object.entries(actions)) {
+        $(id).addEventListener("click", action);
+        // A mouse click leaves the focus where it was, so Space goes on meaning play or pause.
+        $(id).addEventListener("mousedown", (event) => event.preventDefault());
+      }
+      document.addEventListener("keydown", onKey);
+      $("scrub").addEventListener("input", () => { pause(); goTo(Number($("scrub").value)); });
+      ShoalHands.seekOn($("chart"), (x) => { pause(); goTo(chart.moveAt(x)); }, (x) => {
+        const n = x === null ? null : chart.moveAt(x);
+        $("hover").value = n === null || n > timeline.done ? "" : `move ${number(n)}: ${number(timeline.frontier[n])}`;
+      });
+      ShoalHands.zoomOn($("picture"), { zoom, pan, zoomed: () => picture.zoom > 1, held: (on) => $("stage").classList.toggle("dragged", on) });
+      listenToSpeed();
+      const sizes = new ResizeObserver(resize);
+      sizes.observe($("stage"));
+      sizes.observe($("chart"));
+      matchMedia("(prefers-color-scheme: dark)").addEventListener("change", (e) => setTheme(e.matches ? "dark" : "light"));
+    }
+
+    function listenToSpeed() {
+      const select = $("speed");
+      let byPointer = false;
+      select.append(...SPEEDS.map((rate) => new Option(`${number(rate)} ${rate === 1 ? "move" : "moves"}/s`, rate)));
+      select.addEventListener("pointerdown", () => { byPointer = true; });
+      select.addEventListener("keydown", () => { byPointer = false; });
+      select.addEventListener("change", () => {
+        setSpeed(Number(select.value));
+        if (byPointer) select.blur(); // so the keys play again
+      });
+    }
+
+    function snapshot() {
+      const cells = new Set(Array.from(swarm.pos, (cell) => ShoalSim.flatIndex(world, cell)));
+      return {
+        frontier: timeline.frontier[move], free: timeline.free[move], obstacle: timeline.obstacle[move],
+        particles: world.start.length, cells: [...cells].sort((a, b) => a - b),
+      };
+    }
+
+    describe(data, world);
+    listen();
+    setSpeed(speed);
+    setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+    resize();
+    report();
+    build();
+    return {
+      length, play: start, pause, snapshot,
+      get move() { return move; },
+      get playing() { return playing; },
+      get built() { return timeline.done; }, // the moves simulated so far
+      /** Unlike the scrub bar, this waits for the simulation. */
+      seek(n) { timeline.advance(n); goTo(n); },
+    };
+  }
+
+  start();
+})();
