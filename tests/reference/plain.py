@@ -38,6 +38,7 @@ BLOCK, MERGE, TILT = 0, 1, 2
 MAPPING, COVERAGE = 0, 1
 COLUMN_MAJOR, ROW_MAJOR = 0, 1
 COMPLETE, LIMIT, STALLED = 0, 1, 2
+UNSEEN, SOURCE = -1, -2  # marks of the search, apart from all command codes
 
 RULES = ("block", "merge", "tilt")
 TASKS = ("mapping", "coverage")
@@ -213,6 +214,18 @@ def step(
 
 
 @njit(cache=True)
+def put(cells: Grid, index: int, cell: Cell) -> None:
+    """Write a cell into a row of an array of cells."""
+    cells[index, 0], cells[index, 1], cells[index, 2] = cell
+
+
+@njit(cache=True)
+def get(cells: Grid, index: int) -> Cell:
+    """Return a row of an array of cells."""
+    return cells[index, 0], cells[index, 1], cells[index, 2]
+
+
+@njit(cache=True)
 def encode(cell: Cell, shape: Cell, ties: int) -> int:
     """Number a cell so that numerical order is the order of expansion."""
     layer, row, col = cell
@@ -233,18 +246,26 @@ def decode(code: int, shape: Cell, ties: int) -> Cell:
 
 
 @njit(cache=True)
-def occupied_codes(counts: Grid, ties: int) -> Grid:
-    """Return the numbers of all occupied cells, in no particular order."""
+def occupied_cells(counts: Grid, ties: int) -> Grid:
+    """Return the occupied cells, one a row, in the order of expansion."""
     layers, rows, cols = counts.shape
-    codes = np.empty(counts.size, np.int64)
+    cells = np.empty((counts.size, 3), np.int64)
     size = 0
-    for layer in range(layers):
+    if ties == COLUMN_MAJOR:
+        for col in range(cols):
+            for row in range(rows):
+                for layer in range(layers):
+                    if counts[layer, row, col] > 0:
+                        put(cells, size, (layer, row, col))
+                        size += 1
+    else:
         for row in range(rows):
             for col in range(cols):
-                if counts[layer, row, col] > 0:
-                    codes[size] = encode((layer, row, col), counts.shape, ties)
-                    size += 1
-    return codes[:size].copy()
+                for layer in range(layers):
+                    if counts[layer, row, col] > 0:
+                        put(cells, size, (layer, row, col))
+                        size += 1
+    return cells[:size].copy()
 
 
 @njit(cache=True)
@@ -265,19 +286,19 @@ def advance(state: Grid, frontier: Grid, cell: Cell, command: int, slide: bool) 
 
 
 @njit(cache=True)
-def trace(came_by: Grid, parent: Grid, cell: Cell, last: int, ties: int) -> Grid:
+def trace(queue: Grid, parent: Grid, came_by: Grid, cell: Cell, last: int) -> Grid:
     """Return the commands from a source to `cell`, followed by the command `last`."""
     length = 1
     at = cell
-    while came_by[at] >= 0:
+    while came_by[at] != SOURCE:
         length += 1
-        at = decode(parent[at], came_by.shape, ties)
+        at = get(queue, parent[at])
     path = np.empty(length, np.int64)
     path[length - 1] = last
     at = cell
     for index in range(length - 2, -1, -1):
         path[index] = came_by[at]
-        at = decode(parent[at], came_by.shape, ties)
+        at = get(queue, parent[at])
     return path
 
 
@@ -285,34 +306,37 @@ def trace(came_by: Grid, parent: Grid, cell: Cell, last: int, ties: int) -> Grid
 def find_path(sources: Grid, state: Grid, frontier: Grid, slide: bool, ties: int) -> Grid:
     """Return the commands from the nearest source to the nearest frontier cell; empty if there is no way.
 
-    A breadth-first search, level by level; each level is sorted before it is expanded. With `slide` a step
-    of the search is a tilt of a lone particle.
+    A breadth-first search, level by level, each level sorted into the order of expansion (`sources` are so
+    already). With `slide` a step of the search is a tilt of a lone particle.
     """
     shape = state.shape
-    came_by = np.full(shape, -1, np.int8)
-    parent = np.full(shape, -1, np.int64)  # -1: not seen
-    level = np.empty(state.size, np.int64)
-    next_level = np.empty(state.size, np.int64)
-    size = len(sources)
-    for index in range(size):
-        level[index] = sources[index]
-        parent[decode(sources[index], shape, ties)] = sources[index]
-    while size > 0:
-        level[:size].sort()
-        next_size = 0
-        for index in range(size):
-            cell = decode(level[index], shape, ties)
+    came_by = np.full(shape, UNSEEN, np.int8)
+    parent = np.empty(shape, np.int64)  # index in the queue
+    queue = np.empty((state.size, 3), np.int64)
+    codes = np.empty(state.size, np.int64)  # the level that is being discovered
+    begin, end = 0, len(sources)
+    for index in range(end):
+        cell = get(sources, index)
+        put(queue, index, cell)
+        came_by[cell] = SOURCE
+    while begin < end:
+        size = 0
+        for index in range(begin, end):
+            cell = get(queue, index)
             for command in range(directions(state)):
                 found, there = advance(state, frontier, cell, command, slide)
                 if found:
-                    return trace(came_by, parent, cell, command, ties)
-                if parent[there] < 0:
-                    parent[there] = level[index]
+                    return trace(queue, parent, came_by, cell, command)
+                # Where there is no way, `there` is the cell itself, which has been seen.
+                if came_by[there] == UNSEEN:
                     came_by[there] = command
-                    next_level[next_size] = encode(there, shape, ties)
-                    next_size += 1
-        level, next_level = next_level, level
-        size = next_size
+                    parent[there] = index
+                    codes[size] = encode(there, shape, ties)
+                    size += 1
+        codes[:size].sort()
+        for index in range(size):
+            put(queue, end + index, decode(codes[index], shape, ties))
+        begin, end = end, end + size
     return np.empty(0, np.int64)
 
 
@@ -372,7 +396,7 @@ def closest_frontier_episode(
     log = new_log()
     moves = 0
     while left > 0 and moves < max_moves:
-        path = find_path(occupied_codes(counts, ties), state, frontier, rule == TILT, ties)
+        path = find_path(occupied_cells(counts, ties), state, frontier, rule == TILT, ties)
         if len(path) == 0:
             return STALLED, finish(log, moves)
         for command in path:
@@ -409,8 +433,9 @@ def elect_particle_episode(
     left = np.count_nonzero(frontier)
     log = new_log()
     moves = 0
+    sources = np.empty((1, 3), np.int64)
     while left > 0 and moves < max_moves:
-        sources = np.full(1, encode(elected, counts.shape, ties), np.int64)
+        put(sources, 0, elected)
         path = find_path(sources, state, frontier, False, ties)
         if len(path) == 0:
             return STALLED, finish(log, moves)

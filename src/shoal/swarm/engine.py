@@ -12,7 +12,7 @@ from shoal.swarm.belief import Belief
 from shoal.swarm.boards import Board, Frame, Words
 from shoal.swarm.commands import decode, encode, letters_of
 from shoal.swarm.kernels import moves, play, search, slide
-from shoal.swarm.world import SwarmState, empty_words, window_counts
+from shoal.swarm.world import SwarmState
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -22,16 +22,13 @@ RULE_CODES = {"block": moves.BLOCK, "merge": moves.MERGE, "tilt": moves.TILT}
 ORDERS = {"column-major": search.COLUMN_MAJOR, "row-major": search.ROW_MAJOR}
 # The cell from which a command comes, in the order in which such cells are expanded; column-major: left, up, in, out, down, right.
 _PARENTS = {"column-major": "rdoiul", "row-major": "droilu"}
-_NO_COUNTS = np.zeros((0, 0), dtype=np.int32)
 
 
 def pushed(frame: Frame, free: Words, state: SwarmState, code: int, rule: str) -> SwarmState:
     """Return the state after one push; the world's own bookkeeping, so nothing is observed."""
-    open_, frontier, fresh = empty_words(frame, 3)
-    known = np.full(frame.words, np.uint64(2**64 - 1))
-    occupied = state.occupied.words.copy()
-    counts = _NO_COUNTS if state.counts is None else window_counts(frame, state.counts)
-    field = moves.Field(free, occupied, open_, known, frontier, fresh, counts, frame.layers, frame.rows)
+    nothing = np.zeros(0, dtype=np.uint64)
+    boards = (free.ravel(), state.occupied.words.flatten(), nothing, nothing, nothing, nothing)
+    field = moves.Field(*boards, *_work(frame, 2), _counts(state), frame.layers, frame.rows, frame.words[1])
     moves.push(field, code, RULE_CODES[rule])
     return state_of(frame, field)
 
@@ -39,10 +36,27 @@ def pushed(frame: Frame, free: Words, state: SwarmState, code: int, rule: str) -
 def field_of(free: Words, state: SwarmState, belief: Belief) -> moves.Field:
     """Return the kernels' boards for a state and a belief: copies, as they are changed in place."""
     frame = state.occupied.frame
-    counts = _NO_COUNTS if state.counts is None else window_counts(frame, state.counts)
     boards = (state.occupied, belief.open, belief.known, belief.frontier)
-    copies = [board.words.copy() for board in boards]
-    return moves.Field(free, *copies, np.zeros_like(free), counts, frame.layers, frame.rows)
+    copies = [board.words.flatten() for board in boards]
+    return moves.Field(
+        free.ravel(), *copies, *_work(frame, 3), _counts(state), frame.layers, frame.rows, frame.words[1]
+    )
+
+
+def _work(frame: Frame, count: int) -> list[Words]:
+    """Return so many empty boards, flat."""
+    return [np.zeros(frame.words[0] * frame.words[1], dtype=np.uint64) for _ in range(count)]
+
+
+def _counts(state: SwarmState) -> NDArray[np.int32]:
+    """Return counts in the layout of the kernels: rows flattened, 64 columns a word."""
+    if state.counts is None:
+        return np.zeros((0, 0), dtype=np.int32)
+    frame = state.occupied.frame
+    rows, words = frame.words
+    wide = np.zeros((rows, 64 * words), dtype=np.int32)
+    wide[:, : frame.columns] = state.counts.reshape(rows, frame.columns)
+    return wide
 
 
 def check_neighbours(neighbours: str, ndim: int) -> NDArray[np.int8]:
@@ -59,7 +73,7 @@ def search_of(frame: Frame, *, ties: str, neighbours: str, plan_size: int) -> se
         raise InvalidInputError(f"ties: expected one of {', '.join(ORDERS)}, got {ties!r}")
     parents = "".join(letter for letter in _PARENTS[ties] if letter in letters_of(frame.ndim))
     return search.Search(
-        planes=np.zeros((7, *frame.words), dtype=np.uint64),
+        planes=np.zeros((7, frame.words[0] * frame.words[1]), dtype=np.uint64),
         plan=np.zeros(plan_size, dtype=np.int8),
         neighbours=check_neighbours(neighbours, frame.ndim),
         parents=encode(parents, ndim=frame.ndim),
@@ -82,7 +96,7 @@ def mind_of(frame: Frame, n_free: int, belief: Belief, *, rule: str, ties: str, 
     if plan:
         space.plan[: len(plan)] = encode(plan, ndim=frame.ndim)
         memory[play.PLAN_LENGTH] = len(plan)
-    single, visited = empty_words(frame, 2)
+    single, visited = _work(frame, 2)
     trail = np.zeros(n_free + 2, dtype=np.int8)
     return play.Mind(memory, space, slides_of(frame, rule), single, visited, trail)
 
@@ -129,22 +143,21 @@ def path_to_frontier(
     """
     frame = sources.frame
     space = search_of(frame, ties=ties, neighbours=neighbours, plan_size=len(belief.open) + 2)
-    empty = np.zeros_like(sources.words)
+    nothing = np.zeros(0, dtype=np.uint64)
+    boards = (sources, belief.open, belief.known, belief.frontier)
     field = moves.Field(
-        empty,
-        sources.words,
-        belief.open.words,
-        belief.known.words,
-        belief.frontier.words,
-        empty,
-        _NO_COUNTS,
+        nothing,
+        *(board.words.ravel() for board in boards),
+        *(nothing, nothing, nothing),
+        np.zeros((0, 0), dtype=np.int32),
         frame.layers,
         frame.rows,
+        frame.words[1],
     )
     if rule == "tilt":
-        length = slide.nearest_by_tilts(field, space, slides_of(frame, rule), sources.words, mapping)
+        length = slide.nearest_by_tilts(field, space, slides_of(frame, rule), field.occupied, mapping)
     else:
-        length = search.nearest(field, space, sources.words)
+        length = search.nearest(field, space, field.occupied)
     return decode(space.plan[:length])
 
 
@@ -171,12 +184,17 @@ def remaining(mind: play.Mind) -> int:
     return int(mind.memory[play.REMAINING])
 
 
+def board_of(frame: Frame, flat: Words) -> Board:
+    """Return the board that the kernels hold flat."""
+    return Board(frame, flat.reshape(frame.words))
+
+
 def state_of(frame: Frame, field: moves.Field) -> SwarmState:
     """Return the state that the kernels' boards hold now."""
     counts = None
     if field.counts.size:
         counts = field.counts[:, : frame.columns].reshape(frame.window).copy()
-    return SwarmState(Board(frame, field.occupied), counts)
+    return SwarmState(board_of(frame, field.occupied), counts)
 
 
 def play_on(

@@ -69,9 +69,9 @@ def flood_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.i
 
     frame = Frame(workspace.shape)
     start = tuple(int(i) for i in workspace.cells[rng.integers(workspace.n_free)])
-    free = frame.pack(frame.rim(workspace.free))
+    free = frame.pack(frame.rim(workspace.free)).ravel()
     queue = np.zeros((n, 2), dtype=np.int32)
-    state = flood.Flood(free, np.zeros_like(free), queue, frame.layers, frame.rows)
+    state = flood.Flood(free, np.zeros_like(free), queue, frame.layers, frame.rows, frame.words[1])
     layer = start[0] + 1 if workspace.ndim == 3 else 0
     size = flood.flood(state, layer * frame.rows + start[-2] + 1, start[-1] + 1)
     if size < n:

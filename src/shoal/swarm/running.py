@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.swarm.belief import Belief
-from shoal.swarm.boards import Board
 from shoal.swarm.commands import encode
 from shoal.swarm.episode import Episode
 from shoal.swarm.placement import Placement, place
@@ -167,7 +166,7 @@ def play_compiled(
         if ended != engine.RUNNING:
             status = "complete" if ended == engine.COMPLETE else "stalled"
             break
-    final = Belief(*(Board(frame, words) for words in (field.open, field.known, field.frontier)))
+    final = Belief(*(engine.board_of(frame, words) for words in (field.open, field.known, field.frontier)))
     after = engine.state_of(frame, field)
     columns = [np.concatenate(column) for column in zip(*pieces, strict=True)] if pieces else list(engine.new_log(0))
     codes, done, frontier, travelled = columns

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.registry import Registry
-from shoal.swarm.boards import Board, Frame, Words
+from shoal.swarm.boards import Board, Frame
 from shoal.swarm.commands import encode
 from shoal.swarm.workspace import GridWorkspace
 
@@ -179,16 +179,3 @@ class GridWorld:
         from shoal.swarm.engine import pushed
 
         return pushed(self.frame, self.free.words, state, code, self.rule)
-
-
-def window_counts(frame: Frame, counts: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return counts of the window in the layout of the kernels: rows flattened, 64 columns a word."""
-    rows, words = frame.words
-    wide = np.zeros((rows, 64 * words), dtype=np.int32)
-    wide[:, : frame.columns] = counts.reshape(rows, frame.columns)
-    return wide
-
-
-def empty_words(frame: Frame, count: int) -> list[Words]:
-    """Return ``count`` empty boards as words."""
-    return [np.zeros(frame.words, dtype=np.uint64) for _ in range(count)]

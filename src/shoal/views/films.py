@@ -57,7 +57,7 @@ def write_film(episode: Episode, path: str | os.PathLike[str], *, on_frame: OnFr
     suffix = target.suffix.lower()
     with atomic(target) as temporary:
         if suffix == ".html":
-            from shoal.views.player import player_page
+            from shoal.views.player.page import player_page
 
             temporary.write_text(player_page(episode), encoding="utf-8")
             return

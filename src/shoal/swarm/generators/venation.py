@@ -18,7 +18,7 @@ Points = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 STEP = 1.5  # length of one piece of vessel, in cells: short enough for smooth bends
-SPACING = 5.5  # distance between neighbouring twigs, in cells
+SPACING = 5.2  # distance between neighbouring twigs, in cells
 ROUNDS = (6.0, 3.0, 1.6, 1.0)  # spacing of the attraction points of each round, in units of SPACING
 JOIN_REACH = 1.9  # how far a twig looks for a vessel to join, in units of SPACING
 JOINED_SHARE = 0.6  # of the twigs; the others stay dead ends
@@ -122,7 +122,9 @@ def _roots(outline: Outline, rng: np.random.Generator) -> tuple[Points, Indices]
     angles = rng.uniform(0, 2 * np.pi) + np.array([0, rng.uniform(0.6, 1.4) * np.pi])
     stems = [_stem(outline, float(angle)) for angle in angles[: rng.integers(1, 3)]]
     starts = np.cumsum([0] + [len(stem) for stem in stems])
-    parents = [start + np.maximum(np.arange(len(stem)) - 1, 0) for start, stem in zip(starts, stems, strict=False)]
+    parents = [
+        start + np.maximum(np.arange(len(stem)) - 1, 0) for start, stem in zip(starts, stems, strict=False)
+    ]
     return np.concatenate(stems), np.concatenate(parents)
 
 
@@ -258,5 +260,3 @@ def _ancestor(parents: Indices, node: int, steps: int) -> int:
     for _ in range(steps):
         node = int(parents[node])
     return node
-
-

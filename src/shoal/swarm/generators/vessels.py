@@ -9,10 +9,10 @@ from shoal.swarm.generators.venation import Indices, Network, Points, grow_netwo
 
 Mask = NDArray[np.bool_]
 
-AREA_PER_CELL = 2.1  # area of the organ for each free cell, before the network is scaled
-TIP_WIDTH = 0.9  # cells; narrower than one cell is drawn as one cell
-TRUNK_WIDTH = 4.5  # cells, at 5000 free cells
-THIN = 1.5  # pieces narrower than this are drawn as a line of single cells
+AREA_PER_CELL = 1.65  # area of the organ for each free cell, before the network is scaled
+TIP_WIDTH = 1.5  # cells, at the end of a twig
+TRUNK_WIDTH = 4.8  # cells, at 5000 free cells
+THIN = 1.7  # pieces narrower than this are drawn as a line of single cells
 SAMPLES = 9  # points drawn for each piece, which is one or two cells long
 SPECK = 2  # a hole of at most so many cells is filled: two vessels that touch have merged
 
@@ -127,7 +127,9 @@ def _trim(free: Mask, count: int, rng: np.random.Generator) -> Mask:
 def _dead_ends(free: Mask) -> Indices:
     """Return the free cells with one free neighbour, shape (k, 2); the rim of the map must not be free."""
     neighbours = np.zeros(free.shape, dtype=np.int64)
-    neighbours[1:-1, 1:-1] = free[:-2, 1:-1].astype(np.int64) + free[2:, 1:-1] + free[1:-1, :-2] + free[1:-1, 2:]
+    neighbours[1:-1, 1:-1] = (
+        free[:-2, 1:-1].astype(np.int64) + free[2:, 1:-1] + free[1:-1, :-2] + free[1:-1, 2:]
+    )
     return np.argwhere(free & (neighbours == 1))
 
 

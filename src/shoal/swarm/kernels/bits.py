@@ -39,22 +39,12 @@ def lowest(word):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def has(words, row, column):  # type: ignore[no-untyped-def]
-    """Tell whether a cell is in a board."""
-    return (words[row, column >> 6] >> np.uint64(column & 63)) & ONE != ZERO
+def has(words, width, row, column):  # type: ignore[no-untyped-def]
+    """Tell whether a cell is in a board of ``width`` words a row."""
+    return (words[row * width + (column >> 6)] >> np.uint64(column & 63)) & ONE != ZERO
 
 
 @kernel
-def put(words, row, column):  # type: ignore[no-untyped-def]
+def put(words, width, row, column):  # type: ignore[no-untyped-def]
     """Add a cell to a board."""
-    words[row, column >> 6] |= ONE << np.uint64(column & 63)
-
-
-@kernel
-def count(words):  # type: ignore[no-untyped-def]
-    """Return the number of cells of a board."""
-    total = 0
-    for row in range(words.shape[0]):
-        for k in range(words.shape[1]):
-            total += popcount(words[row, k])
-    return total
+    words[row * width + (column >> 6)] |= ONE << np.uint64(column & 63)

@@ -20,6 +20,7 @@ class Flood(NamedTuple):
     queue: NDArray[np.int32]  # (n, 2): row, column
     layers: int
     rows: int
+    width: int
 
 
 @kernel
@@ -27,15 +28,15 @@ def flood(state, row, column):  # type: ignore[no-untyped-def]
     """Fill ``reached`` breadth-first from one cell until the queue is full; return how many cells were reached."""
     queue, size = state.queue, 1
     queue[0, 0], queue[0, 1] = row, column
-    put(state.reached, row, column)
+    put(state.reached, state.width, row, column)
     directions = 4 if state.layers == 1 else 6
     for at in range(queue.shape[0]):
         if at == size:
             break
         for command in range(directions):
             r, c = ahead(queue[at, 0], queue[at, 1], command, state.rows)
-            if size < queue.shape[0] and has(state.free, r, c) and not has(state.reached, r, c):
-                put(state.reached, r, c)
+            if size < queue.shape[0] and has(state.free, state.width, r, c) and not has(state.reached, state.width, r, c):
+                put(state.reached, state.width, r, c)
                 queue[size, 0], queue[size, 1] = r, c
                 size += 1
     return size

@@ -1,9 +1,9 @@
-"""One command: every particle tries one cell, and what that tells about unknown cells.
+"""One command: every particle tries one cell.
 
-All in place and in one pass, in the order in which particles clear the way for one another: row by row against the direction of
-the command, so that whoever is still in the next row when its turn has passed is there to stay. Along a row a queue against a
-wall is a run of set bits that starts at the wall: to the left one addition with carry clears exactly such runs; to the right,
-where no carry runs, they are filled by doubling steps, as many as the longest queue needs.
+A particle stays if the next cell is an obstacle or holds one that stays. Across rows this is a chain from row to row, each row looked
+at after the one that it moves into. Along a row the particles that stay are runs of set bits that end at a wall: towards lower bits
+one addition per word clears exactly such runs, since its carry runs through them; towards higher bits, where no carry runs, they are
+filled by six doubling steps. A run that goes on in the next word is rare and mended afterwards.
 """
 
 from __future__ import annotations
@@ -13,25 +13,28 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.bits import ONE, TOP, ZERO, has, popcount
+from shoal.swarm.kernels.compiling import kernel
 
 BLOCK, MERGE, TILT = 0, 1, 2
 LEFT, UP, RIGHT, DOWN, IN, OUT = 0, 1, 2, 3, 4, 5
 
 
 class Field(NamedTuple):
-    """The boards of one running episode, all changed in place; uint64, shape (layers x rows, words of a row)."""
+    """The boards of one running episode, changed in place; uint64, shape (layers x rows x width,)."""
 
     free: NDArray[np.uint64]  # the truth, which only moves may read
     occupied: NDArray[np.uint64]  # where particles are
     open: NDArray[np.uint64]  # known to be free
     known: NDArray[np.uint64]  # known to be free or obstacle
     frontier: NDArray[np.uint64]  # unknown next to known-free; in coverage the cells still to be covered
-    fresh: NDArray[np.uint64]  # found free by the present move, empty between moves
-    counts: NDArray[np.int32]  # particles of each cell, (layers x rows, 64 x words); shape (0, 0) but for merge
+    fresh: NDArray[np.uint64]  # found free by the present push, empty between pushes
+    before: NDArray[np.uint64]  # where particles were before the present push
+    staying: NDArray[np.uint64]  # work space of the present push
+    counts: NDArray[np.int32]  # particles of each cell, (layers x rows, 64 x width); shape (0, 0) but for merge
     layers: int
-    rows: int
+    rows: int  # of a layer
+    width: int  # words of a row
 
 
 @kernel
@@ -48,139 +51,114 @@ def passes(field, command):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def learn(field, row, k, unknown):  # type: ignore[no-untyped-def]
-    """Classify the attempted cells ``unknown`` of one word by where particles are now; return how many they were."""
-    found = unknown & field.occupied[row, k]
-    field.known[row, k] |= unknown
-    field.frontier[row, k] &= ~unknown
-    field.open[row, k] |= found
-    field.fresh[row, k] |= found
-    return popcount(unknown)
-
-
-@kernel
 def move_across(field, command, rule):  # type: ignore[no-untyped-def]
-    """Move along rows' normals (u, d, i, o); return (cells travelled, cells classified)."""
-    free, occupied, known = field.free, field.occupied, field.known
+    """Move from row to row (u, d, i, o); return the cells travelled."""
+    free, occupied, width = field.free, field.occupied, field.width
     lines, line_stride, first, stride, length, ahead = passes(field, command)
-    blocking = rule != MERGE
-    travelled, classified = 0, 0
+    sharing = ~ZERO if rule == MERGE else ZERO  # all ones: who is in the way does not matter
+    travelled = 0
     for line in range(lines):
         source = line * line_stride + first
         for _ in range(length):
-            target = source + ahead
-            for k in range(free.shape[1]):
-                here = occupied[source, k]
-                if here == ZERO:
-                    continue
-                moving = here & free[target, k]
-                if blocking:
-                    moving &= ~occupied[target, k]  # the next row has moved: who is there stays there
-                occupied[target, k] |= moving
-                occupied[source, k] = here & ~moving
+            here, there = source * width, (source + ahead) * width
+            for k in range(width):
+                cells = occupied[here + k]
+                held = occupied[there + k]  # the next row has moved: who is there stays there
+                moving = cells & free[there + k] & (~held | sharing)
+                occupied[there + k] = held | moving
+                occupied[here + k] = cells & ~moving
                 travelled += popcount(moving)
-                unknown = here & ~known[target, k]
-                if unknown != ZERO:
-                    classified += learn(field, target, k, unknown)
             source += stride
-    return travelled, classified
+    return travelled
 
 
 @kernel
-def move_left(field, rule):  # type: ignore[no-untyped-def]
-    """Move one column to the left; return (cells travelled, cells classified)."""
-    free, occupied, known = field.free, field.occupied, field.known
-    last = free.shape[1] - 1
-    blocking = rule != MERGE
-    travelled, classified = 0, 0
-    for row in range(free.shape[0]):
-        carry = ZERO  # a stopped queue goes on in the next word
-        beside = ZERO  # is the last cell of the previous word free?
-        unknown = ZERO
-        for k in range(last + 1):
-            here, here_free = occupied[row, k], free[row, k]
-            following = occupied[row, k + 1] << TOP if k < last else ZERO
-            staying = here & ~((here_free << ONE) | beside)
-            beside = here_free >> TOP
-            if blocking:
-                total = here + staying
-                overflow = total < here
-                total += carry
-                carry = ONE if overflow or total < carry else ZERO
-                staying = here & ~total
-            moving = here & ~staying
-            occupied[row, k] = staying | (moving >> ONE)
-            travelled += popcount(moving)
-            if k > 0:
-                occupied[row, k - 1] |= moving << TOP
-                if unknown != ZERO:
-                    classified += learn(field, row, k - 1, unknown)
-            unknown = ((here >> ONE) | following) & ~known[row, k]
-        if unknown != ZERO:
-            classified += learn(field, row, k, unknown)
-    return travelled, classified
+def stay_left(field, rule):  # type: ignore[no-untyped-def]
+    """Fill ``staying`` with the particles that a move to the left leaves where they are."""
+    free, before, staying = field.free, field.before, field.staying
+    last = free.shape[0] - 1
+    staying[0] = ZERO  # the first and the last row are rim
+    for i in range(last):
+        staying[i + 1] = before[i + 1] & ~((free[i + 1] << ONE) | (free[i] >> TOP))
+    if rule == MERGE:
+        return
+    for i in range(last + 1):
+        staying[i] = before[i] & ~(before[i] + staying[i])
+    crossing = ZERO
+    for i in range(last):
+        crossing |= (staying[i] >> TOP) & before[i + 1] & ~staying[i + 1]
+    if crossing != ZERO:
+        for i in range(1, last + 1):
+            if (staying[i - 1] >> TOP) & before[i] & ~staying[i] != ZERO:
+                staying[i] |= before[i] & ~(before[i] + ONE)
+
+
+@kernel
+def stay_right(field, rule):  # type: ignore[no-untyped-def]
+    """Fill ``staying`` with the particles that a move to the right leaves where they are."""
+    free, before, staying = field.free, field.before, field.staying
+    last = free.shape[0] - 1
+    staying[last] = ZERO
+    for i in range(last):
+        staying[i] = before[i] & ~((free[i] >> ONE) | (free[i + 1] << TOP))
+    if rule == MERGE:
+        return
+    for i in range(last):
+        staying[i] = fill_down(staying[i], before[i])
+    crossing = ZERO
+    for i in range(last):
+        crossing |= (staying[i + 1] << TOP) & before[i] & ~staying[i]
+    if crossing != ZERO:
+        for i in range(last - 1, -1, -1):
+            seed = (staying[i + 1] << TOP) & before[i] & ~staying[i]
+            if seed != ZERO:
+                staying[i] |= fill_down(seed, before[i])
 
 
 @kernel
 def fill_down(seeds, runs):  # type: ignore[no-untyped-def]
     """Return the bits of ``runs`` that a chain of set bits connects to a higher or equal bit of ``seeds``."""
-    step = ONE
-    while runs != ZERO:
+    for doubling in range(6):
+        step = np.uint64(1 << doubling)
         seeds |= runs & (seeds >> step)
         runs &= runs >> step
-        step = step << ONE
-        if step > TOP:
-            break
     return seeds
 
 
 @kernel
-def move_right(field, rule):  # type: ignore[no-untyped-def]
-    """Move one column to the right; return (cells travelled, cells classified)."""
-    free, occupied, known = field.free, field.occupied, field.known
-    last = free.shape[1] - 1
-    blocking = rule != MERGE
-    travelled, classified = 0, 0
-    for row in range(free.shape[0]):
-        queued = ZERO  # top bit: does the first particle of the word above stay?
-        beside = ZERO  # top bit: is the first cell of the word above free?
-        unknown = ZERO
-        for k in range(last, -1, -1):
-            here, here_free = occupied[row, k], free[row, k]
-            preceding = occupied[row, k - 1] >> TOP if k > 0 else ZERO
-            staying = here & ~((here_free >> ONE) | beside)
-            beside = here_free << TOP
-            if blocking:
-                staying |= here & queued
-                if staying != ZERO:
-                    staying = fill_down(staying, here)
-                queued = staying << TOP
-            moving = here & ~staying
-            occupied[row, k] = staying | (moving << ONE)
-            travelled += popcount(moving)
-            if k < last:
-                occupied[row, k + 1] |= moving >> TOP
-                if unknown != ZERO:
-                    classified += learn(field, row, k + 1, unknown)
-            unknown = ((here << ONE) | preceding) & ~known[row, k]
-        if unknown != ZERO:
-            classified += learn(field, row, k, unknown)
-    return travelled, classified
+def move_along(field, command, rule):  # type: ignore[no-untyped-def]
+    """Move along the rows (l, r); return the cells travelled."""
+    before, staying, occupied = field.before, field.staying, field.occupied
+    last = before.shape[0] - 1
+    travelled = 0
+    if command == LEFT:
+        stay_left(field, rule)
+        for i in range(last):
+            moving, following = before[i] & ~staying[i], before[i + 1] & ~staying[i + 1]
+            occupied[i] = staying[i] | (moving >> ONE) | (following << TOP)
+    else:
+        stay_right(field, rule)
+        for i in range(last):
+            moving, following = before[i + 1] & ~staying[i + 1], before[i] & ~staying[i]
+            occupied[i + 1] = staying[i + 1] | (moving << ONE) | (following >> TOP)
+    for i in range(last + 1):
+        travelled += popcount(before[i] & ~staying[i])
+    return travelled
 
 
 @kernel
 def carry_counts(field, command):  # type: ignore[no-untyped-def]
-    """Move the particle counts of rule merge, before the boards; return the cells travelled."""
-    free, counts = field.free, field.counts
+    """Move the particle counts of rule merge; return the cells travelled."""
+    free, counts, width = field.free, field.counts, field.width
     travelled = 0
     if command == LEFT or command == RIGHT:
         ahead = -1 if command == LEFT else 1
-        width = counts.shape[1]
+        columns = counts.shape[1]
         for row in range(counts.shape[0]):
-            for i in range(1, width - 1):
-                column = i if command == LEFT else width - 1 - i
+            for i in range(1, columns - 1):
+                column = i if command == LEFT else columns - 1 - i
                 n = counts[row, column]
-                if n > 0 and has(free, row, column + ahead):
+                if n > 0 and has(free, width, row, column + ahead):
                     counts[row, column + ahead] += n
                     counts[row, column] = 0
                     travelled += n
@@ -191,7 +169,7 @@ def carry_counts(field, command):  # type: ignore[no-untyped-def]
         for _ in range(length):
             for column in range(counts.shape[1]):
                 n = counts[source, column]
-                if n > 0 and has(free, source + ahead, column):
+                if n > 0 and has(free, width, source + ahead, column):
                     counts[source + ahead, column] += n
                     counts[source, column] = 0
                     travelled += n
@@ -201,12 +179,12 @@ def carry_counts(field, command):  # type: ignore[no-untyped-def]
 
 @kernel
 def push(field, command, rule):  # type: ignore[no-untyped-def]
-    """Try one cell with every particle and classify what was tried; return (cells travelled, cells classified)."""
+    """Try one cell with every particle, keep the old places in ``before``; return the cells travelled."""
+    for i in range(field.occupied.shape[0]):
+        field.before[i] = field.occupied[i]
     carried = carry_counts(field, command) if rule == MERGE else 0
-    if command == LEFT:
-        travelled, classified = move_left(field, rule)
-    elif command == RIGHT:
-        travelled, classified = move_right(field, rule)
+    if command == LEFT or command == RIGHT:
+        travelled = move_along(field, command, rule)
     else:
-        travelled, classified = move_across(field, command, rule)
-    return carried if rule == MERGE else travelled, classified
+        travelled = move_across(field, command, rule)
+    return carried if rule == MERGE else travelled

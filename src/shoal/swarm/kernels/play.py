@@ -59,9 +59,9 @@ def decide_elect(field, mind):  # type: ignore[no-untyped-def]
     """Plan from the elected particle alone to the frontier cell nearest to it."""
     memory = mind.memory
     row, column = memory[ROW], memory[COLUMN]
-    put(mind.single, row, column)
+    put(mind.single, field.width, row, column)
     length = nearest(field, mind.search, mind.single)
-    mind.single[row, column >> 6] = ZERO
+    mind.single[row * field.width + (column >> 6)] = ZERO
     for i in range(length):
         row, column = ahead(row, column, mind.search.plan[i], field.rows)
     memory[TARGET_ROW], memory[TARGET_COLUMN] = row, column
@@ -72,12 +72,12 @@ def decide_elect(field, mind):  # type: ignore[no-untyped-def]
 def decide_depth_first(field, mind):  # type: ignore[no-untyped-def]
     """Probe, else step to a cell not visited, else go back one step."""
     memory, plan = mind.memory, mind.search.plan
-    put(mind.visited, memory[ROW], memory[COLUMN])
+    put(mind.visited, field.width, memory[ROW], memory[COLUMN])
     memory[BACKTRACKING] = 0
     for command in mind.search.neighbours:
         row, column = ahead(memory[ROW], memory[COLUMN], command, field.rows)
-        fresh = has(field.open, row, column) and not has(mind.visited, row, column)
-        if fresh or not has(field.known, row, column):
+        fresh = has(field.open, field.width, row, column) and not has(mind.visited, field.width, row, column)
+        if fresh or not has(field.known, field.width, row, column):
             plan[0] = command
             return 1
     if memory[TRAIL_LENGTH] == 0:
@@ -128,7 +128,7 @@ def follow(field, mind, command):  # type: ignore[no-untyped-def]
     """Keep track of the driven particle: whoever stands where it should have gone is it now; tell whether anybody does."""
     memory = mind.memory
     row, column = ahead(memory[ROW], memory[COLUMN], command, field.rows)
-    if not has(field.occupied, row, column):
+    if not has(field.occupied, field.width, row, column):
         return False
     memory[ROW], memory[COLUMN] = row, column
     return True
@@ -140,7 +140,7 @@ def notice(code, field, mind, command, travelled, done):  # type: ignore[no-unty
     memory = mind.memory
     if code == ELECT:
         follow(field, mind, command)
-        if not has(field.frontier, memory[TARGET_ROW], memory[TARGET_COLUMN]):
+        if not has(field.frontier, field.width, memory[TARGET_ROW], memory[TARGET_COLUMN]):
             memory[PLAN_LENGTH] = 0
     elif code == DEPTH_FIRST:
         if not follow(field, mind, command):
@@ -150,7 +150,7 @@ def notice(code, field, mind, command, travelled, done):  # type: ignore[no-unty
         else:
             mind.trail[memory[TRAIL_LENGTH]] = command
             memory[TRAIL_LENGTH] += 1
-            put(mind.visited, memory[ROW], memory[COLUMN])
+            put(mind.visited, field.width, memory[ROW], memory[COLUMN])
     elif code == SWEEP:
         memory[GAIN] += done
         if memory[PHASE] == 0 or memory[SECOND] == 1:

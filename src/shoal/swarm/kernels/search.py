@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.bits import ONE, TOP, ZERO, has, lowest
+from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.moves import DOWN, IN, LEFT, OUT, RIGHT, UP
 
 COLUMN_MAJOR, ROW_MAJOR = 0, 1
@@ -23,7 +23,7 @@ SEEN, GOALS, WAVE, NEXT, MOD = 0, 1, 2, 3, 4  # planes: MOD, MOD + 1, MOD + 2 ho
 class Search(NamedTuple):
     """Work space and options of a search."""
 
-    planes: NDArray[np.uint64]  # (7, layers x rows, words)
+    planes: NDArray[np.uint64]  # (7, words of a board)
     plan: NDArray[np.int8]  # the commands found, first to last
     neighbours: NDArray[np.int8]  # the commands in the order in which neighbours are looked at
     parents: NDArray[np.int8]  # the commands in the order in which their origin is expanded
@@ -31,69 +31,115 @@ class Search(NamedTuple):
 
 
 @kernel
-def beside(words, row, k, layers, rows):  # type: ignore[no-untyped-def]
-    """Return one word of the cells that have a neighbour in the board ``words``; row is not at the rim."""
-    here = words[row, k]
-    cells = (here << ONE) | (here >> ONE) | words[row - 1, k] | words[row + 1, k]
-    if k > 0:
-        cells |= words[row, k - 1] >> TOP
-    if k + 1 < words.shape[1]:
-        cells |= words[row, k + 1] << TOP
-    if layers > 1:
-        cells |= words[row - rows, k] | words[row + rows, k]
-    return cells
+def dilate(words, within, out, first, last, field):  # type: ignore[no-untyped-def]
+    """Write into ``out`` the cells of ``within`` that have a neighbour in ``words``; words ``first`` to ``last - 1``.
+
+    Slices that start at 0 spare the loop every test for negative indices; only so does it become vector code.
+    """
+    width = field.width
+    here, left, right = words[first:last], words[first - 1 : last - 1], words[first + 1 : last + 1]
+    above, below = words[first - width : last - width], words[first + width : last + width]
+    allowed, result = within[first:last], out[first:last]
+    for i in range(result.shape[0]):
+        cells = (here[i] << ONE) | (here[i] >> ONE) | (left[i] >> TOP) | (right[i] << TOP)
+        result[i] = (cells | above[i] | below[i]) & allowed[i]
+    if field.layers > 1:
+        layer = width * field.rows
+        above, below = words[first - layer : last - layer], words[first + layer : last + layer]
+        for i in range(result.shape[0]):
+            result[i] |= (above[i] | below[i]) & allowed[i]
 
 
 @kernel
-def find_goals(field, sources, goals):  # type: ignore[no-untyped-def]
-    """Fill ``goals`` with the known-free cells beside the frontier; tell whether one is a source."""
-    met = ZERO
-    margin = field.rows if field.layers > 1 else 0
-    for row in range(margin + 1, goals.shape[0] - margin - 1):
-        for k in range(goals.shape[1]):
-            cells = beside(field.frontier, row, k, field.layers, field.rows) & field.open[row, k]
-            goals[row, k] = cells
-            met |= cells & sources[row, k]
-    return met != ZERO
+def meets(one, other):  # type: ignore[no-untyped-def]
+    """Tell whether two boards have a cell in common."""
+    common = ZERO
+    for i in range(one.shape[0]):
+        common |= one[i] & other[i]
+    return common != ZERO
 
 
 @kernel
-def expand(field, planes, low, high, level):  # type: ignore[no-untyped-def]
-    """Compute level ``level`` in NEXT from WAVE, rows low to high; return (low, high, goal met) of the new level."""
-    wave, following, seen, goals = planes[WAVE], planes[NEXT], planes[SEEN], planes[GOALS]
-    mark = planes[MOD + level % 3]
-    new_low, new_high, met = wave.shape[0], -1, ZERO
-    for row in range(low, high + 1):
-        for k in range(wave.shape[1]):
-            cells = beside(wave, row, k, field.layers, field.rows) & field.open[row, k] & ~seen[row, k]
-            following[row, k] = cells
-            if cells != ZERO:
-                seen[row, k] |= cells
-                mark[row, k] |= cells
-                met |= cells & goals[row, k]
-                new_low, new_high = min(new_low, row), row
-    return new_low, new_high, met != ZERO
+def start_planes(planes, sources):  # type: ignore[no-untyped-def]
+    """Set the planes to distance 0 at the board ``sources``."""
+    seen, wave, near = planes[SEEN], planes[WAVE], planes[MOD]
+    for i in range(sources.shape[0]):
+        seen[i] = sources[i]
+        wave[i] = sources[i]
+        near[i] = sources[i]
+    one, two = planes[MOD + 1], planes[MOD + 2]
+    for i in range(sources.shape[0]):
+        one[i] = ZERO
+        two[i] = ZERO
 
 
 @kernel
-def first_cell(wave, goals, layers, rows, order):  # type: ignore[no-untyped-def]
+def expand(field, planes, first, last, level):  # type: ignore[no-untyped-def]
+    """Replace WAVE by the next level, words ``first`` to ``last - 1`` (it has no others); tell whether it is empty."""
+    dilate(planes[WAVE], field.open, planes[NEXT], first, last, field)
+    wave, following = planes[WAVE, first:last], planes[NEXT, first:last]
+    seen, mark = planes[SEEN, first:last], planes[MOD + level % 3, first:last]
+    some = ZERO
+    for i in range(wave.shape[0]):
+        wave[i] = following[i] & ~seen[i]
+        some |= wave[i]
+    for i in range(wave.shape[0]):
+        seen[i] |= wave[i]
+        mark[i] |= wave[i]
+    return some == ZERO
+
+
+@kernel
+def row_range(words, width, first, last):  # type: ignore[no-untyped-def]
+    """Return the first and last row of a board that is not empty, looking at rows ``first`` to ``last``."""
+    while first < last:
+        some = ZERO
+        for k in range(width):
+            some |= words[first * width + k]
+        if some != ZERO:
+            break
+        first += 1
+    while last > first:
+        some = ZERO
+        for k in range(width):
+            some |= words[last * width + k]
+        if some != ZERO:
+            break
+        last -= 1
+    return first, last
+
+
+@kernel
+def first_cell(field, one, other, order):  # type: ignore[no-untyped-def]
     """Return (row, column) of the first common cell of two boards in the order of expansion; there is one."""
-    best_row, best_column, best_key = -1, -1, 0
-    columns = wave.shape[1] * 64
-    for row in range(wave.shape[0]):
-        layer, r = row // rows, row % rows
-        for k in range(wave.shape[1]):
-            cells = wave[row, k] & goals[row, k]
-            if cells != ZERO:
-                column = 64 * k + lowest(cells)
-                if order == COLUMN_MAJOR:
-                    key = (column * rows + r) * layers + layer
-                else:
-                    key = (r * columns + column) * layers + layer
-                if best_row < 0 or key < best_key:
-                    best_row, best_column, best_key = row, column, key
-                break
-    return best_row, best_column
+    width, rows, layers = field.width, field.rows, field.layers
+    if order == COLUMN_MAJOR:
+        for k in range(width):
+            common = ZERO
+            for row in range(layers * rows):
+                common |= one[row * width + k] & other[row * width + k]
+            if common == ZERO:
+                continue
+            first = common & (~common + ONE)
+            for r in range(rows):
+                for layer in range(layers):
+                    i = (layer * rows + r) * width + k
+                    if one[i] & other[i] & first != ZERO:
+                        return layer * rows + r, 64 * k + lowest(common)
+    for r in range(rows):
+        for k in range(width):
+            common = ZERO
+            for layer in range(layers):
+                i = (layer * rows + r) * width + k
+                common |= one[i] & other[i]
+            if common == ZERO:
+                continue
+            column = 64 * k + lowest(common)
+            for layer in range(layers):
+                row = layer * rows + r
+                if has(one, width, row, column) and has(other, width, row, column):
+                    return row, column
+    return -1, -1
 
 
 @kernel
@@ -125,38 +171,21 @@ def opposite(command):  # type: ignore[no-untyped-def]
 @kernel
 def trace_back(field, search, row, column, level):  # type: ignore[no-untyped-def]
     """Write the plan that leads from level 0 to the goal cell at ``level`` and on to the frontier; return its length."""
-    plan = search.plan
+    plan, width = search.plan, field.width
     for command in search.neighbours:
         r, c = ahead(row, column, command, field.rows)
-        if has(field.frontier, r, c):
+        if has(field.frontier, width, r, c):
             plan[level] = command
             break
     for distance in range(level - 1, -1, -1):
         previous = search.planes[MOD + distance % 3]
         for command in search.parents:
             r, c = ahead(row, column, opposite(command), field.rows)
-            if has(previous, r, c):
+            if has(previous, width, r, c):
                 plan[distance] = command
                 row, column = r, c
                 break
     return level + 1
-
-
-@kernel
-def start_planes(planes, sources):  # type: ignore[no-untyped-def]
-    """Set the planes to distance 0 at the board ``sources``; return its first and last row."""
-    low, high = sources.shape[0], -1
-    for row in range(sources.shape[0]):
-        for k in range(sources.shape[1]):
-            cells = sources[row, k]
-            planes[SEEN, row, k] = cells
-            planes[WAVE, row, k] = cells
-            planes[MOD, row, k] = cells
-            planes[MOD + 1, row, k] = ZERO
-            planes[MOD + 2, row, k] = ZERO
-            if cells != ZERO:
-                low, high = min(low, row), row
-    return low, high
 
 
 @kernel
@@ -165,23 +194,24 @@ def nearest(field, search, sources):  # type: ignore[no-untyped-def]
 
     Ties: at each distance cells are expanded in ``search.order``, their neighbours looked at in ``search.neighbours``.
     """
-    planes = search.planes
-    found = find_goals(field, sources, planes[GOALS])
+    planes, width = search.planes, field.width
+    goals, wave = planes[GOALS], planes[WAVE]
+    reach = field.rows if field.layers > 1 else 1  # rows from a cell to its farthest neighbour
+    bottom, top = reach, field.layers * field.rows - 1 - reach
+    dilate(field.frontier, field.open, goals, bottom * width, (top + 1) * width, field)
     level = 0
-    if found:
-        row, column = first_cell(sources, planes[GOALS], field.layers, field.rows, search.order)
+    if meets(sources, goals):
+        row, column = first_cell(field, sources, goals, search.order)
         return trace_back(field, search, row, column, level)
-    reach = field.rows if field.layers > 1 else 1
-    bottom, top = reach, sources.shape[0] - 1 - reach
-    low, high = start_planes(planes, sources)
+    start_planes(planes, sources)
+    low, high = row_range(wave, width, bottom, top)
+    found = False
     while not found:
         level += 1
-        first, last = max(bottom, low - reach), min(top, high + reach)
-        low, high, found = expand(field, planes, first, last, level)
-        if high < 0:
+        low, high = max(bottom, low - reach), min(top, high + reach)
+        if expand(field, planes, low * width, (high + 1) * width, level):
             return 0
-        for r in range(first, last + 1):  # the wave has no other rows
-            for k in range(sources.shape[1]):
-                planes[WAVE, r, k] = planes[NEXT, r, k]
-    row, column = first_cell(planes[WAVE], planes[GOALS], field.layers, field.rows, search.order)
+        low, high = row_range(wave, width, low, high)
+        found = meets(wave[low * width : (high + 1) * width], goals[low * width : (high + 1) * width])
+    row, column = first_cell(field, wave, goals, search.order)
     return trace_back(field, search, row, column, level)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.swarm.kernels.compiling import kernel
-from shoal.swarm.kernels.bits import ONE, ZERO, has
+from shoal.swarm.kernels.bits import ONE, ZERO, has, lowest
 from shoal.swarm.kernels.search import COLUMN_MAJOR, ahead
 
 
@@ -44,29 +44,27 @@ def slide(field, row, column, command, mapping):  # type: ignore[no-untyped-def]
     goal = False
     while True:
         r, c = ahead(row, column, command, field.rows)
-        if not has(field.open, r, c):
-            return row, column, goal or (mapping and has(field.frontier, r, c))
+        if not has(field.open, field.width, r, c):
+            return row, column, goal or (mapping and has(field.frontier, field.width, r, c))
         row, column = r, c
-        goal = goal or (not mapping and has(field.frontier, r, c))
+        goal = goal or (not mapping and has(field.frontier, field.width, r, c))
 
 
 @kernel
 def enqueue_sources(field, search, slides, sources):  # type: ignore[no-untyped-def]
     """Start the queue with the cells of a board; return how many they are."""
-    columns = sources.shape[1] * 64
+    columns = field.width * 64
     for i in range(slides.origin.shape[0]):
         slides.origin[i] = -1
     count = 0
-    for row in range(sources.shape[0]):
-        for k in range(sources.shape[1]):
-            if sources[row, k] == ZERO:
-                continue
-            for bit in range(64):
-                if (sources[row, k] >> np.uint64(bit)) & ONE != ZERO:
-                    column = 64 * k + bit
-                    slides.origin[row * columns + column] = row * columns + column
-                    slides.queue[count] = key_of(row, column, field, columns, search.order)
-                    count += 1
+    for i in range(sources.shape[0]):
+        cells = sources[i]
+        while cells != ZERO:
+            row, column = i // field.width, 64 * (i % field.width) + lowest(cells)
+            cells &= cells - ONE
+            slides.origin[row * columns + column] = row * columns + column
+            slides.queue[count] = key_of(row, column, field, columns, search.order)
+            count += 1
     return count
 
 
@@ -102,7 +100,7 @@ def sort(keys, first, last):  # type: ignore[no-untyped-def]
 @kernel
 def nearest_by_tilts(field, search, slides, sources, mapping):  # type: ignore[no-untyped-def]
     """Search the fewest tilts from the board ``sources`` to a frontier cell; return the length of the plan, 0 if none."""
-    columns = sources.shape[1] * 64
+    columns = field.width * 64
     first, last = 0, enqueue_sources(field, search, slides, sources)
     while first < last:
         sort(slides.queue, first, last)

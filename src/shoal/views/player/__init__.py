@@ -1,7 +1,7 @@
 """The player: one HTML page, with nothing outside it, that plays a swarm episode.
 
-The page simulates the episode again from its start and its commands, so the file stays small: some 50 kB for the
-player and a few kB for the episode.
+The page simulates the episode again from its start and its commands, so the file stays small: some 70 kB, of
+which the episode takes a few.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ def render(data: dict[str, object]) -> str:
         - ``shape`` : ``[H, W]``.
         - ``free`` : base64 of ``numpy.packbits(free.ravel())``; a set bit is a free cell.
         - ``start`` : base64 of the particles as little-endian uint32 indices ``r * W + c``.
-        - ``targets`` : None, or the cells to cover in the form of ``free``. None in the task ``"coverage"`` means
-          all free cells.
+        - ``targets`` : None, or the cells to cover in the form of ``free``; None in the task ``"coverage"``
+          means all free cells.
         - ``commands`` : str of the letters ``lurd``.
         - ``status`` : ``"complete"``, ``"stalled"`` or ``"limit"``.
 
@@ -58,8 +58,8 @@ def render(data: dict[str, object]) -> str:
 
     Notes
     -----
-    The data is not checked here: a page whose data describes no episode opens, and says in one sentence what is
-    wrong with it.
+    The data is not checked here: a page whose data describes no episode opens, and says in one sentence what
+    is wrong with it.
 
     Examples
     --------
@@ -69,7 +69,7 @@ def render(data: dict[str, object]) -> str:
     """
     parts = {name: _read(file) for name, file in _PARTS.items()}
     parts["title"] = html.escape(str(data.get("title") or "Shoal"))
-    # A "<" can end the script block or open a comment in it; anywhere in JSON it can only stand inside a string.
+    # A "<" could end the script block or open a comment in it. In JSON it only stands inside strings.
     parts["data"] = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", r"\u003c")
     return _MARKER.sub(lambda marker: parts[marker[1]], _read("player.html"))
 

@@ -2,7 +2,7 @@
 "use strict";
 
 const ShoalChart = (() => {
-  const INSET = 8; // CSS pixels left and right, half a thumb, so that the cursor stands over the scrub bar's thumb
+  const INSET = 0.5; // rem left and right: half a thumb, so that the cursor stands over the scrub bar's thumb
 
   class Chart {
     constructor(canvas, timeline) {
@@ -11,14 +11,16 @@ const ShoalChart = (() => {
       this.timeline = timeline;
     }
 
-    resize(cssWidth, cssHeight, ratio) {
+    /** `rem` is the page's text size in CSS pixels. */
+    resize(cssWidth, cssHeight, ratio, rem) {
       this.canvas.width = Math.max(1, Math.round(cssWidth * ratio));
       this.canvas.height = Math.max(1, Math.round(cssHeight * ratio));
       this.ratio = ratio;
-      this.left = Math.round(INSET * ratio);
+      this.unit = (ratio * rem) / 16;
+      this.left = Math.round(INSET * rem * ratio);
       this.width = Math.max(1, this.canvas.width - 2 * this.left);
-      this.top = Math.round(5 * ratio);
-      this.bottom = this.canvas.height - Math.round(2 * ratio);
+      this.top = Math.round(5 * this.unit);
+      this.bottom = this.canvas.height - Math.round(2 * this.unit);
     }
 
     /** The move under a point, CSS pixels from the left edge. */
@@ -42,6 +44,7 @@ const ShoalChart = (() => {
       for (this.looked ??= 0; this.looked <= done; this.looked++) {
         this.highest = Math.max(this.highest, frontier[this.looked]);
       }
+      return this.highest;
     }
 
     /** The curve as points, one a move, or at most one a pixel column: then the largest value there. */
@@ -70,7 +73,7 @@ const ShoalChart = (() => {
       this.fillUpTo(canvas.width, area, line, colours.future, colours.faint);
       this.fillUpTo(this.xOf(move), area, line, colours.past, colours.line);
       pen.fillStyle = colours.axis;
-      pen.fillRect(this.left, bottom, this.width, Math.max(1, Math.round(this.ratio)));
+      pen.fillRect(this.left, bottom, this.width, Math.max(1, Math.round(this.unit)));
       this.drawCursor(move, colours);
     }
 
@@ -83,24 +86,24 @@ const ShoalChart = (() => {
       pen.fillStyle = fill;
       pen.fill(area);
       pen.strokeStyle = stroke;
-      pen.lineWidth = 1.5 * this.ratio;
+      pen.lineWidth = 1.5 * this.unit;
       pen.lineJoin = "round";
       pen.stroke(line);
       pen.restore();
     }
 
     drawCursor(move, colours) {
-      const { pen, ratio } = this, x = this.xOf(move), width = Math.max(1, Math.round(ratio));
+      const { pen, unit } = this, x = this.xOf(move), width = Math.max(1, Math.round(unit));
       pen.fillStyle = colours.cursor;
       pen.fillRect(Math.round(x - width / 2), 0, width, this.bottom);
       pen.beginPath();
-      pen.arc(x, this.yOf(this.timeline.frontier[move]), 3.5 * ratio, 0, 2 * Math.PI);
+      pen.arc(x, this.yOf(this.timeline.frontier[move]), 3.5 * unit, 0, 2 * Math.PI);
       pen.fill();
       pen.strokeStyle = colours.surface;
-      pen.lineWidth = 1.5 * ratio;
+      pen.lineWidth = 1.5 * unit;
       pen.stroke();
     }
   }
 
-  return { Chart, INSET };
+  return { Chart };
 })();

@@ -6,10 +6,11 @@
 
 const ShoalPicture = (() => {
   const EXTREME = 12; // maps longer than this many times their width are wrapped like text
-  const GAP = 2; // cells between the lines of a wrapped map
+  const GAP = 2; // cells between the lines of a wrapped map, or more if there is room
   const DISC_FROM = 6; // the cell size from which particles are discs
-  const GRID_FROM = 14; // ... and from which cells get hairlines between them
-  const CLOSEST = 64; // the largest cell when zoomed in, CSS pixels
+  const GRID_FROM = 18; // ... and from which cells get hairlines between them, CSS pixels
+  const CLOSEST = 64; // the largest cell when zoomed in, CSS pixels,
+  const AT_LEAST = 4; // ... unless that would not allow to zoom so many times
   const SNAP_LOSS = 0.9; // whole-pixel cells are used if the picture keeps this share of its size
 
   /** How a map of rows × cols is laid out in an area: in `lines` of `length` cells, stacked across. */
@@ -17,19 +18,27 @@ const ShoalPicture = (() => {
     const wide = cols > EXTREME * rows, tall = rows > EXTREME * cols;
     const long = tall ? rows : cols, across = tall ? cols : rows;
     const [along, stack] = tall ? [height, width] : [width, height];
-    let best = { lines: 1, length: long, size: Math.min(along / long, stack / across) };
+    let best = { lines: 1, length: long, gap: 0, size: Math.min(along / long, stack / across) };
     for (let lines = 2; (wide || tall) && lines <= long; lines++) {
       const length = Math.ceil(long / lines);
       const size = Math.min(along / length, stack / (lines * (across + GAP) - GAP));
       if (size < best.size) break; // lines only get narrower from here
-      best = { lines: Math.ceil(long / length), length, size };
+      best = fillLines(size, long, across, along, stack);
     }
-    const span = best.lines * (across + GAP) - GAP;
+    const span = best.lines * (across + best.gap) - best.gap;
     return {
       ...best, tall, across,
       width: tall ? span : best.length,
       height: tall ? best.length : span,
     };
+  }
+
+  /** Lines of cells of a given size: whole pixels, as long as they can be, and spread over the stack. */
+  function fillLines(size, long, across, along, stack) {
+    if (size >= 3) size = Math.floor(size);
+    const length = Math.min(long, Math.floor(along / size + 1e-9)), lines = Math.ceil(long / length);
+    const room = (stack / size - lines * across) / Math.max(1, lines - 1);
+    return { lines, length, size, gap: clamp(Math.floor(room), GAP, GAP + across) };
   }
 
   const packColour = ([r, g, b]) => ((255 << 24) | (b << 16) | (g << 8) | r) >>> 0;
@@ -57,13 +66,15 @@ const ShoalPicture = (() => {
       this.discs = new Map();
     }
 
-    resize(cssWidth, cssHeight, ratio) {
+    /** `rem` is the page's text size in CSS pixels. */
+    resize(cssWidth, cssHeight, ratio, rem) {
       const { canvas, world } = this;
       canvas.width = Math.max(1, Math.round(cssWidth * ratio));
       canvas.height = Math.max(1, Math.round(cssHeight * ratio));
       this.ratio = ratio;
+      this.unit = (ratio * rem) / 16;
       this.margin = Math.round(6 * ratio);
-      this.gutter = world.cols > EXTREME * world.rows && cssWidth >= 480 ? Math.round(40 * ratio) : 0;
+      this.gutter = world.cols > EXTREME * world.rows && cssWidth >= 480 ? Math.round(40 * this.unit) : 0;
       const width = canvas.width - 2 * this.margin - this.gutter, height = canvas.height - 2 * this.margin;
       this.layOut(wrap(world.rows, world.cols, width, height));
       this.fitSize = this.snap(this.layout.size, SNAP_LOSS);
@@ -79,7 +90,7 @@ const ShoalPicture = (() => {
       for (let cell = 0; cell < wall.length; cell++) {
         const row = Math.floor(cell / cols), col = cell - row * cols;
         const line = Math.floor((layout.tall ? row : col) / layout.length);
-        const shift = line * (layout.across + GAP);
+        const shift = line * (layout.across + layout.gap);
         this.x[cell] = layout.tall ? col + shift : col - line * layout.length;
         this.y[cell] = layout.tall ? row - line * layout.length : row + shift;
       }
@@ -108,7 +119,7 @@ const ShoalPicture = (() => {
 
     /** Scale by a factor, keeping what is under the given point (CSS pixels) where it is. */
     zoomAt(factor, cssX, cssY) {
-      const largest = Math.max(1, (CLOSEST * this.ratio) / this.fitSize);
+      const largest = Math.max(AT_LEAST, (CLOSEST * this.ratio) / this.fitSize);
       const x = cssX * this.ratio, y = cssY * this.ratio;
       const columnThere = (x - this.left) / this.size, rowThere = (y - this.top) / this.size;
       this.zoom = clamp(this.zoom * factor, 1, largest);
@@ -179,16 +190,16 @@ const ShoalPicture = (() => {
 
     /** The first column of each line of a wrapped map, like line numbers. */
     drawLabels() {
-      const { pen, layout, size, left, top, ratio } = this;
-      const pitch = (layout.across + GAP) * size, font = Math.min(11 * ratio, 0.8 * pitch);
-      const skip = Math.ceil((9 * ratio) / pitch); // too tight: label every second, third, ... line
-      pen.font = `${Math.max(font, 9 * ratio)}px system-ui, sans-serif`;
+      const { pen, layout, size, left, top, unit } = this;
+      const pitch = (layout.across + layout.gap) * size, font = Math.min(11 * unit, 0.8 * pitch);
+      const skip = Math.ceil((9 * unit) / pitch); // too tight: label every second, third, ... line
+      pen.font = `${Math.max(font, 9 * unit)}px system-ui, sans-serif`;
       pen.fillStyle = cssColour(this.palette.label);
       pen.textAlign = "right";
       pen.textBaseline = "middle";
       for (let line = 0; line < layout.lines; line += skip) {
         const y = top + line * pitch + (layout.across * size) / 2;
-        pen.fillText(String(Math.max(0, line * layout.length - 1)), left - 6 * ratio, y);
+        pen.fillText(String(Math.max(0, line * layout.length - 1)), left - 6 * unit, y);
       }
     }
 
@@ -208,7 +219,7 @@ const ShoalPicture = (() => {
           row -= (1 - slide) * (row - y[from]);
         }
         if (disc) this.stampDisc(disc[+shared], column, row);
-        else this.fillCell(shared, column, row);
+        else this.fillCell(column, row);
       });
     }
 
@@ -226,12 +237,12 @@ const ShoalPicture = (() => {
     }
 
     /** A cell too small for a disc; never less than a visible speck. */
-    fillCell(shared, column, row) {
+    fillCell(column, row) {
       const speck = Math.max(1, Math.round(1.5 * this.ratio));
       const x = Math.round(this.left + column * this.size), y = Math.round(this.top + row * this.size);
       const width = Math.max(speck, Math.round(this.left + (column + 1) * this.size) - x);
       const height = Math.max(speck, Math.round(this.top + (row + 1) * this.size) - y);
-      this.pen.fillStyle = cssColour(shared ? this.palette.shared : this.palette.particle);
+      this.pen.fillStyle = cssColour(this.palette.particle);
       this.pen.fillRect(x, y, width, height);
     }
 
@@ -248,7 +259,7 @@ const ShoalPicture = (() => {
           pen.fill();
         };
         circle(across * (across < 12 ? 0.46 : 0.4), this.palette.particle);
-        if (shared) circle(across * 0.2, this.palette.shared);
+        if (shared) circle(across * 0.17, this.palette.shared);
         this.discs.set(key, canvas);
       }
       return this.discs.get(key);

@@ -90,7 +90,7 @@
     let playing = false, owed = 0, clock = 0; // owed: the part of a move that playing has not shown yet
     let slideStart = -Infinity, slideTime = 0;
     let speed = SPEEDS.reduce((a, b) => (distance(b) < distance(a) ? b : a));
-    let colours = {}, pending = 0;
+    let colours = {}, pending = 0, stale = true; // stale: the picture, not only the chart, is to be drawn
 
     /** How far the length of the film at some speed is from the wanted one, as a ratio. */
     function distance(rate) {
@@ -99,7 +99,8 @@
 
     // ---- drawing: at most once a frame ----
 
-    function redraw() {
+    function redraw(picture = true) {
+      stale ||= picture;
       pending ||= requestAnimationFrame(frame);
     }
 
@@ -107,7 +108,8 @@
       pending = 0;
       if (playing) advance(now);
       const slide = slideTime ? Math.min(1, (performance.now() - slideStart) / slideTime) : 1;
-      picture.draw(move, swarm, 1 - (1 - slide) ** 3);
+      if (stale) picture.draw(move, swarm, 1 - (1 - slide) ** 3);
+      stale = false;
       chart.draw(move, colours);
       if (slide === 1) slideTime = 0;
       if (playing || slideTime) redraw();
@@ -149,7 +151,8 @@
         show(Math.min(wanted, timeline.done));
         if (move === wanted) wanted = null;
       }
-      redraw();
+      caption();
+      redraw(false);
       if (timeline.done < length) setTimeout(build);
     }
 
@@ -189,6 +192,13 @@
       for (const arrow of $("compass").querySelectorAll("path")) arrow.classList.toggle("on", arrow.dataset.to === letter);
       $("compass").setAttribute("aria-label", letter ? `Command: ${NAMES[letter]}` : "No command yet");
       if (!playing) announce();
+    }
+
+    /** What the chart says about the point under the mouse, or else about the whole curve. */
+    function caption(x = null) {
+      const n = x === null ? null : chart.moveAt(x);
+      $("hover").textContent = n === null || n > timeline.done
+        ? `highest ${number(chart.findHighest())}` : `move ${number(n)}: ${number(timeline.frontier[n])}`;
     }
 
     let speaking = 0;
@@ -245,8 +255,9 @@
 
     function resize() {
       const ratio = window.devicePixelRatio || 1, stage = $("stage"), strip = $("chart");
-      picture.resize(stage.clientWidth, stage.clientHeight, ratio);
-      chart.resize(strip.clientWidth, strip.clientHeight, ratio);
+      const rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
+      picture.resize(stage.clientWidth, stage.clientHeight, ratio, rem);
+      chart.resize(strip.clientWidth, strip.clientHeight, ratio, rem);
       reportZoom();
       redraw();
     }
@@ -306,10 +317,7 @@
       }
       document.addEventListener("keydown", onKey);
       $("scrub").addEventListener("input", () => { pause(); goTo(Number($("scrub").value)); });
-      ShoalHands.seekOn($("chart"), (x) => { pause(); goTo(chart.moveAt(x)); }, (x) => {
-        const n = x === null ? null : chart.moveAt(x);
-        $("hover").value = n === null || n > timeline.done ? "" : `move ${number(n)}: ${number(timeline.frontier[n])}`;
-      });
+      ShoalHands.seekOn($("chart"), (x) => { pause(); goTo(chart.moveAt(x)); }, (x) => caption(x));
       ShoalHands.zoomOn($("picture"), { zoom, pan, zoomed: () => picture.zoom > 1, held: (on) => $("stage").classList.toggle("dragged", on) });
       listenToSpeed();
       const sizes = new ResizeObserver(resize);
@@ -321,7 +329,7 @@
     function listenToSpeed() {
       const select = $("speed");
       let byPointer = false;
-      select.append(...SPEEDS.map((rate) => new Option(`${number(rate)} ${rate === 1 ? "move" : "moves"}/s`, rate)));
+      select.append(...SPEEDS.map((rate) => new Option(`${number(rate)}/s`, rate)));
       select.addEventListener("pointerdown", () => { byPointer = true; });
       select.addEventListener("keydown", () => { byPointer = false; });
       select.addEventListener("change", () => {

@@ -1,0 +1,76 @@
+"""Perfect mazes: one way between any two cells, corridors one cell wide."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
+    """Return a maze carved by a depth-first walk that turns back at dead ends.
+
+    Rooms lie at even rows and columns, walls between them. An even size leaves a last row or column without rooms: there,
+    short dead ends are added at random.
+
+    Parameters
+    ----------
+    width, height : int
+        Size of the picture in cells.
+    seed : int
+        The same seed gives the same map.
+
+    Returns
+    -------
+    ndarray, bool, shape (height, width)
+        True where free: a tree, 4-connected.
+    """
+    rng = np.random.default_rng([seed, height, width])
+    free = np.zeros((height, width), dtype=np.bool_)
+    rooms = free[::2, ::2]
+    rooms[:] = True
+    entered, left = _walk(*rooms.shape, rng)
+    columns = rooms.shape[1]
+    # The wall between two neighbouring rooms lies halfway.
+    free[entered // columns + left // columns, entered % columns + left % columns] = True
+    if width % 2 == 0:
+        free[::2, -1] = rng.random(rooms.shape[0]) < 0.5
+    if height % 2 == 0:
+        free[-1, ::2] = rng.random(columns) < 0.5
+    return free
+
+
+def _walk(rows: int, columns: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return each room but the first, as a flat index, and the room from which it was entered."""
+    # Twelve is a multiple of 1, 2, 3 and 4, so one draw chooses fairly among that many doors.
+    draws = rng.integers(0, 12, rows * columns).tolist()
+    unvisited = bytearray(b"\x01") * (rows * columns)
+    room = int(rng.integers(rows * columns))
+    unvisited[room] = 0
+    trail, entered, left = [room], [], []
+    while trail:
+        room = trail[-1]
+        doors = _doors(room, rows, columns, unvisited)
+        if not doors:
+            trail.pop()
+            continue
+        left.append(room)
+        room = doors[draws[len(entered)] % len(doors)]
+        unvisited[room] = 0
+        entered.append(room)
+        trail.append(room)
+    return np.array(entered, dtype=np.int64), np.array(left, dtype=np.int64)
+
+
+def _doors(room: int, rows: int, columns: int, unvisited: bytearray) -> list[int]:
+    """Return the neighbouring rooms that nobody has been in."""
+    row, column = divmod(room, columns)
+    doors = []
+    if column > 0 and unvisited[room - 1]:
+        doors.append(room - 1)
+    if row > 0 and unvisited[room - columns]:
+        doors.append(room - columns)
+    if column < columns - 1 and unvisited[room + 1]:
+        doors.append(room + 1)
+    if row < rows - 1 and unvisited[room + columns]:
+        doors.append(room + columns)
+    return doors

@@ -1,0 +1,57 @@
+"""From an episode to the data of the player."""
+
+from __future__ import annotations
+
+import base64
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.swarm import Episode
+from shoal.views.player import render
+
+LARGEST = 2_000_000_000
+"""Cells times moves that a page still plays smoothly enough."""
+
+
+def player_page(episode: Episode) -> str:
+    """Return the HTML page that plays an episode.
+
+    Raises
+    ------
+    InvalidInputError
+        If the workspace is 3-D, or map and episode together are too large for a browser.
+    """
+    if episode.workspace.ndim != 2:
+        raise InvalidInputError("the HTML player: expected a 2-D workspace, got 3-D (use .gif or .mp4)")
+    work = episode.workspace.free.size * max(1, episode.moves)
+    if work > LARGEST or episode.workspace.free.size > LARGEST // 100:
+        raise InvalidInputError(
+            f"the HTML player: expected at most {LARGEST:.0e} cells times moves, got {work:.1e} (use .gif or .mp4)"
+        )
+    return render(player_data(episode))
+
+
+def player_data(episode: Episode) -> dict[str, object]:
+    """Return the data contract of :func:`shoal.views.player.render` for an episode."""
+    flat = np.ravel_multi_index(tuple(episode.start.T), episode.workspace.shape)
+    return {
+        "title": f"{episode.workspace.name}: {episode.task} by {episode.policy}",
+        "map": episode.workspace.name,
+        "task": episode.task,
+        "policy": episode.policy,
+        "rule": episode.rule,
+        "shape": list(episode.workspace.shape),
+        "free": _packed(episode.workspace.free),
+        "start": base64.b64encode(flat.astype("<u4").tobytes()).decode(),
+        "targets": None if episode.targets is None else _packed(episode.targets),
+        "commands": episode.commands,
+        "status": episode.status,
+        "seed": episode.seed,
+        "version": episode.version,
+    }
+
+
+def _packed(mask: NDArray[np.bool_]) -> str:
+    return base64.b64encode(np.packbits(mask.ravel()).tobytes()).decode()
