@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from shoal.version import VERSION as __version__
+from shoal.version import __version__
 
 if TYPE_CHECKING:
     from shoal.errors import InvalidInputError, MissingExtraError, OutputError, ShoalError, UnknownNameError

@@ -30,9 +30,7 @@ def packed(shape: tuple[int, int], cells: set[Cell]) -> str:
     return base64.b64encode(np.packbits(board.ravel()).tobytes()).decode()
 
 
-def episode(
-    free: set[Cell], shape: tuple[int, int], start: list[Cell], commands: str, **more: Any
-) -> dict[str, object]:
+def episode(free: set[Cell], shape: tuple[int, int], start: list[Cell], commands: str, **more: Any) -> dict[str, object]:
     flat = np.array([r * shape[1] + c for r, c in start], dtype="<u4")
     data: dict[str, object] = {
         "title": "A test", "task": "mapping", "policy": "by-hand", "rule": "block", "shape": list(shape),
@@ -365,7 +363,7 @@ def test_every_control_has_a_name(open_player):
 
 def test_nothing_overflows_sideways(open_player):
     data = pond(2000) | {"title": "A title that is rather long for a narrow telephone", "rule": "merge"}
-    page = open_player(data, viewport={"width": 360, "height": 740})
+    page = open_player(data, viewport={"width": 360, "height": 740}, is_mobile=True, has_touch=True)
     page.evaluate("shoalPlayer.seek(2000)")
     for width, height in [(360, 740), (320, 568), (740, 360), (820, 1180), (1280, 800), (3840, 2160)]:
         page.set_viewport_size({"width": width, "height": height})
@@ -380,6 +378,7 @@ def test_nothing_overflows_sideways(open_player):
         assert outside == [], (width, height)
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert page.locator("#stage").bounding_box()["height"] >= 220
+        assert page.locator("#controls").bounding_box()["height"] < 2 * page.locator("#play").bounding_box()["height"]
         if (width, height) == (360, 740):  # nothing to scroll, either
             assert page.evaluate("document.documentElement.scrollHeight") <= 740
 

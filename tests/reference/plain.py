@@ -179,9 +179,7 @@ def cover(counts: Grid, frontier: Grid) -> int:
 
 
 @njit(cache=True)
-def substep(
-    counts: Grid, free: Grid, state: Grid, frontier: Grid, command: int, rule: int, task: int
-) -> tuple[int, int, int]:
+def substep(counts: Grid, free: Grid, state: Grid, frontier: Grid, command: int, rule: int, task: int) -> tuple[int, int, int]:
     """Move by at most one cell and observe; return (travelled, classified or covered, frontier gained)."""
     before = counts.copy()
     travelled = move_merge(counts, free, command) if rule == MERGE else move(counts, free, command)
@@ -192,9 +190,7 @@ def substep(
 
 
 @njit(cache=True)
-def step(
-    counts: Grid, free: Grid, state: Grid, frontier: Grid, command: int, rule: int, task: int
-) -> tuple[int, int, int]:
+def step(counts: Grid, free: Grid, state: Grid, frontier: Grid, command: int, rule: int, task: int) -> tuple[int, int, int]:
     """Carry out one command; return (travelled, classified or covered, frontier gained).
 
     A tilt is sub-steps until one in which nothing moves; that last one is observed too, because it shows what
@@ -286,8 +282,8 @@ def advance(state: Grid, frontier: Grid, cell: Cell, command: int, slide: bool) 
 
 
 @njit(cache=True)
-def trace(queue: Grid, parent: Grid, came_by: Grid, cell: Cell, last: int) -> Grid:
-    """Return the commands from a source to `cell`, followed by the command `last`."""
+def trace(queue: Grid, parent: Grid, came_by: Grid, cell: Cell, last: int) -> tuple[Grid, Cell]:
+    """Return the commands from a source to `cell`, followed by the command `last`; and the source."""
     length = 1
     at = cell
     while came_by[at] != SOURCE:
@@ -299,12 +295,12 @@ def trace(queue: Grid, parent: Grid, came_by: Grid, cell: Cell, last: int) -> Gr
     for index in range(length - 2, -1, -1):
         path[index] = came_by[at]
         at = get(queue, parent[at])
-    return path
+    return path, at
 
 
 @njit(cache=True)
-def find_path(sources: Grid, state: Grid, frontier: Grid, slide: bool, ties: int) -> Grid:
-    """Return the commands from the nearest source to the nearest frontier cell; empty if there is no way.
+def find_path(sources: Grid, state: Grid, frontier: Grid, slide: bool, ties: int) -> tuple[Grid, Cell]:
+    """Return the commands from the nearest source to the nearest frontier cell, and that source; empty if there is no way.
 
     A breadth-first search, level by level, each level sorted into the order of expansion (`sources` are so
     already). With `slide` a step of the search is a tilt of a lone particle.
@@ -337,7 +333,7 @@ def find_path(sources: Grid, state: Grid, frontier: Grid, slide: bool, ties: int
         for index in range(size):
             put(queue, end + index, decode(codes[index], shape, ties))
         begin, end = end, end + size
-    return np.empty(0, np.int64)
+    return np.empty(0, np.int64), get(sources, 0)
 
 
 # ------------------------------------------------------------------------------------------- episodes
@@ -372,9 +368,7 @@ def finish(log: Grid, moves: int) -> Grid:
 
 
 @njit(cache=True)
-def replay(
-    counts: Grid, free: Grid, state: Grid, frontier: Grid, commands: Grid, rule: int, task: int
-) -> Grid:
+def replay(counts: Grid, free: Grid, state: Grid, frontier: Grid, commands: Grid, rule: int, task: int) -> Grid:
     """Carry out all `commands`, in place; return the log."""
     left = np.count_nonzero(frontier)
     log = new_log()
@@ -396,7 +390,7 @@ def closest_frontier_episode(
     log = new_log()
     moves = 0
     while left > 0 and moves < max_moves:
-        path = find_path(occupied_cells(counts, ties), state, frontier, rule == TILT, ties)
+        path, _ = find_path(occupied_cells(counts, ties), state, frontier, rule == TILT, ties)
         if len(path) == 0:
             return STALLED, finish(log, moves)
         for command in path:
@@ -436,7 +430,9 @@ def elect_particle_episode(
     sources = np.empty((1, 3), np.int64)
     while left > 0 and moves < max_moves:
         put(sources, 0, elected)
-        path = find_path(sources, state, frontier, False, ties)
+        path, _ = find_path(sources, state, frontier, False, ties)
+        if len(path) == 0:  # its part of the free space is done: elect the particle nearest to the frontier
+            path, elected = find_path(occupied_cells(counts, ties), state, frontier, False, ties)
         if len(path) == 0:
             return STALLED, finish(log, moves)
         target = end_of_path(elected, path)
@@ -500,17 +496,13 @@ def depth_first_episode(
     return (COMPLETE if left == 0 else LIMIT), finish(log, moves)
 
 
-def random_moves_episode(
-    world: World, rule: int, task: int, rng: np.random.Generator, max_moves: int
-) -> tuple[int, Grid]:
+def random_moves_episode(world: World, rule: int, task: int, rng: np.random.Generator, max_moves: int) -> tuple[int, Grid]:
     """Run random-moves to its end, in place; return (status, log). Not compiled: it draws from `rng`."""
     left = int(np.count_nonzero(world.frontier))
     rows: list[tuple[int, int, int, int]] = []
     while left > 0 and len(rows) < max_moves:
         command = int(rng.integers(0, directions(world.counts)))
-        travelled, classified, gained = step(
-            world.counts, world.free, world.state, world.frontier, command, rule, task
-        )
+        travelled, classified, gained = step(world.counts, world.free, world.state, world.frontier, command, rule, task)
         left += gained - classified
         rows.append((command, travelled, classified, left))
     return (COMPLETE if left == 0 else LIMIT), np.array(rows, np.int64).reshape(len(rows), 4)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.reference import plain
+
 from shoal.swarm import Coverage, Episode, GridWorkspace, make_policy, run
 from shoal.swarm.running import trial_rng
-
-from tests.reference import plain
 
 WIDTHS = (1, 2, 3, 61, 62, 63, 64, 65, 126, 127, 128)
 
@@ -123,3 +123,21 @@ def test_larger_maps():
         for policy in ("closest-frontier", "elect-particle"):
             reference = plain.run(free, start, policy=policy, rng=trial_rng(seed))
             same(run(GridWorkspace(free), start=start, policy=policy, seed=seed), reference)
+
+
+@pytest.mark.parametrize(("policy", "rule"), [*PLAYED, *(("random-moves", rule) for rule in ("block", "merge", "tilt"))])
+@pytest.mark.parametrize("task", ["mapping", "coverage"])
+def test_compiled_is_stepwise(policy, rule, task):
+    """A built-in policy played whole in a kernel and step by step through the public world gives the same episode."""
+    rng = np.random.default_rng(15)
+    for seed in range(8):
+        free, start = random_case(rng)
+        todo = "mapping" if task == "mapping" else Targets(reachable(free, start))
+        whole, steps = (
+            run(GridWorkspace(free), task=todo, start=start, rule=rule, policy=policy, seed=seed, max_moves=400, stepwise=s)
+            for s in (False, True)
+        )
+        assert (whole.commands, whole.status) == (steps.commands, steps.status)
+        np.testing.assert_array_equal(whole.done, steps.done)
+        np.testing.assert_array_equal(whole.frontier, steps.frontier)
+        np.testing.assert_array_equal(whole.travelled, steps.travelled)

@@ -234,7 +234,7 @@ def test_a_closest_frontier_path_classifies_its_target(rule: str, seed: int) -> 
     world = plain.make_world(free, start)
     while world.frontier.any():
         sources = plain.occupied_cells(world.counts, plain.COLUMN_MAJOR)
-        path = plain.find_path(sources, world.state, world.frontier, False, plain.COLUMN_MAJOR)
+        path, _ = plain.find_path(sources, world.state, world.frontier, False, plain.COLUMN_MAJOR)
         distance, targets = nearest_frontier(world)
         assert len(path) == distance
         plain.replay(*world, path, plain.RULES.index(rule), plain.MAPPING)
@@ -266,9 +266,7 @@ def test_limit_stops_in_the_middle_of_a_path() -> None:
     result = plain.run(line(9), on_line(0), task="coverage", targets=on_line(8), max_moves=3)
     assert (result["status"], result["commands"]) == ("limit", "rrr")
     assert plain.run(line(9), on_line(0), max_moves=0)["status"] == "limit"
-    assert plain.run(line(9), on_line(8), task="coverage", targets=on_line(8), max_moves=0)["status"] == (
-        "complete"
-    )
+    assert plain.run(line(9), on_line(8), task="coverage", targets=on_line(8), max_moves=0)["status"] == ("complete")
 
 
 def test_log_grows() -> None:
@@ -284,9 +282,7 @@ def test_elected_particle_hands_over_when_blocked() -> None:
     free = np.array([[1, 1], [0, 1]], bool)
     start, targets = [(0, 0), (0, 1)], [(1, 1)]
     for draw, commands in [(0, "rd"), (1, "d")]:
-        result = plain.run(
-            free, start, policy="elect-particle", task="coverage", targets=targets, rng=FixedDraws(draw)
-        )
+        result = plain.run(free, start, policy="elect-particle", task="coverage", targets=targets, rng=FixedDraws(draw))
         assert result["commands"] == commands
 
 

@@ -12,7 +12,7 @@ import typer
 from shoal.cli import demo, maps, swarm
 from shoal.cli.output import say
 from shoal.errors import ShoalError
-from shoal.version import VERSION
+from shoal.version import __version__
 
 app = typer.Typer(
     name="shoal",
@@ -35,7 +35,7 @@ def _shoal(
 ) -> None:
     """Plan, simulate and measure groups of simple bodies that must explore a space exhaustively."""
     if version:
-        print(VERSION)
+        print(__version__)
         raise typer.Exit
 
 

@@ -19,9 +19,7 @@ def maps(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", metavar="FILE", help="Write it: .png .tif .bmp .txt .map .npy or .csv.", show_default=False
-        ),
+        typer.Option("--out", metavar="FILE", help="Write it: .png .tif .bmp .txt .map .npy or .csv.", show_default=False),
     ] = None,
     seed: Annotated[
         int | None, typer.Option("--seed", help="Seed of a random map (as in cave:80x60:7).", show_default=False)
@@ -63,8 +61,6 @@ def _list(json_: bool) -> None:
 
     generators = [GENERATORS.get(key) for key in GENERATORS]
     if json_:
-        print_json(
-            {"maps": [{"name": g.name, "size": g.size, "example": g.example, "summary": g.summary} for g in generators]}
-        )
+        print_json({"maps": [{"name": g.name, "size": g.size, "example": g.example, "summary": g.summary} for g in generators]})
         return
     print_table([(g.example, f"{g.name}:{g.size}. {g.summary}") for g in generators], title="Generated maps")

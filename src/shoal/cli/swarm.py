@@ -178,9 +178,7 @@ def _check_outputs(out: Path | None, film: list[Path] | None) -> None:
         check_folder(out)
 
 
-def write_outputs(
-    episodes: list[Episode], result: dict[str, Any], out: Path | None, film: list[Path] | None
-) -> list[Path]:
+def write_outputs(episodes: list[Episode], result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
     """Write what --out and --film ask for; return the files."""
     written: list[Path] = []
     if out is not None:

@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.swarm.commands import letters_of
@@ -135,7 +136,7 @@ class Board:
         return cls(frame, frame.pack(frame.rim(mask)))
 
     @classmethod
-    def of_cells(cls, frame: Frame, cells: ArrayLike | Iterable[tuple[int, ...]]) -> Board:
+    def of_cells(cls, frame: Frame, cells: NDArray[Any] | Iterable[tuple[int, ...]]) -> Board:
         """Return the set of the given cells, shape (n, ndim).
 
         Raises

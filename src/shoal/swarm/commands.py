@@ -46,8 +46,7 @@ def encode(commands: str, *, ndim: int = 2) -> NDArray[np.int8]:
     for position, letter in enumerate(commands):
         if letter not in known:
             raise InvalidInputError(
-                f"expected commands out of {known!r} for a {ndim}-D workspace, "
-                f"got {letter!r} at position {position + 1}"
+                f"expected commands out of {known!r} for a {ndim}-D workspace, got {letter!r} at position {position + 1}"
             )
     return np.array([_CODES[letter] for letter in commands], dtype=np.int8)
 

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 # Told apart with every common colour blindness, and in grey: particles vermilion, frontier sky blue.
 PALETTE: dict[str, str] = {
-    "unknown": "#b4bac4",
-    "frontier": "#56b4e9",
+    "unknown": "#8f96a1",
+    "frontier": "#62c4f7",
     "free": "#ffffff",
-    "obstacle": "#22262c",
+    "obstacle": "#1b222c",
     "particle": "#d55e00",
 }
 _PARTICLE = 4
@@ -34,9 +34,7 @@ def _rgb(colour: str) -> tuple[int, int, int]:
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
-_COLOURS = np.array(
-    [_rgb(PALETTE[name]) for name in ("unknown", "frontier", "free", "obstacle", "particle")], dtype=np.uint8
-)
+_COLOURS = np.array([_rgb(PALETTE[name]) for name in ("unknown", "frontier", "free", "obstacle", "particle")], dtype=np.uint8)
 
 
 def workspace_raster(workspace: GridWorkspace) -> NDArray[np.uint8]:
@@ -80,7 +78,7 @@ def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def enlarged(raster: NDArray[np.uint8], *, side: int = 640) -> NDArray[np.uint8]:
-    """Return the picture with whole pixels repeated (or, if it is too large, left out) so that its larger side is about ``side``."""
+    """Return the picture with whole pixels repeated (or, if it is too large, left out) so that it is about ``side`` wide."""
     sheet = in_strips(raster)
     largest = max(sheet.shape[:2])
     if largest > side:

@@ -17,6 +17,7 @@ from shoal.swarm.world import SwarmState
 if TYPE_CHECKING:
     from numpy.random import Generator
 
+_WORDS = moves.Field.__annotations__["free"]
 RUNNING, COMPLETE, STALLED = play.RUNNING, play.COMPLETE, play.STALLED
 RULE_CODES = {"block": moves.BLOCK, "merge": moves.MERGE, "tilt": moves.TILT}
 ORDERS = {"column-major": search.COLUMN_MAJOR, "row-major": search.ROW_MAJOR}
@@ -26,20 +27,34 @@ _PARENTS = {"column-major": "rdoiul", "row-major": "droilu"}
 
 def pushed(frame: Frame, free: Words, state: SwarmState, code: int, rule: str) -> SwarmState:
     """Return the state after one push; the world's own bookkeeping, so nothing is observed."""
-    nothing = np.zeros(0, dtype=np.uint64)
-    boards = (free.ravel(), state.occupied.words.flatten(), nothing, nothing, nothing, nothing)
-    field = moves.Field(*boards, *_work(frame, 2), _counts(state), frame.layers, frame.rows, frame.words[1])
+    field = _field(frame, free=free.ravel(), occupied=state.occupied.words.flatten(), counts=_counts(state))
     moves.push(field, code, RULE_CODES[rule])
     return state_of(frame, field)
 
 
 def field_of(free: Words, state: SwarmState, belief: Belief) -> moves.Field:
     """Return the kernels' boards for a state and a belief: copies, as they are changed in place."""
-    frame = state.occupied.frame
-    boards = (state.occupied, belief.open, belief.known, belief.frontier)
-    copies = [board.words.flatten() for board in boards]
+    return _field(
+        state.occupied.frame,
+        free=free.ravel(),
+        occupied=state.occupied.words.flatten(),
+        open=belief.open.words.flatten(),
+        known=belief.known.words.flatten(),
+        frontier=belief.frontier.words.flatten(),
+        counts=_counts(state),
+    )
+
+
+def _field(frame: Frame, *, counts: NDArray[np.int32] | None = None, **boards: Words) -> moves.Field:
+    """Return the kernels' boards: the given ones, flat, and empty ones for all others."""
+    missing = [name for name in moves.Field._fields if moves.Field.__annotations__[name] == _WORDS and name not in boards]
+    boards |= dict(zip(missing, _work(frame, len(missing)), strict=True))
     return moves.Field(
-        free.ravel(), *copies, *_work(frame, 3), _counts(state), frame.layers, frame.rows, frame.words[1]
+        **boards,
+        counts=np.zeros((0, 0), dtype=np.int32) if counts is None else counts,
+        layers=frame.layers,
+        rows=frame.rows,
+        width=frame.words[1],
     )
 
 
@@ -48,10 +63,10 @@ def _work(frame: Frame, count: int) -> list[Words]:
     return [np.zeros(frame.words[0] * frame.words[1], dtype=np.uint64) for _ in range(count)]
 
 
-def _counts(state: SwarmState) -> NDArray[np.int32]:
+def _counts(state: SwarmState) -> NDArray[np.int32] | None:
     """Return counts in the layout of the kernels: rows flattened, 64 columns a word."""
     if state.counts is None:
-        return np.zeros((0, 0), dtype=np.int32)
+        return None
     frame = state.occupied.frame
     rows, words = frame.words
     wide = np.zeros((rows, 64 * words), dtype=np.int32)
@@ -77,6 +92,7 @@ def search_of(frame: Frame, *, ties: str, neighbours: str, plan_size: int) -> se
         plan=np.zeros(plan_size, dtype=np.int8),
         neighbours=check_neighbours(neighbours, frame.ndim),
         parents=encode(parents, ndim=frame.ndim),
+        origin=np.zeros(2, dtype=np.int64),
         order=ORDERS[ties],
     )
 
@@ -141,24 +157,29 @@ def path_to_frontier(
     >>> path_to_frontier(Mapping().begin(world, state), state.occupied)
     'l'
     """
+    return route_to_frontier(belief, sources, rule=rule, mapping=mapping, ties=ties, neighbours=neighbours)[0]
+
+
+def route_to_frontier(
+    belief: Belief, sources: Board, *, rule: str, mapping: bool, ties: str, neighbours: str
+) -> tuple[str, tuple[int, ...]]:
+    """Return the path of :func:`path_to_frontier` and the cell from which it starts (meaningless under "tilt")."""
     frame = sources.frame
     space = search_of(frame, ties=ties, neighbours=neighbours, plan_size=len(belief.open) + 2)
-    nothing = np.zeros(0, dtype=np.uint64)
-    boards = (sources, belief.open, belief.known, belief.frontier)
-    field = moves.Field(
-        nothing,
-        *(board.words.ravel() for board in boards),
-        *(nothing, nothing, nothing),
-        np.zeros((0, 0), dtype=np.int32),
-        frame.layers,
-        frame.rows,
-        frame.words[1],
+    field = _field(
+        frame,
+        occupied=sources.words.ravel(),
+        open=belief.open.words.ravel(),
+        known=belief.known.words.ravel(),
+        frontier=belief.frontier.words.ravel(),
     )
     if rule == "tilt":
         length = slide.nearest_by_tilts(field, space, slides_of(frame, rule), field.occupied, mapping)
     else:
         length = search.nearest(field, space, field.occupied)
-    return decode(space.plan[:length])
+    row, column = (int(i) for i in space.origin)
+    cell = (row // frame.rows - 1, row % frame.rows - 1, column - 1)
+    return decode(space.plan[:length]), cell[3 - frame.ndim :]
 
 
 def choose_driven(code: int, state: SwarmState, mind: play.Mind, rng: Generator) -> None:

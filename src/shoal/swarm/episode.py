@@ -165,9 +165,7 @@ class Episode:
                 return Verification(False, f"{name}: {len(mine)} entries stored, {len(theirs)} replayed")
             if (mine != theirs).any():
                 move = int(np.argmax(mine != theirs))
-                return Verification(
-                    False, f"{name} differs at move {move + 1}: {mine[move]} stored, {theirs[move]} replayed"
-                )
+                return Verification(False, f"{name} differs at move {move + 1}: {mine[move]} stored, {theirs[move]} replayed")
         if state.n_particles != self.n_particles:
             return Verification(False, f"{self.n_particles} particles at the start, {state.n_particles} at the end")
         if belief.complete != bool(self):

@@ -18,7 +18,7 @@ from shoal.swarm.episode import Episode
 from shoal.swarm.workspace import MAX_CELLS, GridWorkspace
 from shoal.swarm.world import RULES, check_start
 
-FORMAT = 1
+FORMAT: Literal[1] = 1
 
 
 class Header(BaseModel):

@@ -47,9 +47,7 @@ class PictureOptions:
             raise InvalidInputError(f"scale: expected above 0 and at most 64, got {self.scale:g}")
 
 
-def read_map(
-    path: str | os.PathLike[str], *, threshold: float = 0.5, invert: bool = False, scale: float = 1.0
-) -> GridWorkspace:
+def read_map(path: str | os.PathLike[str], *, threshold: float = 0.5, invert: bool = False, scale: float = 1.0) -> GridWorkspace:
     """Read a workspace from a file; the suffix says the format.
 
     Parameters
@@ -161,7 +159,7 @@ def _grey(image: Image) -> NDArray[np.float32]:
     if image.mode in {"I;16", "I", "F"}:  # 16-bit and float pictures: full range of the type, or of the data
         values = np.asarray(image, dtype=np.float32)
         top = 65535.0 if image.mode != "F" else max(float(values.max(initial=0.0)), 1e-30)
-        return np.clip(values / np.float32(top), 0, 1)
+        return np.asarray(np.clip(values / np.float32(top), 0, 1), dtype=np.float32)
     if image.has_transparency_data:
         from PIL import Image as Pillow
 
@@ -186,9 +184,7 @@ def _grid(path: Path, lines: list[str], first_line: int, free: str, blocked: str
     table = {ord(letter): True for letter in free} | {ord(letter): False for letter in blocked}
     for number, line in enumerate(lines, start=first_line):
         if len(line) != width:
-            raise InvalidInputError(
-                f"{path}, line {number}: expected {width} cells as in the first row, got {len(line)}"
-            )
+            raise InvalidInputError(f"{path}, line {number}: expected {width} cells as in the first row, got {len(line)}")
         for column, letter in enumerate(line, start=1):
             if ord(letter) not in table:
                 raise InvalidInputError(
@@ -247,9 +243,7 @@ def _read_csv(path: Path) -> NDArray[np.bool_]:
             if value not in {"0", "1"}:
                 raise InvalidInputError(f"{path}, line {number}, column {column}: expected 0 or 1, got {value[:20]!r}")
         if rows and len(values) != len(rows[0]):
-            raise InvalidInputError(
-                f"{path}, line {number}: expected {len(rows[0])} cells as in the first row, got {len(values)}"
-            )
+            raise InvalidInputError(f"{path}, line {number}: expected {len(rows[0])} cells as in the first row, got {len(values)}")
         rows.append([value == "1" for value in values])
     return np.array(rows, dtype=np.bool_)
 

@@ -1,20 +1,22 @@
 """Vessels out of a photograph: a picture of a vascular tree becomes a map of free cells.
 
-The steps, each a function below: one grey channel; the field of view (a fundus photograph has a dark surround); what is
-darker than its surroundings and narrow; a ridge filter over several vessel widths; thresholds with hysteresis; the largest
-connected network; cells. Needs scikit-image, the extra ``shoal[imaging]``.
+The steps, each a function below: one grey channel; the field of view (a fundus photograph has a dark
+surround); what is darker than its surroundings and narrow; a ridge filter over several vessel widths;
+thresholds with hysteresis; the largest connected network; cells. Needs scikit-image, the extra
+``shoal[imaging]``.
 """
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.swarm.generators.regions import Mask, crop, largest_part
 
-Mask = NDArray[np.bool_]
 Grey = NDArray[np.float64]
 
 DEFAULT_WIDTH = 160  # cells
@@ -43,10 +45,12 @@ def segment_vessels(
     width : int, optional
         Larger side of the map in cells (160 if not given); less if the vessels cover fewer pixels than that.
     low, high : float
-        Thresholds of the ridge response, as fractions of the response of clear vessels. A vessel goes on while it is above
-        ``low``, and counts if it is above ``high`` somewhere. Lower values give more and finer vessels.
+        Thresholds of the ridge response, as fractions of the response of clear vessels. A vessel goes on
+        while it is above ``low``, and counts if it is above ``high`` somewhere. Lower values give more and
+        finer vessels.
     bright : bool, optional
-        Whether vessels are brighter than what is around them; if not given, the stronger of the two networks decides.
+        Whether vessels are brighter than what is around them; if not given, the stronger of the two networks
+        decides.
     thickest : float
         Width of the thickest vessel, as a fraction of the larger side of the picture.
 
@@ -64,26 +68,21 @@ def segment_vessels(
     """
     _check_options(width, low, high, thickest)
     grey = _check_image(image)
-    if importlib.util.find_spec("skimage") is None:
-        raise MissingExtraError(
-            "expected scikit-image to find vessels in a picture: run pip install 'shoal[imaging]'"
-        )
     cells = DEFAULT_WIDTH if width is None else width
     grey = _shrink(grey, min(PIXELS_PER_CELL * cells, LARGEST_SIDE))
     view = _field_of_view(grey)
     if bright is None:
         bright = _strength(1 - grey, view, thickest) > _strength(grey, view, thickest)
-    ridges = _ridges(1 - grey if bright else grey, view, thickest)
-    return _to_cells(_network(ridges, view, low, high, thickest), cells)
+    depth = _narrow_and_dark(1 - grey if bright else grey, view, thickest)
+    ridges = _ridges(depth, view, thickest)
+    return _to_cells(_network(ridges, depth, view, low, high), cells)
 
 
 def _check_options(width: int | None, low: float, high: float, thickest: float) -> None:
     if width is not None and width < 1:
         raise InvalidInputError(f"expected a width of at least 1 cell, got {width}")
     if not 0 < low <= high <= 1:
-        raise InvalidInputError(
-            f"expected thresholds with 0 < low <= high <= 1, got low={low} and high={high}"
-        )
+        raise InvalidInputError(f"expected thresholds with 0 < low <= high <= 1, got low={low} and high={high}")
     if not 0 < thickest <= 0.5:
         raise InvalidInputError(f"expected thickest as a fraction above 0 and at most 0.5, got {thickest}")
 
@@ -92,13 +91,9 @@ def _check_image(image: ArrayLike) -> Grey:
     """Return the picture in grey, from 0 to 1, float64, shape (H, W)."""
     array = np.asarray(image)
     if array.ndim not in (2, 3) or (array.ndim == 3 and array.shape[2] not in (3, 4)):
-        raise InvalidInputError(
-            f"expected a picture of shape (H, W), (H, W, 3) or (H, W, 4), got shape {array.shape}"
-        )
+        raise InvalidInputError(f"expected a picture of shape (H, W), (H, W, 3) or (H, W, 4), got shape {array.shape}")
     if min(array.shape[:2]) < SMALLEST_SIDE:
-        raise InvalidInputError(
-            f"expected a picture of at least {SMALLEST_SIDE}x{SMALLEST_SIDE} pixels, got shape {array.shape}"
-        )
+        raise InvalidInputError(f"expected a picture of at least {SMALLEST_SIDE}x{SMALLEST_SIDE} pixels, got shape {array.shape}")
     if array.dtype.kind not in "buif":
         raise InvalidInputError(f"expected a picture of real numbers, got an array of {array.dtype}")
     grey = array[..., :3] @ np.array(LUMA) if array.ndim == 3 else array.astype(np.float64)
@@ -110,10 +105,19 @@ def _check_image(image: ArrayLike) -> Grey:
     return np.asarray((grey - darkest) / (brightest - darkest))
 
 
+def _skimage(module: str) -> Any:
+    """Return a module of scikit-image, which ships no types and takes long to import."""
+    try:
+        return importlib.import_module(f"skimage.{module}")
+    except ImportError:
+        raise MissingExtraError(
+            "expected scikit-image to find vessels in a picture, and it is not installed: run pip install 'shoal[imaging]'"
+        ) from None
+
+
 def _shrink(grey: Grey, side: int) -> Grey:
     """Return the picture with its larger side at most ``side`` pixels."""
-    from skimage.transform import resize
-
+    resize = _skimage("transform").resize
     factor = side / max(grey.shape)
     if factor >= 1:
         return grey
@@ -139,32 +143,27 @@ def _field_of_view(grey: Grey) -> Mask:
 
 def _strength(grey: Grey, view: Mask, thickest: float) -> float:
     """Return how clear the dark vessels are: the mean of the strongest twentieth of all responses."""
-    from skimage.filters import sato
-
     grey, view = grey[::2, ::2], view[::2, ::2]
-    response = sato(
-        _narrow_and_dark(grey, view, thickest), sigmas=_sigmas(grey, thickest)[1::2], black_ridges=False
-    )
-    return float(np.sort(response[view])[-max(1, np.count_nonzero(view) // 20) :].mean())
-
-
-def _ridges(grey: Grey, view: Mask, thickest: float) -> Grey:
-    """Return how much each pixel looks like the middle of a dark line, 0 or more."""
-    from scipy import ndimage
-    from skimage.filters import sato
-
     depth = _narrow_and_dark(grey, view, thickest)
+    sigmas = _sigmas(grey, thickest)[1::2]
+    response: Grey = _skimage("filters").sato(depth, sigmas=sigmas, black_ridges=False)[view]
+    return float(np.sort(response)[-max(1, len(response) // 20) :].mean())
+
+
+def _ridges(depth: Grey, view: Mask, thickest: float) -> Grey:
+    """Return how much each pixel looks like the middle of a deep line, 0 or more."""
+    from scipy import ndimage
+
     if depth[view].max() < FAINTEST:
         raise InvalidInputError("expected a picture with vessels in it, found no line that stands out")
     # The same vessel counts the same in dull and in crisp parts of the picture.
-    reach = max(grey.shape) / 20
+    reach = max(depth.shape) / 20
     weight = ndimage.gaussian_filter(view.astype(np.float64), reach) + 1e-9
-    depth = (depth - ndimage.gaussian_filter(depth * view, reach) / weight) * view
-    spread = np.sqrt(np.maximum(ndimage.gaussian_filter(depth**2, reach) / weight, 0))
-    depth /= spread + 0.3 * spread[view].mean() + 1e-9
-    return np.asarray(
-        sato(depth, sigmas=_sigmas(grey, thickest), black_ridges=False) * view, dtype=np.float64
-    )
+    relative = (depth - ndimage.gaussian_filter(depth * view, reach) / weight) * view
+    spread = np.sqrt(np.maximum(ndimage.gaussian_filter(relative**2, reach) / weight, 0))
+    relative /= spread + 0.3 * spread[view].mean()
+    sigmas = _sigmas(depth, thickest)
+    return np.asarray(_skimage("filters").sato(relative, sigmas=sigmas, black_ridges=False) * view)
 
 
 def _narrow_and_dark(grey: Grey, view: Mask, thickest: float) -> Grey:
@@ -191,51 +190,37 @@ def _sigmas(grey: Grey, thickest: float) -> list[float]:
     return [float(sigma) for sigma in np.geomspace(finest, max(finest, thickest * side / 4), 4)]
 
 
-def _network(ridges: Grey, view: Mask, low: float, high: float, thickest: float) -> Mask:
+def _network(ridges: Grey, depth: Grey, view: Mask, low: float, high: float) -> Mask:
     """Return the largest connected part of what is above the thresholds."""
     from scipy import ndimage
-    from skimage.filters import apply_hysteresis_threshold
 
-    # Where vessels are rare, the quantile is that of the ground between them: then the strongest response counts.
+    # Where vessels are rare, the quantile is that of the ground between them: then the strongest counts.
     clear = max(float(np.quantile(ridges[view], 0.995)), float(ridges.max()) / 2)
-    vessels = apply_hysteresis_threshold(ridges, low * clear, high * clear)
+    vessels: Mask = _skimage("filters").apply_hysteresis_threshold(ridges, low * clear, high * clear)
     vessels = ndimage.binary_closing(np.pad(vessels, 2))[2:-2, 2:-2]
-    # A ridge filter is blind in the middle of a crossing.
-    vessels = _fill_holes(vessels, smaller=(thickest * max(ridges.shape) / 2) ** 2)
-    return _largest(vessels, np.ones((3, 3)))
+    return largest_part(_fill_crossings(vessels, depth), np.ones((3, 3)))
 
 
-def _fill_holes(vessels: Mask, *, smaller: float) -> Mask:
+def _fill_crossings(vessels: Mask, depth: Grey) -> Mask:
+    """Return the vessels without holes as deep as they are: a ridge filter is blind in a crossing."""
     from scipy import ndimage
 
-    holes = ndimage.label(~vessels)[0]
-    size = np.bincount(holes.ravel(), minlength=2)
-    return np.asarray(vessels | ((size < smaller)[holes] & (holes > 0)))
-
-
-def _largest(free: Mask, neighbours: NDArray[np.float64] | None = None) -> Mask:
-    """Return the largest connected part, 4-connected unless other neighbours are given."""
-    from scipy import ndimage
-
-    parts = ndimage.label(free, neighbours)[0]
-    size = np.bincount(parts.ravel())
-    size[0] = 0
-    return np.asarray(parts == np.argmax(size))
+    holes, number = ndimage.label(~vessels)
+    deep = ndimage.mean(depth, holes, np.arange(number + 1)) > depth[vessels].mean() / 2
+    return np.asarray(vessels | (deep[holes] & (holes > 0)))
 
 
 def _to_cells(vessels: Mask, width: int) -> Mask:
     """Return the vessels on cells, the larger side at most ``width`` cells; a thin vessel stays connected."""
-    from skimage.morphology import skeletonize
-
-    vessels = _crop(vessels)
+    vessels = crop(vessels)
     factor = min(1.0, width / max(vessels.shape))
     rows, columns = (np.floor(np.arange(length) * factor).astype(np.int64) for length in vessels.shape)
     shape = (int(rows[-1]) + 1, int(columns[-1]) + 1)
     cell = rows[:, None] * shape[1] + columns
     pixels = np.bincount(cell.ravel(), minlength=shape[0] * shape[1])
     share = (np.bincount(cell.ravel(), vessels.ravel(), shape[0] * shape[1]) / pixels).reshape(shape)
-    free = (share >= 0.5) | _trace(skeletonize(vessels), rows, columns, share)
-    return _crop(_largest(free))
+    free = (share >= 0.5) | _trace(_skimage("morphology").skeletonize(vessels), rows, columns, share)
+    return crop(largest_part(free))
 
 
 def _trace(skeleton: Mask, rows: NDArray[np.int64], columns: NDArray[np.int64], share: Grey) -> Mask:
@@ -246,20 +231,9 @@ def _trace(skeleton: Mask, rows: NDArray[np.int64], columns: NDArray[np.int64], 
     padded = np.pad(skeleton, 1)
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
         one = at[padded[at[:, 0] + 1 + down, at[:, 1] + 1 + right]]
-        two = one + (down, right)
-        row_one, row_two, column_one, column_two = (
-            rows[one[:, 0]],
-            rows[two[:, 0]],
-            columns[one[:, 1]],
-            columns[two[:, 1]],
-        )
+        row_one, column_one = rows[one[:, 0]], columns[one[:, 1]]
+        row_two, column_two = rows[one[:, 0] + down], columns[one[:, 1] + right]
         # When only one of them changes, both corners are one of the two cells.
         upper = share[row_one, column_two] >= share[row_two, column_one]
         free[np.where(upper, row_one, row_two), np.where(upper, column_two, column_one)] = True
     return free
-
-
-def _crop(free: Mask) -> Mask:
-    """Return the map without empty rows and columns at its sides."""
-    rows, columns = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
-    return np.ascontiguousarray(free[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from shoal.errors import InvalidInputError
 from shoal.registry import Registry
@@ -26,7 +26,8 @@ def configured(registry: Registry[type[T]], text: str) -> T:
     name, _, options = text.partition(":")
     if name not in registry:
         found: Any = registry.get(text)
-        return found() if inspect.isclass(found) else found
+        instance: Any = found() if inspect.isclass(found) else found
+        return cast("T", instance)
     kind = registry.get(name)
     parameters = inspect.signature(kind).parameters
     chosen: dict[str, Any] = {}

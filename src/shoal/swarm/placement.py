@@ -47,9 +47,7 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
     [[0, 0], [0, 1], [0, 3]]
     """
     if not 1 <= n <= workspace.n_free:
-        raise InvalidInputError(
-            f"particles: expected 1 to {workspace.n_free} (the free cells of {workspace.name}), got {n}"
-        )
+        raise InvalidInputError(f"particles: expected 1 to {workspace.n_free} (the free cells of {workspace.name}), got {n}")
     function = PLACEMENTS.get(placement) if isinstance(placement, str) else placement
     cells = np.asarray(function(workspace, n, rng))
     flat = np.sort(np.ravel_multi_index(tuple(cells.T), workspace.shape))

@@ -20,7 +20,7 @@ from shoal.swarm.policies import Compiled, Manual, Policy, View, make_policy
 from shoal.swarm.tasks import Coverage, Mapping, Task, make_task
 from shoal.swarm.workspace import GridWorkspace
 from shoal.swarm.world import GridWorld, SwarmState, check_start
-from shoal.version import VERSION
+from shoal.version import __version__
 
 MAX_MOVES = 1_000_000
 PATIENCE = 1_000  # as in kernels.play
@@ -106,7 +106,7 @@ def run(
     targets = todo.choose_targets(workspace, rng)
     blank = Episode(
         workspace, cells, np.zeros(0, np.int8), rule, todo.name, chosen.name, placed, targets, seed, trial, "limit", 0,
-        np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, np.int64), 0.0, VERSION,
+        np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, np.int64), 0.0, __version__,
     )  # fmt: skip
     state = world.initial(cells)
     belief = todo.begin(world, state, targets)
@@ -168,7 +168,9 @@ def play_compiled(
             break
     final = Belief(*(engine.board_of(frame, words) for words in (field.open, field.known, field.frontier)))
     after = engine.state_of(frame, field)
-    columns = [np.concatenate(column) for column in zip(*pieces, strict=True)] if pieces else list(engine.new_log(0))
+    columns: list[NDArray[Any]] = (
+        [np.concatenate(column) for column in zip(*pieces, strict=True)] if pieces else list(engine.new_log(0))
+    )
     codes, done, frontier, travelled = columns
     return (
         replace(blank, codes=codes, done=done, frontier=frontier, travelled=travelled, status=status),
@@ -201,9 +203,7 @@ def play_stepwise(
         if len(codes) >= max_moves:
             break
         if not plan:
-            view = View(
-                belief, state.occupied, world.rule, getattr(task, "mapping", True), len(codes), travelled, done
-            )
+            view = View(belief, state.occupied, world.rule, getattr(task, "mapping", True), len(codes), travelled, done)
             plan, memory = policy.decide(view, memory, rng)
             if not plan or idle >= PATIENCE:
                 status = "stalled"
@@ -257,7 +257,5 @@ def replay(episode: Episode) -> tuple[SwarmState, Belief, Episode]:
     belief = task.begin(world, state, episode.targets)
     blank = replace(episode, first_frontier=len(belief.frontier))
     player = play_compiled if isinstance(task, Mapping | Coverage) else play_stepwise
-    again, state, belief = player(
-        blank, world, Manual(commands=episode.commands), task, state, belief, trial_rng(0), episode.moves
-    )
+    again, state, belief = player(blank, world, Manual(commands=episode.commands), task, state, belief, trial_rng(0), episode.moves)
     return state, belief, again

@@ -69,9 +69,7 @@ def check_start(workspace: GridWorkspace, cells: ArrayLike, *, rule: str = "bloc
     """
     array = np.asarray(cells)
     if array.ndim != 2 or array.shape[1] != workspace.ndim or not np.issubdtype(array.dtype, np.integer):
-        raise InvalidInputError(
-            f"start: expected integer cells of shape (n, {workspace.ndim}), got {array.dtype} {array.shape}"
-        )
+        raise InvalidInputError(f"start: expected integer cells of shape (n, {workspace.ndim}), got {array.dtype} {array.shape}")
     if len(array) == 0:
         raise InvalidInputError("start: expected at least one particle, got none")
     outside = ((array < 0) | (array >= np.array(workspace.shape))).any(axis=1)

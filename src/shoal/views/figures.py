@@ -57,9 +57,7 @@ def map_figure(episode: Episode, *, moves: int) -> Figure:
     axes = figure.add_subplot()
     axes.imshow(sheet, interpolation="nearest" if max(height, width) < 900 else "antialiased")
     axes.set_axis_off()
-    axes.set_title(
-        f"{episode.workspace.name} after {moves} moves", fontsize=11, color=_INK, loc="left", fontweight="bold"
-    )
+    axes.set_title(f"{episode.workspace.name} after {moves} moves", fontsize=11, color=_INK, loc="left", fontweight="bold")
     _legend(axes, coverage=episode.targets is not None)
     return figure
 

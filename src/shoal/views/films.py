@@ -100,9 +100,7 @@ def _fitted(sheet: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
     return np.ascontiguousarray(np.pad(sheet, (*odd, (0, 0)), mode="edge"))
 
 
-def _counted(
-    frames: Iterator[NDArray[np.uint8]], total: int, on_frame: OnFrame | None
-) -> Iterator[NDArray[np.uint8]]:
+def _counted(frames: Iterator[NDArray[np.uint8]], total: int, on_frame: OnFrame | None) -> Iterator[NDArray[np.uint8]]:
     for done, frame in enumerate(frames, start=1):
         yield frame
         if on_frame is not None:

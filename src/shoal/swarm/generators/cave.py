@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Mask = NDArray[np.bool_]
+from shoal.swarm.generators.regions import Mask, largest_part
 
 FIRST_SHARE = 0.5  # of the cells are free before smoothing; raised until the cave is large enough
 WANTED_SHARE = 0.38  # of the picture that the cave must fill
@@ -38,18 +37,6 @@ def draw_cave(width: int, height: int, *, seed: int = 0) -> Mask:
         if np.count_nonzero(cave) >= WANTED_SHARE * cave.size or share >= 1:
             return cave
         share += 0.02
-
-
-def largest_part(free: Mask) -> Mask:
-    """Return the largest 4-connected part of the free cells (all of them if there are none)."""
-    from scipy import ndimage
-
-    parts, number = ndimage.label(free)
-    if number <= 1:
-        return free
-    size = np.bincount(parts.ravel())
-    size[0] = 0
-    return np.asarray(parts == np.argmax(size))
 
 
 def _smooth(free: Mask) -> Mask:

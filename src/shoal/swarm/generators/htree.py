@@ -1,11 +1,14 @@
 """H-trees: bars that fork at right angles, each pair of levels half as long as the pair before.
 
-The map of the paper has 5000 free cells. The smallest regular tree with at least as many has 5953, with bars of half-lengths
-32, 32, 16, 16, 8, 8, 4, 4, 2, 2; cutting the branches of one corner, deepest first, reproduces the published means of the
-closest-frontier policy within 5 %. A tree with one more level, of half-length 1, misses them by 25 to 35 %.
+The map of the paper has 5000 free cells. The smallest regular tree with at least as many has 5953, with bars
+of half-lengths 32, 32, 16, 16, 8, 8, 4, 4, 2, 2. Cut down to 5000 branch by branch, from one corner on, it
+reproduces the published means of the closest-frontier policy within 5 %. With one more level, of half-length
+1, bars touch, so that there are loops, and the same cut makes the means up to 38 % too low.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +16,15 @@ from numpy.typing import NDArray
 from shoal.errors import InvalidInputError
 from shoal.swarm.generators.sizes import MAX_CELLS
 
-Indices = NDArray[np.int64]
+LEFT_RIGHT = np.array([[0, -1], [0, 1]])
+DOWN_UP = np.array([[1, 0], [-1, 0]])
 
 
 def draw_htree(count: int) -> NDArray[np.bool_]:
     """Return an H-tree with exactly ``count`` free cells: a tree, no loops, corridors one cell wide.
 
-    It is the smallest regular tree with enough cells; the branches of the lower left corner are cut off, deepest first,
-    until ``count`` cells remain.
+    It is the smallest regular tree with enough cells; the branches of the lower left corner are cut off, each
+    from its tips on, until ``count`` cells remain.
 
     Parameters
     ----------
@@ -30,7 +34,7 @@ def draw_htree(count: int) -> NDArray[np.bool_]:
     Returns
     -------
     ndarray, bool, shape (H, W)
-        True where free; 125×125 for 5000 cells.
+        True where free; 125 by 125 for 5000 cells.
 
     Raises
     ------
@@ -43,7 +47,7 @@ def draw_htree(count: int) -> NDArray[np.bool_]:
     width, height = 1 + 2 * sum(halves[::2]), 1 + 2 * sum(halves[1::2])
     if width * height > MAX_CELLS:
         raise InvalidInputError(
-            f"expected an H-tree whose picture has at most {MAX_CELLS} cells, got {count} free cells in {height}x{width}"
+            f"expected an H-tree in a picture of at most {MAX_CELLS} cells, got {count} free cells, which need {height}x{width}"
         )
     return draw_bars(halves, count)
 
@@ -80,19 +84,27 @@ def draw_bars(halves: tuple[int, ...], count: int) -> NDArray[np.bool_]:
     ndarray, bool, shape (H, W)
         True where free, no empty rim.
     """
-    row, column, level = _arms(halves)
-    length = np.array(halves, dtype=np.int64)[level]
-    # What is cut from each arm: all arms in turn, until enough cells are gone.
-    before = np.cumsum(length) - length
-    kept = length - np.clip(tree_size(halves) - count - before, 0, length)
-    arm = np.repeat(np.arange(len(kept)), kept)
-    along = 1 + np.arange(len(arm)) - np.repeat(np.cumsum(kept) - kept, kept)
-    rows = np.append(row[0][arm] + along * row[1][arm], 0)
-    columns = np.append(column[0][arm] + along * column[1][arm], 0)
-    rows, columns = rows - rows.min(), columns - columns.min()
-    free = np.zeros((rows.max() + 1, columns.max() + 1), dtype=np.bool_)
-    free[rows, columns] = True
+    cells = np.zeros((1, 2), dtype=np.int64)
+    if halves:
+        arms = _arms(halves)
+        # One arm after the other is cut, from its tip, until enough cells are gone.
+        cut = tree_size(halves) - count - (np.cumsum(arms.length) - arms.length)
+        kept = arms.length - np.clip(cut, 0, arms.length)
+        arm = np.repeat(np.arange(len(kept)), kept)
+        along = 1 + np.arange(len(arm)) - np.repeat(np.cumsum(kept) - kept, kept)
+        cells = np.concatenate([cells, arms.start[arm] + along[:, None] * arms.step[arm]])
+        cells -= cells.min(axis=0)
+    free = np.zeros(cells.max(axis=0) + 1, dtype=np.bool_)
+    free[cells[:, 0], cells[:, 1]] = True
     return free
+
+
+class _Arms(NamedTuple):
+    """Half bars: an arm has the cells ``start + step``, ..., ``start + length * step``."""
+
+    start: NDArray[np.int64]  # (arms, 2), row and column
+    step: NDArray[np.int64]  # (arms, 2)
+    length: NDArray[np.int64]  # (arms,)
 
 
 def _regular(levels: int) -> tuple[int, ...]:
@@ -100,27 +112,23 @@ def _regular(levels: int) -> tuple[int, ...]:
     return tuple(2 ** ((levels - level + 1) // 2) for level in range(levels))
 
 
-def _arms(halves: tuple[int, ...]) -> tuple[tuple[Indices, Indices], tuple[Indices, Indices], Indices]:
-    """Return all half bars in the order in which they are cut: (row, its step), (column, its step), level.
+def _arms(halves: tuple[int, ...]) -> _Arms:
+    """Return all arms in the order in which they are cut.
 
-    An arm starts next to ``(row, column)``. Arms beyond an arm come before it, and of the two arms at a fork the one that
-    leads left or down comes with all that is beyond it first: so the lower left corner goes first, branch by branch.
+    What grows from an arm comes before it; at a fork, the arm to the left or down comes, with all that grows
+    from it, before the other one. So the lower left corner goes first, branch by branch.
     """
-    depth = len(halves)
-    levels, last_leaf, starts, steps = [], [], [], []
-    centre = np.zeros((1, 2), dtype=np.int64)
+    starts, steps, lengths, levels, last_leaves = [], [], [], [], []
+    tips = np.zeros((1, 2), dtype=np.int64)
     for level, half in enumerate(halves):
-        step = np.array([[0, -1], [0, 1]] if level % 2 == 0 else [[1, 0], [-1, 0]])
-        start, direction = np.repeat(centre, 2, axis=0), np.tile(step, (len(centre), 1))
-        centre = start + half * direction
-        levels.append(np.full(len(centre), level))
-        last_leaf.append(np.arange(1, len(centre) + 1) << (depth - 1 - level))
+        start = np.repeat(tips, 2, axis=0)
+        step = np.tile(DOWN_UP if level % 2 else LEFT_RIGHT, (len(tips), 1))
+        tips = start + half * step
         starts.append(start)
-        steps.append(direction)
-    if not halves:
-        nothing = np.zeros(0, dtype=np.int64)
-        return (nothing, nothing), (nothing, nothing), nothing
-    level = np.concatenate(levels)
-    order = np.lexsort((-level, np.concatenate(last_leaf)))
-    start, direction = np.concatenate(starts)[order], np.concatenate(steps)[order]
-    return (start[:, 0], direction[:, 0]), (start[:, 1], direction[:, 1]), level[order]
+        steps.append(step)
+        lengths.append(np.full(len(tips), half))
+        levels.append(np.full(len(tips), level))
+        # Number the tips of the whole tree from the corner on: an arm goes with the last one it leads to.
+        last_leaves.append(np.arange(1, len(tips) + 1) << (len(halves) - 1 - level))
+    order = np.lexsort((-np.concatenate(levels), np.concatenate(last_leaves)))
+    return _Arms(np.concatenate(starts)[order], np.concatenate(steps)[order], np.concatenate(lengths)[order])

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
     """Return a maze carved by a depth-first walk that turns back at dead ends.
 
-    Rooms lie at even rows and columns, walls between them. An even size leaves a last row or column without rooms: there,
-    short dead ends are added at random.
+    Rooms lie at even rows and columns, walls between them. An even size leaves a last row or column without
+    rooms: there, short dead ends are added at random.
 
     Parameters
     ----------
@@ -28,12 +28,12 @@ def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
     free = np.zeros((height, width), dtype=np.bool_)
     rooms = free[::2, ::2]
     rooms[:] = True
-    entered, left = _walk(*rooms.shape, rng)
-    columns = rooms.shape[1]
+    rows, columns = rooms.shape
+    entered, left = _walk(rows, columns, rng)
     # The wall between two neighbouring rooms lies halfway.
     free[entered // columns + left // columns, entered % columns + left % columns] = True
     if width % 2 == 0:
-        free[::2, -1] = rng.random(rooms.shape[0]) < 0.5
+        free[::2, -1] = rng.random(rows) < 0.5
     if height % 2 == 0:
         free[-1, ::2] = rng.random(columns) < 0.5
     return free
@@ -46,7 +46,9 @@ def _walk(rows: int, columns: int, rng: np.random.Generator) -> tuple[NDArray[np
     unvisited = bytearray(b"\x01") * (rows * columns)
     room = int(rng.integers(rows * columns))
     unvisited[room] = 0
-    trail, entered, left = [room], [], []
+    trail = [room]
+    entered: list[int] = []
+    left: list[int] = []
     while trail:
         room = trail[-1]
         doors = _doors(room, rows, columns, unvisited)

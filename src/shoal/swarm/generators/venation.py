@@ -1,8 +1,9 @@
 """The centre lines of a vascular network, grown by space colonisation.
 
-Attraction points fill the outline of an organ; the network grows towards the points that are near it and removes those
-it has reached. Three rounds, each with points closer together than the last, give trunks, branches and twigs. Twigs that end
-close to another vessel are then joined to it, which gives the closed loops of a leaf or a capillary bed.
+Attraction points fill the outline of an organ; the network grows towards the points that are near it and
+removes those it has reached (Runions et al., Modeling and visualization of leaf venation patterns, 2005).
+Several rounds, each with points closer together than the last, give trunks, branches and twigs. Twigs that
+end close to another vessel are then joined to it, which gives the closed loops of a leaf or a capillary bed.
 
 Coordinates here are real (x, y) pairs in units of a cell, the centre of the organ at the origin.
 """
@@ -18,6 +19,7 @@ Points = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 STEP = 1.5  # length of one piece of vessel, in cells: short enough for smooth bends
+WANDER = 0.22  # random part of the direction of each piece
 SPACING = 5.2  # distance between neighbouring twigs, in cells
 ROUNDS = (6.0, 3.0, 1.6, 1.0)  # spacing of the attraction points of each round, in units of SPACING
 JOIN_REACH = 1.9  # how far a twig looks for a vessel to join, in units of SPACING
@@ -122,9 +124,7 @@ def _roots(outline: Outline, rng: np.random.Generator) -> tuple[Points, Indices]
     angles = rng.uniform(0, 2 * np.pi) + np.array([0, rng.uniform(0.6, 1.4) * np.pi])
     stems = [_stem(outline, float(angle)) for angle in angles[: rng.integers(1, 3)]]
     starts = np.cumsum([0] + [len(stem) for stem in stems])
-    parents = [
-        start + np.maximum(np.arange(len(stem)) - 1, 0) for start, stem in zip(starts, stems, strict=False)
-    ]
+    parents = [start + np.maximum(np.arange(len(stem)) - 1, 0) for start, stem in zip(starts, stems, strict=False)]
     return np.concatenate(stems), np.concatenate(parents)
 
 
@@ -146,7 +146,7 @@ def _colonise(
     patience = np.full(len(targets), 6)
     fresh = len(points)  # nodes from here on grew in the last step
     while True:
-        # A target that keeps pulling without getting closer is balanced by others: drop it, so that growth ends.
+        # A target that pulls and pulls in vain is balanced by others: drop it, so that growth ends.
         left = (distance > 0.6 * spacing) & (patience > 0)
         targets, distance, nearest, patience = targets[left], distance[left], nearest[left], patience[left]
         seen = distance < sight
@@ -176,13 +176,15 @@ def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> In
 
 def _headings(points: Points, targets: Points, nearest: Indices, rng: np.random.Generator) -> Points:
     """Return the unit direction in which each pulled node grows, nodes in ascending order."""
-    pull = targets - points[nearest]
-    pull /= np.hypot(pull[:, 0], pull[:, 1])[:, None]
     slot = np.unique(nearest, return_inverse=True)[1]
-    total = np.column_stack([np.bincount(slot, pull[:, axis]) for axis in (0, 1)])
-    total /= np.hypot(total[:, 0], total[:, 1])[:, None] + 1e-9
-    total += rng.normal(0, 0.22, total.shape)
-    return np.asarray(total / (np.hypot(total[:, 0], total[:, 1])[:, None] + 1e-9))
+    pull = _unit(targets - points[nearest])
+    total = np.column_stack([np.bincount(slot, pull[:, axis]).astype(np.float64) for axis in (0, 1)])
+    return _unit(_unit(total) + rng.normal(0, WANDER, total.shape))
+
+
+def _unit(vectors: Points) -> Points:
+    """Return vectors, shape (k, 2), scaled to length 1 (or 0)."""
+    return np.asarray(vectors / (np.hypot(vectors[:, 0], vectors[:, 1]) + 1e-9)[:, None])
 
 
 def _smooth(points: Points, parents: Indices) -> Points:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shoal.swarm.generators.regions import Mask, crop
 from shoal.swarm.generators.venation import Indices, Network, Points, grow_network, subtrees
-
-Mask = NDArray[np.bool_]
 
 AREA_PER_CELL = 1.65  # area of the organ for each free cell, before the network is scaled
 TIP_WIDTH = 1.5  # cells, at the end of a twig
@@ -20,7 +18,7 @@ SPECK = 2  # a hole of at most so many cells is filled: two vessels that touch h
 def draw_vessels(count: int, *, seed: int = 0) -> Mask:
     """Return a vascular network with exactly ``count`` free cells.
 
-    The network has one or two inlets, vessels that get narrower from fork to fork, closed loops and dead ends.
+    The network has one or two inlets, vessels that get narrower from fork to fork, closed loops, dead ends.
 
     Parameters
     ----------
@@ -36,7 +34,7 @@ def draw_vessels(count: int, *, seed: int = 0) -> Mask:
     """
     rng = np.random.default_rng([seed, count])
     network = grow_network(AREA_PER_CELL * count, rng)
-    return _crop(_trim(_fit(network, count), count, rng))
+    return crop(_trim(_fit(network, count), count, rng))
 
 
 def _fit(network: Network, count: int) -> Mask:
@@ -46,7 +44,7 @@ def _fit(network: Network, count: int) -> Mask:
     for attempt in range(40):
         free = _fill_specks(_draw(start * scale, end * scale, width))
         excess = int(np.count_nonzero(free)) - count
-        if 0 <= excess and (best is None or excess < best_excess):
+        if excess >= 0 and (best is None or excess < best_excess):
             best, best_excess = free, excess
         if best is not None and (best_excess <= max(2, count // 300) or attempt > 10):
             break
@@ -127,9 +125,7 @@ def _trim(free: Mask, count: int, rng: np.random.Generator) -> Mask:
 def _dead_ends(free: Mask) -> Indices:
     """Return the free cells with one free neighbour, shape (k, 2); the rim of the map must not be free."""
     neighbours = np.zeros(free.shape, dtype=np.int64)
-    neighbours[1:-1, 1:-1] = (
-        free[:-2, 1:-1].astype(np.int64) + free[2:, 1:-1] + free[1:-1, :-2] + free[1:-1, 2:]
-    )
+    neighbours[1:-1, 1:-1] = free[:-2, 1:-1].astype(np.int64) + free[2:, 1:-1] + free[1:-1, :-2] + free[1:-1, 2:]
     return np.argwhere(free & (neighbours == 1))
 
 
@@ -141,18 +137,11 @@ def _free_neighbours(free: Mask, row: int, column: int) -> int:
 def _nearest_cells(free: Mask, count: int) -> Mask:
     """Return the ``count`` free cells that are nearest to the first one by path."""
     kept = np.zeros_like(free)
-    ring = [tuple(np.argwhere(free)[0])]
-    kept[ring[0]] = True
-    queue = ring
+    queue = [tuple(np.argwhere(free)[0])]
+    kept[queue[0]] = True
     for row, column in queue:
         for cell in ((row, column - 1), (row - 1, column), (row, column + 1), (row + 1, column)):
             if free[cell] and not kept[cell] and len(queue) < count:
                 kept[cell] = True
                 queue.append(cell)
     return kept
-
-
-def _crop(free: Mask) -> Mask:
-    """Return the map without empty rows and columns at its sides."""
-    rows, columns = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
-    return np.ascontiguousarray(free[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])

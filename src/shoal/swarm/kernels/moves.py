@@ -1,9 +1,9 @@
 """One command: every particle tries one cell.
 
-A particle stays if the next cell is an obstacle or holds one that stays. Across rows this is a chain from row to row, each row looked
-at after the one that it moves into. Along a row the particles that stay are runs of set bits that end at a wall: towards lower bits
-one addition per word clears exactly such runs, since its carry runs through them; towards higher bits, where no carry runs, they are
-filled by six doubling steps. A run that goes on in the next word is rare and mended afterwards.
+A particle stays if the next cell is an obstacle or holds one that stays. Across rows this is a chain from row to row, each row
+looked at after the one that it moves into. Along a row the particles that stay are runs of set bits that end at a wall: towards
+lower bits one addition a word clears exactly such runs, since its carry runs through them; towards higher bits, where no carry
+runs, they are filled by six doubling steps. A run that goes on in the next word is rare and mended afterwards.
 """
 
 from __future__ import annotations

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.bits import ZERO, has, put
+from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.moves import DOWN, LEFT, RIGHT, TILT, UP
 from shoal.swarm.kernels.observe import step
 from shoal.swarm.kernels.search import Search, ahead, nearest, opposite
@@ -56,14 +56,23 @@ class Log(NamedTuple):
 
 @kernel
 def decide_elect(field, mind):  # type: ignore[no-untyped-def]
-    """Plan from the elected particle alone to the frontier cell nearest to it."""
-    memory = mind.memory
+    """Plan from the elected particle alone to the frontier cell nearest to it.
+
+    If its part of the free space is done, the particle nearest to the frontier is elected in its place.
+    """
+    memory, search = mind.memory, mind.search
     row, column = memory[ROW], memory[COLUMN]
     put(mind.single, field.width, row, column)
-    length = nearest(field, mind.search, mind.single)
+    length = nearest(field, search, mind.single)
     mind.single[row * field.width + (column >> 6)] = ZERO
+    if length == 0:
+        length = nearest(field, search, field.occupied)
+        if length == 0:
+            return 0
+        row, column = search.origin[0], search.origin[1]
+        memory[ROW], memory[COLUMN] = row, column
     for i in range(length):
-        row, column = ahead(row, column, mind.search.plan[i], field.rows)
+        row, column = ahead(row, column, search.plan[i], field.rows)
     memory[TARGET_ROW], memory[TARGET_COLUMN] = row, column
     return length
 

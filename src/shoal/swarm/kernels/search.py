@@ -27,6 +27,7 @@ class Search(NamedTuple):
     plan: NDArray[np.int8]  # the commands found, first to last
     neighbours: NDArray[np.int8]  # the commands in the order in which neighbours are looked at
     parents: NDArray[np.int8]  # the commands in the order in which their origin is expanded
+    origin: NDArray[np.int64]  # row and column of the cell from which the plan starts
     order: int  # COLUMN_MAJOR or ROW_MAJOR
 
 
@@ -185,6 +186,7 @@ def trace_back(field, search, row, column, level):  # type: ignore[no-untyped-de
                 plan[distance] = command
                 row, column = r, c
                 break
+    search.origin[0], search.origin[1] = row, column
     return level + 1
 
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.bits import ONE, ZERO, has, lowest
+from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.search import COLUMN_MAJOR, ahead
 
 

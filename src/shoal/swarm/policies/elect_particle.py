@@ -34,22 +34,31 @@ class ElectParticle(Searching):
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return the next command of the elected particle's path."""
+        plan = ""
+        target: tuple[int, ...] = ()
         if memory is None:
             cells = view.occupied.cells
-            cell, plan, target = tuple(cells[rng.integers(0, len(cells))].tolist()), "", ()
+            cell = tuple(cells[rng.integers(0, len(cells))].tolist())
         else:
             intended = step_from(memory.cell, memory.plan[0])
             cell = intended if intended in view.occupied else memory.cell
             plan, target = memory.plan[1:], memory.target
         if not plan or target not in view.belief.frontier:
-            plan, target = self._plan(view, cell)
+            plan, cell = self._plan(view, cell)
+            target = cell
+            for command in plan:
+                target = step_from(target, command)
         return plan[:1], _Elected(cell, plan, target)
 
     def _plan(self, view: View, cell: tuple[int, ...]) -> tuple[str, tuple[int, ...]]:
-        from shoal.swarm.engine import path_to_frontier
+        """Return a path and the cell it starts from: the elected one, or the nearest if that has nothing left to reach."""
+        from shoal.swarm.engine import route_to_frontier
 
-        source = Board.of_cells(view.occupied.frame, [cell])
-        plan = path_to_frontier(view.belief, source, ties=self.ties, neighbours=self.neighbours)
-        for command in plan:
-            cell = step_from(cell, command)
-        return plan, cell
+        plan, start = "", cell
+        for sources in (Board.of_cells(view.occupied.frame, [cell]), view.occupied):
+            plan, start = route_to_frontier(
+                view.belief, sources, rule="block", mapping=view.mapping, ties=self.ties, neighbours=self.neighbours
+            )
+            if plan:
+                break
+        return plan, start

@@ -1,0 +1,169 @@
+"""Conformance checks for third parties' worlds, tasks and policies; our own pass them.
+
+Each check plays the object on small random maps and raises ``AssertionError`` with a sentence at the first breach. Call them from a
+test of your own::
+
+    from shoal.testing import check_policy
+
+    def test_my_policy():
+        check_policy(MyPolicy())
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from shoal.swarm import GridWorkspace, GridWorld, Mapping, Policy, Task, View, make_policy, make_task, run
+from shoal.swarm.commands import letters_of
+from shoal.swarm.policies import Compiled
+
+__all__ = ["check_policy", "check_task", "check_world", "sample_workspaces"]
+
+ALL_RULES = ("block", "merge", "tilt")
+
+
+def sample_workspaces(rng: Generator, *, count: int = 12) -> Iterator[GridWorkspace]:
+    """Yield small random workspaces: corridors, rooms, caves, 3-D ones, widths around a word of 64 cells."""
+    shapes: Sequence[tuple[int, ...]] = [(1, 9), (7, 1), (5, 6), (9, 12), (3, 63), (2, 64), (3, 65), (2, 3, 4), (6, 6)]
+    for index in range(count):
+        shape = shapes[index % len(shapes)]
+        free = rng.random(shape) < rng.choice([0.6, 0.85, 1.0])
+        free.flat[int(rng.integers(free.size))] = True
+        yield GridWorkspace(free, name=f"sample {index}").largest_component()
+
+
+def _starts(workspace: GridWorkspace, rng: Generator) -> Any:
+    n = int(rng.integers(1, workspace.n_free + 1))
+    return workspace.cells[rng.choice(workspace.n_free, size=n, replace=False)]
+
+
+def check_world(world_type: Any = GridWorld, *, rules: Sequence[str] = ALL_RULES, seed: int = 0) -> None:
+    """Check a world: ``initial`` and ``step`` as those of :class:`shoal.swarm.GridWorld`.
+
+    Particles are conserved and never in a wall; a step is pure and repeatable; each particle moves at most one cell (but for
+    rule tilt); a mirrored map with mirrored commands gives mirrored states.
+
+    Parameters
+    ----------
+    world_type : callable
+        (workspace, rule) -> world.
+    rules : sequence of str
+    seed : int
+
+    Raises
+    ------
+    AssertionError
+    """
+    rng = np.random.default_rng(seed)
+    for workspace in sample_workspaces(rng):
+        for rule in rules:
+            world, start = world_type(workspace, rule), _starts(workspace, rng)
+            flipped = world_type(GridWorkspace(workspace.free[..., ::-1]), rule)
+            state, mirror = world.initial(start), flipped.initial(_mirrored(start, workspace))
+            for command in rng.choice(list(letters_of(workspace.ndim)), size=25):
+                before = state.cells.copy()
+                after = world.step(state, command)
+                assert np.array_equal(state.cells, before), f"{rule}: step changed its argument"
+                assert world.step(state, command) == after, f"{rule}: the same step gave two results"
+                assert after.n_particles == len(start), f"{rule}: {len(start)} particles became {after.n_particles}"
+                assert workspace.free[tuple(after.cells.T)].all(), f"{rule}: a particle is in a wall"
+                if rule != "tilt":
+                    moved = np.abs(after.cells.sum(axis=0) - before.sum(axis=0)).sum()
+                    assert moved <= len(start), f"{rule}: {len(start)} particles travelled {moved} cells in one move"
+                mirror = flipped.step(mirror, {"l": "r", "r": "l"}.get(command, command))
+                expected = _mirrored(after.cells, workspace)
+                assert sorted(map(tuple, mirror.cells.tolist())) == sorted(map(tuple, expected.tolist())), (
+                    f"{rule}: the mirrored map and command gave another state"
+                )
+                state = after
+
+
+def _mirrored(cells: Any, workspace: GridWorkspace) -> Any:
+    flipped = np.array(cells)
+    flipped[:, -1] = workspace.shape[-1] - 1 - flipped[:, -1]
+    return flipped
+
+
+def check_task(task: str | Task, *, seed: int = 0) -> None:
+    """Check a task: its beliefs never contradict the truth, knowledge never shrinks, and ``update`` is pure.
+
+    Parameters
+    ----------
+    task : str or Task
+    seed : int
+
+    Raises
+    ------
+    AssertionError
+    """
+    todo = make_task(task)
+    assert isinstance(todo, Task), f"expected the methods of shoal.swarm.Task, got {type(todo).__name__}"
+    rng = np.random.default_rng(seed)
+    for workspace in sample_workspaces(rng):
+        world = GridWorld(workspace)
+        state = world.initial(_starts(workspace, rng))
+        belief = todo.begin(world, state, todo.choose_targets(workspace, rng))
+        for command in rng.choice(list(letters_of(workspace.ndim)), size=25):
+            after = world.step(state, command)
+            updated = todo.update(belief, command, state.occupied, after.occupied)
+            assert todo.update(belief, command, state.occupied, after.occupied) == updated, "update is not repeatable"
+            assert updated.open <= world.free, "a wall is believed to be free"
+            assert not (updated.obstacles & world.free), "a free cell is believed to be an obstacle"
+            assert belief.open <= updated.open, "a cell known to be free was forgotten"
+            assert belief.known <= updated.known, "a known cell was forgotten"
+            assert not (updated.frontier & after.occupied), "a cell with a particle is still to be done"
+            state, belief = after, updated
+
+
+def check_policy(policy: str | Policy, *, rules: Sequence[str] | None = None, max_moves: int = 20_000, seed: int = 0) -> None:
+    """Check a policy: it ends every episode, sends commands that exist, keeps no state of its own, and repeats itself.
+
+    Parameters
+    ----------
+    policy : str or Policy
+    rules : sequence of str, optional
+        Move rules to play; default: ``policy.rules`` if it has such, else all.
+    max_moves : int
+        An episode longer than this counts as endless.
+    seed : int
+
+    Raises
+    ------
+    AssertionError
+    """
+    chosen = make_policy(policy)
+    assert isinstance(chosen, Policy), f"expected the methods of shoal.swarm.Policy, got {type(chosen).__name__}"
+    rng = np.random.default_rng(seed)
+    for workspace in sample_workspaces(rng):
+        for rule in rules or sorted(getattr(chosen, "rules", ALL_RULES)):
+            if isinstance(chosen, Compiled) and workspace.ndim not in chosen.dimensions:
+                continue
+            start, trial = _starts(workspace, rng), int(rng.integers(1000))
+            _check_view(chosen, workspace, start, rule)
+            episodes = [
+                run(workspace, policy=p, start=start, rule=rule, trial=trial, max_moves=max_moves, stepwise=s)
+                for p, s in ((chosen, True), (chosen, True), (copy.deepcopy(chosen), False))
+            ]
+            first = episodes[0]
+            assert first.status != "limit", f"{chosen.name}, {rule}: no end after {max_moves} moves on\n{workspace}"
+            for other in episodes[1:]:
+                assert other.commands == first.commands, f"{chosen.name}, {rule}: the same trial gave two episodes"
+            assert first.verify(), f"{chosen.name}, {rule}: {first.verify().message}"
+
+
+def _check_view(policy: Policy, workspace: GridWorkspace, start: Any, rule: str) -> None:
+    """Check that one decision leaves what it sees as it was."""
+    world = GridWorld(workspace, rule)
+    state = world.initial(start)
+    belief = Mapping().begin(world, state)
+    words = [board.words.copy() for board in (state.occupied, belief.open, belief.known, belief.frontier)]
+    commands, _ = policy.decide(View(belief, state.occupied, rule), None, np.random.default_rng(0))
+    assert set(commands) <= set(letters_of(workspace.ndim)), f"{policy.name}: {commands!r} has letters that are no commands"
+    same = (state.occupied, belief.open, belief.known, belief.frontier)
+    for board, before in zip(same, words, strict=True):
+        assert np.array_equal(board.words, before), f"{policy.name}: a decision changed what it was shown"
