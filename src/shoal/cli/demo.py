@@ -52,7 +52,7 @@ def demo(
         print_json(result | {"files": [str(path) for path in written]})
         return
     rows = [
-        ("photograph", "skimage.data.retina()  # type: ignore[no-untyped-call]  # scikit-image has no types, CC0, 1411x1411 pixels"),
+        ("photograph", "skimage.data.retina(), CC0, 1411x1411 pixels"),
         ("map", f"{'x'.join(map(str, workspace.shape))}, {workspace.n_free} free cells"),
         ("result", f"{particles} particles; {episode.sentence}"),
         ("time", f"{episode.seconds:.3f} s"),

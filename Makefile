@@ -1,0 +1,78 @@
+# Everything that a fresh Debian machine with Python and make needs. `make help` lists the targets.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check -q
+APT := $(shell [ "$$(id -u)" = 0 ] && echo apt-get || echo sudo apt-get)
+SOURCES := $(shell find src -name '*.py' 2>/dev/null)
+
+export PIP_CONSTRAINT := $(CURDIR)/requirements.lock
+
+.PHONY: help install demo test check bench soak docs clean
+
+help:
+	@echo 'make demo     set up, map the vessels of a real eye with 300 particles, write films and figures to ./demo'
+	@echo 'make test     set up, run all tests (installs Chromium from Debian if there is none)'
+	@echo 'make install  set up .venv with the command .venv/bin/shoal'
+	@echo 'make check    ruff, mypy --strict, import-linter, all tests, documentation'
+	@echo 'make bench    measure speed against the plain reference, in one run'
+	@echo 'make soak     long checks: 10,000 episodes of elect-particle'
+	@echo 'make docs     build the documentation into ./site'
+
+# The virtual environment. Debian ships Python without the part that makes one; then its package is installed.
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
+	  || { echo 'Shoal needs Python 3.11, 3.12 or 3.13; try make PYTHON=python3.11'; exit 1; }
+	@$(PYTHON) -m venv $(VENV) >/dev/null 2>&1 || { rm -rf $(VENV); \
+	  echo 'installing python3-venv ...'; $(APT) update -qq && $(APT) install -y -qq python3-venv >/dev/null; \
+	  $(PYTHON) -m venv $(VENV); }
+
+$(VENV)/.run-installed: pyproject.toml requirements.lock | $(BIN)/python
+	@echo 'installing Shoal into $(VENV) ...'
+	@$(PIP) install -e '.[imaging]'
+	@touch $@
+
+$(VENV)/.dev-installed: pyproject.toml requirements.lock | $(BIN)/python
+	@echo 'installing Shoal and its tools into $(VENV) ...'
+	@$(PIP) install -e '.[imaging,dev]'
+	@touch $@ $(VENV)/.run-installed
+
+install: $(VENV)/.run-installed
+
+demo: install
+	@$(BIN)/shoal demo --out demo
+
+# Kernels are compiled once, before several test processes would do it at the same time.
+$(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
+	@touch src/shoal/swarm/kernels/*.py
+	@$(BIN)/shoal map rectangle:9x9 --particles 3 --json >/dev/null
+	@touch $@
+
+.PHONY: chromium
+chromium:
+	@command -v chromium >/dev/null || { echo 'installing Chromium for the browser tests ...'; \
+	  $(APT) update -qq && $(APT) install -y -qq chromium >/dev/null; }
+
+test: $(VENV)/.dev-installed $(VENV)/.kernels-compiled chromium
+	@$(BIN)/python -m pytest -n 2 --dist loadfile
+
+check: $(VENV)/.dev-installed
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+	@$(MAKE) --no-print-directory test docs
+
+bench: $(VENV)/.dev-installed $(VENV)/.kernels-compiled
+	@$(BIN)/python -m benchmarks
+
+soak: $(VENV)/.dev-installed $(VENV)/.kernels-compiled
+	@$(BIN)/python -m benchmarks.livelock
+
+docs: $(VENV)/.dev-installed
+	@$(BIN)/mkdocs build --strict --quiet --site-dir site
+
+clean:
+	rm -rf $(VENV) site demo build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find src tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
