@@ -9,7 +9,7 @@ SOURCES := $(shell find src -name '*.py' 2>/dev/null)
 
 export PIP_CONSTRAINT := $(CURDIR)/requirements.lock
 
-.PHONY: help install demo test check bench soak docs clean
+.PHONY: help install demo lint test check bench soak docs clean
 
 help:
 	@echo 'make demo     set up, map the vessels of a real eye with 300 particles, write films and figures to ./demo'
@@ -57,12 +57,13 @@ chromium:
 test: $(VENV)/.dev-installed $(VENV)/.kernels-compiled chromium
 	@$(BIN)/python -m pytest -n 2 --dist loadfile
 
-check: $(VENV)/.dev-installed
+lint: $(VENV)/.dev-installed
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
-	@$(MAKE) --no-print-directory test docs
+
+check: lint docs test
 
 bench: $(VENV)/.dev-installed $(VENV)/.kernels-compiled
 	@$(BIN)/python -m benchmarks
