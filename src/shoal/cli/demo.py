@@ -41,13 +41,13 @@ def demo(
     say(f"mapping {workspace.n_free} cells with {particles} particles ...")
     episode = run(workspace, particles=particles, seed=seed)
     result = summary([episode], seed=seed)
-    with atomic(out / "photograph.png") as temporary:
+    with atomic(out / "photograph.jpg") as temporary:
         from PIL import Image
 
-        Image.fromarray(photograph).save(temporary)
+        Image.fromarray(photograph).save(temporary, quality=90)
     write_map(workspace, out / "vessels.png")
     films = [out / "film.html", out / "film.gif", out / "film.mp4"]
-    written = [out / "photograph.png", out / "vessels.png", *write_outputs([episode], result, out, films)]
+    written = [out / "photograph.jpg", out / "vessels.png", *write_outputs([episode], result, out, films)]
     if json_:
         print_json(result | {"files": [str(path) for path in written]})
         return
@@ -63,8 +63,6 @@ def demo(
 
 def retina() -> NDArray[np.uint8]:
     """Return the fundus photograph that scikit-image ships; uint8, shape (1411, 1411, 3)."""
-    import numpy as np
-
     try:
         from skimage import data
     except ImportError:

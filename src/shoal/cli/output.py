@@ -61,7 +61,7 @@ def progress(what: str, total: int, *, shown: bool) -> Iterator[Advance]:
         def advance(done: int) -> None:
             if done * 10 // max(1, total) > tenths[0]:
                 tenths[0] = done * 10 // max(1, total)
-                say(f"{what}: {done}/{total}")
+                say(f"{what}: {100 * done // max(1, total)} %")
 
         yield advance
 

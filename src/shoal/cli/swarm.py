@@ -207,8 +207,9 @@ def write_film_with_progress(episode: Episode, path: Path) -> None:
     """Write one film, with a bar if it takes long."""
     from shoal.views.films import write_film
 
-    with progress(f"film {path.name}", 1, shown=episode.moves > 200) as advance:
-        write_film(episode, path, on_frame=lambda done, total: advance(done / total))  # type: ignore[arg-type]
+    frames = 1000  # of the bar: how many the film has is known only once it is being written
+    with progress(f"film {path.name}", frames, shown=episode.moves > 200) as advance:
+        write_film(episode, path, on_frame=lambda done, total: advance(frames * done // total))
 
 
 def replay(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,10 @@ from numpy.typing import NDArray
 from shoal.errors import InvalidInputError, OutputError
 from shoal.files import atomic
 from shoal.swarm import Episode
-from shoal.swarm.display import belief_raster, in_strips
+from shoal.swarm.display import PALETTE, belief_raster, in_strips
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
 SUFFIXES = (".gif", ".mp4", ".html")
 _LONGEST = {".gif": 400, ".mp4": 1800}  # frames; longer episodes show every k-th move
@@ -62,7 +66,7 @@ def write_film(episode: Episode, path: str | os.PathLike[str], *, on_frame: OnFr
             temporary.write_text(player_page(episode), encoding="utf-8")
             return
         shown = shown_moves(episode.moves, _LONGEST[suffix])
-        frames = _counted(film_frames(episode, shown, side=_SIDE[suffix]), len(shown), on_frame)
+        frames = _counted(film_frames(episode, shown), len(shown), on_frame)
         rate = float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60))
         (_write_gif if suffix == ".gif" else _write_mp4)(temporary, frames, rate)
 
@@ -78,26 +82,25 @@ def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, moves, min(moves + 1, max(2, at_most))).round().astype(np.int64))
 
 
-def film_frames(episode: Episode, shown: NDArray[np.int64], *, side: int) -> Iterator[NDArray[np.uint8]]:
-    """Yield the picture after each move in ``shown``; uint8, shape (H, W, 3), both sides even."""
+def film_frames(episode: Episode, shown: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
+    """Yield the picture after each move in ``shown``, one pixel a cell; uint8, shape (H, W, 3)."""
     wanted = set(shown.tolist())
     for move, (state, belief) in enumerate(episode.frames()):
         if move in wanted:
-            yield _fitted(in_strips(belief_raster(state, belief)), side)
+            yield in_strips(belief_raster(state, belief))
 
 
-def _fitted(sheet: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
-    """Enlarge by a whole factor, or shrink, to at most ``side``; pad to even sides as video needs."""
-    largest = max(sheet.shape[:2])
-    if largest > side:
-        from PIL import Image
+def film_size(height: int, width: int, side: int) -> tuple[int, int]:
+    """Return (width, height) of a film of pictures of that size: whole pixels a cell if it can be, even sides as video needs.
 
-        size = (max(1, sheet.shape[1] * side // largest), max(1, sheet.shape[0] * side // largest))
-        sheet = np.asarray(Image.fromarray(sheet).resize(size, Image.Resampling.BOX))
-    else:
-        sheet = np.repeat(np.repeat(sheet, side // largest, axis=0), side // largest, axis=1)
-    odd = [(0, length % 2) for length in sheet.shape[:2]]
-    return np.ascontiguousarray(np.pad(sheet, (*odd, (0, 0)), mode="edge"))
+    Examples
+    --------
+    >>> film_size(155, 160, 960), film_size(5000, 4000, 960)
+    ((960, 930), (768, 960))
+    """
+    largest = max(height, width)
+    factor = side // largest if largest <= side else side / largest
+    return tuple(max(2, round(length * factor / 2) * 2) for length in (width, height))  # type: ignore[return-value]
 
 
 def _counted(frames: Iterator[NDArray[np.uint8]], total: int, on_frame: OnFrame | None) -> Iterator[NDArray[np.uint8]]:
@@ -108,26 +111,48 @@ def _counted(frames: Iterator[NDArray[np.uint8]], total: int, on_frame: OnFrame 
 
 
 def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], rate: float) -> None:
-    from PIL import Image
+    from PIL import Image as Pillow
 
-    images = (Image.fromarray(frame).quantize(16, dither=Image.Dither.NONE) for frame in frames)
+    palette = Pillow.new("P", (1, 1))
+    palette.putpalette(bytes.fromhex("".join(colour[1:] for colour in PALETTE.values())))
+    images = (_shown(Pillow.fromarray(frame).quantize(palette=palette, dither=Pillow.Dither.NONE)) for frame in frames)
     first = next(images)
     duration = max(20, round(1000 / rate / 10) * 10)  # the format counts hundredths of a second
-    first.save(path, save_all=True, append_images=images, duration=duration, loop=0, optimize=False)
+    first.save(path, save_all=True, append_images=images, duration=duration, loop=0, optimize=False, disposal=1)
+
+
+def _shown(image: Image) -> Image:
+    """Return a small picture enlarged for a GIF; colours stay as they are, as no pixel is mixed from two."""
+    from PIL import Image as Pillow
+
+    return image.resize(film_size(image.height, image.width, _SIDE[".gif"]), Pillow.Resampling.NEAREST)
 
 
 def _write_mp4(path: Path, frames: Iterator[NDArray[np.uint8]], rate: float) -> None:
     import imageio_ffmpeg
 
     first = next(frames)
+    width, height = film_size(first.shape[0], first.shape[1], _SIDE[".mp4"])
+    enlarging = width >= first.shape[1]
     writer = imageio_ffmpeg.write_frames(
         str(path),
         (first.shape[1], first.shape[0]),
         fps=rate,
         codec="libx264",
         pix_fmt_out="yuv420p",
-        macro_block_size=2,
-        output_params=["-crf", "18", "-preset", "veryfast", "-movflags", "+faststart", "-threads", "2"],
+        macro_block_size=1,
+        output_params=[
+            "-vf",
+            f"scale={width}:{height}:flags={'neighbor' if enlarging else 'area'}",
+            "-crf",
+            "26",
+            "-preset",
+            "superfast",
+            "-movflags",
+            "+faststart",
+            "-threads",
+            "2",
+        ],
         ffmpeg_log_level="error",
     )
     try:

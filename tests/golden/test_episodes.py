@@ -1,0 +1,49 @@
+"""Episodes that must not change: number of moves and a digest of the commands, for every policy, rule and task.
+
+A change of the kernels, of a policy or of how random numbers are drawn shows here. If it is meant, store them anew:
+``python -m tests.golden.test_episodes``, and say so in the changelog.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from pathlib import Path
+
+import pytest
+from shoal import open_map, run
+
+FILE = Path(__file__).parent / "episodes.json"
+MAPS = ("line:200", "rectangle:12x70", "htree:400", "maze:31x21:4")
+POLICIES = {
+    "closest-frontier": ("block", "merge", "tilt"),
+    "closest-frontier:ties=row-major,neighbours=dlur": ("block",),
+    "elect-particle": ("block", "merge"),
+    "random-moves": ("block",),
+    "depth-first": ("block",),
+    "sweep": ("block", "tilt"),
+}
+CASES = [
+    (name, task, policy, rule)
+    for name, task in itertools.product(MAPS, ("mapping", "coverage", "subset-coverage"))
+    for policy, rules in POLICIES.items()
+    for rule in rules
+]
+
+
+def played(name: str, task: str, policy: str, rule: str) -> list[object]:
+    """Return [moves, status, digest of the commands, cells travelled]."""
+    episode = run(open_map(name), task=task, policy=policy, rule=rule, particles=20, seed=5, max_moves=20_000)
+    digest = hashlib.sha256(episode.commands.encode()).hexdigest()[:16]
+    return [episode.moves, episode.status, digest, episode.distance]
+
+
+@pytest.mark.parametrize("case", CASES, ids=" ".join)
+def test_episode(case):
+    assert played(*case) == json.loads(FILE.read_text())[" ".join(case)]
+
+
+if __name__ == "__main__":
+    rows = (f" {json.dumps(' '.join(case))}: {json.dumps(played(*case))}" for case in CASES)
+    FILE.write_text("{\n" + ",\n".join(rows) + "\n}\n")
