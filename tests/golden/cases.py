@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from shoal.swarm import GridWorkspace, place
 from shoal.swarm.generators import generate
 from shoal.swarm.running import trial_rng
@@ -21,11 +22,7 @@ MAPS: dict[str, np.ndarray] = {
     "stairs 3-D": np.array([[[1, 1, 0], [0, 1, 0]], [[0, 1, 1], [0, 0, 1]], [[0, 0, 1], [1, 1, 1]]], bool),
     "tower 3-D": np.random.default_rng(5).random((3, 3, 4)) < 0.75,
 }
-CASES = [
-    (name, placement, n, depth)
-    for name in MAPS
-    for placement, n, depth in (("uniform", 3, 6), ("flood-fill", 4, 5))
-]
+CASES = [(name, placement, n, depth) for name in MAPS for placement, n, depth in (("uniform", 3, 6), ("flood-fill", 4, 5))]
 
 
 def start_of(name: str, placement: str, n: int) -> tuple[GridWorkspace, np.ndarray]:

@@ -12,6 +12,7 @@ import json
 from pathlib import Path
 
 import pytest
+
 from shoal import open_map, run
 
 FILE = Path(__file__).parent / "episodes.json"

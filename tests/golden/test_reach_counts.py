@@ -10,11 +10,11 @@ import json
 from pathlib import Path
 
 import pytest
-from shoal.swarm import GridWorld
-from shoal.swarm.commands import letters_of
-
 from tests.golden.cases import CASES, start_of
 from tests.reference.reach import reach_counts
+
+from shoal.swarm import GridWorld
+from shoal.swarm.commands import letters_of
 
 RULES = ("block", "merge", "tilt")
 FILE = Path(__file__).parent / "reach_counts.json"

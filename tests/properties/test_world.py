@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from shoal.swarm import Board, Episode, Frame, GridWorkspace, GridWorld, Mapping, run
-
 from tests.properties.strategies import RULES, commands, swarms, workspaces
+
+from shoal.swarm import Board, Episode, Frame, GridWorkspace, GridWorld, Mapping, run
 
 TURNED = dict(zip("lurd", "dlur", strict=True))  # a quarter turn to the left takes left to down, up to left, ...
 
