@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Annotated, NoReturn
 
 import typer
@@ -17,7 +19,6 @@ from shoal.version import __version__
 app = typer.Typer(
     name="shoal",
     add_completion=False,
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -42,21 +43,49 @@ def _shoal(
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run one command; return its exit code: 0, 1 (a check failed), 2 (bad input or output), 130 (interrupted)."""
     command = typer.main.get_command(app)
+    given = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
-        code = command(args=arguments, prog_name="shoal", standalone_mode=False)
+        # Not command(...): that would turn an interruption or a closed pipe into an exit without a word from us.
+        with command.make_context("shoal", given) as context:
+            command.invoke(context)
+        if sys.stdout is not None:
+            sys.stdout.flush()  # a full disk shows here, not when Python ends
+    except typer.Exit as ended:
+        return ended.exit_code
     except ShoalError as error:
         return _refuse(str(error))
     except typer.TyperException as error:
-        return _refuse(error.format_message())
+        return _refuse(_usage(error))
     except (KeyboardInterrupt, typer.Abort):
         say("shoal: interrupted")
         return 130
     except BrokenPipeError:  # the reader of our output has gone, as in `shoal maps | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return 0
+    except OSError as error:
+        if error.filename is None:
+            _drop_output()
+        return _refuse(f"cannot read or write {error.filename or 'the standard output'}: {error.strerror or error}")
     except MemoryError:
         return _refuse("out of memory: the map or the episode is too large for this machine")
-    return code if isinstance(code, int) else 0
+    return 0
+
+
+def _usage(error: typer.TyperException) -> str:
+    """Return what is wrong with the command line; for a value that does not convert what was expected and what came."""
+    from pydantic import ValidationError
+
+    if not (isinstance(error, typer.BadParameter) and error.param and isinstance(error.__cause__, ValidationError)):
+        return error.format_message()
+    first = error.__cause__.errors()[0]
+    numbers = {"int_parsing": "expected a whole number", "float_parsing": "expected a number"}
+    return f"{error.param.opts[-1]}: {numbers.get(first['type'], first['msg'])}, got {str(first['input'])[:80]!r}"
+
+
+def _drop_output() -> None:
+    """Send what is left of the standard output nowhere, so that Python does not try again when it ends."""
+    with suppress(OSError), open(os.devnull, "w") as nowhere:  # a caller's own stdout may have no descriptor
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
 def _refuse(text: str) -> int:
@@ -66,4 +95,7 @@ def _refuse(text: str) -> int:
 
 def main() -> NoReturn:
     """Entry point of the ``shoal`` command."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # letters that a terminal or a pipe cannot take are no reason to stop
     sys.exit(run())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -28,6 +29,8 @@ def demo(
 
     Writes the vessel map, the picture at the end, the frontier by move, films (GIF, MP4), the HTML player and the episode.
     """
+    from PIL import Image
+
     from shoal.cli.swarm import summary, write_outputs
     from shoal.files import atomic
     from shoal.swarm import GridWorkspace, run
@@ -41,10 +44,10 @@ def demo(
     say(f"mapping {workspace.n_free} cells with {particles} particles ...")
     episode = run(workspace, particles=particles, seed=seed)
     result = summary([episode], seed=seed)
+    picture = io.BytesIO()  # Pillow does not notice when a full disk takes only a part of what it writes
+    Image.fromarray(photograph).save(picture, format="JPEG", quality=90)
     with atomic(out / "photograph.jpg") as temporary:
-        from PIL import Image
-
-        Image.fromarray(photograph).save(temporary, quality=90)
+        temporary.write_bytes(picture.getvalue())
     write_map(workspace, out / "vessels.png")
     films = [out / "film.html", out / "film.gif", out / "film.mp4"]
     written = [out / "photograph.jpg", out / "vessels.png", *write_outputs([episode], result, out, films)]

@@ -27,10 +27,14 @@ def maps(
     json_: options.Json = False,
 ) -> None:
     """List the generated maps; show one, or write it to a file."""
+    from shoal.errors import InvalidInputError
+
     if name is None:
+        for option, value in (("--out", out), ("--seed", seed)):
+            if value is not None:
+                raise InvalidInputError(f"{option}: expected the name of a map with it, such as maze:21x15, got none")
         _list(json_)
         return
-    from shoal.errors import InvalidInputError
     from shoal.swarm.formats import write_map
     from shoal.swarm.maps import open_map
 

@@ -17,7 +17,8 @@ Advance = Callable[[int], None]
 
 def say(text: str) -> None:
     """Print a message for people on stderr."""
-    print(text, file=sys.stderr, flush=True)
+    if sys.stderr is not None:  # None would mean stdout to print()
+        print(text, file=sys.stderr, flush=True)
 
 
 def print_json(result: dict[str, Any]) -> None:
@@ -36,7 +37,10 @@ def print_table(rows: list[tuple[str, str]], *, title: str) -> None:
     table.add_column(overflow="fold")
     for name, value in rows:
         table.add_row(escape(name), escape(value))
-    Console(soft_wrap=False).print(table)
+    console = Console(soft_wrap=False)
+    with console.capture() as drawn:
+        console.print(table)
+    print(drawn.get(), end="")  # not by the console, which ends the program itself when a pipe is closed
 
 
 @contextmanager
@@ -45,7 +49,7 @@ def progress(what: str, total: int, *, shown: bool) -> Iterator[Advance]:
 
     Where stderr is no terminal a line is printed every tenth of the way instead.
     """
-    if not shown:
+    if not shown or sys.stderr is None:
         yield lambda _done: None
     elif sys.stderr.isatty():
         from rich.console import Console

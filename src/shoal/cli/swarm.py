@@ -11,7 +11,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table, progress, say
-from shoal.errors import InvalidInputError
+from shoal.errors import InvalidInputError, ShoalError
 
 if TYPE_CHECKING:
     from shoal.swarm import Episode, GridWorkspace
@@ -229,7 +229,10 @@ def replay(
     episode = Episode.load(episode_file)
     if seed is not None and seed != episode.seed:
         raise InvalidInputError(f"{episode_file}: expected an episode of seed {seed}, got seed {episode.seed}")
-    verified = episode.verify()
+    try:
+        verified = episode.verify()
+    except ShoalError as error:  # an unknown task, or targets that cannot be reached
+        raise InvalidInputError(f"{episode_file}: {error}") from None
     result = summary([episode], seed=episode.seed) | {
         "commands": episode.commands,
         "verified": verified.ok,

@@ -17,7 +17,6 @@ from shoal.swarm.world import SwarmState
 if TYPE_CHECKING:
     from numpy.random import Generator
 
-_WORDS = moves.Field.__annotations__["free"]
 RUNNING, COMPLETE, STALLED = play.RUNNING, play.COMPLETE, play.STALLED
 RULE_CODES = {"block": moves.BLOCK, "merge": moves.MERGE, "tilt": moves.TILT}
 ORDERS = {"column-major": search.COLUMN_MAJOR, "row-major": search.ROW_MAJOR}
@@ -27,7 +26,8 @@ _PARENTS = {"column-major": "rdoiul", "row-major": "droilu"}
 
 def pushed(frame: Frame, free: Words, state: SwarmState, code: int, rule: str) -> SwarmState:
     """Return the state after one push; the world's own bookkeeping, so nothing is observed."""
-    field = _field(frame, free=free.ravel(), occupied=state.occupied.words.flatten(), counts=_counts(state))
+    everything = np.full(free.size, np.uint64(2**64 - 1))
+    field = _field(frame, free=free.ravel(), occupied=state.occupied.words.flatten(), known=everything, counts=_counts(state))
     moves.push(field, code, RULE_CODES[rule])
     return state_of(frame, field)
 
@@ -46,11 +46,14 @@ def field_of(free: Words, state: SwarmState, belief: Belief) -> moves.Field:
 
 
 def _field(frame: Frame, *, counts: NDArray[np.int32] | None = None, **boards: Words) -> moves.Field:
-    """Return the kernels' boards: the given ones, flat, and empty ones for all others."""
-    missing = [name for name in moves.Field._fields if moves.Field.__annotations__[name] == _WORDS and name not in boards]
-    boards |= dict(zip(missing, _work(frame, len(missing)), strict=True))
+    """Return the kernels' boards: the given ones, flat, empty ones for all others, and blocks of work space."""
+    block = max(moves.BLOCK_WORDS, frame.words[1])
+    work = {name: np.zeros(block, dtype=np.uint64) for name in ("tried", "before", "staying")}
+    missing = [name for name in ("free", "occupied", "open", "known", "frontier") if name not in boards]
     return moves.Field(
         **boards,
+        **dict(zip(missing, _work(frame, len(missing)), strict=True)),
+        **work,
         counts=np.zeros((0, 0), dtype=np.int32) if counts is None else counts,
         layers=frame.layers,
         rows=frame.rows,
@@ -92,6 +95,7 @@ def search_of(frame: Frame, *, ties: str, neighbours: str, plan_size: int) -> se
         plan=np.zeros(plan_size, dtype=np.int8),
         neighbours=check_neighbours(neighbours, frame.ndim),
         parents=encode(parents, ndim=frame.ndim),
+        columns=np.zeros(frame.words[1], dtype=np.uint64),
         origin=np.zeros(2, dtype=np.int64),
         order=ORDERS[ties],
     )
@@ -183,7 +187,9 @@ def route_to_frontier(
 
 
 def choose_driven(code: int, state: SwarmState, mind: play.Mind, rng: Generator) -> None:
-    """Choose the particle that a policy drives: elect-particle a random one, depth-first the first."""
+    """Choose the particle that a policy drives: elect-particle a random one, depth-first the first; others drive none."""
+    if code not in {play.ELECT, play.DEPTH_FIRST}:
+        return
     frame, cells = state.occupied.frame, state.occupied.cells
     cell = cells[rng.integers(0, len(cells)) if code == play.ELECT else 0] + 1
     layer = int(cell[0]) if frame.ndim == 3 else 0

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import warnings
 import zipfile
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, NonNegativeInt, ValidationError
+from pydantic import BaseModel, ConfigDict, FiniteFloat, NonNegativeInt, ValidationError
 
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
@@ -38,7 +39,7 @@ class Header(BaseModel):
     trial: NonNegativeInt
     status: Literal["complete", "stalled", "limit"]
     first_frontier: NonNegativeInt
-    seconds: float
+    seconds: FiniteFloat
 
 
 def save(episode: Episode, path: str | os.PathLike[str]) -> None:
@@ -79,31 +80,51 @@ def save(episode: Episode, path: str | os.PathLike[str]) -> None:
 def load(path: str | os.PathLike[str]) -> Episode:
     """Read an episode; see :meth:`Episode.load`."""
     source = Path(path)
-    if not source.is_file():
-        raise InvalidInputError(f"{source}: expected an episode file, got {'a folder' if source.is_dir() else 'no such file'}")
+    if not os.path.isfile(source):  # unlike Path.is_file it takes names of any length
+        raise InvalidInputError(
+            f"{source}: expected an episode file, got {'a folder' if os.path.isdir(source) else 'no such file'}"
+        )
     try:
-        with np.load(source, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        header = Header.model_validate_json(arrays["header"].tobytes())
+        with source.open("rb") as file:
+            arrays = _arrays(file)
+        return _assembled(Header.model_validate_json(arrays["header"].tobytes()), arrays)
+    except OSError as error:
+        raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "its header"
         raise InvalidInputError(f"{source}: not an episode of format {FORMAT}: {where}: {first['msg']}") from None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, AttributeError) as error:
-        text = " ".join(str(error).split()) or type(error).__name__
-        raise InvalidInputError(f"{source}: expected an episode file (.npz): {text}") from None
-    try:
-        return _assembled(header, arrays)
-    except (KeyError, ValueError, TypeError) as error:
-        raise InvalidInputError(f"{source}: the episode is damaged: {error}") from None
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{source}: no episode file (.npz), or a damaged one: {error}") from None
+
+
+def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
+    """Return the arrays of the file that make an episode; others are not looked at."""
+    if not zipfile.is_zipfile(file):
+        raise InvalidInputError("expected a zip archive of arrays, got another format or one that is cut off")
+    file.seek(0)
+    arrays: dict[str, NDArray[Any]] = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of odd array headers: what matters about them is checked
+        try:
+            with np.load(file, allow_pickle=False) as archive:
+                for name in ("header", "free", "start", "commands", *_COLUMNS, "targets"):
+                    if name in archive.files:
+                        arrays[name] = np.asarray(archive[name])
+        except Exception as error:  # zip, deflate and array headers have many ways to be damaged
+            raise InvalidInputError(" ".join(str(error).split())[:200] or type(error).__name__) from None
+    missing = [name for name in ("header", "free", "start", "commands", *_COLUMNS) if name not in arrays]
+    if missing:
+        raise InvalidInputError(f"expected the arrays {', '.join(missing)}, got none of that name")
+    return arrays
 
 
 def _assembled(header: Header, arrays: dict[str, NDArray[Any]]) -> Episode:
     size = int(np.prod(header.shape, dtype=object))
     if len(header.shape) not in (2, 3) or not 0 < size <= MAX_CELLS or min(header.shape) < 1:
-        raise InvalidInputError(f"expected a 2-D or 3-D shape, got {header.shape}")
+        raise InvalidInputError(f"shape: expected 2 or 3 lengths of at most {MAX_CELLS} cells in all, got {header.shape}")
     if header.rule not in RULES:
-        raise InvalidInputError(f"expected a move rule ({', '.join(RULES)}), got {header.rule!r}")
+        raise InvalidInputError(f"rule: expected {', '.join(RULES)}, got {header.rule!r}")
     workspace = GridWorkspace(_mask(arrays["free"], header.shape, "free"), name=header.map)
     codes = _column(arrays, "commands", np.int8)
     commands = len(letters_of(workspace.ndim))

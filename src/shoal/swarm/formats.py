@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import os
+import re
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 PICTURES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
+_PILLOW_NAMES = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".bmp": "BMP"}
 _LARGEST_FILE = 2**31
 
 
@@ -75,20 +79,30 @@ def read_map(path: str | os.PathLike[str], *, threshold: float = 0.5, invert: bo
         known = " ".join((*PICTURES, *_READERS))
         raise InvalidInputError(f"{source}: expected a map file ({known}), got the suffix {suffix!r}")
     try:
-        if not source.is_file():
-            found = "a folder" if source.is_dir() else "no such file"
-            raise InvalidInputError(f"{source}: expected a map file, got {found}")
-        if source.stat().st_size == 0:
-            raise InvalidInputError(f"{source}: expected a map, got an empty file")
-        if source.stat().st_size > _LARGEST_FILE:
-            raise InvalidInputError(f"{source}: expected a file of at most 2 GiB, got {source.stat().st_size} bytes")
+        _check_file(source, "map")
         free = _read_picture(source, options) if suffix in PICTURES else _READERS[suffix](source)
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
     try:
-        return GridWorkspace(free, name=source.stem)
+        return GridWorkspace(free, name=name_of(source))
     except InvalidInputError as error:
         raise InvalidInputError(f"{source}: {error}") from None
+
+
+def name_of(path: Path) -> str:
+    """Return the name of a file without its suffix, fit for any output: bytes of it that are no text become "?"."""
+    return path.stem.encode("utf-8", "replace").decode()
+
+
+def _check_file(path: Path, what: str) -> None:
+    """Refuse what is no file, or one that cannot be a map or picture by its size alone."""
+    if not path.is_file():
+        raise InvalidInputError(f"{path}: expected a {what} file, got {'a folder' if path.is_dir() else 'no such file'}")
+    size = path.stat().st_size
+    if size == 0:
+        raise InvalidInputError(f"{path}: expected a {what}, got an empty file")
+    if size > _LARGEST_FILE:
+        raise InvalidInputError(f"{path}: expected a file of at most 2 GiB, got {size} bytes")
 
 
 def read_pixels(path: str | os.PathLike[str]) -> NDArray[np.uint8]:
@@ -102,47 +116,53 @@ def read_pixels(path: str | os.PathLike[str]) -> NDArray[np.uint8]:
     source = Path(path)
     if source.suffix.lower() not in PICTURES:
         raise InvalidInputError(f"{source}: expected a picture ({' '.join(PICTURES)}), got {source.suffix!r}")
-    if not source.is_file():
-        raise InvalidInputError(f"{source}: expected a picture, got no such file")
-    image = _open_picture(source)
-    return np.asarray(image.convert("L" if image.mode in {"1", "L", "I;16", "I", "F"} else "RGB"))
+    try:
+        _check_file(source, "picture")
+        image = _open_picture(source)
+    except OSError as error:
+        raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
+    if _is_deep(image):  # Pillow would clip these at 255, not scale them
+        return np.asarray(np.rint(255 * _grey(source, image)), dtype=np.uint8)
+    return np.asarray(image.convert("L" if image.mode in {"1", "L"} else "RGB"))
 
 
 def _open_picture(path: Path) -> Image:
     """Open and decode a picture, checking its size before it is decoded."""
-    import warnings
-
     from PIL import Image, UnidentifiedImageError
 
     limit = Image.MAX_IMAGE_PIXELS
-    try:
-        Image.MAX_IMAGE_PIXELS = None  # checked here, with a sentence of our own
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            image = Image.open(path)
-            if image.width * image.height > MAX_CELLS:
-                raise InvalidInputError(
-                    f"{path}: expected a picture of at most {MAX_CELLS} pixels, got {image.width}x{image.height}"
-                )
-            image.load()
-    except UnidentifiedImageError:
-        raise InvalidInputError(f"{path}: expected a {path.suffix[1:].upper()} picture, got something else") from None
-    except InvalidInputError:
-        raise
-    except Exception as error:  # Pillow's readers raise many kinds for damaged files
-        raise InvalidInputError(f"{path}: the picture is damaged: {_one_line(error)}") from None
-    finally:
-        Image.MAX_IMAGE_PIXELS = limit
-    return image
+    with path.open("rb") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what Pillow warns of is either an error below or harmless
+        try:
+            Image.MAX_IMAGE_PIXELS = None  # checked here, with a sentence of our own
+            with Image.open(file, formats=("PNG", "TIFF", "BMP", "DIB", "JPEG", "MPO")) as image:
+                if image.width * image.height > MAX_CELLS:
+                    raise InvalidInputError(
+                        f"{path}: expected a picture of at most {MAX_CELLS} pixels, got {image.width}x{image.height}"
+                    )
+                image.load()
+                return image
+        except UnidentifiedImageError:
+            file.seek(0)
+            raise InvalidInputError(
+                f"{path}: expected a PNG, TIFF, BMP or JPEG picture, "
+                f"got a damaged one or another format (it begins with {file.read(8)!r})"
+            ) from None
+        except InvalidInputError:
+            raise
+        except Exception as error:  # Pillow's readers raise many kinds for damaged files
+            raise InvalidInputError(f"{path}: the picture is damaged: {_one_line(error)}") from None
+        finally:
+            Image.MAX_IMAGE_PIXELS = limit
 
 
 def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+    return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 def _read_picture(path: Path, options: PictureOptions) -> NDArray[np.bool_]:
     image = _open_picture(path)
-    grey = _grey(image)
+    grey = _grey(path, image)
     if options.scale != 1.0:
         size = tuple(max(1, round(side * options.scale)) for side in image.size)
         if size[0] * size[1] > MAX_CELLS:
@@ -154,15 +174,27 @@ def _read_picture(path: Path, options: PictureOptions) -> NDArray[np.bool_]:
     return ~free if options.invert else free
 
 
-def _grey(image: Image) -> NDArray[np.float32]:
+def _is_deep(image: Image) -> bool:
+    """Tell whether a picture has more than 8 bits a channel: modes I, I;16, I;16B (big-endian) and F."""
+    return image.mode.startswith("I") or image.mode == "F"
+
+
+def _grey(path: Path, image: Image) -> NDArray[np.float32]:
     """Return brightness 0 to 1; transparent pixels count as white."""
-    if image.mode in {"I;16", "I", "F"}:  # 16-bit and float pictures: full range of the type, or of the data
-        values = np.asarray(image, dtype=np.float32)
+    from PIL import Image as Pillow
+
+    if _is_deep(image):  # 16-bit and float pictures: full range of the type, or of the data
+        values = np.asarray(image).astype(np.float32)
+        if not np.isfinite(values).all():
+            row, column = (int(i) for i in np.argwhere(~np.isfinite(values))[0])
+            raise InvalidInputError(
+                f"{path}: expected finite brightness, got {values[row, column]} at row {row + 1}, column {column + 1}"
+            )
         top = 65535.0 if image.mode != "F" else max(float(values.max(initial=0.0)), 1e-30)
         return np.asarray(np.clip(values / np.float32(top), 0, 1), dtype=np.float32)
+    if image.mode == "LAB":  # Pillow converts it to colours only
+        image = image.convert("RGB")
     if image.has_transparency_data:
-        from PIL import Image as Pillow
-
         rgba = image.convert("RGBA")
         image = Pillow.alpha_composite(Pillow.new("RGBA", rgba.size, "white"), rgba)
     return np.asarray(image.convert("L"), dtype=np.float32) / np.float32(255)
@@ -181,6 +213,7 @@ def _grid(path: Path, lines: list[str], first_line: int, free: str, blocked: str
     width = len(lines[0]) if lines else 0
     if not width:
         raise InvalidInputError(f"{path}, line {first_line}: expected a row of cells, got an empty line")
+    _check_cells(path, len(lines), width)
     table = {ord(letter): True for letter in free} | {ord(letter): False for letter in blocked}
     for number, line in enumerate(lines, start=first_line):
         if len(line) != width:
@@ -191,6 +224,11 @@ def _grid(path: Path, lines: list[str], first_line: int, free: str, blocked: str
                     f"{path}, line {number}, column {column}: expected one of {free + blocked!r}, got {letter!r}"
                 )
     return np.array([[table[ord(letter)] for letter in line] for line in lines], dtype=np.bool_)
+
+
+def _check_cells(path: Path, rows: int, columns: int) -> None:
+    if rows * columns > MAX_CELLS:
+        raise InvalidInputError(f"{path}: expected at most {MAX_CELLS} cells, got {rows} rows of {columns}")
 
 
 def _read_text(path: Path) -> NDArray[np.bool_]:
@@ -205,7 +243,7 @@ def _read_movingai(path: Path) -> NDArray[np.bool_]:
         if words == ["map"]:
             body = lines[number:]
             break
-        if len(words) == 2 and words[0] in {"height", "width"} and words[1].isascii() and words[1].isdigit():
+        if len(words) == 2 and words[0] in {"height", "width"} and re.fullmatch("[0-9]{1,9}", words[1]):
             sizes[words[0]] = int(words[1])
         elif not (len(words) == 2 and words[0] == "type"):
             raise InvalidInputError(
@@ -213,6 +251,8 @@ def _read_movingai(path: Path) -> NDArray[np.bool_]:
             )
     else:
         raise InvalidInputError(f"{path}: expected a line 'map' after the header, got none in {len(lines)} lines")
+    if not body:
+        raise InvalidInputError(f"{path}, line {number + 1}: expected a row of cells after 'map', got the end of the file")
     cells = _grid(path, body, number + 1, free=".GS", blocked="@OTW")
     for key, got in (("height", cells.shape[0]), ("width", cells.shape[1])):
         if sizes.get(key, got) != got:
@@ -221,24 +261,35 @@ def _read_movingai(path: Path) -> NDArray[np.bool_]:
 
 
 def _read_npy(path: Path) -> NDArray[Any]:
-    try:
-        with path.open("rb") as file:
+    with path.open("rb") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of headers that Python 2 wrote and of names of types that have gone out of use
+        try:
             version = np.lib.format.read_magic(file)
             header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
             shape, _, dtype = header(file)
-            if dtype.hasobject or int(np.prod(shape, dtype=object)) > MAX_CELLS:
-                raise InvalidInputError(f"{path}: expected at most {MAX_CELLS} numbers, got {dtype} {shape}")
-        return np.asarray(np.load(path, allow_pickle=False))
-    except InvalidInputError:
-        raise
-    except Exception as error:  # NumPy's header parser raises several kinds
-        raise InvalidInputError(f"{path}: expected a NumPy array file: {_one_line(error)}") from None
+            if len(shape) not in (2, 3) or dtype.kind not in "biuf":
+                raise InvalidInputError(f"{path}: expected a 2-D or 3-D array of booleans or numbers, got {dtype} {shape}")
+            cells = int(np.prod(shape, dtype=object))
+            if cells > MAX_CELLS:
+                raise InvalidInputError(f"{path}: expected at most {MAX_CELLS} cells, got {shape}")
+            expected, got = cells * dtype.itemsize, path.stat().st_size - file.tell()
+            if got < expected:
+                raise InvalidInputError(f"{path}: expected {expected} bytes of {dtype} {shape}, got {got}: the file is cut off")
+            file.seek(0)
+            return np.asarray(np.load(file, allow_pickle=False))
+        except InvalidInputError:
+            raise
+        except Exception as error:  # NumPy's header parser raises several kinds
+            raise InvalidInputError(f"{path}: expected a NumPy array file (.npy): {_one_line(error)}") from None
 
 
 def _read_csv(path: Path) -> NDArray[np.bool_]:
     rows: list[list[bool]] = []
-    for number, line in enumerate(_text_lines(path), start=1):
+    lines = _text_lines(path)
+    for number, line in enumerate(lines, start=1):
         values = [value.strip() for value in line.split(",")]
+        if number == 1:
+            _check_cells(path, len(lines), len(values))
         for column, value in enumerate(values, start=1):
             if value not in {"0", "1"}:
                 raise InvalidInputError(f"{path}, line {number}, column {column}: expected 0 or 1, got {value[:20]!r}")
@@ -276,14 +327,22 @@ def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
     if workspace.ndim != 2 and suffix != ".npy":
         raise InvalidInputError(f"{target}: expected .npy for a 3-D workspace, got {suffix!r}")
     with atomic(target) as temporary:
-        if suffix == ".npy":
-            np.save(temporary, workspace.free)
-        elif suffix in PICTURES:
-            from PIL import Image
+        # Encoded in memory first: Pillow does not notice when a full disk takes only a part of what it writes.
+        temporary.write_bytes(_encoded(workspace, suffix))
 
-            Image.fromarray(workspace.free.astype(np.uint8) * 255).save(temporary)
-        else:
-            temporary.write_text(_as_text(workspace, suffix), encoding="utf-8")
+
+def _encoded(workspace: GridWorkspace, suffix: str) -> bytes:
+    """Return the bytes of a map file."""
+    if suffix in _READERS and suffix != ".npy":
+        return _as_text(workspace, suffix).encode()
+    buffer = io.BytesIO()
+    if suffix == ".npy":
+        np.save(buffer, workspace.free)
+    else:
+        from PIL import Image
+
+        Image.fromarray(workspace.free.astype(np.uint8) * 255).save(buffer, format=_PILLOW_NAMES[suffix])
+    return buffer.getvalue()
 
 
 def _as_text(workspace: GridWorkspace, suffix: str) -> str:

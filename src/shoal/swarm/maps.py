@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from shoal.errors import InvalidInputError
@@ -41,22 +42,25 @@ def open_map(
     <GridWorkspace 'line:7': 1x7, 7 free cells>
     """
     from shoal.swarm import generators
+    from shoal.swarm.formats import PictureOptions, name_of, read_map, read_pixels
 
+    PictureOptions(threshold, invert, scale)  # refuses values out of range whatever the map is
+    if width is not None and not vessels:
+        raise InvalidInputError(f"width: expected it only together with vessels (a photograph to segment), got {width}")
     path = Path(text)
-    named = generators.is_spec(text) and not path.is_file()
+    named = generators.is_spec(text) and not os.path.isfile(path)  # unlike Path.is_file it takes names of any length
     if vessels:
         if named:
             raise InvalidInputError(f"vessels: expected a photograph to segment, got the generated map {text!r}")
-        from shoal.swarm.formats import read_pixels
         from shoal.swarm.imaging import segment_vessels
 
         pixels = read_pixels(path)
         try:
-            return GridWorkspace(segment_vessels(pixels, width=width), name=path.stem)
+            return GridWorkspace(segment_vessels(pixels, width=width), name=name_of(path))
         except InvalidInputError as error:
             raise InvalidInputError(f"{path}: {error}") from None
-    if named or (not path.suffix and not path.exists()):
-        return GridWorkspace(generators.generate(text), name=text)
-    from shoal.swarm.formats import read_map
+    if named or (not path.suffix and not os.path.exists(path)):
+        from shoal.swarm.generators.remembered import remembered
 
+        return GridWorkspace(remembered(text), name=text)
     return read_map(path, threshold=threshold, invert=invert, scale=scale)

@@ -26,7 +26,10 @@ def configured(registry: Registry[type[T]], text: str) -> T:
     name, _, options = text.partition(":")
     if name not in registry:
         found: Any = registry.get(text)
-        instance: Any = found() if inspect.isclass(found) else found
+        try:
+            instance: Any = found() if inspect.isclass(found) else found
+        except TypeError as error:
+            raise InvalidInputError(f"the {registry.kind} {text!r}: expected a class without arguments: {error}") from None
         return cast("T", instance)
     kind = registry.get(name)
     parameters = inspect.signature(kind).parameters
@@ -34,10 +37,12 @@ def configured(registry: Registry[type[T]], text: str) -> T:
     for part in filter(None, options.split(",")):
         key, equals, value = part.partition("=")
         if not equals:
-            key, value = next(iter(parameters), ""), part
+            key, value = next(iter(parameters), part), part
         if key not in parameters:
             has = f"has {', '.join(parameters)}" if parameters else "has none"
             raise InvalidInputError(f"the {registry.kind} {name!r} has no option {key!r} (it {has})")
+        if key in chosen:
+            raise InvalidInputError(f"the {registry.kind} {name!r}: expected the option {key!r} once, got it again in {text!r}")
         chosen[key] = _converted(f"{name}: {key}", value, parameters[key].default)
     return kind(**chosen)
 

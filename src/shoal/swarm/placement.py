@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 
 import numpy as np
@@ -12,6 +13,7 @@ from shoal.errors import InvalidInputError
 from shoal.registry import Registry
 from shoal.swarm.boards import Frame
 from shoal.swarm.workspace import GridWorkspace
+from shoal.swarm.world import check_start
 
 Placement = Callable[[GridWorkspace, int, Generator], NDArray[np.int64]]
 PLACEMENTS: Registry[Placement] = Registry("placement")
@@ -49,9 +51,33 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
     if not 1 <= n <= workspace.n_free:
         raise InvalidInputError(f"particles: expected 1 to {workspace.n_free} (the free cells of {workspace.name}), got {n}")
     function = PLACEMENTS.get(placement) if isinstance(placement, str) else placement
-    cells = np.asarray(function(workspace, n, rng))
-    flat = np.sort(np.ravel_multi_index(tuple(cells.T), workspace.shape))
-    return np.stack(np.unravel_index(flat, workspace.shape), axis=1)
+    if not _takes(function, workspace, n, rng):
+        raise InvalidInputError(f"placement {_name(placement)}: expected a function (workspace, n, rng) -> cells, got {function!r}")
+    cells = function(workspace, n, rng)
+    try:
+        checked = check_start(workspace, cells)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"placement {_name(placement)}: {error}") from None
+    if len(checked) != n:
+        raise InvalidInputError(f"placement {_name(placement)}: expected {n} cells, got {len(checked)}")
+    return checked
+
+
+def _takes(function: object, *arguments: object) -> bool:
+    """Tell whether something can be called with so many arguments; some built-in functions do not say."""
+    if not callable(function):
+        return False
+    try:
+        inspect.signature(function).bind(*arguments)
+    except TypeError:
+        return False
+    except ValueError:
+        pass
+    return True
+
+
+def _name(placement: str | Placement) -> str:
+    return placement if isinstance(placement, str) else getattr(placement, "__name__", "custom")
 
 
 @PLACEMENTS.register("uniform")

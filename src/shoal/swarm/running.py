@@ -92,6 +92,8 @@ def run(
     ('complete', 'ludr')
     """
     world, chosen, todo = GridWorld(workspace, rule), make_policy(policy), make_task(task)
+    if not isinstance(chosen, Policy):
+        raise InvalidInputError(f"policy: expected an object with a name and a method decide, got {chosen!r}")
     _check_numbers(seed=seed, trial=trial, max_moves=max_moves)
     if isinstance(chosen, Compiled):
         chosen.check(world.frame, rule)

@@ -151,4 +151,7 @@ def check_reachable(workspace: GridWorkspace, state: SwarmState, targets: NDArra
 
 def make_task(task: str | Task) -> Task:
     """Return a task by name ("mapping", "subset-coverage:fraction=0.2", "module:attribute") or the given one."""
-    return configured(TASKS, task) if isinstance(task, str) else task
+    made = configured(TASKS, task) if isinstance(task, str) else task
+    if not isinstance(made, Task):
+        raise InvalidInputError(f"task: expected an object with name, choose_targets, begin and update, got {made!r}")
+    return made

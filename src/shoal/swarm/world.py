@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.errors import InvalidInputError, UnknownNameError
 from shoal.registry import Registry
 from shoal.swarm.boards import Board, Frame
 from shoal.swarm.commands import encode
@@ -67,7 +68,11 @@ def check_start(workspace: GridWorkspace, cells: ArrayLike, *, rule: str = "bloc
     InvalidInputError
         If a cell is outside, an obstacle, or (but for rule merge) given twice; or there is none.
     """
-    array = np.asarray(cells)
+    try:
+        array = np.asarray(cells)
+    except ValueError:  # rows of several lengths
+        expected = f"start: expected integer cells of shape (n, {workspace.ndim})"
+        raise InvalidInputError(f"{expected}, got rows of different lengths") from None
     if array.ndim != 2 or array.shape[1] != workspace.ndim or not np.issubdtype(array.dtype, np.integer):
         raise InvalidInputError(f"start: expected integer cells of shape (n, {workspace.ndim}), got {array.dtype} {array.shape}")
     if len(array) == 0:
@@ -124,7 +129,9 @@ class GridWorld:
 
     def __post_init__(self) -> None:
         if self.rule not in RULES:
-            RULES.get(self.rule.replace(":", " "))
+            near = difflib.get_close_matches(self.rule, RULES, n=1, cutoff=0.5)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            raise UnknownNameError(f"unknown move rule {self.rule!r}: {hint}(known: {', '.join(RULES)})")
 
     @cached_property
     def frame(self) -> Frame:

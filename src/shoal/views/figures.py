@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -57,9 +58,14 @@ def map_figure(episode: Episode, *, moves: int) -> Figure:
     axes = figure.add_subplot()
     axes.imshow(sheet, interpolation="nearest" if max(height, width) < 900 else "antialiased")
     axes.set_axis_off()
-    axes.set_title(f"{episode.workspace.name} after {moves} moves", fontsize=11, color=_INK, loc="left", fontweight="bold")
+    _title(axes, f"{episode.workspace.name} after {moves} moves")
     _legend(axes, coverage=episode.targets is not None)
     return figure
+
+
+def _title(axes: Axes, text: str) -> None:
+    """Write a title as it is: the name of a file may hold a "$", which is no formula."""
+    axes.set_title(text, fontsize=11, color=_INK, loc="left", fontweight="bold", parse_math=False)
 
 
 def _legend(axes: Axes, *, coverage: bool) -> None:
@@ -103,10 +109,7 @@ def frontier_plot(episodes: Sequence[Episode]) -> Figure:
     first = episodes[0]
     cells = "frontier cells" if first.targets is None else "cells not covered yet"
     axes.set(xlabel="moves", ylabel=cells, xlim=(0, None), ylim=(0, None))
-    axes.set_title(
-        f"{first.workspace.name}: {first.task} by {first.policy}, {first.n_particles} particles",
-        fontsize=11, color=_INK, loc="left", fontweight="bold",
-    )  # fmt: skip
+    _title(axes, f"{first.workspace.name}: {first.task} by {first.policy}, {first.n_particles} particles")
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(colors=_MUTED, labelcolor=_INK)
     axes.grid(color="#e5e7eb", lw=0.6)
@@ -127,5 +130,6 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     target = Path(path)
     if target.suffix not in {".png", ".svg", ".pdf"}:
         raise InvalidInputError(f"{target}: expected the suffix .png, .svg or .pdf, got {target.suffix!r}")
-    with atomic(target) as temporary:
+    with atomic(target) as temporary, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font has not is drawn as boxes
         figure.savefig(temporary)

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError, OutputError
+from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.files import atomic
 from shoal.swarm import Episode
 from shoal.swarm.display import PALETTE, belief_raster, in_strips
@@ -129,40 +134,46 @@ def _shown(image: Image) -> Image:
 
 
 def _write_mp4(path: Path, frames: Iterator[NDArray[np.uint8]], rate: float) -> None:
-    import imageio_ffmpeg
-
+    """Encode with our own ffmpeg process: what it says and how it ended tell whether the film is whole."""
     first = next(frames)
     width, height = film_size(first.shape[0], first.shape[1], _SIDE[".mp4"])
-    enlarging = width >= first.shape[1]
-    writer = imageio_ffmpeg.write_frames(
-        str(path),
-        (first.shape[1], first.shape[0]),
-        fps=rate,
-        codec="libx264",
-        pix_fmt_out="yuv420p",
-        macro_block_size=1,
-        output_params=[
-            "-vf",
-            f"scale={width}:{height}:flags={'neighbor' if enlarging else 'area'}",
-            "-crf",
-            "26",
-            "-preset",
-            "superfast",
-            "-movflags",
-            "+faststart",
-            "-threads",
-            "2",
-        ],
-        ffmpeg_log_level="error",
-    )
+    flags = "neighbor" if width >= first.shape[1] else "area"
+    # fmt: off
+    command = [
+        _encoder(), "-y", "-v", "error",
+        "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{first.shape[1]}x{first.shape[0]}",
+        "-r", str(Fraction(rate).limit_denominator()), "-i", "-",
+        "-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-vf", f"scale={width}:{height}:flags={flags}",
+        "-crf", "26", "-preset", "superfast", "-movflags", "+faststart", "-threads", "2", f"file:{path}",
+    ]
+    # fmt: on
+    with tempfile.TemporaryFile() as said, subprocess.Popen(command, stdin=subprocess.PIPE, stderr=said) as encoder:
+        assert encoder.stdin is not None
+        try:
+            with suppress(BrokenPipeError), encoder.stdin:  # the encoder has gone: its exit code says so
+                for frame in chain([first], frames):
+                    encoder.stdin.write(frame.tobytes())
+        except BaseException:
+            encoder.kill()
+            raise
+        failed = encoder.wait() != 0
+        said.seek(0)
+        words = said.read().decode(errors="replace").splitlines()
+    if failed:
+        why = words[0].rpartition(": ")[2] if words else f"exit code {encoder.returncode}"
+        raise OSError(f"the film encoder stopped: {why}")  # atomic() adds which file
+
+
+def _encoder() -> str:
+    """Return the path of ffmpeg."""
+    import shutil
+
+    from imageio_ffmpeg import get_ffmpeg_exe
+
     try:
-        writer.send(None)
-        writer.send(first)
-        for frame in frames:
-            writer.send(frame)
-    except OSError as error:  # the encoder has gone: a full disk, most often
-        raise OutputError(f"the film encoder stopped: {' '.join(str(error).split())[-200:]}") from None
-    finally:
-        writer.close()
-    if path.stat().st_size == 0:
-        raise OutputError("the film encoder wrote nothing: is the disk full?")
+        program: str = get_ffmpeg_exe()
+    except RuntimeError as error:
+        raise MissingExtraError(f"films as .mp4 need ffmpeg: {error}") from None
+    if shutil.which(program) is None:
+        raise MissingExtraError(f"films as .mp4 need ffmpeg: expected a program, got {program!r} (IMAGEIO_FFMPEG_EXE)")
+    return program

@@ -38,6 +38,8 @@ class Generator:
         Whether a seed makes a difference; a map name with a seed is refused if not.
     smallest, largest : int
         Bounds on the product of the numbers of the size.
+    slow : bool
+        Whether it takes long enough that maps are worth keeping on disk.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Generator:
     seeded: bool = True
     smallest: int = 1
     largest: int = MAX_CELLS
+    slow: bool = False
 
     @property
     def size(self) -> str:
@@ -88,6 +91,7 @@ for _generator in (
         axes=("CELLS",),
         example="vessels:5000:7",
         function=draw_vessels,
+        slow=True,
         smallest=30,
         largest=1_000_000,
     ),

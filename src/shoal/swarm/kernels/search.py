@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shoal.swarm.kernels.bits import ONE, TOP, ZERO, has, lowest
 from shoal.swarm.kernels.compiling import kernel
-from shoal.swarm.kernels.moves import DOWN, IN, LEFT, OUT, RIGHT, UP
+from shoal.swarm.kernels.moves import BLOCK_WORDS, DOWN, IN, LEFT, OUT, RIGHT, UP
 
 COLUMN_MAJOR, ROW_MAJOR = 0, 1
 SEEN, GOALS, WAVE, NEXT, MOD = 0, 1, 2, 3, 4  # planes: MOD, MOD + 1, MOD + 2 hold distances 0, 1, 2 modulo 3
@@ -27,6 +27,7 @@ class Search(NamedTuple):
     plan: NDArray[np.int8]  # the commands found, first to last
     neighbours: NDArray[np.int8]  # the commands in the order in which neighbours are looked at
     parents: NDArray[np.int8]  # the commands in the order in which their origin is expanded
+    columns: NDArray[np.uint64]  # (words of a row,)
     origin: NDArray[np.int64]  # row and column of the cell from which the plan starts
     order: int  # COLUMN_MAJOR or ROW_MAJOR
 
@@ -111,21 +112,39 @@ def row_range(words, width, first, last):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def first_cell(field, one, other, order):  # type: ignore[no-untyped-def]
-    """Return (row, column) of the first common cell of two boards in the order of expansion; there is one."""
-    width, rows, layers = field.width, field.rows, field.layers
-    if order == COLUMN_MAJOR:
+def common_columns(one, other, columns):  # type: ignore[no-untyped-def]
+    """Add to ``columns``, one row of words, the columns in which two boards (or the same rows of them) have a common cell."""
+    width = columns.shape[0]
+    if width < 8:  # a row is too short for vectors: column by column
         for k in range(width):
-            common = ZERO
-            for row in range(layers * rows):
-                common |= one[row * width + k] & other[row * width + k]
+            common = columns[k]
+            for i in range(k, one.shape[0], width):
+                common |= one[i] & other[i]
+            columns[k] = common
+        return
+    for first in range(0, one.shape[0], width):
+        a, b = one[first : first + width], other[first : first + width]
+        for k in range(width):
+            columns[k] |= a[k] & b[k]
+
+
+@kernel
+def first_cell(field, search, one, other):  # type: ignore[no-untyped-def]
+    """Return (row, column) of the first common cell of two boards in the order of expansion; there is one.
+
+    Its columns are in ``search.columns``.
+    """
+    width, rows, layers = field.width, field.rows, field.layers
+    if search.order == COLUMN_MAJOR:
+        for k in range(width):
+            common = search.columns[k]
             if common == ZERO:
                 continue
-            first = common & (~common + ONE)
+            leftmost = common & (~common + ONE)
             for r in range(rows):
                 for layer in range(layers):
                     i = (layer * rows + r) * width + k
-                    if one[i] & other[i] & first != ZERO:
+                    if one[i] & other[i] & leftmost != ZERO:
                         return layer * rows + r, 64 * k + lowest(common)
     for r in range(rows):
         for k in range(width):
@@ -191,6 +210,24 @@ def trace_back(field, search, row, column, level):  # type: ignore[no-untyped-de
 
 
 @kernel
+def find_goals(field, search, sources, first, last):  # type: ignore[no-untyped-def]
+    """Fill GOALS with the known-free cells beside the frontier, words ``first`` to ``last - 1``; tell whether one is a source.
+
+    In blocks that fit the cache, so that what was just written is compared with the sources before it leaves.
+    """
+    goals, width = search.planes[GOALS], field.width
+    found = False
+    block = max(1, BLOCK_WORDS // width) * width
+    for start in range(first, last, block):
+        end = min(last, start + block)
+        dilate(field.frontier, field.open, goals, start, end, field)
+        if meets(sources[start:end], goals[start:end]):
+            found = True
+            common_columns(sources[start:end], goals[start:end], search.columns)
+    return found
+
+
+@kernel
 def nearest(field, search, sources):  # type: ignore[no-untyped-def]
     """Search from the board ``sources`` to the nearest frontier cell; write the plan and return its length, 0 if none.
 
@@ -200,10 +237,11 @@ def nearest(field, search, sources):  # type: ignore[no-untyped-def]
     goals, wave = planes[GOALS], planes[WAVE]
     reach = field.rows if field.layers > 1 else 1  # rows from a cell to its farthest neighbour
     bottom, top = reach, field.layers * field.rows - 1 - reach
-    dilate(field.frontier, field.open, goals, bottom * width, (top + 1) * width, field)
+    for k in range(width):
+        search.columns[k] = ZERO
     level = 0
-    if meets(sources, goals):
-        row, column = first_cell(field, sources, goals, search.order)
+    if find_goals(field, search, sources, bottom * width, (top + 1) * width):
+        row, column = first_cell(field, search, sources, goals)
         return trace_back(field, search, row, column, level)
     start_planes(planes, sources)
     low, high = row_range(wave, width, bottom, top)
@@ -215,5 +253,6 @@ def nearest(field, search, sources):  # type: ignore[no-untyped-def]
             return 0
         low, high = row_range(wave, width, low, high)
         found = meets(wave[low * width : (high + 1) * width], goals[low * width : (high + 1) * width])
-    row, column = first_cell(field, wave, goals, search.order)
+    common_columns(wave, goals, search.columns)
+    row, column = first_cell(field, search, wave, goals)
     return trace_back(field, search, row, column, level)
