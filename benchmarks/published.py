@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import statistics
 
-from shoal import open_map, run_trials
-
 from tests.golden.test_published import PUBLISHED, published_means
+
+from shoal import open_map, run_trials
 
 COUNTS = (100, 500, 1000, 2500, 4000)
 

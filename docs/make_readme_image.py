@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
+
 from shoal import GridWorkspace, run
 from shoal.cli.demo import retina
 from shoal.swarm.display import PALETTE, belief_raster

@@ -117,5 +117,5 @@ def test_the_conformance_check_finds_a_broken_world():
             after = super().step(state, command)
             return self.initial(after.cells[1:]) if command == "l" and after.n_particles > 1 else after
 
-    with pytest.raises(AssertionError, match="particles became|another state"):
+    with pytest.raises(AssertionError, match=r"particles became|another state"):
         check_world(Leaky)

@@ -95,6 +95,7 @@ def _refuse(text: str) -> int:
 
 def main() -> NoReturn:
     """Entry point of the ``shoal`` command."""
+    sys.path.insert(0, os.getcwd())  # a user's own policy, MODULE:ATTRIBUTE, lies where the command is typed
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # letters that a terminal or a pipe cannot take are no reason to stop

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, print_json, print_table, say
+from shoal.cli.output import check_folder, patience, print_json, print_table, say
 from shoal.errors import MissingExtraError
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ def demo(
     from shoal.cli.swarm import summary, write_outputs
     from shoal.files import atomic
     from shoal.swarm import GridWorkspace, run
+    from shoal.swarm.engine import load_kernels
     from shoal.swarm.formats import write_map
     from shoal.swarm.imaging import segment_vessels
 
@@ -41,6 +42,8 @@ def demo(
     photograph = retina()
     say("finding the vessels in the photograph ...")
     workspace = GridWorkspace(segment_vessels(photograph), name="retina")
+    with patience("compiling kernels: once after an installation, half a minute ..."):
+        load_kernels()
     say(f"mapping {workspace.n_free} cells with {particles} particles ...")
     episode = run(workspace, particles=particles, seed=seed)
     result = summary([episode], seed=seed)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Timer
 from typing import Any
 
 from shoal.errors import OutputError
@@ -68,6 +70,30 @@ def progress(what: str, total: int, *, shown: bool) -> Iterator[Advance]:
                 say(f"{what}: {100 * done // max(1, total)} %")
 
         yield advance
+
+
+@contextmanager
+def patience(text: str, *, after: float = 1.5) -> Iterator[None]:
+    """Say ``text`` on stderr if the block takes longer than ``after`` seconds."""
+    timer = Timer(after, say, [text])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
+    """Return a function that takes (moves, frontier cells left) and says so on stderr now and then, for long episodes."""
+    last = [time.monotonic()]
+
+    def tell(moves: int, frontier: int) -> None:
+        if time.monotonic() - last[0] > every:
+            last[0] = time.monotonic()
+            say(f"{what}: {moves} moves, {frontier} frontier cells left")
+
+    return tell
 
 
 def check_folder(folder: Path) -> Path:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, print_json, print_table, progress, say
+from shoal.cli.output import check_folder, moves_told, patience, print_json, print_table, progress, say
 from shoal.errors import InvalidInputError, ShoalError
 
 if TYPE_CHECKING:
@@ -96,14 +96,23 @@ def _play(
     largest_component: bool,
 ) -> None:
     from shoal.lab import run_trials
+    from shoal.swarm.engine import load_kernels
 
     _check_outputs(out, film)
     if largest_component:
         workspace = workspace.largest_component()
-    what = "trials"
-    with progress(what, trials, shown=trials > 1) as advance:
+    with patience("compiling kernels: once after an installation, half a minute ..."):
+        load_kernels()
+    with progress("trials", trials, shown=trials > 1) as advance:
         episodes = run_trials(
-            workspace, trials=trials, workers=workers, seed=seed, max_moves=max_moves, on_trial=advance, **problem
+            workspace,
+            trials=trials,
+            workers=workers,
+            seed=seed,
+            max_moves=max_moves,
+            on_trial=advance,
+            on_moves=moves_told(workspace.name) if trials == 1 else None,
+            **problem,
         )
     result = summary(episodes, seed=seed)
     written = write_outputs(episodes, result, out, film)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from functools import partial
+from threading import Event
 from typing import Any
 
 from shoal.errors import InvalidInputError
 from shoal.lab.executors import default_workers, make_executor
 from shoal.swarm import Episode, GridWorkspace, make_policy, run
 from shoal.swarm.policies import Compiled
+from shoal.swarm.running import OnMoves
 
 OnTrial = Callable[[int], None]
 """Called with the number of trials finished so far."""
@@ -22,6 +25,7 @@ def run_trials(
     workers: int | None = None,
     seed: int = 0,
     on_trial: OnTrial | None = None,
+    on_moves: OnMoves | None = None,
     **problem: Any,
 ) -> list[Episode]:
     """Play ``trials`` episodes of one problem.
@@ -35,7 +39,9 @@ def run_trials(
         How many run at once; default: one a processor.
     seed : int
     on_trial : callable, optional
-        Told the progress.
+        Told the number of trials finished.
+    on_moves : callable, optional
+        Told the progress of the first trial, as by :func:`shoal.swarm.run`, if it is played in this process.
     **problem
         As for :func:`shoal.swarm.run`: task, policy, particles, placement, rule, max_moves.
 
@@ -60,26 +66,47 @@ def run_trials(
     workers = default_workers() if workers is None else workers
     compiled = isinstance(make_policy(problem.get("policy", "closest-frontier")), Compiled)
     executor = make_executor(min(workers, max(1, trials)), compiled=compiled)
+    stop = Event()
+    watch = partial(_watch, stop, on_moves) if compiled else None
     episodes: dict[int, Episode] = {}
     try:
-        for index, episode in _finished(executor, workspace, trials, 2 * workers, seed=seed, **problem):
+        for index, episode in _finished(executor, workspace, trials, 2 * workers, watch, seed=seed, **problem):
             episodes[index] = episode
             if on_trial is not None:
                 on_trial(len(episodes))
     finally:
+        stop.set()
         executor.shutdown(wait=True, cancel_futures=True)
     return [episodes[index] for index in range(trials)]
 
 
+def _watch(stop: Event, on_moves: OnMoves | None, trial: int) -> OnMoves:
+    """Return what a trial in a thread calls now and then: it ends the trial when the others have been given up."""
+
+    def watch(moves: int, frontier: int) -> None:
+        if stop.is_set():
+            raise CancelledError
+        if on_moves is not None and trial == 0:
+            on_moves(moves, frontier)
+
+    return watch
+
+
 def _finished(
-    executor: Executor, workspace: GridWorkspace, trials: int, at_once: int, **problem: Any
+    executor: Executor,
+    workspace: GridWorkspace,
+    trials: int,
+    at_once: int,
+    watch: Callable[[int], OnMoves] | None,
+    **problem: Any,
 ) -> Iterator[tuple[int, Episode]]:
     """Yield (trial, episode) as they finish, with no more than ``at_once`` waiting."""
     pending: dict[Future[Episode], int] = {}
     following = 0
     while following < trials or pending:
         while following < trials and len(pending) < at_once:
-            pending[executor.submit(run, workspace, trial=following, **problem)] = following
+            on_moves = None if watch is None else watch(following)
+            pending[executor.submit(run, workspace, trial=following, on_moves=on_moves, **problem)] = following
             following += 1
         for future in wait(pending, return_when=FIRST_COMPLETED).done:
             yield pending.pop(future), future.result()

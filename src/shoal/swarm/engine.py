@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -222,6 +223,16 @@ def state_of(frame: Frame, field: moves.Field) -> SwarmState:
     if field.counts.size:
         counts = field.counts[:, : frame.columns].reshape(frame.window).copy()
     return SwarmState(board_of(frame, field.occupied), counts)
+
+
+@cache
+def load_kernels() -> None:
+    """Load the episode kernel, or compile it if this installation has not yet; takes effect once in a process."""
+    frame = Frame((1, 1))
+    here = Board.of_cells(frame, [(0, 0)])
+    state, belief = SwarmState(here), Belief(here, here, here)
+    mind = mind_of(frame, 1, belief, rule="block", ties="column-major", neighbours="lurd", plan="")
+    play_on(play.MANUAL, field_of(here.words, state, belief), "block", True, mind, np.random.default_rng(0), new_log(0))
 
 
 def play_on(

@@ -115,6 +115,10 @@ def run(
     blank = replace(blank, first_frontier=len(belief.frontier))
     compiled = isinstance(chosen, Compiled) and isinstance(todo, Mapping | Coverage) and not stepwise
     player = play_compiled if compiled else play_stepwise
+    if compiled:
+        from shoal.swarm.engine import load_kernels
+
+        load_kernels()  # so that it is not counted as time of this episode
     began = time.perf_counter()
     episode, *_ = player(blank, world, chosen, todo, state, belief, rng, max_moves, on_moves)
     return replace(episode, seconds=time.perf_counter() - began)

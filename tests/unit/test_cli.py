@@ -1,0 +1,130 @@
+"""The command line: the JSON contract, and that every command has what all commands have."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+from shoal.cli import app, run
+from shoal.version import __version__
+
+FIELDS = ["task", "policy", "map", "particles", "placement", "rule", "seed", "trials", "moves", "status", "mean", "std"]
+COMMANDS = ["map", "cover", "maps", "replay", "demo"]
+
+
+def test_all_commands_are_listed():
+    assert [command.name for command in app.registered_commands] == COMMANDS
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_the_common_options_and_an_example(command, capsys):
+    assert run([command, "--help"]) == 0
+    text = capsys.readouterr().out
+    for option in ("--json", "--seed", "--out", "--help"):
+        assert option in text
+    assert f"Example: shoal {command}" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "task"),
+    [
+        (["map", "maze:9x7"], "mapping"),
+        (["cover", "maze:9x7"], "coverage"),
+        (["cover", "maze:9x7", "--subset", "0.2"], "subset-coverage"),
+    ],
+)
+def test_json_of_map_and_cover(arguments, task, capsys):
+    assert run([*arguments, "-n", "4", "--trials", "3", "--seed", "6", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert list(result) == FIELDS
+    assert result["task"] == task
+    assert result["map"] == {"name": "maze:9x7", "shape": [7, 9], "free_cells": 39}
+    assert (result["particles"], result["trials"], result["seed"], result["rule"]) == (4, 3, 6, "block")
+    assert len(result["moves"]) == len(result["status"]) == 3
+    assert result["mean"] == pytest.approx(sum(result["moves"]) / 3)
+
+
+def test_same_seed_same_output_for_any_workers(capsys):
+    outputs = []
+    for workers in ("1", "2", "5"):
+        arguments = ["map", "cave:30x20", "-n", "9", "--trials", "11", "--seed", "3", "--workers", workers, "--json"]
+        assert run(arguments) == 0
+        outputs.append(capsys.readouterr().out)
+    assert len(set(outputs)) == 1
+
+
+def test_progress_goes_to_stderr(capsys):
+    assert run(["map", "line:30", "-n", "5", "--trials", "20", "--json"]) == 0
+    captured = capsys.readouterr()
+    assert "trials: 100 %" in captured.err
+    assert len(captured.out.splitlines()) == 1
+
+
+def test_out_and_replay(tmp_path, capsys):
+    out = tmp_path / "result"
+    assert run(["map", "maze:9x7", "-n", "4", "--out", str(out), "--film", str(out / "film.html")]) == 0
+    assert {path.name for path in out.iterdir()} == {"map.png", "frontier.png", "episode.npz", "summary.json", "film.html"}
+    capsys.readouterr()
+    assert run(["replay", str(out / "episode.npz"), "--seed", "0", "--json"]) == 0
+    replayed = json.loads(capsys.readouterr().out)
+    stored = json.loads((out / "summary.json").read_text())
+    assert replayed["verified"] is True
+    assert {key: replayed[key] for key in FIELDS} == stored
+    assert len(replayed["commands"]) == replayed["moves"][0]
+
+
+def test_replay_of_a_changed_episode_fails(tmp_path, capsys):
+    import numpy as np
+
+    path = tmp_path / "episode.npz"
+    assert run(["map", "maze:9x7", "-n", "4", "--out", str(tmp_path)]) == 0
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    arrays["frontier"][3] += 1
+    np.savez_compressed(path, **arrays)
+    capsys.readouterr()
+    assert run(["replay", str(path)]) == 1
+    assert "frontier differs at move 4" in capsys.readouterr().err
+
+
+def test_many_trials_write_their_episodes(tmp_path, capsys):
+    assert run(["map", "maze:9x7", "-n", "4", "--trials", "3", "--out", str(tmp_path)]) == 0
+    assert sorted(path.name for path in (tmp_path / "episodes").iterdir()) == ["00000.npz", "00001.npz", "00002.npz"]
+
+
+def test_maps(tmp_path, capsys):
+    assert run(["maps", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["maps"]
+    assert {entry["name"] for entry in listed} == {"line", "rectangle", "htree", "vessels", "maze", "cave"}
+    assert run(["maps", "vessels:400", "--seed", "3", "--out", str(tmp_path / "v.png"), "--json"]) == 0
+    written = json.loads(capsys.readouterr().out)
+    assert (written["name"], written["free_cells"]) == ("vessels:400:3", 400)
+    assert run(["map", str(tmp_path / "v.png"), "-n", "9", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["map"]["free_cells"] == 400
+    assert run(["maps", "line:3"]) == 0
+    assert capsys.readouterr().out == "...\n"
+
+
+def test_version(capsys):
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out.strip() == __version__
+
+
+def test_a_policy_beside_the_command(tmp_path):
+    """A user's own policy is found in the folder where the command is typed."""
+    (tmp_path / "mine.py").write_text(
+        "class Mine:\n    name = 'mine'\n    def decide(self, view, memory, rng):\n        return 'lurd'[rng.integers(4)], None\n"
+    )
+    command = [sys.executable, "-c", "from shoal.cli import main; main()", "map", "line:4", "-n", "2", "--policy", "mine:Mine", "--json"]
+    done = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True)
+    assert json.loads(done.stdout)["policy"] == "mine"
+
+
+def test_importing_shoal_loads_nothing_heavy():
+    script = (
+        "import sys, shoal; heavy = {'numpy', 'numba', 'matplotlib', 'scipy', 'typer', 'PIL'} & set(sys.modules); "
+        "assert not heavy, heavy; assert set(shoal.__all__) <= set(dir(shoal)); [getattr(shoal, name) for name in shoal.__all__]"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
