@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+
 from shoal.cli import app, run
 from shoal.version import __version__
 
@@ -117,7 +118,18 @@ def test_a_policy_beside_the_command(tmp_path):
     (tmp_path / "mine.py").write_text(
         "class Mine:\n    name = 'mine'\n    def decide(self, view, memory, rng):\n        return 'lurd'[rng.integers(4)], None\n"
     )
-    command = [sys.executable, "-c", "from shoal.cli import main; main()", "map", "line:4", "-n", "2", "--policy", "mine:Mine", "--json"]
+    command = [
+        sys.executable,
+        "-c",
+        "from shoal.cli import main; main()",
+        "map",
+        "line:4",
+        "-n",
+        "2",
+        "--policy",
+        "mine:Mine",
+        "--json",
+    ]
     done = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True)
     assert json.loads(done.stdout)["policy"] == "mine"
 

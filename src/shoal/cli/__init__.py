@@ -30,14 +30,17 @@ app.command("replay", epilog=swarm.REPLAY_EXAMPLE)(swarm.replay)
 app.command("demo", epilog=demo.EXAMPLE)(demo.demo)
 
 
-@app.callback()
-def _shoal(
-    version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True)] = False,
-) -> None:
-    """Plan, simulate and measure groups of simple bodies that must explore a space exhaustively."""
-    if version:
+def _print_version(wanted: bool) -> None:
+    if wanted:
         print(__version__)
         raise typer.Exit
+
+
+@app.callback()
+def _shoal(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_print_version)] = False,
+) -> None:
+    """Plan, simulate and measure groups of simple bodies that must explore a space exhaustively."""
 
 
 def run(arguments: Sequence[str] | None = None) -> int:

@@ -166,5 +166,5 @@ def _column(arrays: dict[str, NDArray[Any]], name: str, dtype: type[np.generic])
 def _mask(packed: NDArray[Any], shape: tuple[int, ...], name: str) -> NDArray[np.bool_]:
     size = int(np.prod(shape))
     if packed.dtype != np.uint8 or packed.shape != (-(-size // 8),):
-        raise InvalidInputError(f"{name}: expected {-(-size // 8)} packed bytes for {shape}, got {packed.shape}")
+        raise InvalidInputError(f"{name}: expected {-(-size // 8)} packed bytes for {shape}, got {packed.dtype} {packed.shape}")
     return np.unpackbits(packed, count=size).astype(np.bool_).reshape(shape)

@@ -135,7 +135,7 @@ def _open_picture(path: Path) -> Image:
         warnings.simplefilter("ignore")  # what Pillow warns of is either an error below or harmless
         try:
             Image.MAX_IMAGE_PIXELS = None  # checked here, with a sentence of our own
-            with Image.open(file, formats=("PNG", "TIFF", "BMP", "DIB", "JPEG", "MPO")) as image:
+            with Image.open(file, formats=("PNG", "TIFF", "BMP", "JPEG")) as image:
                 if image.width * image.height > MAX_CELLS:
                     raise InvalidInputError(
                         f"{path}: expected a picture of at most {MAX_CELLS} pixels, got {image.width}x{image.height}"

@@ -123,7 +123,8 @@ def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], rate: float) -> 
     images = (_shown(Pillow.fromarray(frame).quantize(palette=palette, dither=Pillow.Dither.NONE)) for frame in frames)
     first = next(images)
     duration = max(20, round(1000 / rate / 10) * 10)  # the format counts hundredths of a second
-    first.save(path, save_all=True, append_images=images, duration=duration, loop=0, optimize=False, disposal=1)
+    with path.open("wb") as file:  # Pillow would leave it open when it is interrupted
+        first.save(file, format="GIF", save_all=True, append_images=images, duration=duration, loop=0, optimize=False, disposal=1)
 
 
 def _shown(image: Image) -> Image:

@@ -37,7 +37,7 @@ def player_data(episode: Episode) -> dict[str, object]:
     """Return the data contract of :func:`shoal.views.player.render` for an episode."""
     flat = np.ravel_multi_index(tuple(episode.start.T), episode.workspace.shape)
     return {
-        "title": f"{episode.workspace.name}: {episode.task} by {episode.policy}",
+        "title": f"{episode.task.capitalize()} of {episode.workspace.name}",
         "map": episode.workspace.name,
         "task": episode.task,
         "policy": episode.policy,

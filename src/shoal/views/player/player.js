@@ -57,7 +57,8 @@
     const ending = ENDINGS[data.status] ?? text(data.status);
     $("title").textContent = text(data.title) || text(data.map) || "Episode";
     const facts = [data.map, data.task, data.policy, plural(world.start.length, "particle"), ending];
-    $("facts").replaceChildren(...facts.map(text).filter(Boolean).map((fact) => {
+    const said = $("title").textContent.toLowerCase(); // what the title says is not said again
+    $("facts").replaceChildren(...facts.map(text).filter((fact) => fact && !said.includes(fact.toLowerCase())).map((fact) => {
       const span = document.createElement("span");
       span.textContent = fact;
       return span;
