@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, moves_told, patience, print_json, print_table, progress, say
+from shoal.cli.output import check_folder, moves_told, no_linear_algebra, patience, print_json, print_table, progress, say
 from shoal.errors import InvalidInputError, ShoalError
 
 if TYPE_CHECKING:
@@ -97,12 +97,14 @@ def _play(
 ) -> None:
     from shoal.lab import run_trials
     from shoal.swarm.engine import load_kernels
+    from shoal.swarm.policies import Compiled, make_policy
 
     _check_outputs(out, film)
     if largest_component:
         workspace = workspace.largest_component()
-    with patience("compiling kernels: once after an installation, half a minute ..."):
-        load_kernels()
+    if isinstance(make_policy(problem["policy"]), Compiled):
+        with patience("compiling kernels: once after an installation, half a minute ..."), no_linear_algebra():
+            load_kernels()
     with progress("trials", trials, shown=trials > 1) as advance:
         episodes = run_trials(
             workspace,

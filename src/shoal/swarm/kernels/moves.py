@@ -119,8 +119,10 @@ def learn(field, first, last):  # type: ignore[no-untyped-def]
             continue
         field.open[i] |= found
         added += add_frontier(field, i, (found << ONE) | (found >> ONE))
-        added += add_frontier(field, i + 1, found >> TOP)
-        added += add_frontier(field, i - 1, found << TOP)
+        if found >> TOP != ZERO:
+            added += add_frontier(field, i + 1, ONE)
+        if found & ONE != ZERO:
+            added += add_frontier(field, i - 1, ONE << TOP)
         added += add_frontier(field, i - width, found)
         added += add_frontier(field, i + width, found)
         if field.layers > 1:
