@@ -43,9 +43,9 @@ def bmp_header(width, height):
     return b"BM" + struct.pack("<IHHI", 54, 0, 0, 54) + struct.pack("<IiiHHIIiiII", 40, width, height, 1, 24, 0, 0, 0, 0, 0, 0)
 
 
-def picture(kind, *, cut=None):
+def picture(kind, *, cut=None, **options):
     buffer = io.BytesIO()
-    Image.fromarray(np.random.default_rng(1).integers(0, 256, (40, 50), dtype=np.uint8)).save(buffer, format=kind)
+    Image.fromarray(np.random.default_rng(1).integers(0, 256, (40, 50), dtype=np.uint8)).save(buffer, format=kind, **options)
     return buffer.getvalue()[:cut]
 
 
@@ -95,6 +95,7 @@ FILES = {
     "cut.jpg": picture("JPEG", cut=500),
     "cut.tif": picture("TIFF", cut=900),
     "cut.bmp": picture("BMP", cut=1500),
+    "zipped.tif": picture("TIFF", compression="tiff_adobe_deflate").replace(b"x\x9c", b"x\x00"),  # libtiff prints lines of its own
     "cells.gif": picture("GIF"),
     "gif.png": picture("GIF"),
     # Arrays
@@ -278,6 +279,7 @@ MAPS = [
     ("map {bad}/cut.png", "cut.png: the picture is damaged: | truncated"),
     ("map {bad}/cut.jpg", "cut.jpg: the picture is damaged: | truncated"),
     ("map {bad}/cut.tif", "cut.tif: | damaged"),
+    ("map {bad}/zipped.tif", "zipped.tif: the picture is damaged: decoder error"),
     ("map {bad}/cut.bmp", "cut.bmp: the picture is damaged: | truncated"),
     ("map {bad}/cut.png --vessels", "cut.png: the picture is damaged: | truncated"),
     ("map {bad}/text.npy --vessels", "text.npy: expected a picture (.png | got '.npy'"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import tempfile
 import time
@@ -43,6 +44,23 @@ def print_table(rows: list[tuple[str, str]], *, title: str) -> None:
     with console.capture() as drawn:
         console.print(table)
     print(drawn.get(), end="")  # not by the console, which ends the program itself when a pipe is closed
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep what C libraries print on stderr off it while the block runs: libtiff prints a line a fault, our error says it once."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # closed: there is nothing to keep clean
+        yield
+        return
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 @contextmanager

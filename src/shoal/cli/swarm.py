@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, moves_told, no_linear_algebra, patience, print_json, print_table, progress, say
+from shoal.cli.output import check_folder, moves_told, no_linear_algebra, patience, print_json, print_table, progress, quiet, say
 from shoal.errors import InvalidInputError, ShoalError
 
 if TYPE_CHECKING:
@@ -44,7 +44,8 @@ def map_(
     """Map an unknown workspace: find every free cell that the particles can reach, and the walls around them."""
     from shoal.swarm.maps import open_map
 
-    workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
+    with quiet():
+        workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
     problem = {"task": "mapping", "particles": particles, "policy": policy, "placement": placement, "rule": rule}
     _play(workspace, problem, trials, seed, max_moves, workers, out, film, json_, largest_component)
 
@@ -78,7 +79,8 @@ def cover(
     from shoal.swarm.maps import open_map
 
     task: Any = "coverage" if subset is None else SubsetCoverage(fraction=subset)
-    workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
+    with quiet():
+        workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
     problem = {"task": task, "particles": particles, "policy": policy, "placement": placement, "rule": rule}
     _play(workspace, problem, trials, seed, max_moves, workers, out, film, json_, largest_component)
 

@@ -63,7 +63,7 @@ def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:
     Examples
     --------
     >>> in_strips(np.zeros((3, 5002, 3), np.uint8)).shape
-    (111, 180, 3)
+    (111, 179, 3)
     """
     height, width = raster.shape[:2]
     if width <= _WIDEST * height:

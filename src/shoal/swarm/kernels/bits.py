@@ -24,7 +24,7 @@ _HIGH = np.uint64(56)
 
 
 @kernel
-def popcount(word):  # type: ignore[no-untyped-def]
+def popcount(word):
     """Return the number of set bits, as int64 (the compiler knows this form and emits one instruction)."""
     word = word - ((word >> ONE) & _PAIRS)
     word = (word & _QUADS) + ((word >> TWO) & _QUADS)
@@ -33,18 +33,18 @@ def popcount(word):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def lowest(word):  # type: ignore[no-untyped-def]
+def lowest(word):
     """Return the index of the lowest set bit of a word that is not zero, as int64."""
     return popcount(~word & (word - ONE))
 
 
 @kernel
-def has(words, width, row, column):  # type: ignore[no-untyped-def]
+def has(words, width, row, column):
     """Tell whether a cell is in a board of ``width`` words a row."""
     return (words[row * width + (column >> 6)] >> np.uint64(column & 63)) & ONE != ZERO
 
 
 @kernel
-def put(words, width, row, column):  # type: ignore[no-untyped-def]
+def put(words, width, row, column):
     """Add a cell to a board."""
     words[row * width + (column >> 6)] |= ONE << np.uint64(column & 63)

@@ -24,7 +24,7 @@ class Flood(NamedTuple):
 
 
 @kernel
-def flood(state, row, column):  # type: ignore[no-untyped-def]
+def flood(state, row, column):
     """Fill ``reached`` breadth-first from one cell until the queue is full; return how many cells were reached."""
     queue, size = state.queue, 1
     queue[0, 0], queue[0, 1] = row, column

@@ -41,7 +41,7 @@ class Field(NamedTuple):
 
 
 @kernel
-def segments(field, command):  # type: ignore[no-untyped-def]
+def segments(field, command):
     """Return (lines, words from line to line, first word, words of a line, words to the next row) of a cross-row command.
 
     The words of a line are those that have a next row. They are moved in this order: u and i from the first word on,
@@ -58,7 +58,7 @@ def segments(field, command):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def move_across(field, command, rule):  # type: ignore[no-untyped-def]
+def move_across(field, command, rule):
     """Move from row to row (u, d, i, o) and learn; return (travelled, classified, added to the frontier)."""
     lines, line_stride, first, length, ahead = segments(field, command)
     travelled, classified, added = 0, 0, 0
@@ -75,7 +75,7 @@ def move_across(field, command, rule):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def move_words(field, source, size, ahead, rule):  # type: ignore[no-untyped-def]
+def move_words(field, source, size, ahead, rule):
     """Move ``size`` words from ``source`` on by ``ahead`` words; return the cells travelled and the unknown cells tried.
 
     Words are taken in such an order that whoever still is in a word ahead when its turn comes stays there.
@@ -99,7 +99,7 @@ def move_words(field, source, size, ahead, rule):  # type: ignore[no-untyped-def
 
 
 @kernel
-def learn(field, first, last):  # type: ignore[no-untyped-def]
+def learn(field, first, last):
     """Classify the block of tried cells, words ``first`` to ``last - 1``, by where particles are now; return (classified, added).
 
     A tried cell is free if a particle stands in it, else obstacle. The unknown neighbours of those found free join the frontier;
@@ -132,7 +132,7 @@ def learn(field, first, last):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def add_frontier(field, i, cells):  # type: ignore[no-untyped-def]
+def add_frontier(field, i, cells):
     """Add the unknown ones of ``cells`` to one word of the frontier; return how many are new."""
     new = cells & ~field.known[i] & ~field.frontier[i]
     field.frontier[i] |= new
@@ -140,7 +140,7 @@ def add_frontier(field, i, cells):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def stay_left(free, before, staying, rule):  # type: ignore[no-untyped-def]
+def stay_left(free, before, staying, rule):
     """Fill ``staying`` with the particles that a move to the left leaves where they are."""
     inner = free.shape[0] - 1
     staying[0] = before[0] & ~(free[0] << ONE)
@@ -160,7 +160,7 @@ def stay_left(free, before, staying, rule):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def stay_right(free, before, staying, rule):  # type: ignore[no-untyped-def]
+def stay_right(free, before, staying, rule):
     """Fill ``staying`` with the particles that a move to the right leaves where they are."""
     inner = free.shape[0] - 1
     staying[inner] = before[inner] & ~(free[inner] >> ONE)
@@ -181,7 +181,7 @@ def stay_right(free, before, staying, rule):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fill_down(seeds, runs):  # type: ignore[no-untyped-def]
+def fill_down(seeds, runs):
     """Return the bits of ``runs`` that a chain of set bits connects to a higher or equal bit of ``seeds``."""
     for doubling in range(6):
         step = np.uint64(1 << doubling)
@@ -191,7 +191,7 @@ def fill_down(seeds, runs):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def move_along(field, command, rule):  # type: ignore[no-untyped-def]
+def move_along(field, command, rule):
     """Move along the rows (l, r) and learn; return (travelled, classified, added to the frontier)."""
     travelled, classified, added = 0, 0, 0
     total = field.occupied.shape[0]
@@ -207,7 +207,7 @@ def move_along(field, command, rule):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def move_block(field, command, rule, first, last):  # type: ignore[no-untyped-def]
+def move_block(field, command, rule, first, last):
     """Move whole rows, words ``first`` to ``last - 1``; return the cells travelled and the unknown cells tried."""
     occupied, known = field.occupied[first:last], field.known[first:last]
     inner = last - first - 1
@@ -241,7 +241,7 @@ def move_block(field, command, rule, first, last):  # type: ignore[no-untyped-de
 
 
 @kernel
-def carry_counts(field, command):  # type: ignore[no-untyped-def]
+def carry_counts(field, command):
     """Move the particle counts of rule merge; return the cells travelled."""
     free, counts, width = field.free, field.counts, field.width
     rows_ahead, columns_ahead = 0, 0
@@ -265,7 +265,7 @@ def carry_counts(field, command):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def push(field, command, rule):  # type: ignore[no-untyped-def]
+def push(field, command, rule):
     """Try one cell with every particle; return (cells travelled, cells classified, cells added to the frontier)."""
     carried = carry_counts(field, command) if rule == MERGE else 0
     if command == LEFT or command == RIGHT:

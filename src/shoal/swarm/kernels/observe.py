@@ -8,7 +8,7 @@ from shoal.swarm.kernels.moves import TILT, push
 
 
 @kernel
-def cover(field):  # type: ignore[no-untyped-def]
+def cover(field):
     """Take the occupied cells out of the frontier; return how many that were."""
     frontier, occupied = field.frontier, field.occupied
     some = ZERO
@@ -23,7 +23,7 @@ def cover(field):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def step(field, command, rule, mapping):  # type: ignore[no-untyped-def]
+def step(field, command, rule, mapping):
     """Carry out one command of any rule; return (cells travelled, cells done, change of the frontier count)."""
     travelled, done, change = 0, 0, 0
     while True:

@@ -55,7 +55,7 @@ class Log(NamedTuple):
 
 
 @kernel
-def decide_elect(field, mind):  # type: ignore[no-untyped-def]
+def decide_elect(field, mind):
     """Plan from the elected particle alone to the frontier cell nearest to it.
 
     If its part of the free space is done, the particle nearest to the frontier is elected in its place.
@@ -78,7 +78,7 @@ def decide_elect(field, mind):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def decide_depth_first(field, mind):  # type: ignore[no-untyped-def]
+def decide_depth_first(field, mind):
     """Probe, else step to a cell not visited, else go back one step."""
     memory, plan = mind.memory, mind.search.plan
     put(mind.visited, field.width, memory[ROW], memory[COLUMN])
@@ -97,7 +97,7 @@ def decide_depth_first(field, mind):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def decide_sweep(mind):  # type: ignore[no-untyped-def]
+def decide_sweep(mind):
     """Left to the wall; up and right by turns to the other wall; down and left by turns back; and again while it helps."""
     memory, plan = mind.memory, mind.search.plan
     if memory[PHASE] == 3:
@@ -114,7 +114,7 @@ def decide_sweep(mind):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def decide(code, field, rule, mapping, mind, draw):  # type: ignore[no-untyped-def]
+def decide(code, field, rule, mapping, mind, draw):
     """Write the next commands into the plan; return how many, 0 if the policy has none left."""
     if code == RANDOM:
         mind.search.plan[0] = draw
@@ -133,7 +133,7 @@ def decide(code, field, rule, mapping, mind, draw):  # type: ignore[no-untyped-d
 
 
 @kernel
-def follow(field, mind, command):  # type: ignore[no-untyped-def]
+def follow(field, mind, command):
     """Keep track of the driven particle: whoever stands where it should have gone is it now; tell whether anybody does."""
     memory = mind.memory
     row, column = ahead(memory[ROW], memory[COLUMN], command, field.rows)
@@ -144,7 +144,7 @@ def follow(field, mind, command):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def notice(code, field, mind, command, travelled, done):  # type: ignore[no-untyped-def]
+def notice(code, field, mind, command, travelled, done):
     """Let the policy see what its last command did."""
     memory = mind.memory
     if code == ELECT:
@@ -171,7 +171,7 @@ def notice(code, field, mind, command, travelled, done):  # type: ignore[no-unty
 
 
 @kernel
-def play(code, field, rule, mapping, mind, log):  # type: ignore[no-untyped-def]
+def play(code, field, rule, mapping, mind, log):
     """Play until the log is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
 
     For RANDOM ``log.commands`` holds the commands to play, drawn beforehand.

@@ -33,7 +33,7 @@ class Search(NamedTuple):
 
 
 @kernel
-def dilate(words, within, out, first, last, field):  # type: ignore[no-untyped-def]
+def dilate(words, within, out, first, last, field):
     """Write into ``out`` the cells of ``within`` that have a neighbour in ``words``; words ``first`` to ``last - 1``.
 
     Slices that start at 0 spare the loop every test for negative indices; only so does it become vector code.
@@ -53,7 +53,7 @@ def dilate(words, within, out, first, last, field):  # type: ignore[no-untyped-d
 
 
 @kernel
-def meets(one, other):  # type: ignore[no-untyped-def]
+def meets(one, other):
     """Tell whether two boards have a cell in common."""
     common = ZERO
     for i in range(one.shape[0]):
@@ -62,7 +62,7 @@ def meets(one, other):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def start_planes(planes, sources):  # type: ignore[no-untyped-def]
+def start_planes(planes, sources):
     """Set the planes to distance 0 at the board ``sources``."""
     seen, wave, near = planes[SEEN], planes[WAVE], planes[MOD]
     for i in range(sources.shape[0]):
@@ -76,7 +76,7 @@ def start_planes(planes, sources):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def expand(field, planes, first, last, level):  # type: ignore[no-untyped-def]
+def expand(field, planes, first, last, level):
     """Replace WAVE by the next level, words ``first`` to ``last - 1`` (it has no others); tell whether it is empty."""
     dilate(planes[WAVE], field.open, planes[NEXT], first, last, field)
     wave, following = planes[WAVE, first:last], planes[NEXT, first:last]
@@ -92,7 +92,7 @@ def expand(field, planes, first, last, level):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def row_range(words, width, first, last):  # type: ignore[no-untyped-def]
+def row_range(words, width, first, last):
     """Return the first and last row of a board that is not empty, looking at rows ``first`` to ``last``."""
     while first < last:
         some = ZERO
@@ -112,7 +112,7 @@ def row_range(words, width, first, last):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def common_columns(one, other, columns):  # type: ignore[no-untyped-def]
+def common_columns(one, other, columns):
     """Add to ``columns``, one row of words, the columns in which two boards (or the same rows of them) have a common cell."""
     width = columns.shape[0]
     if width < 8:  # a row is too short for vectors: column by column
@@ -129,7 +129,7 @@ def common_columns(one, other, columns):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def first_cell(field, search, one, other):  # type: ignore[no-untyped-def]
+def first_cell(field, search, one, other):
     """Return (row, column) of the first common cell of two boards in the order of expansion; there is one.
 
     Its columns are in ``search.columns``.
@@ -163,7 +163,7 @@ def first_cell(field, search, one, other):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def ahead(row, column, command, rows):  # type: ignore[no-untyped-def]
+def ahead(row, column, command, rows):
     """Return the cell one step from (row, column)."""
     if command == LEFT:
         return row, column - 1
@@ -179,7 +179,7 @@ def ahead(row, column, command, rows):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def opposite(command):  # type: ignore[no-untyped-def]
+def opposite(command):
     """Return the command that undoes ``command``."""
     if command == IN:
         return OUT
@@ -189,7 +189,7 @@ def opposite(command):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def trace_back(field, search, row, column, level):  # type: ignore[no-untyped-def]
+def trace_back(field, search, row, column, level):
     """Write the plan that leads from level 0 to the goal cell at ``level`` and on to the frontier; return its length."""
     plan, width = search.plan, field.width
     for command in search.neighbours:
@@ -210,7 +210,7 @@ def trace_back(field, search, row, column, level):  # type: ignore[no-untyped-de
 
 
 @kernel
-def find_goals(field, search, sources, first, last):  # type: ignore[no-untyped-def]
+def find_goals(field, search, sources, first, last):
     """Fill GOALS with the known-free cells beside the frontier, words ``first`` to ``last - 1``; tell whether one is a source.
 
     In blocks that fit the cache, so that what was just written is compared with the sources before it leaves.
@@ -228,7 +228,7 @@ def find_goals(field, search, sources, first, last):  # type: ignore[no-untyped-
 
 
 @kernel
-def nearest(field, search, sources):  # type: ignore[no-untyped-def]
+def nearest(field, search, sources):
     """Search from the board ``sources`` to the nearest frontier cell; write the plan and return its length, 0 if none.
 
     Ties: at each distance cells are expanded in ``search.order``, their neighbours looked at in ``search.neighbours``.

@@ -21,7 +21,7 @@ class Slides(NamedTuple):
 
 
 @kernel
-def key_of(row, column, field, columns, order):  # type: ignore[no-untyped-def]
+def key_of(row, column, field, columns, order):
     """Return the rank of a cell in the order of expansion."""
     layer, r = row // field.rows, row % field.rows
     if order == COLUMN_MAJOR:
@@ -30,7 +30,7 @@ def key_of(row, column, field, columns, order):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def cell_of(key, field, columns, order):  # type: ignore[no-untyped-def]
+def cell_of(key, field, columns, order):
     """Return the cell (row, column) of a rank; the inverse of :func:`key_of`."""
     layer, rest = key % field.layers, key // field.layers
     if order == COLUMN_MAJOR:
@@ -39,7 +39,7 @@ def cell_of(key, field, columns, order):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def slide(field, row, column, command, mapping):  # type: ignore[no-untyped-def]
+def slide(field, row, column, command, mapping):
     """Slide through known-free cells; return (row, column, goal): where it ends and whether it reaches the frontier."""
     goal = False
     while True:
@@ -51,7 +51,7 @@ def slide(field, row, column, command, mapping):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def enqueue_sources(field, search, slides, sources):  # type: ignore[no-untyped-def]
+def enqueue_sources(field, search, slides, sources):
     """Start the queue with the cells of a board; return how many they are."""
     columns = field.width * 64
     for i in range(slides.origin.shape[0]):
@@ -69,7 +69,7 @@ def enqueue_sources(field, search, slides, sources):  # type: ignore[no-untyped-
 
 
 @kernel
-def write_plan(search, slides, cell, command):  # type: ignore[no-untyped-def]
+def write_plan(search, slides, cell, command):
     """Write the commands from the source to ``cell`` and then ``command``; return how many they are."""
     length, at = 1, cell
     while slides.origin[at] != at:
@@ -83,7 +83,7 @@ def write_plan(search, slides, cell, command):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def sort(keys, first, last):  # type: ignore[no-untyped-def]
+def sort(keys, first, last):
     """Sort keys[first:last] in place (Shell's method: a library sort takes seconds to compile)."""
     gap = (last - first) // 2
     while gap > 0:
@@ -98,7 +98,7 @@ def sort(keys, first, last):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def nearest_by_tilts(field, search, slides, sources, mapping):  # type: ignore[no-untyped-def]
+def nearest_by_tilts(field, search, slides, sources, mapping):
     """Search the fewest tilts from the board ``sources`` to a frontier cell; return the length of the plan, 0 if none."""
     columns = field.width * 64
     first, last = 0, enqueue_sources(field, search, slides, sources)
