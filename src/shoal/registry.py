@@ -79,6 +79,6 @@ class Registry(Generic[T]):
             raise UnknownNameError(f"the {self.kind} {module_name!r} takes no option {attribute!r}")
         try:
             found: T = getattr(importlib.import_module(module_name), attribute)
-        except (ImportError, AttributeError, ValueError) as error:
+        except (ImportError, AttributeError, TypeError, ValueError) as error:
             raise UnknownNameError(f"cannot import the {self.kind} {name!r}: {error}") from None
         return found

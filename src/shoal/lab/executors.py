@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 
 from shoal.errors import InvalidInputError
@@ -28,4 +29,15 @@ def make_executor(workers: int, *, compiled: bool) -> Executor:
         raise InvalidInputError(f"workers: expected 1 or more, got {workers}")
     if compiled:
         return ThreadPoolExecutor(workers, thread_name_prefix="shoal")
-    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interruptions_to_us)
+
+
+def _leave_interruptions_to_us() -> None:
+    """Ignore Ctrl-C in a worker: a terminal sends it to all processes, and each would print a traceback."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def give_up(executor: Executor) -> None:
+    """End the worker processes of an executor at once, in the middle of what they play."""
+    for process in list((getattr(executor, "_processes", None) or {}).values()):
+        process.terminate()

@@ -9,7 +9,7 @@ from threading import Event
 from typing import Any
 
 from shoal.errors import InvalidInputError
-from shoal.lab.executors import default_workers, make_executor
+from shoal.lab.executors import default_workers, give_up, make_executor
 from shoal.swarm import Episode, GridWorkspace, make_policy, run
 from shoal.swarm.policies import Compiled
 from shoal.swarm.running import OnMoves
@@ -74,6 +74,9 @@ def run_trials(
             episodes[index] = episode
             if on_trial is not None:
                 on_trial(len(episodes))
+    except BaseException:
+        give_up(executor)
+        raise
     finally:
         stop.set()
         executor.shutdown(wait=True, cancel_futures=True)

@@ -29,7 +29,10 @@ def check_free(free: ArrayLike, *, what: str = "workspace") -> NDArray[np.bool_]
     InvalidInputError
         If it has another number of dimensions, no free cell, NaN, or more than ``MAX_CELLS`` cells.
     """
-    array = np.asarray(free)
+    try:
+        array = np.asarray(free)
+    except ValueError:
+        raise InvalidInputError(f"{what}: expected rows of equal length, got rows of different lengths") from None
     if array.ndim not in (2, 3):
         raise InvalidInputError(f"{what}: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions")
     if array.dtype != np.bool_:

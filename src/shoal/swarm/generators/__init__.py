@@ -83,5 +83,5 @@ def _check_bounds(generator: Generator, size: tuple[int, ...], spec: str) -> Non
     if not generator.smallest <= cells <= generator.largest:
         raise InvalidInputError(
             f"expected from {generator.smallest} to {generator.largest} cells "
-            f"for a map of kind {generator.name}, got {cells} in {shorten(spec)}"
+            f"for a map of kind {generator.name}, got {cells if cells < 10**15 else 'far more'} in {shorten(spec)}"
         )
