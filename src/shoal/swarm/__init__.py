@@ -8,9 +8,10 @@ from shoal.swarm.episode import Episode, Verification
 from shoal.swarm.placement import PLACEMENTS, place
 from shoal.swarm.policies import POLICIES, Policy, View, make_policy
 from shoal.swarm.running import run
+from shoal.swarm.state import SwarmState
 from shoal.swarm.tasks import TASKS, Coverage, Mapping, SubsetCoverage, Task, make_task
 from shoal.swarm.workspace import GridWorkspace
-from shoal.swarm.world import RULES, GridWorld, SwarmState
+from shoal.swarm.world import RULES, GridWorld
 
 __all__ = [
     "PLACEMENTS",

@@ -15,8 +15,8 @@ from shoal.swarm import belief as states
 if TYPE_CHECKING:
     from shoal.swarm.belief import Belief
     from shoal.swarm.episode import Episode
+    from shoal.swarm.state import SwarmState
     from shoal.swarm.workspace import GridWorkspace
-    from shoal.swarm.world import SwarmState
 
 # Told apart with every common colour blindness, and in grey: particles vermilion, frontier sky blue.
 PALETTE: dict[str, str] = {

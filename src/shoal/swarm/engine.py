@@ -13,7 +13,7 @@ from shoal.swarm.belief import Belief
 from shoal.swarm.boards import Board, Frame, Words
 from shoal.swarm.commands import decode, encode, letters_of
 from shoal.swarm.kernels import moves, play, search, slide
-from shoal.swarm.world import SwarmState
+from shoal.swarm.state import SwarmState
 
 if TYPE_CHECKING:
     from numpy.random import Generator

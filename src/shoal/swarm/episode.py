@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from shoal.swarm.belief import Belief
 from shoal.swarm.commands import decode
+from shoal.swarm.state import SwarmState
 from shoal.swarm.tasks import make_task
 from shoal.swarm.workspace import GridWorkspace
-from shoal.swarm.world import GridWorld, SwarmState
+from shoal.swarm.world import GridWorld
 
 STATUSES = {
     "complete": "nothing is left to do",

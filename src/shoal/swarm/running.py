@@ -17,9 +17,10 @@ from shoal.swarm.commands import encode
 from shoal.swarm.episode import Episode
 from shoal.swarm.placement import Placement, place
 from shoal.swarm.policies import Compiled, Manual, Policy, View, make_policy
+from shoal.swarm.state import SwarmState
 from shoal.swarm.tasks import Coverage, Mapping, Task, make_task
 from shoal.swarm.workspace import GridWorkspace
-from shoal.swarm.world import GridWorld, SwarmState, check_start
+from shoal.swarm.world import GridWorld, check_start
 from shoal.version import __version__
 
 MAX_MOVES = 1_000_000

@@ -14,8 +14,9 @@ from shoal.registry import Registry
 from shoal.swarm.belief import Belief
 from shoal.swarm.boards import Board
 from shoal.swarm.options import configured
+from shoal.swarm.state import SwarmState
 from shoal.swarm.workspace import GridWorkspace
-from shoal.swarm.world import GridWorld, SwarmState
+from shoal.swarm.world import GridWorld
 
 
 @runtime_checkable

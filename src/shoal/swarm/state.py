@@ -1,0 +1,48 @@
+"""SwarmState: where the particles are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.swarm.boards import Board
+
+
+@dataclass(frozen=True, eq=False)
+class SwarmState:
+    """Where the particles are.
+
+    Parameters
+    ----------
+    occupied : Board
+        The cells that hold a particle.
+    counts : ndarray of int32, shape ``frame.window``, or None
+        Particles of each cell under rule merge, where a cell may hold several; else None.
+    """
+
+    occupied: Board
+    counts: NDArray[np.int32] | None = None
+
+    @property
+    def n_particles(self) -> int:
+        """Number of particles."""
+        return len(self.occupied) if self.counts is None else int(self.counts.sum())
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """Cell of each particle in row-major order; int64, shape (n, ndim); repeated where particles share one."""
+        if self.counts is None:
+            return self.occupied.cells
+        return np.repeat(np.argwhere(self.counts > 0) - 1, self.counts[self.counts > 0], axis=0)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, SwarmState) or self.occupied != other.occupied:
+            return False
+        if self.counts is None or other.counts is None:
+            return self.counts is other.counts
+        return np.array_equal(self.counts, other.counts)
+
+    def __hash__(self) -> int:
+        return hash((self.occupied, None if self.counts is None else self.counts.tobytes()))
