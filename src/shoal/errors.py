@@ -1,6 +1,6 @@
 """The errors that Shoal raises for bad input.
 
-Every one of them is a :class:`ShoalError` and also the built-in error that a Python programmer would expect, so
+Every one of them is a `ShoalError` and also the built-in error that a Python programmer would expect, so
 ``except ValueError`` keeps working. Their text is one sentence that says what was expected, what came, and where.
 A planner that finds nothing does not raise: its result says so.
 """

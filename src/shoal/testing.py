@@ -43,7 +43,7 @@ def _starts(workspace: GridWorkspace, rng: Generator) -> Any:
 
 
 def check_world(world_type: Any = GridWorld, *, rules: Sequence[str] = ALL_RULES, seed: int = 0) -> None:
-    """Check a world: ``initial`` and ``step`` as those of :class:`shoal.swarm.GridWorld`.
+    """Check a world: ``initial`` and ``step`` as those of `shoal.swarm.GridWorld`.
 
     Particles are conserved and never in a wall; a step is pure and repeatable; each particle moves at most one cell (but for
     rule tilt); a mirrored map with mirrored commands gives mirrored states.

@@ -41,9 +41,9 @@ def run_trials(
     on_trial : callable, optional
         Told the number of trials finished.
     on_moves : callable, optional
-        Told the progress of the first trial, as by :func:`shoal.swarm.run`, if it is played in this process.
+        Told the progress of the first trial, as by `shoal.swarm.run`, if it is played in this process.
     **problem
-        As for :func:`shoal.swarm.run`: task, policy, particles, placement, rule, max_moves.
+        As for `shoal.swarm.run`: task, policy, particles, placement, rule, max_moves.
 
     Returns
     -------

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shoal.swarm.boards import Board
 
 UNKNOWN, FRONTIER, FREE, OBSTACLE = 0, 1, 2, 3
-"""Values of :attr:`Belief.states`."""
+"""Values of `Belief.states`."""
 
 
 @dataclass(frozen=True)

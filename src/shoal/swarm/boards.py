@@ -82,7 +82,7 @@ class Frame:
         return np.pad(mask, 1)
 
     def inner(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Cut the rim off an array of the shape ``window``; the inverse of :meth:`rim`."""
+        """Cut the rim off an array of the shape ``window``; the inverse of `rim`."""
         return mask[(slice(1, -1),) * self.ndim]
 
 

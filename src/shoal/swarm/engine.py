@@ -168,7 +168,7 @@ def path_to_frontier(
 def route_to_frontier(
     belief: Belief, sources: Board, *, rule: str, mapping: bool, ties: str, neighbours: str
 ) -> tuple[str, tuple[int, ...]]:
-    """Return the path of :func:`path_to_frontier` and the cell from which it starts (meaningless under "tilt")."""
+    """Return the path of `path_to_frontier` and the cell from which it starts (meaningless under "tilt")."""
     frame = sources.frame
     space = search_of(frame, ties=ties, neighbours=neighbours, plan_size=len(belief.open) + 2)
     field = _field(

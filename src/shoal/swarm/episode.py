@@ -26,7 +26,7 @@ STATUSES = {
 
 @dataclass(frozen=True)
 class Verification:
-    """The answer of :meth:`Episode.verify`; true if the episode holds.
+    """The answer of `Episode.verify`; true if the episode holds.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Episode:
     start : ndarray of int64, shape (n, ndim)
         Cells of the particles at the start.
     codes : ndarray of int8, shape (moves,)
-        The commands; :attr:`commands` gives them as letters.
+        The commands; `commands` gives them as letters.
     rule, task, policy, placement : str
     targets : ndarray of bool, the shape of the workspace, or None
         The cells to cover; None for a mapping.
@@ -189,7 +189,7 @@ class Episode:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Episode:
-        """Read an episode that :meth:`save` wrote.
+        """Read an episode that `save` wrote.
 
         Raises
         ------

@@ -43,7 +43,7 @@ class Header(BaseModel):
 
 
 def save(episode: Episode, path: str | os.PathLike[str]) -> None:
-    """Write an episode; see :meth:`Episode.save`."""
+    """Write an episode; see `Episode.save`."""
     target = Path(path)
     if target.suffix != ".npz":
         raise InvalidInputError(f"{target}: expected the suffix .npz, got {target.suffix!r}")
@@ -78,7 +78,7 @@ def save(episode: Episode, path: str | os.PathLike[str]) -> None:
 
 
 def load(path: str | os.PathLike[str]) -> Episode:
-    """Read an episode; see :meth:`Episode.load`."""
+    """Read an episode; see `Episode.load`."""
     source = Path(path)
     if not os.path.isfile(source):  # unlike Path.is_file it takes names of any length
         raise InvalidInputError(

@@ -60,7 +60,7 @@ def read_map(path: str | os.PathLike[str], *, threshold: float = 0.5, invert: bo
         ``.png .tif .tiff .bmp .jpg .jpeg`` (bright is free), ``.txt`` (``.`` free, ``#`` obstacle), ``.map`` (MovingAI: ``.``,
         ``G``, ``S`` free), ``.npy`` (2-D or 3-D, not zero is free) or ``.csv`` (1 free, 0 obstacle).
     threshold, invert, scale
-        For pictures; see :class:`PictureOptions`.
+        For pictures; see `PictureOptions`.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def read_pixels(path: str | os.PathLike[str]) -> NDArray[np.uint8]:
     Raises
     ------
     InvalidInputError
-        As :func:`read_map`.
+        As `read_map`.
     """
     source = Path(path)
     if source.suffix.lower() not in PICTURES:
@@ -308,7 +308,7 @@ _READERS: dict[str, Callable[[Path], NDArray[Any]]] = {
 
 
 def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
-    """Write a workspace; the suffix says the format, as for :func:`read_map`, which reads the same cells back.
+    """Write a workspace; the suffix says the format, as for `read_map`, which reads the same cells back.
 
     Only ``.npy`` takes three dimensions, and JPEG is refused: it would not come back the same.
 

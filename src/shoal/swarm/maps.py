@@ -23,7 +23,7 @@ def open_map(
     Parameters
     ----------
     text : str
-        A generated map ("vessels:5000"; see ``shoal maps``) or the path of a file (see :func:`shoal.swarm.formats.read_map`).
+        A generated map ("vessels:5000"; see ``shoal maps``) or the path of a file (see `shoal.swarm.formats.read_map`).
     vessels : bool
         The file is a photograph: segment its vessels (needs the extra ``shoal[imaging]``).
     width : int, optional

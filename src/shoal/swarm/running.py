@@ -57,13 +57,13 @@ def run(
     ----------
     workspace : GridWorkspace
     task : str or Task
-        "mapping", "coverage", "subset-coverage", ...; see :func:`shoal.swarm.tasks.make_task`.
+        "mapping", "coverage", "subset-coverage", ...; see `shoal.swarm.tasks.make_task`.
     policy : str or Policy
-        "closest-frontier", ...; see :func:`shoal.swarm.policies.make_policy`.
+        "closest-frontier", ...; see `shoal.swarm.policies.make_policy`.
     particles : int, optional
         How many to place. Needed unless ``start`` is given.
     placement : str or callable
-        See :func:`shoal.swarm.placement.place`.
+        See `shoal.swarm.placement.place`.
     start : array_like of int, shape (n, ndim), optional
         Cells of the particles; then nothing is placed.
     rule : str

@@ -21,9 +21,9 @@ from shoal.swarm.world import GridWorld
 
 @runtime_checkable
 class Task(Protocol):
-    """What a task must have; :func:`shoal.testing.check_task` tests it.
+    """What a task must have; `shoal.testing.check_task` tests it.
 
-    ``begin`` returns the belief at the start, ``update`` the belief after one push (see :meth:`GridWorld.pushes`). A task is
+    ``begin`` returns the belief at the start, ``update`` the belief after one push (see `GridWorld.pushes`). A task is
     complete when the frontier of its belief is empty. Both are pure.
     """
 

@@ -67,7 +67,7 @@ class GridWorkspace:
     Raises
     ------
     InvalidInputError
-        If ``free`` is not such an array (see :func:`check_free`).
+        If ``free`` is not such an array (see `check_free`).
 
     Notes
     -----

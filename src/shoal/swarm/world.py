@@ -112,7 +112,7 @@ class GridWorld:
         Raises
         ------
         InvalidInputError
-            See :func:`check_start`.
+            See `check_start`.
         """
         checked = check_start(self.workspace, cells, rule=self.rule)
         counts = None

@@ -16,7 +16,7 @@ from shoal.swarm.generators import GENERATORS, generate
 
 
 def remembered(spec: str) -> NDArray[np.bool_]:
-    """Return the map with the given name as :func:`generate` does, from the user's cache folder if it is there.
+    """Return the map with the given name as `generate` does, from the user's cache folder if it is there.
 
     Only maps that take long to generate are kept. The cache is ``$XDG_CACHE_HOME/shoal`` or ``~/.cache/shoal``; what was made by
     another version of the generators is not used, and a folder that cannot be written does no harm.

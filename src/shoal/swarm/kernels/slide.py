@@ -31,7 +31,7 @@ def key_of(row, column, field, columns, order):
 
 @kernel
 def cell_of(key, field, columns, order):
-    """Return the cell (row, column) of a rank; the inverse of :func:`key_of`."""
+    """Return the cell (row, column) of a rank; the inverse of `key_of`."""
     layer, rest = key % field.layers, key // field.layers
     if order == COLUMN_MAJOR:
         return layer * field.rows + rest % field.rows, rest // field.rows

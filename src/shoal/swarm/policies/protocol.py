@@ -45,7 +45,7 @@ class View:
 
 @runtime_checkable
 class Policy(Protocol):
-    """What a policy must have; :func:`shoal.testing.check_policy` tests it.
+    """What a policy must have; `shoal.testing.check_policy` tests it.
 
     ``decide(view, memory, rng)`` returns ``(commands, memory)``: the commands are all sent before it is asked again (fewer if the
     task is complete before); "" says that the policy can make no progress. Memory is None at the first decision; a policy

@@ -34,7 +34,7 @@ def player_page(episode: Episode) -> str:
 
 
 def player_data(episode: Episode) -> dict[str, object]:
-    """Return the data contract of :func:`shoal.views.player.render` for an episode."""
+    """Return the data contract of `shoal.views.player.render` for an episode."""
     flat = np.ravel_multi_index(tuple(episode.start.T), episode.workspace.shape)
     return {
         "title": f"{episode.task.capitalize()} of {episode.workspace.name}",
