@@ -49,10 +49,12 @@ $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
 	@$(BIN)/shoal map rectangle:9x9 --particles 3 --json >/dev/null
 	@touch $@
 
+# The browser tests need Debian's Chromium, and the program that drives it a small library.
 .PHONY: chromium
 chromium:
-	@command -v chromium >/dev/null || { echo 'installing Chromium for the browser tests ...'; \
-	  $(APT) update -qq && $(APT) install -y -qq chromium >/dev/null; }
+	@command -v chromium >/dev/null && ldconfig -p | grep -q libatomic.so.1 \
+	  || { echo 'installing Chromium for the browser tests ...'; \
+	  $(APT) update -qq && $(APT) install -y -qq chromium libatomic1 >/dev/null; }
 
 test: $(VENV)/.dev-installed $(VENV)/.kernels-compiled chromium
 	@$(BIN)/python -m pytest -n 2 --dist loadfile

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,9 +26,9 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
         if target.is_dir():
             raise OutputError(f"cannot write {target}: it is a folder")
         target.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem[:40]}-", suffix=target.suffix)
-        os.close(handle)
-        temporary = Path(name)
+        # Named before it is there: an interruption at any moment finds it below.
+        temporary = target.parent / f".{target.stem[:40]}-{secrets.token_hex(6)}{target.suffix}"
+        temporary.touch(mode=0o600, exist_ok=False)
         yield temporary
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(target)

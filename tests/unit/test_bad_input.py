@@ -355,7 +355,7 @@ OUTPUTS = [
     (f"{LINE} --out {{bad}}/letter.txt/below", "cannot write into the folder {bad}/letter.txt/below: Not a directory"),
     (f"{LINE} --out /proc/nowhere", "cannot write into the folder /proc/nowhere"),
     (f"{LINE} --out {{out}}/{'x' * 400}", "cannot write into the folder | File name too long"),
-    ("maps line:5 --out {out}/x.jpg", "x.jpg: expected one of the suffixes .png .tif | got '.jpg'"),
+    ("maps line:5 --out {out}/x.gif", "x.gif: expected one of the suffixes .png .tif | got '.gif'"),
     ("maps line:5 --out {out}/x", "x: expected one of the suffixes | got ''"),
     ("maps line:5 --out {out}/folder.png", "cannot write | folder.png: it is a folder"),
     ("maps line:5 --out {bad}/letter.txt/x.png", "cannot write {bad}/letter.txt/x.png: | exists"),

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 PICTURES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
-_PILLOW_NAMES = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".bmp": "BMP"}
+_PILLOW_NAMES = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}
 _LARGEST_FILE = 2**31
 
 
@@ -310,7 +310,7 @@ _READERS: dict[str, Callable[[Path], NDArray[Any]]] = {
 def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
     """Write a workspace; the suffix says the format, as for `read_map`, which reads the same cells back.
 
-    Only ``.npy`` takes three dimensions, and JPEG is refused: it would not come back the same.
+    Only ``.npy`` takes three dimensions. JPEG is written at its best quality, which keeps black and white apart.
 
     Raises
     ------
@@ -321,7 +321,7 @@ def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
     """
     target = Path(path)
     suffix = target.suffix.lower()
-    writable = [*(s for s in PICTURES if s not in {".jpg", ".jpeg"}), *_READERS]
+    writable = [*PICTURES, *_READERS]
     if suffix not in writable:
         raise InvalidInputError(f"{target}: expected one of the suffixes {' '.join(writable)}, got {suffix!r}")
     if workspace.ndim != 2 and suffix != ".npy":
@@ -341,7 +341,8 @@ def _encoded(workspace: GridWorkspace, suffix: str) -> bytes:
     else:
         from PIL import Image
 
-        Image.fromarray(workspace.free.astype(np.uint8) * 255).save(buffer, format=_PILLOW_NAMES[suffix])
+        best = {"quality": 100} if suffix in {".jpg", ".jpeg"} else {}
+        Image.fromarray(workspace.free.astype(np.uint8) * 255).save(buffer, format=_PILLOW_NAMES[suffix], **best)
     return buffer.getvalue()
 
 
