@@ -52,7 +52,7 @@ $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
 # The browser tests need Debian's Chromium, and the program that drives it a small library.
 .PHONY: chromium
 chromium:
-	@command -v chromium >/dev/null && ldconfig -p | grep -q libatomic.so.1 \
+	@command -v chromium >/dev/null && /sbin/ldconfig -p | grep -q libatomic.so.1 \
 	  || { echo 'installing Chromium for the browser tests ...'; \
 	  $(APT) update -qq && $(APT) install -y -qq chromium libatomic1 >/dev/null; }
 
