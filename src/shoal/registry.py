@@ -79,6 +79,7 @@ class Registry(Generic[T]):
             raise UnknownNameError(f"the {self.kind} {module_name!r} takes no option {attribute!r}")
         try:
             found: T = getattr(importlib.import_module(module_name), attribute)
-        except (ImportError, AttributeError, TypeError, ValueError) as error:
-            raise UnknownNameError(f"cannot import the {self.kind} {name!r}: {error}") from None
+        except Exception as error:  # the module is somebody's: anything may happen in it
+            what = " ".join(str(error).split())
+            raise UnknownNameError(f"cannot import the {self.kind} {name!r}: {type(error).__name__}: {what}") from error
         return found

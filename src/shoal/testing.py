@@ -162,7 +162,9 @@ def _check_view(policy: Policy, workspace: GridWorkspace, start: Any, rule: str)
     state = world.initial(start)
     belief = Mapping().begin(world, state)
     words = [board.words.copy() for board in (state.occupied, belief.open, belief.known, belief.frontier)]
+    own = copy.deepcopy(vars(policy)) if hasattr(policy, "__dict__") else {}
     commands, _ = policy.decide(View(belief, state.occupied, rule), None, np.random.default_rng(0))
+    assert (vars(policy) if own else own) == own, f"{policy.name}: a decision changed the policy object itself"
     assert set(commands) <= set(letters_of(workspace.ndim)), f"{policy.name}: {commands!r} has letters that are no commands"
     same = (state.occupied, belief.open, belief.known, belief.frontier)
     for board, before in zip(same, words, strict=True):

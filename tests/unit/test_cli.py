@@ -140,3 +140,22 @@ def test_importing_shoal_loads_nothing_heavy():
         "assert not heavy, heavy; assert set(shoal.__all__) <= set(dir(shoal)); [getattr(shoal, name) for name in shoal.__all__]"
     )
     subprocess.run([sys.executable, "-c", script], check=True)
+
+
+def test_depth_first_states_its_ratio(capsys):
+    assert run(["map", "maze:9x7", "-n", "1", "--policy", "depth-first"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "steps, of which any tour of the cells needs 38 (never above 2)" in text
+
+
+def test_episodes_of_an_earlier_run_do_not_stay(tmp_path):
+    for trials in ("4", "2", "1"):
+        assert run(["map", "line:9", "-n", "4", "--trials", trials, "--out", str(tmp_path)]) == 0
+        count = int(trials) if trials != "1" else 0
+        assert len(list((tmp_path / "episodes").glob("*.npz"))) == count
+    assert (tmp_path / "episode.npz").exists()
+
+
+def test_a_refused_run_leaves_no_folder(tmp_path, capsys):
+    assert run(["map", "line:9", "-n", "99", "--out", str(tmp_path / "out"), "--film", str(tmp_path / "films" / "f.gif")]) == 2
+    assert not list(tmp_path.iterdir())

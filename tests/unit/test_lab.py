@@ -48,7 +48,24 @@ def test_an_error_in_a_trial_is_raised():
         run_trials(open_map("line:20"), trials=5, particles=21)
 
 
-@pytest.mark.parametrize(("numbers", "words"), [({"trials": 0}, "trials"), ({"trials": 2, "workers": 0}, "workers")])
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ({"trials": 0}, "trials"),
+        ({"trials": 2, "workers": 0}, "workers"),
+        ({"trials": 2.5}, "trials"),
+        ({"trials": 1, "particles": 2.5}, "particles"),
+    ],
+)
 def test_bad_numbers(numbers, words):
     with pytest.raises(InvalidInputError, match=words):
-        run_trials(open_map("line:20"), particles=2, **numbers)
+        run_trials(open_map("line:20"), **{"particles": 2} | numbers)
+
+
+def test_a_local_policy_runs_alone_and_is_refused_in_processes():
+    """A class that no other process can import: one worker plays it here, several say what to do."""
+    local = type("Local", (), {"name": "local", "decide": lambda self, view, memory, rng: ("lurd"[rng.integers(4)], None)})()
+    workspace = open_map("line:6")
+    assert len(run_trials(workspace, trials=3, workers=1, policy=local, particles=3)) == 3
+    with pytest.raises(InvalidInputError, match="other processes can import"):
+        run_trials(workspace, trials=3, workers=2, policy=local, particles=3)

@@ -162,3 +162,33 @@ def test_belief_of_a_task_is_what_the_policy_sees():
     assert len(frames) == episode.moves + 1
     assert [len(belief.frontier) for _, belief in frames[1:]] == episode.frontier.tolist()
     assert len(frames[0][1].frontier) == episode.first_frontier
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"), [("l", "expected decide to return"), ((1, None), "expected decide"), (("x", None), "'x' at position 1")]
+)
+def test_answers_that_are_none(answer, words):
+    policy = type("Odd", (), {"name": "odd", "decide": lambda self, view, memory, rng: answer})()
+    with pytest.raises(InvalidInputError, match=words):
+        run(open_map("line:5"), policy=policy, particles=1)
+
+
+def test_a_policy_that_fails_is_named_with_the_line():
+    policy = type("Broken", (), {"name": "broken", "decide": lambda self, view, memory, rng: 1 / 0})()
+    with pytest.raises(
+        InvalidInputError, match=r"policy broken: its decide failed at .*test_policies.py, line \d+: ZeroDivisionError"
+    ):
+        run(open_map("line:5"), policy=policy, particles=1)
+
+
+def test_the_conformance_check_finds_a_policy_that_remembers():
+    class Counting(ThirdParty):
+        def __init__(self):
+            self.calls = 0
+
+        def decide(self, view, memory, rng):
+            self.calls += 1
+            return super().decide(view, memory, rng)
+
+    with pytest.raises(AssertionError, match="changed the policy object"):
+        check_policy(Counting(), rules=["block"])

@@ -67,4 +67,4 @@ def _list(json_: bool) -> None:
     if json_:
         print_json({"maps": [{"name": g.name, "size": g.size, "example": g.example, "summary": g.summary} for g in generators]})
         return
-    print_table([(g.example, f"{g.name}:{g.size}. {g.summary}") for g in generators], title="Generated maps")
+    print_table([(g.example, f"{g.name}:{g.size}{'[:SEED]' * g.seeded}. {g.summary}") for g in generators], title="Generated maps")

@@ -55,7 +55,7 @@ Film = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")]
-Vessels = Annotated[bool, typer.Option("--vessels", help="MAP is a photograph: segment its vessels (shoal[imaging]).")]
+Vessels = Annotated[bool, typer.Option("--vessels", help="MAP is a photograph: segment its vessels (needs the extra 'imaging').")]
 Width = Annotated[
     int | None,
     typer.Option("--width", help="With --vessels: larger side of the map, in cells.", show_default=False),

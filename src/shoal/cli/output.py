@@ -133,15 +133,17 @@ def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
 
 
 def check_folder(folder: Path) -> Path:
-    """Make an output folder and see that it can be written, before any work is done.
+    """See that an output folder can be written, or made where it is to be, before any work is done; make nothing yet.
 
     Raises
     ------
     OutputError
     """
+    existing = folder
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
+        while not existing.exists() and existing != existing.parent:
+            existing = existing.parent
+        with tempfile.TemporaryFile(dir=existing):
             pass
     except OSError as error:
         raise OutputError(f"cannot write into the folder {folder}: {error.strerror or error}") from None

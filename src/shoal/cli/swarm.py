@@ -166,7 +166,8 @@ def _rows(episodes: list[Episode], result: dict[str, Any]) -> list[tuple[str, st
         done = int(first.done.sum())
         rows += [
             ("result", first.sentence),
-            ("classified" if first.targets is None else "covered", f"{done} cells"),
+            _done_row(first, done),
+            *_ratio_rows(first),
             ("distance", f"{first.distance} cells travelled by all particles"),
             ("time", f"{first.seconds:.3f} s, {1e6 * first.seconds_per_move:.1f} µs a move"),
         ]
@@ -178,6 +179,29 @@ def _rows(episodes: list[Episode], result: dict[str, Any]) -> list[tuple[str, st
         ("status", ", ".join(f"{count} {status}" for status, count in counts.items())),
     ]
     return rows
+
+
+def _ratio_rows(episode: Episode) -> list[tuple[str, str]]:
+    """Return the competitive ratio of depth-first search with one particle (paper M, section III.B.1)."""
+    least = episode.workspace.n_free - 1
+    if not episode.policy.startswith("depth-first") or episode.n_particles > 1 or least < 1:
+        return []
+    steps = episode.distance
+    ratio = f"{steps / least:.2f}: {steps} steps, of which any tour of the cells needs {least} (never above 2)"
+    return [("ratio", f"{ratio}; {episode.moves - steps} probes of walls")]
+
+
+def _done_row(episode: Episode, done: int) -> tuple[str, str]:
+    """Return what was done, in words: cells found free and walls found, or cells covered."""
+    if episode.targets is not None:
+        wanted = int(episode.targets.sum())
+        return (
+            "covered",
+            f"{wanted - episode.first_frontier + done} of {wanted} cells, {wanted - episode.first_frontier} at the start",
+        )
+    _, belief = episode.final()
+    free = len(belief.open)
+    return "found", f"{free} free cells ({episode.n_particles} at the start) and {len(belief.obstacles)} wall cells around them"
 
 
 def _check_outputs(out: Path | None, film: list[Path] | None) -> None:
@@ -201,6 +225,7 @@ def write_outputs(episodes: list[Episode], result: dict[str, Any], out: Path | N
         for name, figure in (("map.png", final_map(episodes[0])), ("frontier.png", frontier_plot(episodes))):
             save_figure(figure, out / name)
             written.append(out / name)
+        _remove_earlier(out)
         names = ["episode.npz"] if len(episodes) == 1 else [f"episodes/{e.trial:05d}.npz" for e in episodes]
         with progress("episodes", len(episodes), shown=len(episodes) > 100) as advance:
             for done, (episode, name) in enumerate(zip(episodes, names, strict=True), start=1):
@@ -214,6 +239,12 @@ def write_outputs(episodes: list[Episode], result: dict[str, Any], out: Path | N
         write_film_with_progress(episodes[0], path)
         written.append(path)
     return written
+
+
+def _remove_earlier(out: Path) -> None:
+    """Remove the episodes of an earlier run from an output folder: with those of this one they would make no sense."""
+    for path in (out / "episode.npz", *(out / "episodes").glob("[0-9][0-9][0-9][0-9][0-9]*.npz")):
+        path.unlink(missing_ok=True)
 
 
 def write_film_with_progress(episode: Episode, path: Path) -> None:

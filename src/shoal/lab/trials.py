@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from functools import partial
+from pickle import PicklingError
 from threading import Event
 from typing import Any
 
@@ -34,7 +35,8 @@ def run_trials(
     ----------
     workspace : GridWorkspace
     trials : int
-        1 or more. Trial k uses the generator of (seed, k), whatever the workers.
+        1 or more. Trial k uses the generator of (seed, k), whatever the workers. Several trials of a policy written in Python run
+        in processes, which import it anew: it must lie in a module, or the script must be guarded as multiprocessing asks.
     workers : int, optional
         How many run at once; default: one a processor.
     seed : int
@@ -61,19 +63,29 @@ def run_trials(
     >>> [e.moves for e in run_trials(workspace, trials=3, workers=2, particles=20)]
     [4, 4, 4]
     """
-    if trials < 1:
-        raise InvalidInputError(f"trials: expected 1 or more, got {trials}")
     workers = default_workers() if workers is None else workers
+    for name, value in (("trials", trials), ("workers", workers)):
+        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            raise InvalidInputError(f"{name}: expected a whole number, 1 or more, got {value!r}")
     compiled = isinstance(make_policy(problem.get("policy", "closest-frontier")), Compiled)
-    executor = make_executor(min(workers, max(1, trials)), compiled=compiled)
+    alone = min(workers, trials) == 1  # then no process is worth its start
+    executor = make_executor(min(workers, trials), compiled=compiled or alone)
     stop = Event()
-    watch = partial(_watch, stop, on_moves) if compiled else None
+    watch = partial(_watch, stop, on_moves) if compiled or alone else None
     episodes: dict[int, Episode] = {}
     try:
         for index, episode in _finished(executor, workspace, trials, 2 * workers, watch, seed=seed, **problem):
             episodes[index] = episode
             if on_trial is not None:
                 on_trial(len(episodes))
+    except (BrokenExecutor, PicklingError, AttributeError, TypeError) as error:
+        give_up(executor)
+        if compiled or alone:
+            raise
+        raise InvalidInputError(
+            f"policy {problem['policy']!r}: expected one that other processes can import, got {' '.join(str(error).split())[:200]} "
+            "(put it into a module and start scripts under if __name__ == '__main__', or use workers=1)"
+        ) from error
     except BaseException:
         give_up(executor)
         raise

@@ -53,7 +53,7 @@ def belief_raster(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
 def _flat(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     if codes.ndim == 2:
         return codes
-    gap = np.full((codes.shape[1], 1), states.UNKNOWN, dtype=codes.dtype)
+    gap = np.full((codes.shape[1], 1), states.FREE, dtype=codes.dtype)  # white between layers
     return np.hstack([part for layer in codes for part in (layer, gap)][:-1])
 
 

@@ -156,7 +156,7 @@ class Episode:
         return state, belief
 
     def verify(self) -> Verification:
-        """Replay the commands and compare all metrics and the status."""
+        """Replay the commands; compare all metrics, and whether the task is complete at the end."""
         from shoal.swarm.running import replay
 
         state, belief, again = replay(self)

@@ -276,11 +276,24 @@ def _read_npy(path: Path) -> NDArray[Any]:
             if got < expected:
                 raise InvalidInputError(f"{path}: expected {expected} bytes of {dtype} {shape}, got {got}: the file is cut off")
             file.seek(0)
-            return np.asarray(np.load(file, allow_pickle=False))
+            return _two_valued(path, np.asarray(np.load(file, allow_pickle=False)))
         except InvalidInputError:
             raise
         except Exception as error:  # NumPy's header parser raises several kinds
             raise InvalidInputError(f"{path}: expected a NumPy array file (.npy): {_one_line(error)}") from None
+
+
+def _two_valued(path: Path, array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array of 0 and one other number; intensities and probabilities are no map until somebody sets a threshold."""
+    other = array[array != 0]
+    if other.size and np.isfinite(other).all() and (other != other[0]).any():
+        odd = next(value for value in other if value != other[0])
+        cell = tuple(int(i) for i in np.argwhere(array == odd)[0])
+        raise InvalidInputError(
+            f"{path}: expected 0 for obstacles and one other number for free cells, got {other[0]} and {odd} at cell {cell} "
+            "(compare with a threshold before saving)"
+        )
+    return array
 
 
 def _read_csv(path: Path) -> NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.errors import InvalidInputError, ShoalError
 from shoal.swarm.belief import Belief
 from shoal.swarm.commands import encode
 from shoal.swarm.episode import Episode
@@ -103,6 +104,8 @@ def run(
         cells, placed = check_start(workspace, start, rule=rule), "given"
     elif particles is None:
         raise InvalidInputError("expected a number of particles or their start cells, got neither")
+    elif isinstance(particles, bool) or not isinstance(particles, int | np.integer):
+        raise InvalidInputError(f"particles: expected a whole number, got {particles!r}")
     else:
         cells = place(workspace, particles, placement, rng)
         placed = placement if isinstance(placement, str) else getattr(placement, "__name__", "custom")
@@ -199,7 +202,7 @@ def play_stepwise(
 ) -> tuple[Episode, SwarmState, Belief]:
     """Play any policy on any task, one pure step after another."""
     memory: Any = None
-    plan, status, idle = "", "limit", 0
+    plan, at, status, idle = "", 0, "limit", 0
     codes: list[int] = []
     log: list[tuple[int, int, int]] = []
     travelled = done = 0
@@ -209,14 +212,14 @@ def play_stepwise(
             break
         if len(codes) >= max_moves:
             break
-        if not plan:
+        if at == len(plan):
             view = View(belief, state.occupied, world.rule, getattr(task, "mapping", True), len(codes), travelled, done)
-            plan, memory = policy.decide(view, memory, rng)
+            (plan, memory), at = decided(policy, view, memory, rng), 0
             if not plan or idle >= PATIENCE:
                 status = "stalled"
                 break
             encode(plan, ndim=world.workspace.ndim)
-        command, plan = plan[0], plan[1:]
+        command, at = plan[at], at + 1
         travelled = done = 0
         for after in world.pushes(state, command):
             travelled += distance_of_push(state, after, command)
@@ -238,6 +241,23 @@ def play_stepwise(
         status=status,
     )
     return episode, state, belief
+
+
+def decided(policy: Policy, view: View, memory: Any, rng: Generator) -> tuple[str, Any]:
+    """Ask a policy; say in one sentence what is wrong with an answer, or where its own code failed."""
+    try:
+        answer = policy.decide(view, memory, rng)
+    except ShoalError:
+        raise
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise InvalidInputError(
+            f"policy {policy.name}: its decide failed at {place.filename}, line {place.lineno}: {what}"
+        ) from error
+    if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[0], str):
+        raise InvalidInputError(f"policy {policy.name}: expected decide to return (commands, memory), got {answer!r:.80}")
+    return answer
 
 
 def distance_of_push(before: SwarmState, after: SwarmState, command: str) -> int:
