@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from functools import partial
-from pickle import PicklingError
 from threading import Event
 from typing import Any
 
@@ -69,6 +69,8 @@ def run_trials(
             raise InvalidInputError(f"{name}: expected a whole number, 1 or more, got {value!r}")
     compiled = isinstance(make_policy(problem.get("policy", "closest-frontier")), Compiled)
     alone = min(workers, trials) == 1  # then no process is worth its start
+    if not (compiled or alone):
+        _check_importable(problem["policy"])
     executor = make_executor(min(workers, trials), compiled=compiled or alone)
     stop = Event()
     watch = partial(_watch, stop, on_moves) if compiled or alone else None
@@ -78,14 +80,8 @@ def run_trials(
             episodes[index] = episode
             if on_trial is not None:
                 on_trial(len(episodes))
-    except (BrokenExecutor, PicklingError, AttributeError, TypeError) as error:
-        give_up(executor)
-        if compiled or alone:
-            raise
-        raise InvalidInputError(
-            f"policy {problem['policy']!r}: expected one that other processes can import, got {' '.join(str(error).split())[:200]} "
-            "(put it into a module and start scripts under if __name__ == '__main__', or use workers=1)"
-        ) from error
+    except BrokenExecutor as error:  # as when a script without a guard is started again by each worker
+        raise _not_importable(problem["policy"], error) from error
     except BaseException:
         give_up(executor)
         raise
@@ -93,6 +89,22 @@ def run_trials(
         stop.set()
         executor.shutdown(wait=True, cancel_futures=True)
     return [episodes[index] for index in range(trials)]
+
+
+def _check_importable(policy: Any) -> None:
+    """Refuse a policy that cannot be sent to another process."""
+    try:
+        pickle.dumps(policy)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise _not_importable(policy, error) from error
+
+
+def _not_importable(policy: Any, error: Exception) -> InvalidInputError:
+    name = policy if isinstance(policy, str) else policy.name
+    return InvalidInputError(
+        f"policy {name}: expected one that other processes can import, got {' '.join(str(error).split())[:200]} "
+        "(put it into a module and start scripts under if __name__ == '__main__', or use workers=1)"
+    )
 
 
 def _watch(stop: Event, on_moves: OnMoves | None, trial: int) -> OnMoves:
