@@ -29,7 +29,7 @@ class Belief:
 
     Notes
     -----
-    Source: spec/swarm.md, section 2. The rim around the workspace is unknown at first, as any other cell.
+    Source: paper M, section III.B; docs/concepts/belief.md. The rim around the workspace is unknown at first, as any other cell.
     """
 
     open: Board

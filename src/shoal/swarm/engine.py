@@ -152,7 +152,7 @@ def path_to_frontier(
 
     Notes
     -----
-    Source: paper M, algorithm 3; tie rule: spec/swarm.md, section 3.
+    Source: paper M, algorithm 3; tie rule: docs/concepts/policies.md.
 
     Examples
     --------

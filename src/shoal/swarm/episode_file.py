@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import warnings
 import zipfile
@@ -73,8 +74,10 @@ def save(episode: Episode, path: str | os.PathLike[str]) -> None:
     }
     if episode.targets is not None:
         arrays["targets"] = np.packbits(episode.targets)
-    with atomic(target) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+    buffer = io.BytesIO()  # first in memory: an archive interrupted on disk complains when it is thrown away
+    np.savez_compressed(buffer, allow_pickle=False, **arrays)
+    with atomic(target) as temporary:
+        temporary.write_bytes(buffer.getvalue())
 
 
 def load(path: str | os.PathLike[str]) -> Episode:

@@ -48,7 +48,7 @@ TASKS: Registry[type[Task]] = Registry("task")
 class Mapping:
     """Find every free cell that the particles can reach, and the obstacles around them.
 
-    Only the particles' own cells are known at the start. Source: paper M, section III.B; spec/swarm.md, section 2.
+    Only the particles' own cells are known at the start. Source: paper M, section III.B; docs/concepts/belief.md.
     """
 
     name: ClassVar[str] = "mapping"
@@ -72,7 +72,7 @@ class Mapping:
 class Coverage:
     """Let some particle stand in every free cell of a known map.
 
-    Source: paper M, section IV.B; spec/swarm.md, section 2.
+    Source: paper M, section IV.B; docs/concepts/belief.md.
     """
 
     name: ClassVar[str] = "coverage"

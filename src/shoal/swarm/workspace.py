@@ -71,7 +71,7 @@ class GridWorkspace:
 
     Notes
     -----
-    Source: paper M, section III; spec of the world: spec/swarm.md, section 1.
+    Source: paper M, section III; docs/concepts/world.md.
 
     Examples
     --------

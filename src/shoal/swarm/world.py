@@ -73,7 +73,7 @@ class GridWorld:
 
     Notes
     -----
-    Source: paper M, section I (rule block); spec/swarm.md, section 1. Nothing here is changed in place.
+    Source: paper M, section I (rule block); docs/concepts/world.md. Nothing here is changed in place.
 
     Examples
     --------
