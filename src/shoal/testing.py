@@ -1,7 +1,7 @@
 """Conformance checks for third parties' worlds, tasks and policies; our own pass them.
 
 Each check plays the object on small random maps and raises ``AssertionError`` with a sentence at the first breach. Call them from a
-test of your own::
+test of your own:
 
     from shoal.testing import check_policy
 

@@ -6,18 +6,45 @@ The `>>>` examples of all pages are collected by pytest itself (--doctest-glob).
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import re
 import shlex
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from markdown.extensions.toc import slugify
 
 import shoal
 from shoal.cli import app, run
+from shoal.swarm import GridWorkspace, GridWorld
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
 WITH_COMMANDS = [page for page in PAGES if "```console" in page.read_text()]
+MODULES = [
+    "errors",
+    "lab.trials",
+    "swarm.belief",
+    "swarm.boards",
+    "swarm.commands",
+    "swarm.episode",
+    "swarm.formats",
+    "swarm.generators",
+    "swarm.imaging",
+    "swarm.maps",
+    "swarm.placement",
+    "swarm.policies",
+    "swarm.running",
+    "swarm.tasks",
+    "swarm.workspace",
+    "swarm.world",
+    "testing",
+    "views.figures",
+    "views.films",
+    "views.player.page",
+]
 
 
 def commands_of(text: str) -> list[str]:
@@ -25,9 +52,25 @@ def commands_of(text: str) -> list[str]:
     return [line[2:] for block in blocks for line in block.splitlines() if line.startswith("$ ")]
 
 
+def write_files_of(text: str) -> list[str]:
+    """Write what a page asks its reader to have: files it shows (title="NAME") and photographs (<!-- needs: NAME -->)."""
+    shown = re.findall(r'```python title="(\w+)\.py"\n(.*?)```', text, re.S)
+    for name, content in shown:
+        Path(f"{name}.py").write_text(content)
+    for photograph in re.findall(r"<!-- needs: (\S+) -->", text):
+        data = pytest.importorskip("skimage.data")
+        from PIL import Image
+
+        Image.fromarray(data.retina()).resize((350, 350)).save(photograph)
+    return [name for name, _ in shown]
+
+
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: str(page.relative_to(ROOT)))
 def test_commands_of_a_page_run_in_their_order(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    for module in write_files_of(page.read_text()):
+        monkeypatch.delitem(sys.modules, module, raising=False)
     for command in commands_of(page.read_text()):
         name, *arguments = shlex.split(command)
         assert name == "shoal"
@@ -45,7 +88,9 @@ def test_examples_of_help_run(tmp_path, monkeypatch):
             assert run(shlex.split(example)) == 0, example
 
 
-def test_page_of_commands_is_fresh():
+def test_page_of_commands_is_fresh(monkeypatch):
+    for variable in ("GITHUB_ACTIONS", "FORCE_COLOR", "PY_COLORS"):  # each makes rich write escape codes
+        monkeypatch.setenv(variable, "1")
     spec = importlib.util.spec_from_file_location("generate_cli", ROOT / "docs" / "generate_cli.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -59,8 +104,52 @@ def test_public_names_are_documented():
         assert name == "__version__" or f"`{name}`" in text, f"docs/index.md does not name {name}"
 
 
+def test_library_pages_cover_the_public_modules():
+    directives = re.findall(r"^::: shoal\.(\S+)", "\n".join(page.read_text() for page in (ROOT / "docs/api").glob("*.md")), re.M)
+    for module in MODULES:
+        assert any(f"{directive}.".startswith(f"{module}.") for directive in directives), f"docs/api has nothing of shoal.{module}"
+
+
+def headings_of(page: Path) -> set[str]:
+    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.S)
+    return {slugify(heading, "-") for heading in re.findall(r"^#+ (.+)$", text, re.M)}
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page):
-    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text()):
-        assert "://" not in target, f"{page.name} links to the network: {target}"
-        assert (page.parent / target).exists(), f"{page.name}: no {target}"
+    assert "://" not in page.read_text(), f"{page.name} names the network"
+    for target, anchor in re.findall(r"\]\(([^)#]*)#?([^)]*)\)", page.read_text()):
+        file = page.parent / target if target else page
+        assert file.exists(), f"{page.name}: no {target}"
+        assert not anchor or anchor in headings_of(file), f"{page.name}: no heading {anchor} in {file.name}"
+
+
+def test_text_pictures_of_the_move_rules_are_what_the_world_does():
+    rule, command, checked = "", "", 0
+    for line in (ROOT / "docs/concepts/world.md").read_text().splitlines():
+        rule = next(iter(re.findall(r"^\*\*(\w+)\*\*", line)), rule)
+        command = next(iter(re.findall(r"After `(\w)`", line)), command)
+        pictures = re.findall(r"(?<=\s)[.o\d]+(?=\s|$)", line) if "->" in line and line.startswith("    ") else []
+        for before, after in itertools.pairwise(pictures):
+            world = GridWorld(GridWorkspace(np.ones((1, len(before)))), rule)
+            moved = world.step(world.initial(particles_of(before)), command)
+            assert moved.cells.tolist() == particles_of(after), f"{rule}: {line.strip()}"
+            checked += 1
+    assert checked == 6
+
+
+def particles_of(picture: str) -> list[list[int]]:
+    """Return a cell for each particle: o is one, a digit so many, a dot none."""
+    digits = picture.replace(".", "0").replace("o", "1")
+    return [[0, column] for column, count in enumerate(digits) for _ in range(int(count))]
+
+
+def test_page_of_files_describes_an_episode_file(tmp_path):
+    text = (ROOT / "docs/concepts/files.md").read_text()
+    described = dict(re.findall(r"^\| `(\w+)` \| (\w+)", text, re.M))
+    shoal.run(shoal.open_map("line:3"), particles=1, task="coverage").save(tmp_path / "episode.npz")
+    with np.load(tmp_path / "episode.npz") as archive:
+        assert {name: str(archive[name].dtype) for name in archive.files} == described
+        header = archive["header"].tobytes().decode()
+    for field in re.findall(r'"(\w+)":', header):
+        assert re.search(rf"\b{field}\b|map name", text), f"docs/concepts/files.md does not name the field {field}"

@@ -30,8 +30,10 @@ class View:
         Whether frontier cells are unknown (mapping) or known to be free (coverage).
     moves : int
         Commands sent so far.
-    travelled, done : int
-        What the last command did: cells travelled by all particles, frontier cells settled.
+    travelled : int
+        Cells travelled by all particles at the last command.
+    done : int
+        Frontier cells that the last command settled.
     """
 
     belief: Belief
