@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -199,10 +199,6 @@ class Episode:
         from shoal.swarm.episode_file import load
 
         return load(path)
-
-    def renamed(self, name: str) -> Episode:
-        """Return the episode with another name for its workspace."""
-        return replace(self, workspace=GridWorkspace(self.workspace.free, name=name))
 
     def __repr__(self) -> str:
         return (
