@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import secrets
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,6 +42,27 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def interruption_held() -> Iterator[None]:
+    """Let Ctrl-C wait until the block has ended: for short work with code that an interruption leaves in knots.
+
+    A zip archive interrupted while it is written raises another error when it is closed, or swallows the interruption when it
+    is thrown away.
+    """
+    asked = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(asked):
+        yield
+        return
+    came: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _frame: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, asked)
+    if came:
+        asked(came[0], None)
 
 
 def _umask() -> int:

@@ -697,6 +697,24 @@ def test_interrupted_while_it_writes(tmp_path, monkeypatch, capfd):
         assert Episode.load(path).verify()
 
 
+def test_interrupted_while_an_archive_is_made(tmp_path, monkeypatch):
+    """A zip archive would answer an interruption with an error of its own, or swallow it."""
+    whole, archived = np.savez_compressed, []
+
+    def signalled(file, **arrays):
+        signal.raise_signal(signal.SIGINT)
+        whole(file, **arrays)
+        archived.append(True)
+
+    monkeypatch.setattr(np, "savez_compressed", signalled)
+    episode = play(GridWorkspace([[1, 1, 1, 1]]), particles=2)
+    with pytest.raises(KeyboardInterrupt):
+        episode.save(tmp_path / "episode.npz")
+    assert archived
+    assert not list(tmp_path.iterdir())
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 @pytest.mark.parametrize("suffix", [".gif", ".mp4"])
 def test_interrupted_while_it_films(tmp_path, monkeypatch, capfd, suffix):
     from shoal.views import films

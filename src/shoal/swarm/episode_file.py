@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, FiniteFloat, NonNegativeInt, ValidationError
 
 from shoal.errors import InvalidInputError
-from shoal.files import atomic
+from shoal.files import atomic, interruption_held
 from shoal.swarm.commands import letters_of
 from shoal.swarm.episode import Episode
 from shoal.swarm.workspace import MAX_CELLS, GridWorkspace
@@ -74,8 +74,9 @@ def save(episode: Episode, path: str | os.PathLike[str]) -> None:
     }
     if episode.targets is not None:
         arrays["targets"] = np.packbits(episode.targets)
-    buffer = io.BytesIO()  # first in memory: an archive interrupted on disk complains when it is thrown away
-    np.savez_compressed(buffer, allow_pickle=False, **arrays)
+    buffer = io.BytesIO()  # first in memory, which is quick, as Ctrl-C has to wait for it
+    with interruption_held():
+        np.savez_compressed(buffer, allow_pickle=False, **arrays)
     with atomic(target) as temporary:
         temporary.write_bytes(buffer.getvalue())
 
