@@ -32,6 +32,16 @@ Rule = Annotated[str, typer.Option("--rule", help="Move rule: block, merge or ti
 Trials = Annotated[int, typer.Option("--trials", help="How many times, each from another start.")]
 Seed = Annotated[int, typer.Option("--seed", help="The same seed gives the same result, whatever the workers.")]
 MaxMoves = Annotated[int, typer.Option("--max-moves", help="Stop an episode there, with status limit.")]
+ScanEvery = Annotated[
+    str,
+    typer.Option(
+        "--scan-every",
+        metavar="RULE",
+        help="Equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (least expected cost).",
+    ),
+]
+ScanCost = Annotated[float, typer.Option("--scan-cost", help="Price of a scan, in any unit.")]
+MoveCost = Annotated[float, typer.Option("--move-cost", help="Price of a move, in the same unit.")]
 Workers = Annotated[
     int | None,
     typer.Option("--workers", help="Trials that run at once; default: one a processor.", show_default=False),

@@ -30,6 +30,9 @@ def map_(
     trials: options.Trials = 1,
     seed: options.Seed = 0,
     max_moves: options.MaxMoves = 1_000_000,
+    scan_every: options.ScanEvery = "1",
+    scan_cost: options.ScanCost = 10.0,
+    move_cost: options.MoveCost = 1.0,
     workers: options.Workers = None,
     out: options.Out = None,
     film: options.Film = None,
@@ -46,7 +49,8 @@ def map_(
 
     with quiet():
         workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
-    problem = {"task": "mapping", "particles": particles, "policy": policy, "placement": placement, "rule": rule}
+    problem: dict[str, Any] = {"task": "mapping", "particles": particles, "policy": policy, "placement": placement, "rule": rule}
+    problem |= {"scan_every": scan_every, "scan_cost": scan_cost, "move_cost": move_cost}
     _play(workspace, problem, trials, seed, max_moves, workers, out, film, json_, largest_component)
 
 
@@ -63,6 +67,9 @@ def cover(
     trials: options.Trials = 1,
     seed: options.Seed = 0,
     max_moves: options.MaxMoves = 1_000_000,
+    scan_every: options.ScanEvery = "1",
+    scan_cost: options.ScanCost = 10.0,
+    move_cost: options.MoveCost = 1.0,
     workers: options.Workers = None,
     out: options.Out = None,
     film: options.Film = None,
@@ -81,7 +88,8 @@ def cover(
     task: Any = "coverage" if subset is None else SubsetCoverage(fraction=subset)
     with quiet():
         workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
-    problem = {"task": task, "particles": particles, "policy": policy, "placement": placement, "rule": rule}
+    problem: dict[str, Any] = {"task": task, "particles": particles, "policy": policy, "placement": placement, "rule": rule}
+    problem |= {"scan_every": scan_every, "scan_cost": scan_cost, "move_cost": move_cost}
     _play(workspace, problem, trials, seed, max_moves, workers, out, film, json_, largest_component)
 
 
@@ -147,6 +155,12 @@ def summary(episodes: list[Episode], *, seed: int) -> dict[str, Any]:
         "status": [episode.status for episode in episodes],
         "mean": statistics.fmean(moves),
         "std": statistics.stdev(moves) if len(moves) > 1 else 0.0,
+        "scan_every": first.scanning.every,
+        "scan_cost": first.scanning.scan_cost,
+        "move_cost": first.scanning.move_cost,
+        "scans": [episode.scans for episode in episodes],
+        "cost": [episode.cost for episode in episodes],
+        "mean_cost": statistics.fmean(episode.cost for episode in episodes),
     }
 
 
@@ -168,6 +182,7 @@ def _rows(episodes: list[Episode], result: dict[str, Any]) -> list[tuple[str, st
             ("result", first.sentence),
             _done_row(first, done),
             *_ratio_rows(first),
+            ("cost", _cost(first)),
             ("distance", f"{first.distance} cells travelled by all particles"),
             ("time", f"{first.seconds:.3f} s, {1e6 * first.seconds_per_move:.1f} µs a move"),
         ]
@@ -175,10 +190,20 @@ def _rows(episodes: list[Episode], result: dict[str, Any]) -> list[tuple[str, st
     counts = {status: result["status"].count(status) for status in dict.fromkeys(result["status"])}
     rows += [
         ("moves", f"{result['mean']:.2f} ± {result['std']:.2f} (mean and sample standard deviation)"),
+        ("cost", f"{result['mean_cost']:.2f}, with {statistics.fmean(result['scans']):.2f} scans ({_prices(first)})"),
         ("range", f"{min(result['moves'])} to {max(result['moves'])}"),
         ("status", ", ".join(f"{count} {status}" for status, count in counts.items())),
     ]
     return rows
+
+
+def _cost(episode: Episode) -> str:
+    return f"{episode.cost:g}: {episode.moves} moves and {episode.scans} scans ({_prices(episode)})"
+
+
+def _prices(episode: Episode) -> str:
+    rule = episode.scanning
+    return f"{rule.move_cost:g} a move, {rule.scan_cost:g} a scan, scan-every {rule.every}"
 
 
 def _ratio_rows(episode: Episode) -> list[tuple[str, str]]:

@@ -13,7 +13,7 @@ from shoal.errors import InvalidInputError
 from shoal.lab.executors import default_workers, give_up, make_executor
 from shoal.swarm import Episode, GridWorkspace, make_policy, run
 from shoal.swarm.policies import Compiled
-from shoal.swarm.running import OnMoves
+from shoal.swarm.stepwise import OnMoves
 
 OnTrial = Callable[[int], None]
 """Called with the number of trials finished so far."""

@@ -12,14 +12,19 @@ from shoal.errors import InvalidInputError
 from shoal.swarm.belief import Belief
 from shoal.swarm.boards import Board, Frame, Words
 from shoal.swarm.commands import decode, encode, letters_of
-from shoal.swarm.kernels import moves, play, search, slide
+from shoal.swarm.kernels import moves, play, prospect, runs, search, slide, survey
+from shoal.swarm.scanning.runs import EVERY_MOVE, ScanRule
 from shoal.swarm.state import SwarmState
 
 if TYPE_CHECKING:
     from numpy.random import Generator
 
+    from shoal.swarm.policies import View
+
 RUNNING, COMPLETE, STALLED = play.RUNNING, play.COMPLETE, play.STALLED
 RULE_CODES = {"block": moves.BLOCK, "merge": moves.MERGE, "tilt": moves.TILT}
+KINDS = {"equal": runs.EQUAL, "doubling": runs.DOUBLING, "hyper": runs.HYPER, "adaptive": runs.ADAPTIVE}
+LONGEST_RUN = 500  # that an adaptive policy weighs
 ORDERS = {"column-major": search.COLUMN_MAJOR, "row-major": search.ROW_MAJOR}
 # The cell from which a command comes, in the order in which such cells are expanded; column-major: left, up, in, out, down, right.
 _PARENTS = {"column-major": "rdoiul", "row-major": "droilu"}
@@ -109,17 +114,49 @@ def slides_of(frame: Frame, rule: str) -> slide.Slides:
     return slide.Slides(np.zeros(size, np.int64), np.zeros(size, np.int8), np.zeros(size, np.int64))
 
 
-def mind_of(frame: Frame, n_free: int, belief: Belief, *, rule: str, ties: str, neighbours: str, plan: str) -> play.Mind:
+def scanning_of(frame: Frame, scanning: ScanRule | None) -> runs.Scanning:
+    """Return a scan rule as kernels know it, with the work space that it needs; without one the log gives the scans."""
+    kind = runs.GIVEN if scanning is None else KINDS[scanning.kind]
+    adaptive = kind == runs.ADAPTIVE
+    words = frame.words[0] * frame.words[1] if adaptive else 0
+    longest = min(max(frame.window), LONGEST_RUN) if adaptive else 0
+    boards = [np.zeros(words, dtype=np.uint64) for _ in range(3)]
+    prices = (scanning.scan_cost, scanning.move_cost) if scanning is not None else (0.0, 1.0)
+    return runs.Scanning(
+        kind=kind,
+        step=1 if scanning is None else scanning.step,
+        survey=survey.Survey(
+            prices=np.array(prices, dtype=np.float64),
+            tallies=np.zeros((survey.TALLIES, 2), dtype=np.int64),
+            gains=np.zeros((len(letters_of(frame.ndim)), longest + 1), dtype=np.float64),
+            known=boards[0],
+        ),
+        prospect=prospect.Prospect(boards[1], boards[2], np.zeros((0, 0), np.int32), np.zeros(5, np.int64)),
+    )
+
+
+def mind_of(
+    frame: Frame,
+    n_free: int,
+    belief: Belief,
+    *,
+    rule: str,
+    ties: str,
+    neighbours: str,
+    plan: str,
+    scanning: ScanRule | None = EVERY_MOVE,
+) -> play.Mind:
     """Return the memory of a built-in policy that has not decided anything yet, or follows ``plan``."""
-    space = search_of(frame, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan)))
+    space = search_of(frame, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), prospect.LONGEST_PLAN))
     memory = np.zeros(play.MEMORY, dtype=np.int64)
+    memory[play.RUN_COMMAND], memory[play.SCANNED] = -1, 1
     memory[play.REMAINING] = len(belief.frontier)
     if plan:
         space.plan[: len(plan)] = encode(plan, ndim=frame.ndim)
         memory[play.PLAN_LENGTH] = len(plan)
     single, visited = _work(frame, 2)
     trail = np.zeros(n_free + 2, dtype=np.int8)
-    return play.Mind(memory, space, slides_of(frame, rule), single, visited, trail)
+    return play.Mind(memory, space, slides_of(frame, rule), single, visited, trail, scanning_of(frame, scanning))
 
 
 def path_to_frontier(
@@ -204,6 +241,7 @@ def new_log(moves_at_most: int) -> play.Log:
         np.zeros(moves_at_most, np.int32),
         np.zeros(moves_at_most, np.int32),
         np.zeros(moves_at_most, np.int64),
+        np.zeros(moves_at_most, np.bool_),
     )
 
 
@@ -243,3 +281,37 @@ def play_on(
         log.commands[:] = rng.integers(0, len(mind.search.neighbours), size=len(log.commands))
     played, status = play.play(code, field, RULE_CODES[rule], mapping, mind, log)
     return int(played), int(status)
+
+
+class AdaptiveRuns:
+    """The adaptive scan rule for episodes that are played step by step: the same kernels choose the runs.
+
+    Parameters
+    ----------
+    belief : Belief
+        At the start.
+    rule : str
+    mapping : bool
+    scanning : ScanRule
+    options : ties and neighbours of closest-frontier
+    """
+
+    def __init__(self, belief: Belief, *, rule: str, mapping: bool, scanning: ScanRule, **options: str) -> None:
+        frame = belief.open.frame
+        size = int(np.prod(frame.window))
+        self.rule, self.mapping = rule, mapping
+        self.mind = mind_of(frame, size, belief, rule=rule, plan="", scanning=scanning, **options)
+
+    def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
+        """Return the next run, a command and how often, or None."""
+        memory, belief = self.mind.memory, view.belief
+        memory[play.REMAINING], memory[play.IDLE], memory[play.RUN_LEFT] = len(belief.frontier), idle, 0
+        field = field_of(belief.open.words, state, belief)  # the truth is what is believed: no kernel called here moves there
+        if not play.begin_run(play.CLOSEST, field, RULE_CODES[self.rule], self.mapping, self.mind, np.int8(0)):
+            return None
+        return decode(memory[play.RUN_COMMAND : play.RUN_COMMAND + 1].astype(np.int8)), int(memory[play.RUN_LEFT])
+
+    def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
+        """Tell whether the run is to be scanned, and learn from it."""
+        self.mind.memory[play.LEARNT] = learnt
+        return bool(play.end_run(field_of(belief.open.words, state, belief), self.mind, False))

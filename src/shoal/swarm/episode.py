@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from shoal.swarm.belief import Belief
 from shoal.swarm.commands import decode
+from shoal.swarm.scanning.runs import EVERY_MOVE, ScanRule
 from shoal.swarm.state import SwarmState
 from shoal.swarm.tasks import make_task
 from shoal.swarm.workspace import GridWorkspace
@@ -72,6 +73,10 @@ class Episode:
         Time the run took, planning included.
     version : str
         Of Shoal.
+    scanning : ScanRule
+        When to scan, and the prices of scans and moves.
+    scanned : ndarray of bool, shape (moves,)
+        Whether a scan followed each move; by default after each. There was one more before the first.
 
     Notes
     -----
@@ -95,6 +100,12 @@ class Episode:
     travelled: NDArray[np.int64]
     seconds: float
     version: str
+    scanning: ScanRule = EVERY_MOVE
+    scanned: NDArray[np.bool_] = None  # type: ignore[assignment]  # filled in below
+
+    def __post_init__(self) -> None:
+        if self.scanned is None:
+            object.__setattr__(self, "scanned", np.ones(len(self.codes), dtype=np.bool_))
 
     def __bool__(self) -> bool:
         return self.status == "complete"
@@ -108,6 +119,16 @@ class Episode:
     def moves(self) -> int:
         """Number of commands sent."""
         return len(self.codes)
+
+    @property
+    def scans(self) -> int:
+        """Number of scans, the one at the start included."""
+        return 1 + int(np.count_nonzero(self.scanned))
+
+    @property
+    def cost(self) -> float:
+        """Price of all moves and scans."""
+        return self.scanning.cost(moves=self.moves, scans=self.scans)
 
     @property
     def n_particles(self) -> int:
@@ -137,16 +158,21 @@ class Episode:
         return f"{self.status} after {self.moves} moves: {STATUSES[self.status]}{rest}"
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
-        """Yield state and belief at the start and after each move, replayed step by step."""
+        """Yield state and belief at the start and after each move, replayed step by step.
+
+        The belief is that of the last scan, or the newest if all that has happened since was known beforehand.
+        """
         world, task = GridWorld(self.workspace, self.rule), make_task(self.task)
         state = world.initial(self.start)
-        belief = task.begin(world, state, self.targets)
-        yield state, belief
-        for command in self.commands:
+        belief = shown = task.begin(world, state, self.targets)
+        yield state, shown
+        for command, scanned in zip(self.commands, self.scanned.tolist(), strict=True):
             for after in world.pushes(state, command):
                 belief = task.update(belief, command, state.occupied, after.occupied)
                 state = after
-            yield state, belief
+            if scanned or belief.known == shown.known:
+                shown = belief
+            yield state, shown
 
     def final(self) -> tuple[SwarmState, Belief]:
         """Return state and belief after the last move."""
@@ -160,7 +186,7 @@ class Episode:
         from shoal.swarm.running import replay
 
         state, belief, again = replay(self)
-        for name in ("first_frontier", "done", "frontier", "travelled"):
+        for name in ("first_frontier", "done", "frontier", "travelled", "scanned"):
             mine, theirs = np.atleast_1d(getattr(self, name)), np.atleast_1d(getattr(again, name))
             if mine.shape != theirs.shape:
                 return Verification(False, f"{name}: {len(mine)} entries stored, {len(theirs)} replayed")

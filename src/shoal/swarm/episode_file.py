@@ -17,6 +17,7 @@ from shoal.errors import InvalidInputError
 from shoal.files import atomic, interruption_held
 from shoal.swarm.commands import letters_of
 from shoal.swarm.episode import Episode
+from shoal.swarm.scanning.runs import MOVE_COST, SCAN_COST, ScanRule
 from shoal.swarm.workspace import MAX_CELLS, GridWorkspace
 from shoal.swarm.world import RULES, check_start
 
@@ -41,6 +42,9 @@ class Header(BaseModel):
     status: Literal["complete", "stalled", "limit"]
     first_frontier: NonNegativeInt
     seconds: FiniteFloat
+    scan_every: str = "1"
+    scan_cost: FiniteFloat = SCAN_COST
+    move_cost: FiniteFloat = MOVE_COST
 
 
 def save(episode: Episode, path: str | os.PathLike[str]) -> None:
@@ -62,6 +66,9 @@ def save(episode: Episode, path: str | os.PathLike[str]) -> None:
         status=episode.status,  # type: ignore[arg-type]  # checked by the schema
         first_frontier=episode.first_frontier,
         seconds=episode.seconds,
+        scan_every=episode.scanning.every,
+        scan_cost=episode.scanning.scan_cost,
+        move_cost=episode.scanning.move_cost,
     )
     arrays: dict[str, NDArray[Any]] = {
         "header": np.frombuffer(header.model_dump_json().encode(), dtype=np.uint8),
@@ -71,6 +78,7 @@ def save(episode: Episode, path: str | os.PathLike[str]) -> None:
         "done": episode.done,
         "frontier": episode.frontier,
         "travelled": episode.travelled,
+        "scanned": np.packbits(episode.scanned),
     }
     if episode.targets is not None:
         arrays["targets"] = np.packbits(episode.targets)
@@ -112,7 +120,7 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
         warnings.simplefilter("ignore")  # of odd array headers: what matters about them is checked
         try:
             with np.load(file, allow_pickle=False) as archive:
-                for name in ("header", "free", "start", "commands", *_COLUMNS, "targets"):
+                for name in ("header", "free", "start", "commands", *_COLUMNS, "targets", "scanned"):
                     if name in archive.files:
                         arrays[name] = np.asarray(archive[name])
         except Exception as error:  # zip, deflate and array headers have many ways to be damaged
@@ -153,6 +161,8 @@ def _assembled(header: Header, arrays: dict[str, NDArray[Any]]) -> Episode:
         first_frontier=header.first_frontier,
         seconds=header.seconds,
         version=header.version,
+        scanning=ScanRule.parse(header.scan_every, scan_cost=header.scan_cost, move_cost=header.move_cost),
+        scanned=_mask(arrays["scanned"], (len(codes),), "scanned") if "scanned" in arrays else None,  # type: ignore[arg-type]
         **columns,
     )
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-import traceback
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -12,24 +10,21 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.errors import InvalidInputError, ShoalError
+from shoal.errors import InvalidInputError
 from shoal.swarm.belief import Belief
-from shoal.swarm.commands import encode
 from shoal.swarm.episode import Episode
 from shoal.swarm.placement import Placement, place
-from shoal.swarm.policies import Compiled, Manual, Policy, View, make_policy
+from shoal.swarm.policies import Compiled, Manual, Policy, make_policy
+from shoal.swarm.policies.compiled import check_scanning
+from shoal.swarm.scanning.runs import MOVE_COST, SCAN_COST, ScanRule
 from shoal.swarm.state import SwarmState
+from shoal.swarm.stepwise import OnMoves, play_stepwise
 from shoal.swarm.tasks import Coverage, Mapping, Task, make_task
 from shoal.swarm.workspace import GridWorkspace
 from shoal.swarm.world import GridWorld, check_start
 from shoal.version import __version__
 
 MAX_MOVES = 1_000_000
-PATIENCE = 1_000  # as in kernels.play
-"""So many commands in a row that move no particle and settle no cell: the policy is stopped as stalled."""
-
-OnMoves = Callable[[int, int], None]
-"""Called now and then with (moves so far, frontier cells left)."""
 
 
 def trial_rng(seed: int, trial: int = 0) -> Generator:
@@ -49,6 +44,9 @@ def run(
     seed: int = 0,
     trial: int = 0,
     max_moves: int = MAX_MOVES,
+    scan_every: str | int = 1,
+    scan_cost: float = SCAN_COST,
+    move_cost: float = MOVE_COST,
     stepwise: bool = False,
     on_moves: OnMoves | None = None,
 ) -> Episode:
@@ -73,6 +71,10 @@ def run(
         Not negative. The same pair gives the same episode, whatever else runs.
     max_moves : int
         The episode ends as "limit" there.
+    scan_every : str or int
+        Equal commands before each scan: a number, "doubling", "hyper" or "adaptive"; see `shoal.swarm.scanning.ScanRule`.
+    scan_cost, move_cost : float
+        Prices, which an adaptive policy weighs.
     stepwise : bool
         Play a built-in policy step by step, too, as third parties' are; the episode is the same.
     on_moves : callable, optional
@@ -97,8 +99,10 @@ def run(
     if not isinstance(chosen, Policy):
         raise InvalidInputError(f"policy: expected an object with a name and a method decide, got {chosen!r}")
     _check_numbers(seed=seed, trial=trial, max_moves=max_moves)
+    scanning = ScanRule.parse(scan_every, scan_cost=scan_cost, move_cost=move_cost)
     if isinstance(chosen, Compiled):
         chosen.check(world.frame, rule)
+    check_scanning(scanning, chosen, rule)
     rng = trial_rng(seed, trial)
     if start is not None:
         cells, placed = check_start(workspace, start, rule=rule), "given"
@@ -112,12 +116,15 @@ def run(
     targets = todo.choose_targets(workspace, rng)
     blank = Episode(
         workspace, cells, np.zeros(0, np.int8), rule, todo.name, chosen.name, placed, targets, seed, trial, "limit", 0,
-        np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, np.int64), 0.0, __version__,
+        np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, np.int64), 0.0, __version__, scanning,
     )  # fmt: skip
     state = world.initial(cells)
     belief = todo.begin(world, state, targets)
     blank = replace(blank, first_frontier=len(belief.frontier))
     compiled = isinstance(chosen, Compiled) and isinstance(todo, Mapping | Coverage) and not stepwise
+    compiled &= (
+        scanning.every_move or getattr(chosen, "kind", "") != "random-moves"
+    )  # its commands are drawn beforehand, one a move
     player = play_compiled if compiled else play_stepwise
     if compiled:
         from shoal.swarm.engine import load_kernels
@@ -144,8 +151,10 @@ def play_compiled(
     rng: Generator,
     max_moves: int,
     on_moves: OnMoves | None = None,
+    *,
+    given: NDArray[np.bool_] | None = None,
 ) -> tuple[Episode, SwarmState, Belief]:
-    """Play a built-in policy in compiled code, in pieces of a fraction of a second."""
+    """Play a built-in policy in compiled code, in pieces of a fraction of a second; ``given`` are the scans of a replay."""
     from shoal.swarm import engine
 
     frame = world.frame
@@ -158,6 +167,7 @@ def play_compiled(
         ties=getattr(policy, "ties", "column-major"),
         neighbours=getattr(policy, "neighbours", "lurd"),
         plan=getattr(policy, "commands", ""),
+        scanning=blank.scanning if given is None else None,
     )
     if not belief.complete:
         engine.choose_driven(policy.code, state, mind, rng)
@@ -168,6 +178,8 @@ def play_compiled(
         max_moves, status = 0, "complete"
     while moves < max_moves:
         log = engine.new_log(min(room, max_moves - moves))
+        if given is not None:
+            log.scanned[:] = given[moves : moves + len(log.scanned)]
         played, ended = engine.play_on(policy.code, field, world.rule, task.mapping, mind, rng, log)
         pieces.append(tuple(column[:played] for column in log))
         moves, room = moves + played, min(2 * room, largest)
@@ -181,100 +193,12 @@ def play_compiled(
     columns: list[NDArray[Any]] = (
         [np.concatenate(column) for column in zip(*pieces, strict=True)] if pieces else list(engine.new_log(0))
     )
-    codes, done, frontier, travelled = columns
+    codes, done, frontier, travelled, scanned = columns
     return (
-        replace(blank, codes=codes, done=done, frontier=frontier, travelled=travelled, status=status),
+        replace(blank, codes=codes, done=done, frontier=frontier, travelled=travelled, scanned=scanned, status=status),
         after,
         final,
     )
-
-
-def play_stepwise(
-    blank: Episode,
-    world: GridWorld,
-    policy: Policy,
-    task: Task,
-    state: SwarmState,
-    belief: Belief,
-    rng: Generator,
-    max_moves: int,
-    on_moves: OnMoves | None = None,
-) -> tuple[Episode, SwarmState, Belief]:
-    """Play any policy on any task, one pure step after another."""
-    memory: Any = None
-    plan, at, status, idle = "", 0, "limit", 0
-    codes: list[int] = []
-    log: list[tuple[int, int, int]] = []
-    travelled = done = 0
-    while True:
-        if belief.complete:
-            status = "complete"
-            break
-        if len(codes) >= max_moves:
-            break
-        if at == len(plan):
-            view = View(belief, state.occupied, world.rule, getattr(task, "mapping", True), len(codes), travelled, done)
-            (plan, memory), at = decided(policy, view, memory, rng), 0
-            if not plan or idle >= PATIENCE:
-                status = "stalled"
-                break
-            encode(plan, ndim=world.workspace.ndim)
-        command, at = plan[at], at + 1
-        travelled = done = 0
-        for after in world.pushes(state, command):
-            travelled += distance_of_push(state, after, command)
-            updated = task.update(belief, command, state.occupied, after.occupied)
-            done += settled(belief, updated)
-            state, belief = after, updated
-        idle = idle + 1 if travelled == done == 0 else 0
-        codes.append(int(encode(command, ndim=world.workspace.ndim)[0]))
-        log.append((done, len(belief.frontier), travelled))
-        if on_moves is not None:
-            on_moves(len(codes), log[-1][1])
-    columns = np.array(log, dtype=np.int64).reshape(-1, 3)
-    episode = replace(
-        blank,
-        codes=np.array(codes, dtype=np.int8),
-        done=columns[:, 0].astype(np.int32),
-        frontier=columns[:, 1].astype(np.int32),
-        travelled=columns[:, 2].copy(),
-        status=status,
-    )
-    return episode, state, belief
-
-
-def decided(policy: Policy, view: View, memory: Any, rng: Generator) -> tuple[str, Any]:
-    """Ask a policy; say in one sentence what is wrong with an answer, or where its own code failed."""
-    try:
-        answer = policy.decide(view, memory, rng)
-    except ShoalError:
-        raise
-    except Exception as error:
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        what = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        raise InvalidInputError(
-            f"policy {policy.name}: its decide failed at {place.filename}, line {place.lineno}: {what}"
-        ) from error
-    if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[0], str):
-        raise InvalidInputError(f"policy {policy.name}: expected decide to return (commands, memory), got {answer!r:.80}")
-    return answer
-
-
-def distance_of_push(before: SwarmState, after: SwarmState, command: str) -> int:
-    """Return how many particles moved one cell in a push.
-
-    In a queue the leader stays and the others close up, so particles are told apart by their order: the occupied cells
-    summed along the direction of the command say how far the swarm has moved in all.
-    """
-    axis = {"l": -1, "r": -1, "u": -2, "d": -2, "i": -3, "o": -3}[command]
-    sign = 1 if command in "rdo" else -1
-    return sign * int(after.cells[:, axis].sum() - before.cells[:, axis].sum())
-
-
-def settled(before: Belief, after: Belief) -> int:
-    """Return how many cells a push settled: newly known ones (mapping) or frontier cells covered (coverage)."""
-    learnt = len(after.known) - len(before.known)
-    return learnt if learnt else len(before.frontier - after.frontier)
 
 
 def replay(episode: Episode) -> tuple[SwarmState, Belief, Episode]:
@@ -284,5 +208,6 @@ def replay(episode: Episode) -> tuple[SwarmState, Belief, Episode]:
     belief = task.begin(world, state, episode.targets)
     blank = replace(episode, first_frontier=len(belief.frontier))
     player = play_compiled if isinstance(task, Mapping | Coverage) else play_stepwise
-    again, state, belief = player(blank, world, Manual(commands=episode.commands), task, state, belief, trial_rng(0), episode.moves)
+    manual, rng = Manual(commands=episode.commands), trial_rng(0)
+    again, state, belief = player(blank, world, manual, task, state, belief, rng, episode.moves, given=episode.scanned)
     return state, belief, again

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.boards import Board
+from shoal.swarm.boards import Board, Frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +24,15 @@ class SwarmState:
 
     occupied: Board
     counts: NDArray[np.int32] | None = None
+
+    @classmethod
+    def of_cells(cls, frame: Frame, cells: NDArray[np.int64], *, shared: bool) -> SwarmState:
+        """Return the state of particles at ``cells``, shape (n, ndim); ``shared`` if a cell may hold several."""
+        counts = None
+        if shared:
+            counts = np.zeros(frame.window, dtype=np.int32)
+            np.add.at(counts, tuple(cells.T + 1), 1)
+        return cls(Board.of_cells(frame, cells), counts)
 
     @property
     def n_particles(self) -> int:

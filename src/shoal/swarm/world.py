@@ -115,11 +115,7 @@ class GridWorld:
             See `check_start`.
         """
         checked = check_start(self.workspace, cells, rule=self.rule)
-        counts = None
-        if self.rule == "merge":
-            counts = np.zeros(self.frame.window, dtype=np.int32)
-            np.add.at(counts, tuple(checked.T + 1), 1)
-        return SwarmState(Board.of_cells(self.frame, checked), counts)
+        return SwarmState.of_cells(self.frame, checked, shared=self.rule == "merge")
 
     def step(self, state: SwarmState, command: str) -> SwarmState:
         """Return the state after one command, a letter out of ``lurd`` (3-D: ``lurdio``)."""

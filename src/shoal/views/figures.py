@@ -14,19 +14,13 @@ from shoal.errors import InvalidInputError
 from shoal.files import atomic
 from shoal.swarm import Episode
 from shoal.swarm.display import PALETTE, belief_raster, in_strips
+from shoal.views.charts import MUTED, new_figure, plain_axes, set_title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_INK, _MUTED = "#22262c", "#6b7280"
 _LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obstacle": "obstacle", "unknown": "unknown"}
-
-
-def _figure(width: float, height: float) -> Figure:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
 
 
 def final_map(episode: Episode) -> Figure:
@@ -54,18 +48,15 @@ def map_figure(episode: Episode, *, moves: int) -> Figure:
     sheet = in_strips(belief_raster(state, belief))
     height, width = sheet.shape[:2]
     inches = 6.4
-    figure = _figure(inches, float(np.clip(inches * height / width + 0.9, 2.2, 9.5)))
+    figure = new_figure(inches, float(np.clip(inches * height / width + 0.9, 2.2, 9.5)))
     axes = figure.add_subplot()
     axes.imshow(sheet, interpolation="nearest" if max(height, width) < 900 else "antialiased")
     axes.set_axis_off()
-    _title(axes, f"{episode.workspace.name} after {moves} moves")
+    scans = 1 + int(np.count_nonzero(episode.scanned[:moves]))
+    looked = "" if episode.scanned.all() else f" and {scans} scans"
+    set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}")
     _legend(axes, coverage=episode.targets is not None)
     return figure
-
-
-def _title(axes: Axes, text: str) -> None:
-    """Write a title as it is: the name of a file may hold a "$", which is no formula."""
-    axes.set_title(text, fontsize=11, color=_INK, loc="left", fontweight="bold", parse_math=False)
 
 
 def _legend(axes: Axes, *, coverage: bool) -> None:
@@ -73,7 +64,7 @@ def _legend(axes: Axes, *, coverage: bool) -> None:
 
     names = dict(_LEGEND, frontier="not covered yet") if coverage else _LEGEND
     handles = [
-        Patch(facecolor=PALETTE[key], edgecolor=_MUTED, linewidth=0.5, label=name)
+        Patch(facecolor=PALETTE[key], edgecolor=MUTED, linewidth=0.5, label=name)
         for key, name in names.items()
         if not (coverage and key == "unknown")
     ]
@@ -93,7 +84,7 @@ def frontier_plot(episodes: Sequence[Episode]) -> Figure:
     """
     if not episodes:
         raise InvalidInputError("frontier plot: expected at least one episode, got none")
-    figure = _figure(6.4, 3.6)
+    figure = new_figure(6.4, 3.6)
     axes = figure.add_subplot()
     curves = [np.concatenate([[e.first_frontier], e.frontier]) for e in episodes]
     many = len(curves) > 1
@@ -109,11 +100,8 @@ def frontier_plot(episodes: Sequence[Episode]) -> Figure:
     first = episodes[0]
     cells = "frontier cells" if first.targets is None else "cells not covered yet"
     axes.set(xlabel="moves", ylabel=cells, xlim=(0, None), ylim=(0, None))
-    _title(axes, f"{first.workspace.name}: {first.task} by {first.policy}, {first.n_particles} particles")
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=_MUTED, labelcolor=_INK)
-    axes.grid(color="#e5e7eb", lw=0.6)
-    axes.set_axisbelow(True)
+    set_title(axes, f"{first.workspace.name}: {first.task} by {first.policy}, {first.n_particles} particles")
+    plain_axes(axes)
     return figure
 
 

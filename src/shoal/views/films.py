@@ -92,7 +92,35 @@ def film_frames(episode: Episode, shown: NDArray[np.int64]) -> Iterator[NDArray[
     wanted = set(shown.tolist())
     for move, (state, belief) in enumerate(episode.frames()):
         if move in wanted:
-            yield in_strips(belief_raster(state, belief))
+            picture = in_strips(belief_raster(state, belief))
+            yield picture if episode.scanned.all() else np.vstack([picture, scan_strip(episode.scanned, move, picture.shape[1])])
+
+
+def scan_strip(scanned: NDArray[np.bool_], move: int, width: int) -> NDArray[np.uint8]:
+    """Return a strip for the foot of a picture: the moves from left to right, a mark for each scan, those still to come pale.
+
+    The picture above shows what was known at the last mark before the present. uint8, shape (rows, width, 3), in colours of the
+    palette.
+
+    Examples
+    --------
+    >>> strip = scan_strip(np.array([False, True]), move=1, width=90)
+    >>> strip.shape, len(np.unique(strip.reshape(-1, 3), axis=0))
+    ((4, 90, 3), 3)
+    """
+    height = max(3, width // 40) + 1
+    strip = np.full((height, width, 3), _colour("free"), dtype=np.uint8)
+    places = np.concatenate([[0], 1 + np.flatnonzero(scanned)]) * (width - 1) // max(1, len(scanned))
+    now = move * (width - 1) // max(1, len(scanned))
+    strip[1:, : now + 1] = _colour("frontier")
+    strip[1:, places[places > now]] = _colour("unknown")
+    strip[1:, places[places <= now]] = _colour("obstacle")
+    strip[1:, now] = _colour("particle")
+    return strip
+
+
+def _colour(name: str) -> tuple[int, ...]:
+    return tuple(bytes.fromhex(PALETTE[name][1:]))
 
 
 def film_size(height: int, width: int, side: int) -> tuple[int, int]:

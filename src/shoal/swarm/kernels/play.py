@@ -15,6 +15,18 @@ from shoal.swarm.kernels.bits import ZERO, has, put
 from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.moves import DOWN, LEFT, RIGHT, TILT, UP
 from shoal.swarm.kernels.observe import step
+from shoal.swarm.kernels.runs import (
+    ADAPTIVE,
+    EQUAL,
+    GIVEN,
+    Scanning,
+    begin_adaptive,
+    decide_adaptive,
+    end_adaptive,
+    interval,
+    last_run,
+    stretch,
+)
 from shoal.swarm.kernels.search import Search, ahead, nearest, opposite
 from shoal.swarm.kernels.slide import Slides, nearest_by_tilts
 
@@ -29,7 +41,11 @@ TARGET_ROW, TARGET_COLUMN = 5, 6
 TRAIL_LENGTH, BACKTRACKING = 7, 8
 PHASE, SECOND, GAIN = 9, 10, 11  # of sweep
 IDLE = 12  # commands in a row that changed nothing
-MEMORY = 13  # size
+RUN_LEFT, RUN_COMMAND, STREAK = 13, 14, 15  # commands left of the run, its direction, runs before it in the same one
+LAST_RUN = 16  # steps of an adaptive plan's last run, if chosen already
+LEARNT = 17  # cells classified in this run
+SCANNED = 18  # whether there has been a scan after the last command
+MEMORY = 19  # size
 
 PATIENCE = 1_000  # so many of them, and the policy is stopped
 
@@ -43,6 +59,7 @@ class Mind(NamedTuple):
     single: NDArray[np.uint64]  # a board for one cell
     visited: NDArray[np.uint64]  # depth-first: the cells where its particle has been
     trail: NDArray[np.int8]  # depth-first: the commands that led from the root
+    scanning: Scanning
 
 
 class Log(NamedTuple):
@@ -52,6 +69,7 @@ class Log(NamedTuple):
     done: NDArray[np.int32]
     frontier: NDArray[np.int32]
     travelled: NDArray[np.int64]
+    scanned: NDArray[np.bool_]  # whether a scan followed
 
 
 @kernel
@@ -171,25 +189,79 @@ def notice(code, field, mind, command, travelled, done):
 
 
 @kernel
+def begin_run(code, field, rule, mapping, mind, draw):
+    """Choose the next run; tell whether there is one."""
+    memory, plan, scanning = mind.memory, mind.search.plan, mind.scanning
+    adaptive = scanning.kind == ADAPTIVE
+    if memory[PLAN_AT] >= memory[PLAN_LENGTH]:
+        memory[PLAN_AT], memory[LAST_RUN] = 0, 0
+        if adaptive:
+            memory[PLAN_LENGTH], memory[LAST_RUN] = decide_adaptive(field, rule, mapping, mind.search, scanning)
+        else:
+            memory[PLAN_LENGTH] = decide(code, field, rule, mapping, mind, draw)
+        if memory[PLAN_LENGTH] == 0 or memory[IDLE] >= PATIENCE:
+            return False
+    at, length = memory[PLAN_AT], memory[PLAN_LENGTH]
+    command, steps = plan[at], 1
+    if adaptive:
+        steps = stretch(plan, at, length)
+        if at + steps == length:
+            memory[PLAN_AT] += steps
+            steps = memory[LAST_RUN] if memory[LAST_RUN] > 0 else last_run(field, mapping, plan, at, length, scanning)
+        else:
+            memory[PLAN_AT] += steps
+        begin_adaptive(field, scanning)
+    elif scanning.kind == GIVEN or (scanning.kind == EQUAL and scanning.step == 1):
+        memory[PLAN_AT] += 1
+    else:
+        memory[STREAK] = memory[STREAK] + 1 if command == memory[RUN_COMMAND] else 0
+        limit, steps = interval(scanning.kind, scanning.step, memory[STREAK]), stretch(plan, at, length)
+        # A turn of the path must not be missed; its last stretch leads into the unknown and may go on there.
+        steps = limit if at + steps == length and code != MANUAL else min(limit, steps)
+        memory[PLAN_AT] += steps
+    memory[RUN_LEFT], memory[RUN_COMMAND], memory[LEARNT] = steps, command, 0
+    return True
+
+
+@kernel
+def end_run(field, mind, given):
+    """Tell whether to scan after a run: always, but where an adaptive policy knew the outcome beforehand."""
+    memory, scanning = mind.memory, mind.scanning
+    if scanning.kind == GIVEN:
+        return given
+    if scanning.kind == ADAPTIVE:
+        if memory[LEARNT] == 0:
+            return False
+        end_adaptive(field, scanning, memory[RUN_COMMAND])
+        memory[PLAN_LENGTH] = 0
+    return True
+
+
+@kernel
 def play(code, field, rule, mapping, mind, log):
     """Play until the log is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
 
-    For RANDOM ``log.commands`` holds the commands to play, drawn beforehand.
+    For RANDOM ``log.commands`` holds the commands to play, drawn beforehand; if scans are GIVEN, ``log.scanned`` holds them.
+    What a run of commands does is looked at when it is scanned, not before: no decision falls within a run.
     """
-    memory, plan = mind.memory, mind.search.plan
+    memory = mind.memory
     for move in range(log.commands.shape[0]):
-        if memory[REMAINING] == 0:
-            return move, COMPLETE
-        if memory[PLAN_AT] >= memory[PLAN_LENGTH]:
-            memory[PLAN_LENGTH], memory[PLAN_AT] = decide(code, field, rule, mapping, mind, log.commands[move]), 0
-            if memory[PLAN_LENGTH] == 0 or memory[IDLE] >= PATIENCE:
+        if memory[RUN_LEFT] == 0:
+            if memory[REMAINING] == 0 and (memory[SCANNED] == 1 or mind.scanning.kind != GIVEN):
+                return move, COMPLETE
+            if not begin_run(code, field, rule, mapping, mind, log.commands[move]):
                 return move, STALLED
-        command = plan[memory[PLAN_AT]]
-        memory[PLAN_AT] += 1
+        command = np.int8(memory[RUN_COMMAND])
+        memory[RUN_LEFT] -= 1
         travelled, done, change = step(field, command, rule, mapping)
         memory[REMAINING] += change
         memory[IDLE] = memory[IDLE] + 1 if travelled == 0 and done == 0 else 0
+        memory[LEARNT] += done if mapping else 0
         log.commands[move], log.done[move] = command, done
         log.frontier[move], log.travelled[move] = memory[REMAINING], travelled
         notice(code, field, mind, command, travelled, done)
-    return log.commands.shape[0], COMPLETE if memory[REMAINING] == 0 else RUNNING
+        scan = memory[RUN_LEFT] == 0 and end_run(field, mind, log.scanned[move])
+        log.scanned[move] = scan
+        memory[SCANNED] = 1 if scan else 0
+    done = memory[REMAINING] == 0 and memory[RUN_LEFT] == 0
+    return log.commands.shape[0], COMPLETE if done else RUNNING

@@ -7,6 +7,8 @@ from typing import ClassVar
 
 from shoal.errors import InvalidInputError
 from shoal.swarm.boards import Frame
+from shoal.swarm.policies.protocol import Policy
+from shoal.swarm.scanning.runs import ScanRule
 from shoal.swarm.world import RULES
 
 
@@ -18,6 +20,7 @@ class Compiled:
     code: ClassVar[int]  # the constant of shoal.swarm.kernels.play
     rules: ClassVar[frozenset[str]] = frozenset(RULES)
     dimensions: ClassVar[tuple[int, ...]] = (2, 3)
+    runs: ClassVar[bool] = True  # whether it can do with a scan after several commands
 
     @property
     def name(self) -> str:
@@ -60,3 +63,22 @@ class Searching(Compiled):
         if self.ties not in ORDERS:
             raise InvalidInputError(f"ties: expected {' or '.join(ORDERS)}, got {self.ties!r}")
         check_neighbours(self.neighbours, 2 if len(self.neighbours) <= 4 else 3)
+
+
+def check_scanning(scanning: ScanRule, policy: Policy, rule: str) -> None:
+    """Refuse a scan rule that a policy or a move rule does not go with.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if scanning.every_move:
+        return
+    if rule == "tilt":
+        raise InvalidInputError(f"scan-every: expected 1 under rule tilt, where each command is a run, got {scanning.every}")
+    if not getattr(policy, "runs", True):
+        raise InvalidInputError(
+            f"scan-every: expected 1 for policy {policy.name}, which has to see its particle after each move, got {scanning.every}"
+        )
+    if scanning.kind == "adaptive" and getattr(policy, "kind", "") != "closest-frontier":
+        raise InvalidInputError(f"scan-every: expected the policy closest-frontier for adaptive, got {policy.name}")

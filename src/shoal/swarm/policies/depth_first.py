@@ -33,6 +33,7 @@ class DepthFirst(Compiled):
 
     kind: ClassVar[str] = "depth-first"
     code: ClassVar[int] = 4
+    runs: ClassVar[bool] = False
     rules: ClassVar[frozenset[str]] = frozenset({"block", "merge"})
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:

@@ -30,6 +30,7 @@ class ElectParticle(Searching):
 
     kind: ClassVar[str] = "elect-particle"
     code: ClassVar[int] = 3
+    runs: ClassVar[bool] = False
     rules: ClassVar[frozenset[str]] = frozenset({"block", "merge"})
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:

@@ -29,6 +29,7 @@ class Sweep(Compiled):
 
     kind: ClassVar[str] = "sweep"
     code: ClassVar[int] = 5
+    runs: ClassVar[bool] = False
     dimensions: ClassVar[tuple[int, ...]] = (2,)
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:

@@ -41,6 +41,8 @@ def render(data: dict[str, object]) -> str:
         - ``targets`` : None, or the cells to cover in the form of ``free``; None in the task ``"coverage"``
           means all free cells.
         - ``commands`` : str of the letters ``lurd``.
+        - ``scanned`` : None or missing if a scan followed every command; else base64 of ``numpy.packbits`` of whether one
+          followed each.
         - ``status`` : ``"complete"``, ``"stalled"`` or ``"limit"``.
 
     Returns

@@ -74,7 +74,23 @@ const ShoalChart = (() => {
       this.fillUpTo(this.xOf(move), area, line, colours.past, colours.line);
       pen.fillStyle = colours.axis;
       pen.fillRect(this.left, bottom, this.width, Math.max(1, Math.round(this.unit)));
+      this.drawScans(colours);
       this.drawCursor(move, colours);
+    }
+
+    /** A tick at the foot of the chart for each scan, unless there is one after every move. */
+    drawScans(colours) {
+      const { scanned } = this.timeline.world;
+      if (!scanned) return;
+      const { pen, unit, bottom } = this, width = Math.max(1, Math.round(unit));
+      pen.fillStyle = colours.cursor;
+      let last = -Infinity;
+      scanned.forEach((scan, i) => {
+        const x = Math.round(this.xOf(i + 1) - width / 2);
+        if (!scan || x <= last) return;
+        pen.fillRect(x, bottom - 5 * unit, width, 5 * unit);
+        last = x;
+      });
     }
 
     fillUpTo(x, area, line, fill, stroke) {

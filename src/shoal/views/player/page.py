@@ -47,6 +47,7 @@ def player_data(episode: Episode) -> dict[str, object]:
         "start": base64.b64encode(flat.astype("<u4").tobytes()).decode(),
         "targets": None if episode.targets is None else _packed(episode.targets),
         "commands": episode.commands,
+        "scanned": None if episode.scanned.all() else _packed(episode.scanned),
         "status": episode.status,
         "seed": episode.seed,
         "version": episode.version,

@@ -69,6 +69,7 @@
     $("chartTitle").textContent = covering ? "Cells to cover by move" : "Frontier cells by move";
     $("unknownRow").hidden = covering;
     $("sharedRow").hidden = world.rule !== "merge";
+    $("scansRow").hidden = !world.scanned;
     $("particles").textContent = number(world.start.length);
     $("scrub").max = length;
     fillRows($("details"), [
@@ -187,6 +188,8 @@
       $("share").textContent = `${share === 1 ? "100" : (Math.floor(share * 1000) / 10).toFixed(1)} %`;
       $("bar").style.transform = `scaleX(${share})`;
       for (const name of ["frontier", "free", "obstacle"]) $(name).textContent = number(timeline[name][move]);
+      if (world.scanned) $("scans").textContent = number(timeline.scans[move]);
+      $("compass").querySelector(".ring").classList.toggle("scan", !!world.scanned && (move === 0 || !!world.scanned[move - 1]));
       if (world.rule === "merge") $("shared").textContent = number(swarm.count.reduce((n, c) => n + (c > 1), 0));
       $("scrub").value = move;
       $("scrub").style.setProperty("--done", length ? move / length : 0);
@@ -342,7 +345,7 @@
     function snapshot() {
       const cells = new Set(Array.from(swarm.pos, (cell) => ShoalSim.flatIndex(world, cell)));
       return {
-        frontier: timeline.frontier[move], free: timeline.free[move], obstacle: timeline.obstacle[move],
+        scans: timeline.scans[move], frontier: timeline.frontier[move], free: timeline.free[move], obstacle: timeline.obstacle[move],
         particles: world.start.length, cells: [...cells].sort((a, b) => a - b),
       };
     }

@@ -68,6 +68,14 @@ const ShoalSim = (() => {
     });
   }
 
+  /** Whether a scan followed each command; null if one followed every command. */
+  function readScans(data, length) {
+    if (data.scanned == null) return null;
+    const bytes = bytesOf(data, "scanned");
+    checkSize(bytes, Math.ceil(length / 8), "scanned");
+    return Uint8Array.from({ length }, (_, i) => (bytes[i >> 3] >> (7 - (i & 7))) & 1);
+  }
+
   function checkOneOf(value, choices, key) {
     if (!choices.includes(value)) {
       throw new DataError(`The field “${key}” is “${value}”, not one of ${choices.join(", ")}.`);
@@ -113,6 +121,7 @@ const ShoalSim = (() => {
     };
     checkStart(world);
     world.targets = readTargets(data, world);
+    world.scanned = readScans(data, world.commands.length);
     return world;
   }
 
@@ -250,6 +259,8 @@ const ShoalSim = (() => {
       this.frontier = new Int32Array(this.length + 1); // counts after each move
       this.free = new Int32Array(this.length + 1);
       this.obstacle = new Int32Array(this.length + 1);
+      this.scans = new Int32Array(this.length + 1).fill(1, 0, 1); // up to each move; there was one before the first
+      this.unseen = []; // cells entered, and walls hit as their complement, since the last scan
       this.keyframe = cells <= 0x10000 ? Uint16Array : Int32Array;
       const bytes = (this.length + 1) * world.start.length * this.keyframe.BYTES_PER_ELEMENT;
       this.every = Math.max(KEYFRAME_EVERY, Math.ceil(bytes / KEYFRAME_BYTES));
@@ -299,6 +310,21 @@ const ShoalSim = (() => {
       this.obstacle[n]++;
     }
 
+    /** What move n has shown; in a mapping that waits for the next scan. In a coverage the map says it. */
+    look(n) {
+      const { swarm, world, unseen } = this, scan = world.scanned ? world.scanned[n - 1] : 1;
+      this.scans[n] = this.scans[n - 1] + scan;
+      if (!scan && !world.targets) {
+        for (let i = 0; i < swarm.entries; i++) if (this.until[swarm.entered[i]] === NEVER) unseen.push(swarm.entered[i]);
+        for (let i = 0; i < swarm.bumps; i++) if (this.until[swarm.bumped[i]] === NEVER) unseen.push(~swarm.bumped[i]);
+        return;
+      }
+      for (const cell of unseen) cell < 0 ? this.bump(~cell, n) : this.stand(cell, n);
+      unseen.length = 0;
+      for (let i = 0; i < swarm.entries; i++) this.stand(swarm.entered[i], n);
+      for (let i = 0; i < swarm.bumps; i++) this.bump(swarm.bumped[i], n);
+    }
+
     /** Simulate up to move `n`, or for `budget` milliseconds. */
     advance(n, budget = Infinity) {
       const stop = performance.now() + budget, { swarm, world } = this;
@@ -306,8 +332,7 @@ const ShoalSim = (() => {
         const now = ++this.done;
         for (const counts of [this.frontier, this.free, this.obstacle]) counts[now] = counts[now - 1];
         swarm.move(world.commands[now - 1]);
-        for (let i = 0; i < swarm.entries; i++) this.stand(swarm.entered[i], now);
-        for (let i = 0; i < swarm.bumps; i++) this.bump(swarm.bumped[i], now);
+        this.look(now);
         if (now % this.every === 0) this.keyframes.push(this.keyframe.from(swarm.pos));
         if (now % 16 === 0 && performance.now() > stop) break;
       }

@@ -1,0 +1,227 @@
+"""shoal line, shoal schedule: the theory of one dimension."""
+
+from __future__ import annotations
+
+import json
+import re
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from shoal.cli import options
+from shoal.cli.output import check_folder, patience, print_json, print_table, progress
+from shoal.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from shoal.swarm.line import Line, LineSample
+    from shoal.swarm.scanning import OptimalSchedule, Schedule
+
+LINE_EXAMPLE = "Example: shoal line --cells 1000 --particles 100 --monte-carlo 100000"
+SCHEDULE_EXAMPLE = "Example: shoal schedule --scan-cost 10 --move-cost 1 --max-distance 500"
+
+EXACT_CELLS = 10_000
+_LISTED = 20_000  # positions of a schedule in the JSON
+_DIGITS = 1_000
+
+_Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="FOLDER", help="Write the figures and summary.json into this folder.", show_default=False),
+]
+
+
+def line(
+    cells: Annotated[int, typer.Option("--cells", help="Cells of the line, m.", show_default=False)],
+    particles: Annotated[int, typer.Option("-n", "--particles", help="Number of particles, n.", show_default=False)],
+    monte_carlo: Annotated[
+        int | None,
+        typer.Option("--monte-carlo", metavar="TRIALS", help="Draw so many random placements, too.", show_default=False),
+    ] = None,
+    seed: options.Seed = 0,
+    workers: options.Workers = None,
+    out: _Out = None,
+    json_: options.Json = False,
+) -> None:
+    """One dimension: mean moves until both ends are found and until all cells are visited, and the largest gap."""
+    from shoal.swarm.line import Line, sample
+
+    chosen = Line(cells, particles)
+    if out is not None:
+        check_folder(out)
+    drawn = None
+    if monte_carlo is not None:
+        with patience("compiling kernels: once after an installation ..."), progress("placements", monte_carlo, shown=True) as told:
+            drawn = sample(chosen, monte_carlo, seed=seed, workers=workers, on_trials=told)
+    with patience("counting placements ..."):
+        result = line_summary(chosen, drawn, seed=seed)
+    written = []
+    if out is not None:
+        from shoal.views.theory import gap_distributions, move_distributions
+
+        figures = {"gaps.png": gap_distributions(chosen, drawn)} if cells <= EXACT_CELLS else {}
+        if drawn is not None and figures:
+            figures["moves.png"] = move_distributions(chosen, drawn)
+        written = _write(out, figures, result)
+    if json_:
+        print_json(result)
+        return
+    rows = [(name.replace("_", " "), _means(result[name])) for name in ("boundary", "coverage", "largest_gap")]
+    print_table([*rows, *(("written", str(path)) for path in written)], title=f"{particles} particles in a line of {cells} cells")
+
+
+def line_summary(line: Line, sample: LineSample | None, *, seed: int) -> dict[str, Any]:
+    """Return the JSON object of ``shoal line``; exact values of long lines are left out, as they take too long."""
+    short = line.cells <= EXACT_CELLS
+    means = {
+        "boundary": line.boundary,
+        "coverage": line.coverage if short else None,
+        "largest_gap": line.largest_gap if short else None,
+    }
+    result: dict[str, Any] = {"cells": line.cells, "particles": line.particles}
+    for name, mean in means.items():
+        result[name] = {
+            "exact": None if mean is None else float(mean.exact),
+            "printed": None if mean is None else float(mean.printed),
+            "monte_carlo": None if sample is None else float(getattr(sample, name).mean()),
+            "standard_error": None if sample is None else sample.standard_error(name),
+        }
+    result["coverage"]["published"] = float(line.published_coverage) if short else None
+    return result | {"trials": 0 if sample is None else sample.trials, "seed": seed}
+
+
+def _means(row: dict[str, Any]) -> str:
+    exact = f"more than {EXACT_CELLS} cells: Monte Carlo only" if row["exact"] is None else f"{row['exact']:.4f} exact"
+    parts = [exact]
+    if row["printed"] is not None:
+        parts.append(f"{row['printed']:.4f} by the papers' formula ({row['printed'] - row['exact']:+.4f})")
+    if row["monte_carlo"] is not None:
+        parts.append(f"{row['monte_carlo']:.4f} ± {row['standard_error']:.4f} by Monte Carlo")
+    return ", ".join(parts)
+
+
+def _write(out: Path, figures: dict[str, Figure], result: dict[str, Any]) -> list[Path]:
+    from shoal.files import atomic
+    from shoal.views.figures import save_figure
+
+    for name, figure in figures.items():
+        save_figure(figure, out / name)
+    with atomic(out / "summary.json") as temporary:
+        temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    return [*(out / name for name in figures), out / "summary.json"]
+
+
+def schedule(
+    scan_cost: Annotated[str, typer.Option("--scan-cost", metavar="PRICE", help="Price of a scan.", show_default=False)],
+    move_cost: Annotated[str, typer.Option("--move-cost", metavar="PRICE", help="Price of a move.", show_default=False)],
+    max_distance: Annotated[
+        str, typer.Option("--max-distance", metavar="D", help="The wall is at most so far away; 1e100 and 10^100 will do.")
+    ] = "1000",
+    seed: Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")] = 0,
+    out: _Out = None,
+    json_: options.Json = False,
+) -> None:
+    """When to scan on the way to a wall at an unknown distance: the best schedule for your prices, beside the classic ones."""
+    from shoal.swarm.scanning import EveryStep, Hyperexponential, OneJump, Powers, check_prices, optimal_schedule
+
+    scan, move = check_prices(scan_cost, move_cost)
+    distance = whole_number(max_distance, option="--max-distance")
+    if out is not None:
+        check_folder(out)
+    with patience("searching the best schedule ..."):
+        best = optimal_schedule(scan_cost=scan, move_cost=move, max_distance=distance)
+        others = [EveryStep(), Powers(2), Powers(4), Hyperexponential(), OneJump(distance + 1)]
+        result: dict[str, Any] = {
+            "scan_cost": float(scan),
+            "move_cost": float(move),
+            "max_distance": distance,
+            "optimal": _schedule_entry(best, best) | {"positions": _positions(best), "step": getattr(best.schedule, "step", None)},
+            "schedules": [_schedule_entry(one, best) for one in others],
+        }
+    written = []
+    if out is not None:
+        from shoal.views.theory import schedule_ratios
+
+        written = _write(out, {"ratios.png": schedule_ratios([*others[:-1], best], max_distance=max(3, distance))}, result)
+    if json_:
+        print_json(result)
+        return
+    shown = [*islice(best.positions(), 13)]
+    more = ", ..." if len(shown) == 13 else ""
+    rows = [
+        ("scan after", ", ".join(_short(position) for position in shown[:12]) + more + " moves"),
+        *((entry["name"], _ratio(entry)) for entry in (result["optimal"], *result["schedules"])),
+    ]
+    title = f"a wall at most {_short(distance)} away, {scan_cost} a scan, {move_cost} a move"
+    print_table([*rows, *(("written", str(path)) for path in written)], title=title)
+
+
+def _schedule_entry(schedule: Schedule, best: OptimalSchedule) -> dict[str, Any]:
+    """Return name, moves and scans at the largest distance, and the worst case over all up to it."""
+    cost = schedule.cost(best.max_distance)
+    worst = schedule.worst(scan_cost=best.scan_cost, move_cost=best.move_cost, max_distance=best.max_distance)
+    return {
+        "name": schedule.name,
+        "moves": cost.moves,
+        "scans": cost.scans,
+        "worst_ratio": _float(worst.ratio),
+        "worst_distance": worst.distance,
+    }
+
+
+def _float(ratio: Any) -> float | None:
+    """Return a ratio as a float, None if it is too large for one."""
+    try:
+        return float(ratio)
+    except OverflowError:
+        return None
+
+
+def _positions(schedule: OptimalSchedule) -> list[int] | None:
+    """Return all positions, None if there are too many to list: then they are equal steps."""
+    positions = [*islice(schedule.positions(), _LISTED + 1)]
+    return positions if len(positions) <= _LISTED else None
+
+
+def _ratio(entry: dict[str, Any]) -> str:
+    ratio = "above 1e308" if entry["worst_ratio"] is None else f"{entry['worst_ratio']:.4g}"
+    return (
+        f"worst ratio {ratio}, at {_short(entry['worst_distance'])}; {_short(entry['moves'])} moves, {_short(entry['scans'])} scans"
+    )
+
+
+def _short(number: int) -> str:
+    text = str(number)
+    return text if len(text) <= 12 else f"{text[0]}.{text[1:4]}e{len(text) - 1}"
+
+
+def whole_number(text: str, *, option: str) -> int:
+    """Return a whole number written as 1000, 1e100 or 10^100.
+
+    Raises
+    ------
+    InvalidInputError
+        For other texts, and for numbers of more than a thousand digits.
+
+    Examples
+    --------
+    >>> whole_number("1.5e3", option="--max-distance"), whole_number("2^10", option="--max-distance")
+    (1500, 1024)
+    """
+    found = re.fullmatch(r"(\d+)(?:\.(\d+))?(?:[eE]\+?(\d{1,4})|\^(\d{1,4}))?", text.strip(), flags=re.ASCII)
+    error = InvalidInputError(
+        f"{option}: expected a whole number of at most {_DIGITS} digits, such as 1000, 1e100 or 10^100, got {text[:80]!r}"
+    )
+    if found is None:
+        raise error
+    whole, decimals, exponent, power = found.groups()
+    decimals = decimals or ""
+    shift = int(exponent or 0) - len(decimals)
+    if shift < 0 or (power and decimals) or len(whole) > _DIGITS or len(whole) * int(power or 1) > _DIGITS or shift > _DIGITS:
+        raise error
+    value = int(whole + decimals) * 10**shift if power is None else pow(int(whole), int(power))
+    if value >= 10**_DIGITS:
+        raise error
+    return value

@@ -1,0 +1,99 @@
+"""How many equal commands to send before the next scan."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from shoal.swarm.kernels.compiling import kernel
+from shoal.swarm.kernels.prospect import Prospect, copy, explore, write_plan
+from shoal.swarm.kernels.search import nearest
+from shoal.swarm.kernels.survey import Survey, best_length, look_around, take_stock
+
+EQUAL, DOUBLING, HYPER, ADAPTIVE, GIVEN = 0, 1, 2, 3, 4
+_LAST_DOUBLING, _LAST_HYPER = 40, 12  # runs longer than any map are long enough
+
+
+class Scanning(NamedTuple):
+    """When to scan, and what an adaptive policy knows and works in."""
+
+    kind: int  # EQUAL, DOUBLING, HYPER, ADAPTIVE, or GIVEN: as the log says
+    step: int  # of EQUAL
+    survey: Survey
+    prospect: Prospect
+
+
+@kernel
+def interval(kind, step, streak):
+    """Return the length of a run after ``streak`` others in the same direction: scans lie at k, 2k, ..., 1, 2, 4, ... or i^i."""
+    if kind == EQUAL:
+        return step
+    if streak == 0:
+        return 1
+    if kind == DOUBLING:
+        return 1 << (min(streak, _LAST_DOUBLING) - 1)
+    i = min(streak, _LAST_HYPER)
+    return (i + 1) ** (i + 1) - i**i
+
+
+@kernel
+def stretch(plan, at, length):
+    """Return how many equal commands a plan has from ``at`` on."""
+    end = at + 1
+    while end < length and plan[end] == plan[at]:
+        end += 1
+    return end - at
+
+
+@kernel
+def decide_adaptive(field, rule, mapping, search, scanning):
+    """Plan a walk through known cells and a last run; return (length of the plan, steps of its last run, 0 if not yet known).
+
+    The run, or the walk and one more command, that is expected to settle most cells for its cost; the path to the nearest
+    frontier cell if that is better. A coverage has nothing to learn: the path alone, and no scan.
+    """
+    if not mapping:
+        return nearest(field, search, field.occupied), 0
+    survey, plan = scanning.survey, search.plan
+    scan, move = survey.prices[0], survey.prices[1]
+    command, steps, rate = -1, 0, 0.0
+    for direction in range(survey.gains.shape[0]):
+        look_around(field, survey, direction)
+        length, reached = best_length(survey, direction, 1)
+        if reached > rate:
+            command, steps, rate = direction, length, reached
+    length = 0
+    if rate * (scan + 2 * move) < 1:  # else no path is better: a straight one has been looked at
+        length = nearest(field, search, field.occupied)
+        if length == 0:
+            return 0, 0
+        if rate * (scan + length * move) < 1:
+            command, rate = -1, 1 / (scan + length * move)
+    found = explore(field, rule, scanning.prospect, survey.prices, rate)
+    if found > rate:
+        return write_plan(scanning.prospect, plan), 0
+    if command >= 0:
+        plan[0] = command
+        return 1, steps
+    return length, 0
+
+
+@kernel
+def last_run(field, mapping, plan, at, length, scanning):
+    """Return the steps of the last stretch of an adaptive plan: further than planned if that settles more for its cost."""
+    steps = stretch(plan, at, length)
+    if mapping:
+        look_around(field, scanning.survey, plan[at])
+        steps = best_length(scanning.survey, plan[at], steps)[0]
+    return steps
+
+
+@kernel
+def begin_adaptive(field, scanning):
+    """Note what is known before a run."""
+    copy(field.known, scanning.survey.known)
+
+
+@kernel
+def end_adaptive(field, scanning, command):
+    """Learn from a run that had an unknown outcome."""
+    take_stock(field, scanning.survey, command)

@@ -1,0 +1,145 @@
+"""Counting placements on a line with whole numbers only.
+
+A placement is the n + 1 gaps around n particles, of m - n empty cells in all. Let a be the first gap, b the last, t = a + b, and
+g(1) ... g(n-1) those between. Then (see `positions.coverage_moves`) full coverage takes
+
+    a + 1 + max(t + 2, g(i), but g(i) - 1 for the first i with g(i) > 0)
+
+moves, and one less in the clumps, where all g(i) are 0. So the placements whose maximum is at most g have t <= g - 2 (t + 1 ways
+to split it) and gaps up to g, the first that is not 0 up to g + 1. Generating functions turn that into sums of binomials: with
+G = (1 - x^(g+1)) / (1 - x) for one gap and T = sum of (t+1) x^t for t <= g - 2, it is the coefficient of x^(m-n) in
+
+    T G^(n-1)  +  T x^(g+1) (1 + G + ... + G^(n-2)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import accumulate
+from math import comb
+
+
+def choose_all(upto: int, k: int) -> list[int]:
+    """Return C(0, k), ..., C(upto, k).
+
+    Examples
+    --------
+    >>> choose_all(5, 2)
+    [0, 0, 1, 3, 6, 10]
+    """
+    if k < 0:
+        return [0] * (upto + 1)
+    row = [0] * min(k, upto + 1)
+    value = 1
+    for i in range(k, upto + 1):
+        row.append(value)
+        value = value * (i + 1) // (i + 1 - k)
+    return row
+
+
+def signed_binomials(n: int, at_most: int) -> list[int]:
+    """Return (-1)^j C(n, j) for j up to ``at_most`` or n."""
+    return [(-1) ** j * comb(n, j) for j in range(min(n, at_most) + 1)]
+
+
+def placements_by_largest_gap(cells: int, particles: int) -> list[int]:
+    """Return for g = 0 .. cells - particles how many placements have no gap, ends included, above g."""
+    placements, signs = choose_all(cells, particles), signed_binomials(particles + 1, cells)
+    counts = []
+    for g in range(cells - particles + 1):
+        terms = min(particles + 1, cells // (g + 1))
+        counts.append(sum(signs[j] * placements[cells - j * (g + 1)] for j in range(terms + 1)))
+    return counts
+
+
+def coverage_total(cells: int, particles: int) -> int:
+    """Return the moves of full coverage, summed over all placements."""
+    if particles == 1:
+        return cells * (3 * cells + 1) // 2
+    empty = cells - particles
+    placements = comb(cells, particles)
+    within = CoverageCounts(cells, particles)
+    # The sum of a + 1 over all placements, and of the maximum as the sum over g of those above g.
+    total = comb(cells + 1, particles + 1) + 2 * placements
+    total += sum(placements - within(g) for g in range(2, empty + 2))
+    return total - (empty + 1)  # the clumps
+
+
+class CoverageCounts:
+    """For g >= 2: how many placements have the maximum of the module's text at most g."""
+
+    def __init__(self, cells: int, particles: int) -> None:
+        n = particles
+        self.empty = cells - n
+        self.signs = signed_binomials(n - 1, self.empty)
+        self.with_ends = choose_all(cells, n)[n:]  # coefficients of 1 / (1-x)^(n+1)
+        self.one_free = choose_all(cells, n - 1)[n - 1 :]  # of 1 / (1-x)^n
+        self.inner = choose_all(cells, n - 2)[n - 2 :]  # of 1 / (1-x)^(n-1)
+
+    def __call__(self, g: int) -> int:
+        """Return the number for g."""
+        return self._all_below(g) + self._first_above(g)
+
+    def printed(self, g: int, extra: int) -> int:
+        """Return how many placements have the maximum of the papers' formula at most g."""
+        if g < extra:
+            return 0
+        return _truncated(lambda total: self._bounded(self.with_ends, total, g - extra + 1), self.empty, g - 1)
+
+    def _bounded(self, series: list[int], total: int, step: int) -> int:
+        """Return the coefficient of x^total in (1 - x^step)^(n-1) times a series."""
+        if total < 0:
+            return 0
+        return sum(sign * series[total - j * step] for j, sign in zip(range(total // step + 1), self.signs, strict=False))
+
+    def _all_below(self, g: int) -> int:
+        return _truncated(lambda total: self._bounded(self.with_ends, total, g + 1), self.empty, g - 2)
+
+    def _first_above(self, g: int) -> int:
+        """Return the coefficient of x^(m-n) in T x^(g+1) (1 + G + ... + G^(n-2)).
+
+        The last factor is (G^(n-1) - 1) / (G - 1) and G - 1 = x (1 - x^g) / (1 - x): dividing by 1 - x^g leaves a sum over every
+        g-th coefficient of G^(n-1).
+        """
+        if self.empty < g:
+            return 0
+        return self._bounded(self.one_free, self.empty - g, g + 1) - 1 - g * self._every(g)
+
+    def _every(self, g: int) -> int:
+        """Return the sum of the coefficients of x^i in G^(n-1) for i = m-n-2g+1, less g, less g, ..., above 0."""
+        top = self.empty - 2 * g + 1
+        if top <= 0:
+            return 0
+        whole = 1 if top % g == 0 else 0  # i = 0 is not to be counted; its coefficient is 1
+        return sum(sign * part for sign, part in zip(self.signs, self._sums(top, g), strict=False)) - whole
+
+    def _sums(self, top: int, g: int) -> Iterator[int]:
+        """Yield the sums of every g-th coefficient of 1 / (1-x)^(n-1) down from top, top - (g+1), ..."""
+        starts = range(top, -1, -(g + 1))
+        if g * g > top:
+            yield from (sum(self.inner[start::-g]) for start in starts)
+            return
+        sums = self.inner[: top + 1]
+        for residue in range(g):
+            sums[residue::g] = accumulate(sums[residue::g])
+        yield from (sums[start] for start in starts)
+
+
+def printed_coverage_total(cells: int, particles: int, *, extra: int = 0) -> int:
+    """Return what the papers' formula for full coverage gives, summed over all placements.
+
+    It is a + 2 + max(t + 1, largest inner gap + ``extra``), at most g if t <= g - 1 and inner gaps are up to g - ``extra``.
+    """
+    empty, placements = cells - particles, comb(cells, particles)
+    total = comb(cells + 1, particles + 1) + placements
+    if particles == 1:
+        return total + placements * max(empty + 1, extra)
+    counts = CoverageCounts(cells, particles)
+    return total + sum(placements - counts.printed(g, extra) for g in range(empty + 1 + extra))
+
+
+def _truncated(coefficient: Callable[[int], int], total: int, most: int) -> int:
+    """Return the coefficient of x^total in F times the sum of (t+1) x^t for t <= most, where F / (1-x)^2 has ``coefficient``."""
+    if most < 0:
+        return 0
+    return coefficient(total) - (most + 2) * coefficient(total - most - 1) + (most + 1) * coefficient(total - most - 2)

@@ -1,0 +1,134 @@
+"""What given placements cost: the formulas of one dimension, over arrays of sorted positions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+
+
+def check_positions(positions: ArrayLike, cells: int) -> NDArray[np.int64]:
+    """Return positions as int64, shape (..., n).
+
+    Raises
+    ------
+    InvalidInputError
+        If they are no whole numbers in 1 .. cells, each larger than the one before.
+    """
+    given = np.asarray(positions)
+    if given.ndim < 1 or given.shape[-1] < 1 or not np.issubdtype(given.dtype, np.integer):
+        raise InvalidInputError(f"positions: expected whole numbers, one or more a line, got {given.dtype} of shape {given.shape}")
+    array = given.astype(np.int64)
+    if array.size and not 1 <= int(array.min()) <= int(array.max()) <= cells:
+        raise InvalidInputError(f"positions: expected 1 to {cells}, got {array.min()} to {array.max()}")
+    if (np.diff(array, axis=-1) <= 0).any():
+        where = np.argwhere(np.diff(array, axis=-1) <= 0)[0]
+        pair = array[(*where[:-1], slice(where[-1], where[-1] + 2))]
+        raise InvalidInputError(f"positions: expected each larger than the one before, got {pair[0]} and then {pair[1]}")
+    return array
+
+
+def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
+    """Return the moves until both ends of the line are found, left first.
+
+    ``2 p_1 + cells - p_n + 1``, one less if the particles form one clump: then the last move left holds them all.
+
+    Parameters
+    ----------
+    positions : array_like of int, shape (..., n)
+        Cells 1 .. cells, ascending along the last axis.
+    cells : int
+
+    Returns
+    -------
+    ndarray of int64, shape (...)
+
+    Raises
+    ------
+    InvalidInputError
+        For positions that do not fit.
+
+    Notes
+    -----
+    Source: paper M, section III.A.2; the clump is the last term of its eq. 2.
+
+    Examples
+    --------
+    >>> boundary_moves([[3, 5], [3, 4]], cells=6).tolist()
+    [8, 8]
+    """
+    p = check_positions(positions, cells)
+    first, last = p[..., 0], p[..., -1]
+    return np.asarray(2 * first + cells - last + 1 - (last - first == p.shape[-1] - 1))
+
+
+def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
+    """Return the moves until every cell has held a particle and both ends are found, left first.
+
+    With ``L_i = min(p_1, p_i - i)``, how far particle i comes to the left, ``R = cells - (p_n - L_n) + 1`` moves right find the
+    other end and ``p_{i+1} - p_i - 1 - (L_{i+1} - L_i)`` close the gap behind particle i; in all it takes p_1
+    plus the largest of them.
+
+    Parameters
+    ----------
+    positions : array_like of int, shape (..., n)
+        Cells 1 .. cells, ascending along the last axis.
+    cells : int
+
+    Returns
+    -------
+    ndarray of int64, shape (...)
+
+    Raises
+    ------
+    InvalidInputError
+        For positions that do not fit.
+
+    Notes
+    -----
+    Corrects paper M, section III.A.2, which forgets that the first gap has been narrowed already (`printed_coverage_moves`).
+
+    Examples
+    --------
+    >>> coverage_moves([2, 9], cells=10).tolist(), printed_coverage_moves([2, 9], cells=10).tolist()
+    (7, 9)
+    """
+    p = check_positions(positions, cells)
+    left = np.minimum(p[..., :1], p - np.arange(1, p.shape[-1] + 1))
+    most = cells - (p[..., -1] - left[..., -1]) + 1
+    if p.shape[-1] > 1:
+        most = np.maximum(most, (np.diff(p) - 1 - np.diff(left)).max(axis=-1))
+    return np.asarray(p[..., 0] + most)
+
+
+def printed_coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
+    """Return the papers' formula for `coverage_moves`: ``2 p_1 + m - p_n + 1 + max(g - (p_1 + m - p_n), 0)``.
+
+    Here g is the number of cells in the largest gap between two particles. Parameters, result and errors are those of
+    `coverage_moves`.
+
+    Notes
+    -----
+    Source: paper M, section III.A.2 (the same in paper D). It is never below the exact value.
+    """
+    p = check_positions(positions, cells)
+    ends = p[..., 0] + cells - p[..., -1]
+    inner = (np.diff(p) - 1).max(axis=-1) if p.shape[-1] > 1 else np.zeros_like(ends)
+    return np.asarray(p[..., 0] + 1 + np.maximum(ends, inner))
+
+
+def largest_gap(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
+    """Return the empty cells in the largest of all n + 1 gaps, those at the two ends included.
+
+    Parameters, result and errors are those of `boundary_moves`.
+
+    Examples
+    --------
+    >>> largest_gap([4, 6], cells=8).tolist()
+    3
+    """
+    p = check_positions(positions, cells)
+    walls = [(0, 0)] * (p.ndim - 1)
+    fenced = np.pad(p, [*walls, (1, 1)], constant_values=((0, cells + 1),) if p.ndim == 1 else [*walls, (0, cells + 1)])
+    return np.asarray((np.diff(fenced) - 1).max(axis=-1))

@@ -1,0 +1,337 @@
+"""Scan schedules on a line: after which moves to look, while a particle walks towards a wall at an unknown distance.
+
+The particle has been seen once, at the start. A wall at distance D stops it after D moves; a scan after x moves finds that if
+x > D. The optimum, which nobody can reach who does not know D, is (D + 1 moves, 2 scans).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+from itertools import count
+from math import isfinite
+from numbers import Rational
+
+from shoal.errors import InvalidInputError
+
+Price = int | float | str | Decimal | Fraction
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What finding the wall took, in exact integers.
+
+    Parameters
+    ----------
+    distance : int
+        Of the wall: D.
+    moves : int
+    scans : int
+        The one at the start included.
+    """
+
+    distance: int
+    moves: int
+    scans: int
+
+    @property
+    def move_ratio(self) -> Fraction:
+        """Moves to those of the optimum, D + 1."""
+        return Fraction(self.moves, self.distance + 1)
+
+    @property
+    def scan_ratio(self) -> Fraction:
+        """Scans to those of the optimum, 2."""
+        return Fraction(self.scans, 2)
+
+    def weighted_ratio(self, *, scan_cost: Price, move_cost: Price) -> Fraction:
+        """Return the price of it all to that of the optimum.
+
+        Raises
+        ------
+        InvalidInputError
+            For prices that are negative, not finite, or both zero.
+        """
+        scan, move = check_prices(scan_cost, move_cost)
+        return (scan * self.scans + move * self.moves) / (2 * scan + move * (self.distance + 1))
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The worst case of a schedule over all distances up to a limit.
+
+    Parameters
+    ----------
+    ratio : Fraction
+        The largest weighted ratio.
+    distance : int
+        The first distance that has it.
+    """
+
+    ratio: Fraction
+    distance: int
+
+
+class Schedule(ABC):
+    """An increasing sequence of positions, in moves from the start, at which scans are made.
+
+    A subclass has a ``name`` and yields its `positions`.
+    """
+
+    name: str
+
+    @abstractmethod
+    def positions(self) -> Iterator[int]:
+        """Yield the moves made before each scan, ascending, from 1 up; without the scan at the start."""
+
+    def cost(self, distance: int) -> Cost:
+        """Return moves and scans until a wall at this distance is found.
+
+        Parameters
+        ----------
+        distance : int
+            Any size: the integers are exact.
+
+        Raises
+        ------
+        InvalidInputError
+            If the distance is negative or the schedule ends before it.
+        """
+        check_distance(distance)
+        last = 0
+        for scans, last in enumerate(self.positions(), start=2):
+            if last > distance:
+                return Cost(distance, last, scans)
+        raise InvalidInputError(f"schedule {self.name}: expected a distance below its last position, {last}, got {distance}")
+
+    def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
+        """Return the largest weighted ratio over all distances 0 .. max_distance.
+
+        Between two scans the cost stays and the optimum grows, so only the distances just reached by a scan matter.
+
+        Raises
+        ------
+        InvalidInputError
+            For prices or a distance that do not fit, or if the schedule ends before the distance.
+        """
+        scan, move = check_prices(scan_cost, move_cost)
+        check_distance(max_distance)
+        worst, before = Worst(Fraction(0), 0), 0
+        for scans, position in enumerate(self.positions(), start=2):
+            ratio = (scan * scans + move * position) / (2 * scan + move * (before + 1))
+            if ratio > worst.ratio:
+                worst = Worst(ratio, before)
+            if position > max_distance:
+                return worst
+            before = position
+        raise InvalidInputError(f"schedule {self.name}: expected a distance below its last position, {before}, got {max_distance}")
+
+    def __repr__(self) -> str:
+        return f"<Schedule {self.name}>"
+
+
+class EqualSteps(Schedule):
+    """A scan after every k moves.
+
+    Parameters
+    ----------
+    step : int
+        k, 1 or more.
+
+    Raises
+    ------
+    InvalidInputError
+        For another step.
+
+    Examples
+    --------
+    >>> EqualSteps(15).cost(100)
+    Cost(distance=100, moves=105, scans=8)
+    """
+
+    def __init__(self, step: int) -> None:
+        if isinstance(step, bool) or not isinstance(step, int) or step < 1:
+            raise InvalidInputError(f"equal steps: expected a whole number of moves, 1 or more, got {step!r}")
+        self.step = step
+        self.name = f"every {step} steps"
+
+    def positions(self) -> Iterator[int]:
+        """Yield k, 2k, 3k, ..."""
+        return count(self.step, self.step)
+
+    def cost(self, distance: int) -> Cost:
+        """Return moves and scans; see `Schedule.cost`."""
+        jumps = check_distance(distance) // self.step + 1
+        return Cost(distance, jumps * self.step, jumps + 1)
+
+    def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
+        """Return the worst ratio, that at the start or at the last scan before the largest distance; see `Schedule.worst`."""
+        check_distance(max_distance)
+        ends = (0, max_distance // self.step * self.step)
+        ratios = [self.cost(end).weighted_ratio(scan_cost=scan_cost, move_cost=move_cost) for end in ends]
+        return Worst(ratios[0], 0) if ratios[0] >= ratios[1] else Worst(ratios[1], ends[1])
+
+
+class EveryStep(EqualSteps):
+    """A scan after each move: (D + 1, D + 2).
+
+    Examples
+    --------
+    >>> EveryStep().cost(10**100) == Cost(10**100, 10**100 + 1, 10**100 + 2)
+    True
+    """
+
+    def __init__(self) -> None:
+        super().__init__(1)
+        self.name = "every step"
+
+
+class Powers(Schedule):
+    """Scans after 1, k, k^2, ... moves: at most k D moves (D > 0) and about log D / log k scans.
+
+    Parameters
+    ----------
+    base : int
+        k, 2 or more; 2 is doubling.
+
+    Raises
+    ------
+    InvalidInputError
+        For another base.
+
+    Notes
+    -----
+    Source: paper M, section III.A.3. It counts log_k D scans; with the one at the start and the first move it is up to
+    ceil(log_k(D + 1)) + 2.
+
+    Examples
+    --------
+    >>> cost = Powers(2).cost(1000)
+    >>> cost.moves, cost.scans
+    (1024, 12)
+    """
+
+    def __init__(self, base: int = 2) -> None:
+        if isinstance(base, bool) or not isinstance(base, int) or base < 2:
+            raise InvalidInputError(f"powers: expected a whole base, 2 or more, got {base!r}")
+        self.base = base
+        self.name = f"powers of {base}"
+
+    def positions(self) -> Iterator[int]:
+        """Yield 1, k, k^2, ..."""
+        position = 1
+        while True:
+            yield position
+            position *= self.base
+
+
+class Hyperexponential(Schedule):
+    """The i-th scan after i^i moves: 1, 4, 27, 256, ...
+
+    Both ratios grow as log D / log log D, and no schedule does better in both.
+
+    Notes
+    -----
+    Source: paper M, theorem 1.
+
+    Examples
+    --------
+    >>> cost = Hyperexponential().cost(10**6)
+    >>> cost.moves, cost.scans
+    (16777216, 9)
+    """
+
+    name = "i^i"
+
+    def positions(self) -> Iterator[int]:
+        """Yield 1, 4, 27, 256, ..."""
+        return (i**i for i in count(1))
+
+
+class Custom(Schedule):
+    """Scans after given numbers of moves; it ends after the last of them.
+
+    Parameters
+    ----------
+    scans_after : sequence of int
+        Ascending, from 1 up.
+    name : str
+
+    Raises
+    ------
+    InvalidInputError
+        For another sequence.
+
+    Examples
+    --------
+    >>> Custom([3, 10]).cost(5)
+    Cost(distance=5, moves=10, scans=3)
+    """
+
+    def __init__(self, scans_after: Sequence[int], *, name: str = "custom") -> None:
+        before = 0
+        for i, position in enumerate(scans_after):
+            if isinstance(position, bool) or not isinstance(position, int) or position <= before:
+                raise InvalidInputError(
+                    f"schedule {name}: expected whole numbers, ascending from 1 up, got {position!r} after {before} (entry {i + 1})"
+                )
+            before = position
+        if not before:
+            raise InvalidInputError(f"schedule {name}: expected one position at least, got none")
+        self.scans_after = tuple(scans_after)
+        self.name = name
+
+    def positions(self) -> Iterator[int]:
+        """Yield what was given."""
+        return iter(self.scans_after)
+
+
+class OneJump(Custom):
+    """One scan after a jump so long that it must reach the wall: (M, 2).
+
+    Parameters
+    ----------
+    length : int
+        M; it finds walls at distances below M.
+
+    Notes
+    -----
+    Source: paper M, section III.A.3. It asks for M >= D; a particle that has moved just D = M cells has not met the wall yet.
+    """
+
+    def __init__(self, length: int) -> None:
+        super().__init__([length], name="one jump")
+
+
+def check_distance(distance: int) -> int:
+    """Return a distance that is a whole number, 0 or more; raise InvalidInputError for others."""
+    if isinstance(distance, bool) or not isinstance(distance, int) or distance < 0:
+        raise InvalidInputError(f"distance: expected a whole number, 0 or more, got {distance!r}")
+    return distance
+
+
+def check_prices(scan_cost: Price, move_cost: Price) -> tuple[Fraction, Fraction]:
+    """Return both prices as fractions; a float is taken as it is printed, 0.1 as a tenth.
+
+    Raises
+    ------
+    InvalidInputError
+        If one is no number, not finite or negative, or both are zero.
+    """
+    prices = []
+    for name, price in (("scan cost", scan_cost), ("move cost", move_cost)):
+        try:
+            if isinstance(price, float) and not isfinite(price):
+                raise ValueError
+            value = Fraction(price) if isinstance(price, Rational) else Fraction(str(price))
+        except (ValueError, ZeroDivisionError):
+            raise InvalidInputError(f"{name}: expected a number, got {price!r}") from None
+        if value < 0:
+            raise InvalidInputError(f"{name}: expected 0 or more, got {price}")
+        prices.append(value)
+    if not any(prices):
+        raise InvalidInputError("prices: expected a scan or a move that costs something, got 0 for both")
+    return prices[0], prices[1]
