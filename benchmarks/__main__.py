@@ -6,6 +6,7 @@ The reference (tests/reference/plain.py) is an independent implementation with o
 from __future__ import annotations
 
 from benchmarks.kernels import bench_episode, bench_move
+from benchmarks.line import bench_line
 from benchmarks.processes import bench_import, bench_second_run
 from benchmarks.scale import bench_growth, bench_scale
 from benchmarks.sweep import bench_sweep
@@ -13,7 +14,7 @@ from benchmarks.sweep import bench_sweep
 
 def main() -> None:
     print(f"{'':<58} {'measured':>22}   {'promised':<28}")
-    for bench in (bench_move, bench_episode, bench_sweep, bench_import, bench_second_run, bench_growth, bench_scale):
+    for bench in (bench_move, bench_episode, bench_sweep, bench_line, bench_import, bench_second_run, bench_growth, bench_scale):
         bench()
 
 

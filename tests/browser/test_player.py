@@ -68,8 +68,9 @@ def reference(
     commands: str,
     rule: str,
     targets: set[Cell] | None,
+    scanned: list[bool] | None = None,
 ) -> list[dict[str, object]]:
-    """What snapshot() should return after each move, 0 included."""
+    """What snapshot() should return after each move, 0 included. A mapping shows what was known at the last scan."""
     particles, known, obstacles = list(start), set(start), set()
     left = set(targets or ()) - set(start)
 
@@ -94,11 +95,14 @@ def reference(
             "particles": len(start), "cells": cells,
         }  # fmt: skip
 
-    snapshots = [snapshot()]
-    for command in commands:
+    snapshots = [snapshot() | {"scans": 1}]
+    for scan, command in zip(scanned or [True] * len(commands), commands, strict=True):
         while observe(command) and rule == "tilt":
             pass
-        snapshots.append(snapshot())
+        now, before = snapshot(), snapshots[-1]
+        if not scan and targets is None:
+            now |= {name: before[name] for name in ("frontier", "free", "obstacle")}
+        snapshots.append(now | {"scans": before["scans"] + scan})
     return snapshots
 
 
@@ -147,6 +151,29 @@ def test_every_move_agrees_with_the_slow_simulation(open_player, rule, task):
         shown = page.evaluate("(ns) => ns.map((n) => (shoalPlayer.seek(n), shoalPlayer.snapshot()))", order)
         expected = reference(free, shape, start, commands, rule, targets)
         assert shown == [expected[n] for n in order]
+
+
+@pytest.mark.parametrize("task", ["mapping", "coverage"])
+def test_what_is_known_waits_for_the_scan(open_player, task):
+    rng = random.Random(f"scans {task}")
+    for rule in ("block", "merge"):
+        free, start = random_world(rng, (6, 9), rule)
+        commands, scanned = "".join(rng.choices("lurd", k=60)), rng.choices([True, False, False], k=60)
+        targets = free if task == "coverage" else None
+        packed_scans = base64.b64encode(np.packbits(scanned).tobytes()).decode()
+        page = open_player(episode(free, (6, 9), start, commands, rule=rule, task=task, targets=targets, scanned=packed_scans))
+        order = rng.sample(range(61), 61)
+        shown = page.evaluate("(ns) => ns.map((n) => (shoalPlayer.seek(n), shoalPlayer.snapshot()))", order)
+        expected = reference(free, (6, 9), start, commands, rule, targets, scanned)
+        assert shown == [expected[n] for n in order]
+        page.evaluate("shoalPlayer.seek(60)")
+        assert page.locator("#scans").inner_text() == str(expected[60]["scans"])
+        assert page.locator("#scansRow").is_visible()
+
+
+def test_no_scans_are_shown_where_each_move_has_one(open_player):
+    page = open_player(pond())
+    assert page.locator("#scansRow").is_hidden()
 
 
 def test_coverage_without_targets_means_all_free_cells(open_player):
@@ -198,7 +225,7 @@ def test_the_picture_has_the_colours_of_the_legend(open_player):
         for (let i = 0; i < data.length; i += 4) {
             if (data[i + 3] === 255) seen.add(data.slice(i, i + 3).join(", "));
         }
-        return [...document.querySelectorAll(".swatch:not(.shared)")].map(
+        return [...document.querySelectorAll(".swatch:not(.shared, .scan)")].map(
             (s) => [...seen].some((rgb) => getComputedStyle(s).backgroundColor === `rgb(${rgb})`));
     }""")
     assert seen == [True] * 5

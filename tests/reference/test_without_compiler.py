@@ -27,6 +27,10 @@ for width in (1, 5, 62, 63, 64, 65, 126, 128):
                     if task != "mapping" and len(start) < len(cells) and GridWorkspace(free).components.max() > 1:
                         continue
                     e = run(GridWorkspace(free), task=task, policy=policy, start=start, rule=rule, max_moves=25)
+                    if policy == "closest-frontier" and rule != "tilt":
+                        for every in ("3", "doubling", "hyper", "adaptive"):
+                            scans = run(GridWorkspace(free), task=task, start=start, rule=rule, max_moves=20, scan_every=every)
+                            print(every, scans.commands, scans.status, scans.scanned.tolist())
                     print(width, rule, policy, task, e.commands, e.status, e.done.tolist(), e.travelled.tolist())
 """
 

@@ -12,7 +12,8 @@ from shoal.cli import app, run
 from shoal.version import __version__
 
 FIELDS = ["task", "policy", "map", "particles", "placement", "rule", "seed", "trials", "moves", "status", "mean", "std"]
-COMMANDS = ["map", "cover", "maps", "replay", "demo"]
+FIELDS += ["scan_every", "scan_cost", "move_cost", "scans", "cost", "mean_cost"]
+COMMANDS = ["map", "cover", "maps", "replay", "line", "schedule", "demo"]
 
 
 def test_all_commands_are_listed():

@@ -221,7 +221,8 @@ def whole_number(text: str, *, option: str) -> int:
     shift = int(exponent or 0) - len(decimals)
     if shift < 0 or (power and decimals) or len(whole) > _DIGITS or len(whole) * int(power or 1) > _DIGITS or shift > _DIGITS:
         raise error
-    value = int(whole + decimals) * 10**shift if power is None else pow(int(whole), int(power))
+    base, up = (int(whole), int(power)) if power else (10, shift)
+    value: int = base**up if power else int(whole + decimals) * base**up
     if value >= 10**_DIGITS:
         raise error
     return value

@@ -97,25 +97,23 @@ def film_frames(episode: Episode, shown: NDArray[np.int64]) -> Iterator[NDArray[
 
 
 def scan_strip(scanned: NDArray[np.bool_], move: int, width: int) -> NDArray[np.uint8]:
-    """Return a strip for the foot of a picture: the moves from left to right, a mark for each scan, those still to come pale.
+    """Return a strip for the foot of a picture: a tape with one column a move and a black mark for each scan.
 
-    The picture above shows what was known at the last mark before the present. uint8, shape (rows, width, 3), in colours of the
-    palette.
+    The present move is in the middle, with a mark below. The picture above shows what the last scan up to there has told. uint8,
+    shape (rows, width, 3), in colours of the palette.
 
     Examples
     --------
-    >>> strip = scan_strip(np.array([False, True]), move=1, width=90)
-    >>> strip.shape, len(np.unique(strip.reshape(-1, 3), axis=0))
-    ((4, 90, 3), 3)
+    >>> scan_strip(np.array([False, True]), move=1, width=5)[1, :, 0].tolist()  # white, start, move 1, move 2 scanned, white
+    [255, 27, 143, 27, 255]
     """
-    height = max(3, width // 40) + 1
-    strip = np.full((height, width, 3), _colour("free"), dtype=np.uint8)
-    places = np.concatenate([[0], 1 + np.flatnonzero(scanned)]) * (width - 1) // max(1, len(scanned))
-    now = move * (width - 1) // max(1, len(scanned))
-    strip[1:, : now + 1] = _colour("frontier")
-    strip[1:, places[places > now]] = _colour("unknown")
-    strip[1:, places[places <= now]] = _colour("obstacle")
-    strip[1:, now] = _colour("particle")
+    height = max(2, width // 40)
+    strip = np.full((height + 2, width, 3), _colour("free"), dtype=np.uint8)
+    tape = np.concatenate([[True], scanned])
+    shown = np.arange(width) - width // 2 + move
+    inside = (shown >= 0) & (shown < len(tape))
+    strip[1 : height + 1, inside] = np.where(tape[shown[inside], None], _colour("obstacle"), _colour("unknown"))
+    strip[height + 1 :, width // 2] = _colour("particle")
     return strip
 
 

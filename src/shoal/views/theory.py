@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import takewhile
+from itertools import islice, takewhile
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -144,7 +144,14 @@ def schedule_ratios(schedules: Sequence[Schedule], *, max_distance: int) -> Figu
         left.plot(at, [float(cost.move_ratio) for cost in costs], color=colour, lw=1.3, label=schedule.name)
         right.plot(at, [float(cost.scan_ratio) for cost in costs], color=colour, lw=1.3, label=schedule.name)
     for axes, name in ((left, "moves"), (right, "scans")):
-        axes.set(xscale="log", xlabel="distance of the wall + 1", ylabel=f"{name} / optimum", ylim=(0.9, None), yscale="log")
+        axes.set(
+            xscale="log",
+            xlabel="distance of the wall + 1",
+            ylabel=f"{name} / optimum",
+            xlim=(1, None),
+            ylim=(0.9, None),
+            yscale="log",
+        )
         set_title(axes, name)
         plain_axes(axes)
     highest = max(float(s.cost(max_distance).scan_ratio) for s in schedules if isinstance(s, Powers | Hyperexponential))
@@ -153,16 +160,21 @@ def schedule_ratios(schedules: Sequence[Schedule], *, max_distance: int) -> Figu
     return figure
 
 
-def telling_distances(schedule: Schedule, max_distance: int, *, at_most: int = 400) -> list[int]:
-    """Return distances that show a schedule's ratios: each side of its scans, and ten a decade where those are dense."""
-    ends = []
-    for position in takewhile(lambda x: x <= max_distance, schedule.positions()):
-        ends += [position - 1, position]
-        if len(ends) > at_most:
-            ends.clear()
-            break
-    decades = [10**k * tenth // 10 for k in range(len(str(max_distance))) for tenth in (10, 13, 16, 20, 25, 32, 40, 50, 63, 80)]
-    return sorted({0, *ends, *(distance for distance in decades if distance <= max_distance), max_distance})
+def telling_distances(schedule: Schedule, max_distance: int, *, teeth: int = 40, at_most: int = 400) -> list[int]:
+    """Return distances that show a schedule's ratios.
+
+    Each side of its scans; where these are many, only the worst side, so that the line runs along the peaks; where they are
+    too many even for that, ten distances a decade.
+    """
+    scans = [*islice(takewhile(lambda position: position <= max_distance, schedule.positions()), at_most + 1)]
+    if len(scans) <= teeth:
+        chosen = [position - side for position in scans for side in (1, 0)]
+    elif len(scans) <= at_most:
+        return [0, *scans]
+    else:
+        tenths = (10, 13, 16, 20, 25, 32, 40, 50, 63, 80)
+        chosen = [10**k * tenth // 10 for k in range(len(str(max_distance))) for tenth in tenths]
+    return sorted({0, *(distance for distance in chosen if distance <= max_distance), max_distance})
 
 
 def theorem_chart(exponents: Sequence[int]) -> Figure:

@@ -90,6 +90,15 @@ def take_stock(field, survey, command):
 
 
 @kernel
+def on_rim(field, row, column):
+    """Tell whether a cell has no neighbour in some direction: nobody may look further from there."""
+    layer, within = row // field.rows, row % field.rows
+    if within == 0 or within == field.rows - 1 or column == 0 or column == 64 * field.width - 1:
+        return True
+    return field.layers > 1 and (layer == 0 or layer == field.layers - 1)
+
+
+@kernel
 def look_ahead(field, survey, row, column, command):
     """Add what one particle is expected to settle on its way; others on its way speak for what is behind them."""
     gains, width, rows = survey.gains[command], field.width, field.rows
@@ -103,7 +112,7 @@ def look_ahead(field, survey, row, column, command):
                 return
             continue
         gains[step] += likely
-        if row <= 0 or row >= field.layers * rows - 1 or column <= 0 or column >= 64 * width - 1:
+        if on_rim(field, row, column):
             return
         fine, coarse = surroundings(field, field.known, row, column, command)
         likely *= chance(survey.tallies, fine, coarse)

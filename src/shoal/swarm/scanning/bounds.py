@@ -77,7 +77,7 @@ def worst_of_both(schedule: Schedule, max_distance: int) -> Fraction:
     --------
     >>> from shoal.swarm.scanning import Hyperexponential
     >>> worst_of_both(Hyperexponential(), 10**6), least_simultaneous_ratio(10**6).ratio
-    (Fraction(823543, 46657), Fraction(5, 1))
+    (Fraction(2097152, 102943), Fraction(5, 1))
     """
     moves = schedule.worst(scan_cost=0, move_cost=1, max_distance=max_distance).ratio
     return max(moves, schedule.cost(max_distance).scan_ratio)

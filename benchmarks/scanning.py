@@ -1,0 +1,109 @@
+"""python -m benchmarks.scanning: what scanning costs on the standard maps, adaptive against a scan after every move.
+
+With --pareto FILE it also draws the Pareto fronts of moves and scans over all scan rules (docs/images/pareto.png).
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from shoal import Episode, open_map, run_trials
+from shoal.views.charts import BLUE, GRID, MUTED, ORANGE, new_figure, plain_axes, set_title
+from shoal.views.figures import save_figure
+
+MAPS = {"line": "line:5000", "rectangle": "rectangle:50x100", "H-tree": "htree:5000", "vessels": "vessels:5000"}
+COUNTS = (100, 1000)
+FIXED = ("1", "2", "3", "4", "6", "8", "12", "16", "doubling", "hyper")
+SCAN_COSTS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # of adaptive rules; a move costs 1
+
+
+def same_map(one: Episode, other: Episode) -> bool:
+    """Tell whether two episodes found the same cells."""
+    found, again = one.final()[1], other.final()[1]
+    return found.known == again.known and found.open == again.open
+
+
+def table(trials: int) -> None:
+    """Print costs of both rules at 10 a scan and 1 a move, and their ratio; on the same seeds."""
+    print("| map | particles | every move: moves, cost | adaptive: moves, scans, cost | ratio | same maps | time a trial |")
+    print("|---|---|---|---|---|---|---|")
+    for name in MAPS.values():
+        workspace = open_map(name)
+        for n in COUNTS:
+            every, adaptive = (run_trials(workspace, trials=trials, particles=n, scan_every=rule) for rule in ("1", "adaptive"))
+            costs = [statistics.fmean(e.cost for e in episodes) for episodes in (every, adaptive)]
+            same = sum(same_map(a, b) for a, b in zip(every, adaptive, strict=True))
+            moves, scans = means(adaptive)
+            milliseconds = 1000 * statistics.fmean(e.seconds for e in adaptive)
+            print(
+                f"| `{name}` | {n} | {means(every)[0]:.0f}, {costs[0]:.0f} | {moves:.0f}, {scans:.0f}, {costs[1]:.0f} | "
+                f"**{costs[1] / costs[0]:.2f}** | {same} of {trials} | {milliseconds:.0f} ms |",
+                flush=True,
+            )
+
+
+def means(episodes: list[Episode]) -> tuple[float, float]:
+    """Return mean moves and scans."""
+    return statistics.fmean(e.moves for e in episodes), statistics.fmean(e.scans for e in episodes)
+
+
+def pareto(trials: int, path: Path) -> None:
+    """Draw mean scans against mean moves: fixed rules by name, adaptive rules by their price of a scan, and the front of all."""
+    figure = new_figure(8.4, 11)
+    for row, (title, name) in zip(figure.subplots(len(MAPS), len(COUNTS)), MAPS.items(), strict=True):
+        workspace = open_map(name)
+        for axes, n in zip(row, COUNTS, strict=True):
+            problem = {"trials": trials, "particles": n}
+            fixed = {rule: means(run_trials(workspace, **problem, scan_every=rule)) for rule in FIXED}
+            adaptive = {
+                f"{cost:g}": means(run_trials(workspace, **problem, scan_every="adaptive", scan_cost=cost)) for cost in SCAN_COSTS
+            }
+            front = pareto_front([*fixed.values(), *adaptive.values()])
+            axes.step(*np.array(front).T, where="post", color=MUTED, lw=0.8, ls="--", label="Pareto front")
+            named_points(axes, fixed, "o", BLUE, "fixed rules", (5, 2))
+            named_points(axes, adaptive, "s", ORANGE, "adaptive, by price of a scan", (-5, -10))
+            axes.set(xscale="log", yscale="log", xlabel="moves", ylabel="scans")
+            for axis in (axes.xaxis, axes.yaxis):
+                axis.set_major_formatter("{x:g}")
+                axis.set_minor_formatter("")
+            axes.margins(0.14)
+            set_title(axes, f"{title}, {n} particles")
+            plain_axes(axes)
+            axes.grid(which="minor", color=GRID, lw=0.4)
+    row[0].legend(frameon=False, fontsize=8)
+    save_figure(figure, path)
+
+
+def named_points(axes: Axes, points: dict[str, tuple[float, float]], shape: str, colour: str, label: str, at: tuple) -> None:
+    """Draw points with their names beside them; where two lie close together, only the first is named."""
+    axes.plot(*np.array(list(points.values())).T, shape, color=colour, ms=4, mfc="none", label=label)
+    named: list[tuple[float, float]] = []
+    for name, (x, y) in points.items():
+        if all(abs(np.log(x / a)) + abs(np.log(y / b)) > 0.16 for a, b in named):
+            named.append((x, y))
+            axes.annotate(name, (x, y), xytext=at, textcoords="offset points", fontsize=7, color=colour)
+
+
+def pareto_front(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the points that no other beats in both, by moves."""
+    return [p for p in sorted(points) if not any(q != p and q[0] <= p[0] and q[1] <= p[1] for q in points)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--trials", type=int, default=100)
+    parser.add_argument("--pareto", type=Path)
+    given = parser.parse_args()
+    if given.pareto is None:
+        table(given.trials)
+    else:
+        pareto(given.trials, given.pareto)
+
+
+if __name__ == "__main__":
+    main()
