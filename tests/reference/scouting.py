@@ -40,6 +40,12 @@ def ahead(cell: Cell, command: int) -> Cell:
     return cell[0] + step[0], cell[1] + step[1], cell[2] + step[2]
 
 
+def all_ahead(cells: set[Cell], command: int) -> set[Cell]:
+    """Return the cells that a command leads to from any of some cells."""
+    layers, rows, columns = STEPS[command]
+    return {(layer + layers, row + rows, column + columns) for layer, row, column in cells}
+
+
 @dataclass
 class View:
     """What is known: where particles are, and which cells are free or walls; all others are unknown."""
@@ -186,19 +192,19 @@ class Prices:
 
 def tried(view: View, particles: set[Cell], command: int) -> int:
     """Return how many unknown cells particles elsewhere would try."""
-    return sum(view.state(ahead(cell, command)) == UNKNOWN for cell in particles)
+    return len(all_ahead(particles, command) - view.free - view.walls)
 
 
 def moved(view: View, particles: set[Cell], command: int, rule: str) -> set[Cell]:
     """Return where particles would be after a command that none of them tries an unknown cell with."""
-    stuck = {cell for cell in particles if ahead(cell, command) not in view.free}
+    stuck = all_ahead(all_ahead(particles, command) - view.free, BACK[command])
     if rule == "block":  # whoever queues behind one that is stuck is stuck, too
         for first in tuple(stuck):
             cell = ahead(first, BACK[command])
             while cell in particles:
                 stuck.add(cell)
                 cell = ahead(cell, BACK[command])
-    return stuck | {ahead(cell, command) for cell in particles - stuck}
+    return stuck | all_ahead(particles - stuck, command)
 
 
 def shifts(view: View, particles: set[Cell], command: int, rule: str, most: int) -> Iterator[set[Cell]]:
