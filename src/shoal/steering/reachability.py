@@ -58,7 +58,7 @@ class DiskReach:
             found[first : first + rows] = np.any(inside & (depth <= self.depths + _SLACK), axis=1)
         return found.reshape(differences.shape[:-1])
 
-    def fraction(self, *, rings: int = 120, spokes: int = 240) -> float:
+    def fraction(self, *, rings: int = 400, spokes: int = 120) -> float:
         """Return the share of the area of all differences, from so many sample points."""
         radii = 2 * self.radius * np.sqrt((np.arange(rings) + 0.5) / rings)  # rings of equal area
         turns = 2 * pi * (np.arange(spokes) + 0.5) / spokes
