@@ -49,7 +49,7 @@ def random_case(rng, dimensions):
 
 
 @pytest.mark.parametrize("rule", RULES)
-@pytest.mark.parametrize(("dimensions", "maps"), [(2, 55), (3, 20)])
+@pytest.mark.parametrize(("dimensions", "maps"), [(2, 45), (3, 20)])
 def test_episodes(dimensions, maps, rule):
     rng = np.random.default_rng(71 + dimensions)
     for _ in range(maps):
@@ -184,7 +184,7 @@ def test_what_a_run_teaches():
 
 def test_explore():
     found = 0
-    for scene, rng in scenes(85):
+    for scene, rng in scenes(85, count=50):
         rate = float(rng.choice([0.0, 0.01, 0.05, 0.3]))
         plan, best = explore(scene.view, scene.rule, scene.prices, rate)
         code = moves.MERGE if scene.rule == "merge" else moves.BLOCK
@@ -193,4 +193,4 @@ def test_explore():
             length = prospect.write_plan(scene.prospect, scene.mind.search.plan)
             assert scene.mind.search.plan[:length].tolist() == plan
             found += 1
-    assert found > 15
+    assert found > 20

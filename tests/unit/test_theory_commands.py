@@ -43,6 +43,10 @@ def test_long_lines_have_monte_carlo_only(capsys):
     assert result["coverage"]["exact"] is None
     assert result["boundary"]["exact"] == pytest.approx(3 * 20001 / 31)
     assert result["coverage"]["monte_carlo"] > result["boundary"]["monte_carlo"]
+    huge = printed(capsys, "line", "--cells", "1000000000", "-n", "400000000")
+    assert huge["boundary"]["exact"] == pytest.approx(7.5)
+    for cells, particles in ((500, 3), (500, 498), (3000, 1500)):
+        assert Line(cells, particles).boundary_float == float(Line(cells, particles).boundary.exact)
 
 
 def test_line_draws(tmp_path, capsys):
@@ -135,7 +139,9 @@ def test_refusals(words, wanted, tmp_path, capsys):
         (lambda: coverage_moves([0, 2], cells=5), "expected 1 to 5, got 0 to 2"),
         (lambda: coverage_moves([0.5], cells=5), "expected whole numbers"),
         (lambda: Line(5, True), "particles: expected a whole number, got True"),
-        (lambda: sample(Line(2**31, 3), 1), "cells: expected fewer than"),
+        (lambda: sample(Line(2**31, 3), 1), "cells: expected at most 2147483647"),
+        (lambda: sample(Line(5, 3), 10**12), "trials: expected at most 100000000 trials"),
+        (lambda: sample(Line(10**9, 5 * 10**8), 1), "particles: expected at most 10000000"),
         (lambda: Powers(1), "expected a whole base, 2 or more, got 1"),
         (lambda: EqualSteps(0), "1 or more, got 0"),
         (lambda: Custom([]), "expected one position at least, got none"),

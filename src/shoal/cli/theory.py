@@ -75,16 +75,16 @@ def line(
 def line_summary(line: Line, sample: LineSample | None, *, seed: int) -> dict[str, Any]:
     """Return the JSON object of ``shoal line``; exact values of long lines are left out, as they take too long."""
     short = line.cells <= EXACT_CELLS
-    means = {
-        "boundary": line.boundary,
-        "coverage": line.coverage if short else None,
-        "largest_gap": line.largest_gap if short else None,
-    }
+    exact, printed = line.boundary_float, 3 * (1 + line.cells) / (1 + line.particles)
+    means: dict[str, tuple[float | None, float | None]] = {"boundary": (exact, printed)}
+    for name in ("coverage", "largest_gap"):
+        mean = getattr(line, name) if short else None
+        means[name] = (None, None) if mean is None else (float(mean.exact), float(mean.printed))
     result: dict[str, Any] = {"cells": line.cells, "particles": line.particles}
-    for name, mean in means.items():
+    for name, (exact_mean, printed_mean) in means.items():
         result[name] = {
-            "exact": None if mean is None else float(mean.exact),
-            "printed": None if mean is None else float(mean.printed),
+            "exact": exact_mean,
+            "printed": printed_mean,
             "monte_carlo": None if sample is None else float(getattr(sample, name).mean()),
             "standard_error": None if sample is None else sample.standard_error(name),
         }

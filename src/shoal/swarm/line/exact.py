@@ -15,6 +15,9 @@ from shoal.errors import InvalidInputError
 from shoal.swarm.line import counting
 
 
+_COUNTED = 1000  # C(m, n) of so many particles, or empty cells, has thousands of digits
+
+
 @dataclass(frozen=True)
 class Mean:
     """An expected value: exact, and as a paper's formula gives it.
@@ -130,6 +133,13 @@ class Line:
         m, n = self.cells, self.particles
         printed = Fraction(3 * (1 + m), 1 + n)
         return Mean(printed - Fraction(m - n + 1, self.placements), printed)
+
+    @property
+    def boundary_float(self) -> float:
+        """The exact mean of `boundary` as a float, for lines of any length: the clumps of large swarms are below its last digit."""
+        m, n = self.cells, self.particles
+        clumps = Fraction(m - n + 1, comb(m, n)) if min(n, m - n) <= _COUNTED else 0
+        return float(Fraction(3 * (1 + m), 1 + n) - clumps)
 
     @cached_property
     def coverage(self) -> Mean:

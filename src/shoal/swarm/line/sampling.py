@@ -14,6 +14,8 @@ from shoal.errors import InvalidInputError
 from shoal.swarm.line.exact import Line
 
 _DRAWS = 2**21  # random numbers drawn at once; part of what a seed means
+MAX_TRIALS = 100_000_000  # 28 bytes each
+MAX_DRAWS = 10_000_000  # random numbers for one placement
 
 Values = NDArray[np.int32]
 
@@ -106,11 +108,13 @@ def sample(
     for name, value, least in (("trials", trials, 1), ("seed", seed, 0), ("workers", workers, 1)):
         if value is not None and (isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least):
             raise InvalidInputError(f"{name}: expected a whole number, {least} or more, got {value!r}")
-    if line.cells >= 2**31:
-        raise InvalidInputError(f"cells: expected fewer than {2**31} for Monte Carlo, got {line.cells}")
+    few = min(line.particles, line.cells - line.particles)
+    for name, value, most in (("cells", line.cells, 2**31 - 1), ("trials", trials, MAX_TRIALS), ("particles", few, MAX_DRAWS)):
+        if value > most:
+            what = "particles, or empty cells" if name == "particles" else name
+            raise InvalidInputError(f"{name}: expected at most {most} {what} for Monte Carlo, got {value}")
     from shoal.swarm.kernels import line as kernels
 
-    few = min(line.particles, line.cells - line.particles)
     size = max(1, _DRAWS // max(1, few))
     starts = range(0, trials, size)
     table = np.empty((trials, kernels.COLUMNS), dtype=np.int32)

@@ -78,8 +78,8 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
     Returns
     -------
     OptimalSchedule
-        Exact if at most `MAX_SCANS` positions are enough. If not, the best of so many positions, to 19 digits, or the best of
-        equal steps, whichever is better.
+        Exact if at most `MAX_SCANS` positions are enough, and distance and prices have up to nine digits. If not, the best of so
+        many positions, to 19 digits, or the best of equal steps, whichever is better.
 
     Raises
     ------
