@@ -25,6 +25,8 @@ from shoal.swarm.scanning import (
 
 RULES = ("block", "merge")  # a tilt is a run by itself
 SCANS = ("1", "2", "3", "7", "doubling", "hyper", "adaptive")
+TASKS = ("mapping", "coverage")
+LIMITS = (2, 7, 20, 300)  # of moves: some cut a run
 prices = st.one_of(st.sampled_from([0, 1, 10]), st.fractions(min_value=Fraction(1, 50), max_value=200, max_denominator=50))
 
 
@@ -45,7 +47,7 @@ def test_a_scan_after_a_run_tells_what_scans_after_each_move_tell(swarm, rule, d
         truth = [state]
         for _ in range(steps):
             truth.append(world.step(truth[-1], command))
-        found = states_of_run(state, truth[-1], command, steps)
+        found = list(states_of_run(state, truth[-1], command, steps))
         assert found == truth[1:]
         for before, after, seen_before, seen in zip(truth, truth[1:], [state, *found], found, strict=False):
             stepwise = Mapping().update(stepwise, command, before.occupied, after.occupied)
@@ -57,14 +59,21 @@ def test_a_scan_after_a_run_tells_what_scans_after_each_move_tell(swarm, rule, d
         assert belief.frontier == belief.open.dilated() - belief.known
 
 
-@given(swarms(), st.sampled_from(RULES), st.sampled_from(SCANS), st.integers(0, 9), st.sampled_from(["mapping", "coverage"]))
-def test_whole_episodes_are_the_same_compiled_and_step_by_step(swarm, rule, every, seed, task):
+@given(swarms(), st.sampled_from(RULES), st.sampled_from(SCANS), st.integers(0, 9), st.sampled_from(TASKS), st.sampled_from(LIMITS))
+def test_whole_episodes_are_the_same_compiled_and_step_by_step(swarm, rule, every, seed, task, limit):
     workspace, start = swarm
     if task == "coverage":
         labels = workspace.components
         start = workspace.cells[labels[tuple(workspace.cells.T)] == labels[tuple(start[0])]][: len(start)]
         workspace = type(workspace)(labels == labels[tuple(start[0])])
-    problem = {"task": task, "start": start, "rule": rule, "seed": seed, "scan_every": every, "max_moves": 300}
+    problem = {
+        "task": task,
+        "start": start,
+        "rule": rule,
+        "seed": seed,
+        "scan_every": every,
+        "max_moves": limit,
+    }
     fast, slow = run(workspace, **problem), run(workspace, **problem, stepwise=True)
     assert (fast.commands, fast.status) == (slow.commands, slow.status)
     for column in ("done", "frontier", "travelled", "scanned"):

@@ -76,14 +76,10 @@ class View:
         return FREE if cell in self.free else WALL if cell in self.walls else UNKNOWN
 
     def on_edge(self, cell: Cell) -> bool:
-        """Tell whether nobody looks beyond a cell: it is on the rim.
-
-        To the right the kernels go on to the end of the word of 64 cells, as if the map might, too.
-        """
+        """Tell whether nobody looks beyond a cell: it is on the rim."""
         layer, row, column = cell
         layers, rows, columns = self.shape
-        last = -(-columns // 64) * 64 - 1
-        return row in {0, rows - 1} or column in {0, last} or (layers > 1 and layer in {0, layers - 1})
+        return row in {0, rows - 1} or column in {0, columns - 1} or (layers > 1 and layer in {0, layers - 1})
 
 
 def cells_of(mask: NDArray[np.bool_]) -> set[Cell]:
@@ -149,7 +145,7 @@ def expected_gains(view: View, tallies: Tallies, command: int) -> list[float]:
 
 def gains_of_one(view: View, tallies: Tallies, cell: Cell, command: int) -> Iterator[tuple[int, float]]:
     """Yield (step, chance to settle a cell there) of one particle, until something known or too unlikely is in its way."""
-    likely = 1.0
+    likely, walked = 1.0, set()
     for step in range(1, view.longest + 1):
         cell = ahead(cell, command)
         if cell in view.particles or cell in view.walls:
@@ -159,9 +155,10 @@ def gains_of_one(view: View, tallies: Tallies, cell: Cell, command: int) -> Iter
         yield step, likely
         if view.on_edge(cell):
             return
-        likely *= tallies.chance(surroundings(view, cell, command))
+        likely *= tallies.chance(surroundings(view, cell, command, walked))
         if likely < LEAST_CHANCE:
             return
+        walked.add(cell)
 
 
 def best_length(gains: list[float], prices: Prices, least: int) -> tuple[int, float]:
@@ -290,11 +287,9 @@ class Scout:
         return best_length(gains, self.prices, planned)[0]
 
     def run(self, command: int, steps: int) -> bool:
-        """Send equal commands, scan if anything was learnt, and tell so. The limit of moves may cut the run, and its scan."""
+        """Send equal commands, scan if anything was learnt, and tell so. The limit of moves may cut the run, not its scan."""
         before, learnt = View.of(self.world), 0
-        for _ in range(steps):
-            if len(self.commands) == self.max_moves:
-                return False
+        for _ in range(min(steps, self.max_moves - len(self.commands))):
             learnt += plain.step(*self.world, command, plain.RULES.index(self.rule), plain.MAPPING)[1]
             self.commands.append(command)
             self.scanned.append(False)

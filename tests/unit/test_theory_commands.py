@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -54,7 +55,7 @@ def test_line_draws(tmp_path, capsys):
     assert run(["line", "--cells", "60", "-n", "5", "--monte-carlo", "2000", "--out", str(out)]) == 0
     assert {path.name for path in out.iterdir()} == {"gaps.png", "moves.png", "summary.json"}
     shown = capsys.readouterr().out
-    assert "by Monte Carlo" in shown
+    assert "by Monte Carlo" in " ".join(shown.split())
     assert run(["line", "--cells", "60", "-n", "60", "--out", str(tmp_path / "full")]) == 0
     assert {path.name for path in (tmp_path / "full").iterdir()} == {"gaps.png", "summary.json"}
 
@@ -78,6 +79,11 @@ def test_schedule_of_any_distance(tmp_path, capsys):
     assert hyper["moves"] == 57**57
     assert hyper["scans"] == 58
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"ratios.png", "summary.json"}
+    for distance in ("0", "1", "2", "1e400"):
+        assert (
+            run(["schedule", "--scan-cost", "3", "--move-cost", "1/3", "--max-distance", distance, "--out", str(tmp_path / "out")])
+            == 0
+        )
     assert run(["schedule", "--scan-cost", "1", "--move-cost", "1", "--max-distance", "10^400"]) == 0
 
 
@@ -103,18 +109,20 @@ def test_map_counts_scans_and_cost(tmp_path, capsys):
         ("line --cells 4 -n 2 --monte-carlo 0", "trials: expected a whole number, 1 or more, got 0"),
         ("line --cells 4 -n 2 --monte-carlo 5 --seed -1", "seed: expected a whole number, 0 or more, got -1"),
         ("line --cells 4 -n 2 --monte-carlo 5 --workers 0", "workers: expected a whole number, 1 or more, got 0"),
-        ("schedule --scan-cost x --move-cost 1", "scan cost: expected a number, got 'x'"),
+        ("schedule --scan-cost x --move-cost 1", "scan cost: expected a number of at most 300 digits, got 'x'"),
         ("schedule --scan-cost 1 --move-cost -2", "move cost: expected 0 or more, got -2"),
-        ("schedule --scan-cost nan --move-cost 1", "scan cost: expected a number, got 'nan'"),
+        ("schedule --scan-cost nan --move-cost 1", "got 'nan'"),
         ("schedule --scan-cost 0 --move-cost 0", "got 0 for both"),
+        ("schedule --scan-cost 1e999999999 --move-cost 1", "at most 300 digits, got '1e999999999'"),
+        ("schedule --scan-cost 1 --move-cost 1/0", "move cost: expected a number"),
         ("schedule --scan-cost 1 --move-cost 1 --max-distance -1", "--max-distance: expected a whole number"),
         ("schedule --scan-cost 1 --move-cost 1 --max-distance 1.5", "--max-distance: expected a whole number"),
         ("schedule --scan-cost 1 --move-cost 1 --max-distance 9e9999", "at most 1000 digits"),
         ("schedule --scan-cost 1 --move-cost 1 --max-distance 99^9999", "at most 1000 digits"),
         ("map line:5 -n 2 --scan-every 0", "scan-every: expected 1 to 1000000000, doubling, hyper or adaptive, got '0'"),
         ("map line:5 -n 2 --scan-every often", "got 'often'"),
-        ("map line:5 -n 2 --scan-cost -1", "scan cost: expected a number, 0 or more, got -1.0"),
-        ("map line:5 -n 2 --move-cost inf", "move cost: expected a number, 0 or more, got inf"),
+        ("map line:5 -n 2 --scan-cost -1", "scan cost: expected a number, 0 to 1e+100, got -1.0"),
+        ("map line:5 -n 2 --move-cost inf", "move cost: expected a number, 0 to 1e+100, got inf"),
         ("map line:5 -n 2 --move-cost 0 --scan-cost 0", "got 0 for both"),
         ("map line:5 -n 2 --scan-every 2 --rule tilt", "expected 1 under rule tilt"),
         ("map line:5 -n 2 --scan-every 2 --policy sweep", "expected 1 for policy sweep"),
@@ -192,11 +200,36 @@ def test_intervals_of_kernels_are_those_of_the_rules():
         assert positions == [position for position, _ in zip(schedule.positions(), range(8), strict=False)]
 
 
-def test_a_changed_scan_is_noticed():
-    episode = play(GridWorkspace(np.ones((4, 9), dtype=bool)), particles=3, scan_every=2)
+@pytest.mark.parametrize("every", ["1", "2", "doubling", "hyper", "adaptive"])
+def test_a_scan_that_is_missing_is_noticed(every):
+    episode = play(open_map("cave:30x20"), particles=9, scan_every=every)
     assert episode.verify()
-    object.__setattr__(episode, "done", episode.done[::-1].copy())
-    assert "done differs" in episode.verify().message
+    for move in np.flatnonzero(episode.scanned)[::7].tolist():
+        scanned = episode.scanned.copy()
+        scanned[move] = False
+        same_way = move + 1 < episode.moves and episode.commands[move] == episode.commands[move + 1]
+        verified = replace(episode, scanned=scanned).verify()
+        assert not verified or (same_way and every not in ("1", "2"))
+    assert not replace(episode, scanned=np.zeros(episode.moves, dtype=bool)).verify()
+
+
+def test_long_runs_are_no_reason_to_give_up():
+    """A run that is longer than the patience with idle commands ends in idle ones."""
+    for task in ("mapping", "coverage"):
+        episode = play(GridWorkspace(np.ones((5, 30), dtype=bool)), task=task, particles=1, scan_every=1500)
+        assert episode.status == "complete"
+        assert episode.verify()
+    assert play(open_map("line:600"), particles=1, scan_every="hyper").status == "complete"
+
+
+@pytest.mark.parametrize("stepwise", [False, True])
+@pytest.mark.parametrize("task", ["mapping", "coverage"])
+def test_a_run_that_the_limit_cuts_is_looked_at(task, stepwise):
+    episode = play(GridWorkspace([[1] * 9]), task=task, particles=1, scan_every=7, max_moves=17, stepwise=stepwise, seed=2)
+    assert episode.moves <= 17
+    assert episode.scanned[-1]
+    assert episode.verify()
+    assert list(episode.frames())[-1][1] == episode.final()[1]
 
 
 def test_runs_go_on_into_the_unknown_but_not_past_a_turn():

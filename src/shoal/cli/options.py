@@ -37,7 +37,7 @@ ScanEvery = Annotated[
     typer.Option(
         "--scan-every",
         metavar="RULE",
-        help="Equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (least expected cost).",
+        help="Equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most cells for its price).",
     ),
 ]
 ScanCost = Annotated[float, typer.Option("--scan-cost", help="Price of a scan, in any unit.")]

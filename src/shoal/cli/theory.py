@@ -96,7 +96,7 @@ def _means(row: dict[str, Any]) -> str:
     exact = f"more than {EXACT_CELLS} cells: Monte Carlo only" if row["exact"] is None else f"{row['exact']:.4f} exact"
     parts = [exact]
     if row["printed"] is not None:
-        parts.append(f"{row['printed']:.4f} by the papers' formula ({row['printed'] - row['exact']:+.4f})")
+        parts.append(f"{row['printed']:.4f} as printed ({row['printed'] - row['exact']:+.4f})")
     if row["monte_carlo"] is not None:
         parts.append(f"{row['monte_carlo']:.4f} ± {row['standard_error']:.4f} by Monte Carlo")
     return ", ".join(parts)
@@ -144,7 +144,7 @@ def schedule(
     if out is not None:
         from shoal.views.theory import schedule_ratios
 
-        written = _write(out, {"ratios.png": schedule_ratios([*others[:-1], best], max_distance=max(3, distance))}, result)
+        written = _write(out, {"ratios.png": schedule_ratios([*others[:-1], best], max_distance=distance)}, result)
     if json_:
         print_json(result)
         return

@@ -130,6 +130,7 @@ def scanning_of(frame: Frame, scanning: ScanRule | None) -> runs.Scanning:
             tallies=np.zeros((survey.TALLIES, 2), dtype=np.int64),
             gains=np.zeros((len(letters_of(frame.ndim)), longest + 1), dtype=np.float64),
             known=boards[0],
+            columns=frame.columns,
         ),
         prospect=prospect.Prospect(boards[1], boards[2], np.zeros((0, 0), np.int32), np.zeros(5, np.int64)),
     )
@@ -248,6 +249,12 @@ def new_log(moves_at_most: int) -> play.Log:
 def remaining(mind: play.Mind) -> int:
     """Return the number of frontier cells left."""
     return int(mind.memory[play.REMAINING])
+
+
+def cut_within_run(mind: play.Mind) -> bool:
+    """Tell whether an episode that was stopped has sent a part of a run whose outcome is still to be looked at."""
+    known = mind.scanning.kind == runs.ADAPTIVE and mind.memory[play.LEARNT] == 0
+    return bool(mind.memory[play.RUN_LEFT] > 0 and not known)
 
 
 def board_of(frame: Frame, flat: Words) -> Board:

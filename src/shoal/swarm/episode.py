@@ -193,11 +193,32 @@ class Episode:
             if (mine != theirs).any():
                 move = int(np.argmax(mine != theirs))
                 return Verification(False, f"{name} differs at move {move + 1}: {mine[move]} stored, {theirs[move]} replayed")
+        wrong = self._wrong_scan()
+        if wrong is not None:
+            return Verification(False, wrong)
         if state.n_particles != self.n_particles:
             return Verification(False, f"{self.n_particles} particles at the start, {state.n_particles} at the end")
         if belief.complete != bool(self):
             return Verification(False, f"status {self.status!r} stored, {len(belief.frontier)} frontier cells left")
         return Verification(True, f"{self.moves} moves of {self.n_particles} particles replayed: all the same")
+
+    def _wrong_scan(self) -> str | None:
+        """Return what is wrong with the scans, None if they fit the rule: no decision may fall between a run and its scan."""
+        if not self.moves:
+            return None
+        rule, scanned = self.scanning, self.scanned
+        if rule.every_move and not scanned.all():
+            return f"no scan after move {int(np.argmin(scanned)) + 1}, although there should be one after every move"
+        unseen = 0  # moves since the last scan that are still to be looked at
+        for move, (code, scan) in enumerate(zip(self.codes.tolist(), scanned.tolist(), strict=True), start=1):
+            if unseen and code != self.codes[move - 2]:
+                return f"no scan after move {move - 1}, where the direction changes"
+            if rule.kind != "adaptive" or unseen or (self.targets is None and self.done[move - 1] > 0):
+                unseen += 1
+            if rule.kind == "equal" and unseen > rule.step:
+                return f"no scan after move {move - 1}, {rule.step} moves after the one before"
+            unseen = 0 if scan else unseen
+        return f"no scan after the last move, {self.moves}" if unseen else None
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the episode to an ``.npz`` file, whole or not at all.

@@ -188,6 +188,9 @@ def play_compiled(
         if ended != engine.RUNNING:
             status = "complete" if ended == engine.COMPLETE else "stalled"
             break
+    if status == "limit" and given is None and engine.cut_within_run(mind):
+        pieces[-1][-1][-1] = True  # the run was cut short, and its end is looked at
+        status = "limit" if engine.remaining(mind) else "complete"
     final = Belief(*(engine.board_of(frame, words) for words in (field.open, field.known, field.frontier)))
     after = engine.state_of(frame, field)
     columns: list[NDArray[Any]] = (

@@ -47,10 +47,11 @@ def play_stepwise(
     runs = _runs_of(blank.scanning, policy, task, world.rule, belief, rng, given)
     log, status, last = _Log(), "limit", (0, 0)
     while True:
-        if belief.complete and (given is None or log.scanned[-1:] != [False]):
+        over = len(log.codes) >= max_moves
+        if belief.complete and (given is None or over or log.scanned[-1:] != [False]):
             status = "complete"
             break
-        if len(log.codes) >= max_moves:
+        if over:
             break
         view = View(belief, state.occupied, world.rule, getattr(task, "mapping", True), len(log.codes), *last)
         run = runs.next(view, state, log.idle)
@@ -60,20 +61,25 @@ def play_stepwise(
         command, planned = run
         steps, known = min(planned, max_moves - len(log.codes)), len(belief.known)
         code = int(encode(command, ndim=world.workspace.ndim)[0])
-        first = len(log.codes)
+        first, stuck = len(log.codes), False
         for pushes in _pushes(world, state, command, steps):
             travelled = done = 0
             for after in pushes:
+                still, stuck = stuck, after is state
+                if still and stuck:  # nobody has moved at the command before either, which has found the walls
+                    continue
                 travelled += distance_of_push(state, after, command)
                 updated = task.update(belief, command, state.occupied, after.occupied)
                 done += settled(belief, updated)
                 state, belief = after, updated
             log.add(code, done, len(belief.frontier), travelled)
+            if on_moves is not None:
+                on_moves(len(log.codes), len(belief.frontier))
         last = log.since(first)
-        ended = steps == planned and runs.scan_after(belief, state, len(belief.known) - known)
+        log.idle = 0 if any(last) else log.idle + 1
+        # A run that the limit of moves cuts short is looked at where it ends, if it was to be looked at at all.
+        ended = runs.scan_after(belief, state, len(belief.known) - known)
         log.scanned += [False] * (steps - 1) + [ended]
-        if on_moves is not None:
-            on_moves(len(log.codes), len(belief.frontier))
     return log.episode(blank, status), state, belief
 
 
@@ -84,7 +90,9 @@ def _pushes(world: GridWorld, state: SwarmState, command: str, steps: int) -> It
         return
     after = state
     for _ in range(steps):
-        after = world.step(after, command)
+        before, after = after, world.step(after, command)
+        if after == before:  # and so for the rest of the run
+            break
     for between in states_of_run(state, after, command, steps):
         yield iter([between])
 
@@ -101,7 +109,6 @@ class _Log:
     def add(self, code: int, done: int, frontier: int, travelled: int) -> None:
         self.codes.append(code)
         self.rows.append((done, frontier, travelled))
-        self.idle = self.idle + 1 if travelled == done == 0 else 0
 
     def since(self, first: int) -> tuple[int, int]:
         """Return (travelled, done) of the commands from ``first`` on."""

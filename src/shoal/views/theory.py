@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from itertools import islice, takewhile
+from math import log10
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -133,31 +135,32 @@ def schedule_ratios(schedules: Sequence[Schedule], *, max_distance: int) -> Figu
     ----------
     schedules : sequence of Schedule
     max_distance : int
-        3 or more.
     """
     figure = new_figure(7.6, 4.2)
     left, right = figure.subplots(1, 2)
     colours = (BLUE, ORANGE, GREEN, PURPLE, MUTED, SKY)
     for schedule, colour in zip(schedules, colours, strict=False):
         costs = [schedule.cost(distance) for distance in telling_distances(schedule, max_distance)]
-        at = [float(cost.distance + 1) for cost in costs]
-        left.plot(at, [float(cost.move_ratio) for cost in costs], color=colour, lw=1.3, label=schedule.name)
-        right.plot(at, [float(cost.scan_ratio) for cost in costs], color=colour, lw=1.3, label=schedule.name)
+        at = [log10(cost.distance + 1) for cost in costs]  # of exact integers: they may be too large for a float
+        left.plot(at, [_float(cost.move_ratio) for cost in costs], color=colour, lw=1.3, label=schedule.name)
+        right.plot(at, [_float(cost.scan_ratio) for cost in costs], color=colour, lw=1.3, label=schedule.name)
     for axes, name in ((left, "moves"), (right, "scans")):
-        axes.set(
-            xscale="log",
-            xlabel="distance of the wall + 1",
-            ylabel=f"{name} / optimum",
-            xlim=(1, None),
-            ylim=(0.9, None),
-            yscale="log",
-        )
+        axes.set(xlabel="distance of the wall + 1", ylabel=f"{name} / optimum", yscale="log")
+        axes.set(xlim=(0, max(0.3, log10(max_distance + 1))), ylim=(0.9, None))
+        axes.xaxis.set_major_formatter(lambda x, _: f"$10^{{{x:g}}}$")
         set_title(axes, name)
         plain_axes(axes)
-    highest = max(float(s.cost(max_distance).scan_ratio) for s in schedules if isinstance(s, Powers | Hyperexponential))
+    highest = max(
+        (float(s.cost(max_distance).scan_ratio) for s in schedules if isinstance(s, Powers | Hyperexponential)), default=5
+    )
     right.set_ylim(0.9, 2 * highest)  # that of a scan a move would hide the others
     right.legend(frameon=False, fontsize=9)
     return figure
+
+
+def _float(ratio: Fraction) -> float:
+    """Return a ratio as a float, the largest ones as 1e100."""
+    return float(min(ratio, Fraction(10**100)))
 
 
 def telling_distances(schedule: Schedule, max_distance: int, *, teeth: int = 40, at_most: int = 400) -> list[int]:

@@ -40,12 +40,13 @@ ROW, COLUMN = 3, 4  # the elected particle, or the one that depth-first drives
 TARGET_ROW, TARGET_COLUMN = 5, 6
 TRAIL_LENGTH, BACKTRACKING = 7, 8
 PHASE, SECOND, GAIN = 9, 10, 11  # of sweep
-IDLE = 12  # commands in a row that changed nothing
+IDLE = 12  # runs of commands in a row that changed nothing
 RUN_LEFT, RUN_COMMAND, STREAK = 13, 14, 15  # commands left of the run, its direction, runs before it in the same one
 LAST_RUN = 16  # steps of an adaptive plan's last run, if chosen already
 LEARNT = 17  # cells classified in this run
 SCANNED = 18  # whether there has been a scan after the last command
-MEMORY = 19  # size
+CHANGED = 19  # whether this run has moved or settled anything
+MEMORY = 20  # size
 
 PATIENCE = 1_000  # so many of them, and the policy is stopped
 
@@ -219,7 +220,7 @@ def begin_run(code, field, rule, mapping, mind, draw):
         # A turn of the path must not be missed; its last stretch leads into the unknown and may go on there.
         steps = limit if at + steps == length and code != MANUAL else min(limit, steps)
         memory[PLAN_AT] += steps
-    memory[RUN_LEFT], memory[RUN_COMMAND], memory[LEARNT] = steps, command, 0
+    memory[RUN_LEFT], memory[RUN_COMMAND], memory[LEARNT], memory[CHANGED] = steps, command, 0, 0
     return True
 
 
@@ -255,12 +256,15 @@ def play(code, field, rule, mapping, mind, log):
         memory[RUN_LEFT] -= 1
         travelled, done, change = step(field, command, rule, mapping)
         memory[REMAINING] += change
-        memory[IDLE] = memory[IDLE] + 1 if travelled == 0 and done == 0 else 0
+        memory[CHANGED] |= 1 if travelled != 0 or done != 0 else 0
         memory[LEARNT] += done if mapping else 0
         log.commands[move], log.done[move] = command, done
         log.frontier[move], log.travelled[move] = memory[REMAINING], travelled
         notice(code, field, mind, command, travelled, done)
-        scan = memory[RUN_LEFT] == 0 and end_run(field, mind, log.scanned[move])
+        scan = False
+        if memory[RUN_LEFT] == 0:
+            memory[IDLE] = 0 if memory[CHANGED] else memory[IDLE] + 1
+            scan = end_run(field, mind, log.scanned[move])
         log.scanned[move] = scan
         memory[SCANNED] = 1 if scan else 0
     done = memory[REMAINING] == 0 and memory[RUN_LEFT] == 0

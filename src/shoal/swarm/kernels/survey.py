@@ -19,6 +19,7 @@ from shoal.swarm.kernels.search import ahead, opposite
 
 FINE, COARSE = 108, 18  # surroundings: fine ones, then coarse ones, then one entry for all
 TALLIES = FINE + COARSE + 1
+_BEHIND = 6  # coarse numbers for each state of the cell two behind
 _LEAST = 0.01  # chance below which nobody looks further
 
 
@@ -29,6 +30,7 @@ class Survey(NamedTuple):
     tallies: NDArray[np.int64]  # (TALLIES, 2): cells classified, and found free
     gains: NDArray[np.float64]  # (directions, longest run + 1): cells settled at each step of a run
     known: NDArray[np.uint64]  # a board: what was known before the run
+    columns: int  # of a row, with the rim
 
 
 @kernel
@@ -60,7 +62,7 @@ def surroundings(field, known, row, column, command):
     behind = cell_state(field, known, r, c)
     if behind == 0 and has(field.open, field.width, r, c):
         behind = 1  # the run itself has come this way
-    coarse = behind * 6 + beside(field, known, near_row, near_column, command)
+    coarse = behind * _BEHIND + beside(field, known, near_row, near_column, command)
     return coarse * 6 + beside(field, known, row, column, command), coarse
 
 
@@ -90,10 +92,10 @@ def take_stock(field, survey, command):
 
 
 @kernel
-def on_rim(field, row, column):
+def on_rim(field, columns, row, column):
     """Tell whether a cell has no neighbour in some direction: nobody may look further from there."""
     layer, within = row // field.rows, row % field.rows
-    if within == 0 or within == field.rows - 1 or column == 0 or column == 64 * field.width - 1:
+    if within == 0 or within == field.rows - 1 or column == 0 or column == columns - 1:
         return True
     return field.layers > 1 and (layer == 0 or layer == field.layers - 1)
 
@@ -112,9 +114,11 @@ def look_ahead(field, survey, row, column, command):
                 return
             continue
         gains[step] += likely
-        if on_rim(field, row, column):
+        if on_rim(field, survey.columns, row, column):
             return
         fine, coarse = surroundings(field, field.known, row, column, command)
+        if step >= 3 and coarse < _BEHIND:  # the cell two behind is unknown, but then this walk has come through it
+            fine, coarse = fine + 6 * _BEHIND, coarse + _BEHIND
         likely *= chance(survey.tallies, fine, coarse)
         if likely < _LEAST:
             return

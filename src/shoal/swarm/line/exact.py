@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from shoal.errors import InvalidInputError
 from shoal.swarm.line import counting
 
-
 _COUNTED = 1000  # C(m, n) of so many particles, or empty cells, has thousands of digits
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shoal.errors import InvalidInputError
 from shoal.swarm.line.exact import Line
 
-_DRAWS = 2**21  # random numbers drawn at once; part of what a seed means
+_DRAWS, _CELLS = 2**21, 2**28  # random numbers drawn, and cells looked through, at once; part of what a seed means
 MAX_TRIALS = 100_000_000  # 28 bytes each
 MAX_DRAWS = 10_000_000  # random numbers for one placement
 
@@ -115,7 +115,7 @@ def sample(
             raise InvalidInputError(f"{name}: expected at most {most} {what} for Monte Carlo, got {value}")
     from shoal.swarm.kernels import line as kernels
 
-    size = max(1, _DRAWS // max(1, few))
+    size = max(1, min(_DRAWS // max(1, few), _CELLS // line.cells))
     starts = range(0, trials, size)
     table = np.empty((trials, kernels.COLUMNS), dtype=np.int32)
     limits = np.arange(line.cells - few + 1, line.cells + 1)

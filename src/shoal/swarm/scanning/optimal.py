@@ -100,7 +100,7 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
     Worst(ratio=Fraction(5, 3), distance=0)
     """
     scan, move = check_prices(scan_cost, move_cost)
-    check_distance(max_distance)
+    max_distance = check_distance(max_distance)
     candidates: list[Schedule] = [_best_equal_steps(scan, move, max_distance)]
     if scan and move:
         candidates.insert(0, Custom(least_worst(scan, move, max_distance, MAX_SCANS)))

@@ -8,6 +8,7 @@ positions after every single command, and a scan after a run tells no less than 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
 from typing import Literal
@@ -21,6 +22,7 @@ from shoal.swarm.state import SwarmState
 Kind = Literal["equal", "doubling", "hyper", "adaptive"]
 SCAN_COST, MOVE_COST = 10.0, 1.0
 LONGEST = 1_000_000_000
+DEAREST = 1e100
 _LAST_DOUBLING, _LAST_HYPER = 40, 12  # runs longer than any map are long enough
 _AXES = {"l": (-1, -1), "r": (-1, 1), "u": (-2, -1), "d": (-2, 1), "i": (-3, -1), "o": (-3, 1)}
 
@@ -64,8 +66,8 @@ class ScanRule:
         if isinstance(self.step, bool) or not isinstance(self.step, int) or not 1 <= self.step <= LONGEST:
             raise _unknown(self.step)
         for name, price in (("scan cost", self.scan_cost), ("move cost", self.move_cost)):
-            if isinstance(price, bool) or not isinstance(price, int | float) or not (isfinite(price) and price >= 0):
-                raise InvalidInputError(f"{name}: expected a number, 0 or more, got {price!r}")
+            if isinstance(price, bool) or not isinstance(price, int | float) or not (isfinite(price) and 0 <= price <= DEAREST):
+                raise InvalidInputError(f"{name}: expected a number, 0 to {DEAREST:g}, got {price!r}")
         if not self.scan_cost + self.move_cost:
             raise InvalidInputError("prices: expected a scan or a move that costs something, got 0 for both")
 
@@ -127,7 +129,7 @@ def _unknown(every: object) -> InvalidInputError:
     return InvalidInputError(f"scan-every: expected 1 to {LONGEST}, doubling, hyper or adaptive, got {str(every)[:80]!r}")
 
 
-def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: int) -> list[SwarmState]:
+def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: int) -> Iterator[SwarmState]:
     """Return the states after each command of a run, from a scan before it and one after it.
 
     Parameters
@@ -141,8 +143,8 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
 
     Returns
     -------
-    list of SwarmState
-        ``steps`` of them; the last is ``after``.
+    iterator of SwarmState
+        ``steps`` of them; once nobody moves any more, ``after`` itself again and again.
 
     Raises
     ------
@@ -173,12 +175,20 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
             f"scan: expected particles 0 to {steps} cells further after {steps} times {command!r}, "
             f"got one from {tuple(start[wrong].tolist())} at {tuple(end[wrong].tolist())}"
         )
-    states = []
-    for step in range(1, steps):
+    return _states(before, after, start, moved * sign, axis, steps)
+
+
+def _states(
+    before: SwarmState, after: SwarmState, start: NDArray[np.int64], moved: NDArray[np.int64], axis: int, steps: int
+) -> Iterator[SwarmState]:
+    last = int(np.abs(moved).max())
+    for step in range(1, steps + 1):
+        if step >= last:
+            yield after
+            continue
         cells = start.copy()
-        cells[:, axis] += sign * np.minimum(moved, step)
-        states.append(SwarmState.of_cells(before.occupied.frame, cells, shared=before.counts is not None))
-    return [*states, after]
+        cells[:, axis] += np.clip(moved, -step, step)
+        yield SwarmState.of_cells(before.occupied.frame, cells, shared=before.counts is not None)
 
 
 def _by_line(cells: NDArray[np.int64], axis: int) -> NDArray[np.int64]:

@@ -6,16 +6,20 @@ x > D. The optimum, which nobody can reach who does not know D, is (D + 1 moves,
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from itertools import count
-from math import isfinite
-from numbers import Rational
+
+import numpy as np
 
 from shoal.errors import InvalidInputError
+
+_LONGEST_PRICE = 300
+_PRICE = re.compile(r"[+-]?(\d+/\d+|(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,2})?)", re.ASCII)  # exponents stay small: they are written out
 
 Price = int | float | str | Decimal | Fraction
 
@@ -100,8 +104,7 @@ class Schedule(ABC):
         InvalidInputError
             If the distance is negative or the schedule ends before it.
         """
-        check_distance(distance)
-        last = 0
+        distance, last = check_distance(distance), 0
         for scans, last in enumerate(self.positions(), start=2):
             if last > distance:
                 return Cost(distance, last, scans)
@@ -153,9 +156,9 @@ class EqualSteps(Schedule):
     """
 
     def __init__(self, step: int) -> None:
-        if isinstance(step, bool) or not isinstance(step, int) or step < 1:
+        if isinstance(step, bool) or not isinstance(step, int | np.integer) or step < 1:
             raise InvalidInputError(f"equal steps: expected a whole number of moves, 1 or more, got {step!r}")
-        self.step = step
+        self.step = int(step)
         self.name = f"every {step} steps"
 
     def positions(self) -> Iterator[int]:
@@ -215,9 +218,9 @@ class Powers(Schedule):
     """
 
     def __init__(self, base: int = 2) -> None:
-        if isinstance(base, bool) or not isinstance(base, int) or base < 2:
+        if isinstance(base, bool) or not isinstance(base, int | np.integer) or base < 2:
             raise InvalidInputError(f"powers: expected a whole base, 2 or more, got {base!r}")
-        self.base = base
+        self.base = int(base)
         self.name = f"powers of {base}"
 
     def positions(self) -> Iterator[int]:
@@ -274,14 +277,14 @@ class Custom(Schedule):
     def __init__(self, scans_after: Sequence[int], *, name: str = "custom") -> None:
         before = 0
         for i, position in enumerate(scans_after):
-            if isinstance(position, bool) or not isinstance(position, int) or position <= before:
+            if isinstance(position, bool) or not isinstance(position, int | np.integer) or position <= before:
                 raise InvalidInputError(
                     f"schedule {name}: expected whole numbers, ascending from 1 up, got {position!r} after {before} (entry {i + 1})"
                 )
             before = position
         if not before:
             raise InvalidInputError(f"schedule {name}: expected one position at least, got none")
-        self.scans_after = tuple(scans_after)
+        self.scans_after = tuple(int(position) for position in scans_after)
         self.name = name
 
     def positions(self) -> Iterator[int]:
@@ -308,9 +311,9 @@ class OneJump(Custom):
 
 def check_distance(distance: int) -> int:
     """Return a distance that is a whole number, 0 or more; raise InvalidInputError for others."""
-    if isinstance(distance, bool) or not isinstance(distance, int) or distance < 0:
+    if isinstance(distance, bool) or not isinstance(distance, int | np.integer) or distance < 0:
         raise InvalidInputError(f"distance: expected a whole number, 0 or more, got {distance!r}")
-    return distance
+    return int(distance)
 
 
 def check_prices(scan_cost: Price, move_cost: Price) -> tuple[Fraction, Fraction]:
@@ -324,13 +327,14 @@ def check_prices(scan_cost: Price, move_cost: Price) -> tuple[Fraction, Fraction
     prices = []
     for name, price in (("scan cost", scan_cost), ("move cost", move_cost)):
         try:
-            if isinstance(price, float) and not isfinite(price):
+            text = str(price)
+            if isinstance(price, bool) or len(text) > _LONGEST_PRICE or not _PRICE.fullmatch(text.strip()):
                 raise ValueError
-            value = Fraction(price) if isinstance(price, Rational) else Fraction(str(price))
+            value = Fraction(text)
         except (ValueError, ZeroDivisionError):
-            raise InvalidInputError(f"{name}: expected a number, got {price!r}") from None
+            raise InvalidInputError(f"{name}: expected a number of at most 300 digits, got {str(price)[:80]!r}") from None
         if value < 0:
-            raise InvalidInputError(f"{name}: expected 0 or more, got {price}")
+            raise InvalidInputError(f"{name}: expected 0 or more, got {str(price)[:80]}")
         prices.append(value)
     if not any(prices):
         raise InvalidInputError("prices: expected a scan or a move that costs something, got 0 for both")
