@@ -144,7 +144,7 @@ class Line:
     def coverage(self) -> Mean:
         """Moves until every cell has been visited and both ends are found; printed: the papers' formula.
 
-        The work grows with m sqrt(m), in integers of up to m bits: a millisecond for m = 100, seconds for m = 10,000.
+        The work grows with m sqrt(m), in integers of up to m bits: a millisecond for m = 100, up to half a minute for m = 10,000.
         """
         return Mean(
             Fraction(counting.coverage_total(self.cells, self.particles), self.placements),
