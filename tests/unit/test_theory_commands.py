@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from decimal import Decimal
 from fractions import Fraction
 
 import numpy as np
@@ -165,6 +166,15 @@ def test_refusals_of_the_library(call, wanted):
     with pytest.raises(InvalidInputError) as caught:
         call()
     assert wanted in str(caught.value)
+
+
+def test_numbers_of_all_kinds_are_taken():
+    rule = ScanRule("equal", np.int64(3), Fraction(1, 4), Decimal("0.5"))
+    assert (rule.step, rule.scan_cost, rule.move_cost) == (3, 0.25, 0.5)
+    assert Powers(np.int64(3)).cost(np.int32(5)) == Powers(3).cost(5)
+    assert optimal_schedule(scan_cost=Decimal(10), move_cost=np.float64(1), max_distance=np.int64(50)).guarantee.ratio == Fraction(
+        97, 59
+    )
 
 
 def test_a_scan_that_no_run_explains_is_refused():

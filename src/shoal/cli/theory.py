@@ -49,6 +49,8 @@ def line(
     from shoal.swarm.line import Line, sample
 
     chosen = Line(cells, particles)
+    if workers is not None and workers < 1:
+        raise InvalidInputError(f"workers: expected a whole number, 1 or more, got {workers}")
     if out is not None:
         check_folder(out)
     drawn = None

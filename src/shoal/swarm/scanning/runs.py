@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from decimal import Decimal
 from math import isfinite
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -63,11 +65,14 @@ class ScanRule:
     def __post_init__(self) -> None:
         if self.kind not in {"equal", "doubling", "hyper", "adaptive"}:
             raise _unknown(self.kind)
-        if isinstance(self.step, bool) or not isinstance(self.step, int) or not 1 <= self.step <= LONGEST:
+        if isinstance(self.step, bool) or not isinstance(self.step, int | np.integer) or not 1 <= self.step <= LONGEST:
             raise _unknown(self.step)
+        object.__setattr__(self, "step", int(self.step))
         for name, price in (("scan cost", self.scan_cost), ("move cost", self.move_cost)):
-            if isinstance(price, bool) or not isinstance(price, int | float) or not (isfinite(price) and 0 <= price <= DEAREST):
+            number = isinstance(price, Real | Decimal) and not isinstance(price, bool)
+            if not number or not (isfinite(price) and 0 <= price <= DEAREST):
                 raise InvalidInputError(f"{name}: expected a number, 0 to {DEAREST:g}, got {price!r}")
+            object.__setattr__(self, name.replace(" ", "_"), float(price))
         if not self.scan_cost + self.move_cost:
             raise InvalidInputError("prices: expected a scan or a move that costs something, got 0 for both")
 
