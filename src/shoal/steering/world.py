@@ -130,10 +130,3 @@ def _exit_share(point: Points, move: Points, radius: float) -> float:
     root = float(np.sqrt(b * b - a * c))
     # Of the two forms of the larger root the one that does not subtract nearly equal numbers.
     return (root - b) / a if b <= 0 else -c / (b + root)
-
-
-def check_two(points: Points, *, what: str) -> Points:
-    """Return two different points; raise InvalidInputError for others."""
-    if len(points) != 2:
-        raise InvalidInputError(f"{what}: expected two particles, got {len(points)}")
-    return points
