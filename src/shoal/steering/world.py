@@ -8,7 +8,6 @@ from math import inf
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.errors import InvalidInputError
 from shoal.steering.outline import Points, check_points
 from shoal.steering.workspace import TOUCH, ConvexWorkspace
 
