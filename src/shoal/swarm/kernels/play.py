@@ -15,20 +15,20 @@ from shoal.swarm.kernels.bits import ZERO, has, put
 from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.moves import DOWN, LEFT, RIGHT, TILT, UP
 from shoal.swarm.kernels.observe import step
+from shoal.swarm.kernels.prospect import copy
 from shoal.swarm.kernels.runs import (
     ADAPTIVE,
     EQUAL,
     GIVEN,
     Scanning,
-    begin_adaptive,
     decide_adaptive,
-    end_adaptive,
     interval,
     last_run,
     stretch,
 )
 from shoal.swarm.kernels.search import Search, ahead, nearest, opposite
 from shoal.swarm.kernels.slide import Slides, nearest_by_tilts
+from shoal.swarm.kernels.survey import take_stock
 
 RUNNING, COMPLETE, STALLED = 0, 1, 2
 MANUAL, RANDOM, CLOSEST, ELECT, DEPTH_FIRST, SWEEP = 0, 1, 2, 3, 4, 5
@@ -206,12 +206,10 @@ def begin_run(code, field, rule, mapping, mind, draw):
     command, steps = plan[at], 1
     if adaptive:
         steps = stretch(plan, at, length)
+        memory[PLAN_AT] += steps
         if at + steps == length:
-            memory[PLAN_AT] += steps
             steps = memory[LAST_RUN] if memory[LAST_RUN] > 0 else last_run(field, mapping, plan, at, length, scanning)
-        else:
-            memory[PLAN_AT] += steps
-        begin_adaptive(field, scanning)
+        copy(field.known, scanning.survey.known)
     elif scanning.kind == GIVEN or (scanning.kind == EQUAL and scanning.step == 1):
         memory[PLAN_AT] += 1
     else:
@@ -233,7 +231,7 @@ def end_run(field, mind, given):
     if scanning.kind == ADAPTIVE:
         if memory[LEARNT] == 0:
             return False
-        end_adaptive(field, scanning, memory[RUN_COMMAND])
+        take_stock(field, scanning.survey, memory[RUN_COMMAND])
         memory[PLAN_LENGTH] = 0
     return True
 

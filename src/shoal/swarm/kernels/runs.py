@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from shoal.swarm.kernels.compiling import kernel
-from shoal.swarm.kernels.prospect import Prospect, copy, explore, write_plan
+from shoal.swarm.kernels.prospect import Prospect, explore, write_plan
 from shoal.swarm.kernels.search import nearest
-from shoal.swarm.kernels.survey import Survey, best_length, look_around, take_stock
+from shoal.swarm.kernels.survey import Survey, best_length, look_around
 
 EQUAL, DOUBLING, HYPER, ADAPTIVE, GIVEN = 0, 1, 2, 3, 4
 _LAST_DOUBLING, _LAST_HYPER = 40, 12  # runs longer than any map are long enough
@@ -85,15 +85,3 @@ def last_run(field, mapping, plan, at, length, scanning):
         look_around(field, scanning.survey, plan[at])
         steps = best_length(scanning.survey, plan[at], steps)[0]
     return steps
-
-
-@kernel
-def begin_adaptive(field, scanning):
-    """Note what is known before a run."""
-    copy(field.known, scanning.survey.known)
-
-
-@kernel
-def end_adaptive(field, scanning, command):
-    """Learn from a run that had an unknown outcome."""
-    take_stock(field, scanning.survey, command)
