@@ -17,7 +17,18 @@ from shoal.swarm import Episode, GridWorkspace, GridWorld
 from shoal.swarm import run as play
 from shoal.swarm.kernels import runs as kernels
 from shoal.swarm.line import Line, boundary_moves, coverage_moves, sample
-from shoal.swarm.scanning import Custom, EqualSteps, Hyperexponential, Powers, ScanRule, optimal_schedule, states_of_run
+from shoal.swarm.scanning import (
+    Custom,
+    EqualSteps,
+    Hyperexponential,
+    Powers,
+    ScanRule,
+    least_simultaneous_ratio,
+    optimal_schedule,
+    states_of_run,
+    theorem_rate,
+    worst_of_both,
+)
 from shoal.views.films import scan_strip, write_film
 
 
@@ -197,6 +208,15 @@ def test_i_to_the_i_is_exact_for_any_distance():
         assert (cost.moves, cost.scans) == (moves, scans)
         assert cost.move_ratio == Fraction(moves, 10**exponent + 1)
         assert cost.scan_ratio == Fraction(scans, 2)
+
+
+def test_theorem_1_in_numbers():
+    """Both what i^i does and what is possible at best stay within constant factors of log D / log log D."""
+    for exponent in (3, 6, 12, 25, 50, 100):
+        rate, best = theorem_rate(10**exponent), least_simultaneous_ratio(10**exponent).ratio
+        mine = worst_of_both(Hyperexponential(), 10**exponent)
+        assert best <= mine <= 5 * best
+        assert 0.5 * rate < best < 1.1 * rate
 
 
 def test_intervals_of_kernels_are_those_of_the_rules():

@@ -108,8 +108,12 @@ def _play(
     from shoal.lab import run_trials
     from shoal.swarm.engine import load_kernels
     from shoal.swarm.policies import Compiled, make_policy
+    from shoal.swarm.policies.compiled import check_scanning
+    from shoal.swarm.scanning import ScanRule
 
     _check_outputs(out, film)
+    rule = ScanRule.parse(problem["scan_every"], scan_cost=problem["scan_cost"], move_cost=problem["move_cost"])
+    check_scanning(rule, make_policy(problem["policy"]), problem["rule"])  # before half a minute of compiling
     if largest_component:
         workspace = workspace.largest_component()
     if isinstance(make_policy(problem["policy"]), Compiled):

@@ -147,6 +147,7 @@ def schedule_ratios(schedules: Sequence[Schedule], *, max_distance: int) -> Figu
     for axes, name in ((left, "moves"), (right, "scans")):
         axes.set(xlabel="distance of the wall + 1", ylabel=f"{name} / optimum", yscale="log")
         axes.set(xlim=(0, max(0.3, log10(max_distance + 1))), ylim=(0.9, None))
+        axes.xaxis.get_major_locator().set_params(integer=True)
         axes.xaxis.set_major_formatter(lambda x, _: f"$10^{{{x:g}}}$")
         set_title(axes, name)
         plain_axes(axes)
