@@ -117,6 +117,43 @@ class ConvexWorkspace:
             )
         return array
 
+    def extent(self, direction: ArrayLike) -> float:
+        """Return how far the workspace reaches from its centre along a vector, times the length of that."""
+        vector = np.asarray(direction, dtype=np.float64)
+        flat = vector[:2]
+        side = self.radius * np.hypot(*flat) if self.round else np.max(np.abs((self.vertices - self.center) @ flat))
+        return float(side + (abs(vector[2]) * self.height / 2 if len(vector) == 3 else 0.0))
+
+    def inset(self, margin: float) -> ConvexWorkspace:
+        """Return the workspace without what lies nearer than ``margin`` to a wall; in space it keeps its z.
+
+        Raises
+        ------
+        InvalidInputError
+            If nothing is left.
+
+        Examples
+        --------
+        >>> disk(0.5).inset(0.125).radius
+        0.375
+        """
+        if self.dimensions == 3:
+            raise InvalidInputError("inset: expected a plane workspace; particles with a radius are for the plane")
+        if self.round:
+            left = self.radius - margin
+            if left <= 0:
+                raise InvalidInputError(f"inset: expected a margin below the radius {self.radius:g}, got {margin:g}")
+            return disk(left, center=self.center)
+        from shoal.steering.delta import clipped
+
+        corners = self.vertices
+        for normal, offset in zip(self.normals, self.offsets, strict=True):
+            corners = clipped(corners, -normal, -(float(offset) + margin))
+        try:
+            return polygon(corners)
+        except InvalidInputError:
+            raise InvalidInputError(f"inset: expected a margin that leaves room in the polygon, got {margin:g}") from None
+
     def __repr__(self) -> str:
         shape = f"radius {self.radius:g}" if self.round else f"{len(self.vertices)} corners"
         return f"<ConvexWorkspace {self.kind}, {shape}{f', height {self.height:g}' if self.height else ''}>"

@@ -3,42 +3,97 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.errors import InvalidInputError
+from shoal.steering.kernels import contact as kernels
 from shoal.steering.outline import Points, check_points
-from shoal.steering.workspace import TOUCH, ConvexWorkspace
+from shoal.steering.workspace import ConvexWorkspace
 
-PUSHED = 1e-9  # of the length of a move: who is moved away from a wall by less than this is held
+PUSHED = kernels.PUSHED
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContactWorld:
-    """The dynamics of point particles under one shared displacement, with non-slip walls.
+    """The dynamics of particles under one shared displacement, between walls with friction.
 
     A particle on a wall does not move while that wall has ``N u <= 0``, N its inward normal; so a push along the wall is held,
     too, and in a corner either wall holds. During a straight move a particle stops where it first meets a wall and stays there
     for the rest of that move; the others go on.
 
+    With finite friction a particle that is pushed into a wall slides along it by ``|T u| - friction |N u|`` in the direction T of
+    the push, if that is more than nothing. With a gain a particle at p follows ``g(p) u``, where ``g(p) = 1 + gradient (p - c)``,
+    c the centre: the one nearer to a coil goes faster. Particles with a radius are spheres: their centres stay so far from the
+    walls, and one that runs into another that is held stops there.
+
     Parameters
     ----------
     workspace : ConvexWorkspace
+    friction : float
+        Coefficient of Coulomb friction, 0 or more; infinite in the ideal world.
+    gradient : array_like of float, shape (dimensions,), optional
+        Of the gain, per unit of length.
+    radius : float
+        Of the particles.
+
+    Raises
+    ------
+    InvalidInputError
+        For other numbers, for a gain that is not positive everywhere, or if a particle does not fit in.
 
     Notes
     -----
-    Source: paper W, section III, eq. 1.
+    Source: paper W, section III, eq. 1, and for the gain section VII.A. Friction, gain and radius are ours.
 
     Examples
     --------
     >>> from shoal.steering import polygon
-    >>> world = ContactWorld(polygon([(0, 0), (1, 0), (1, 1), (0, 1)]))
-    >>> world.step([(0.25, 0.5), (0.5, 0.5)], (-0.5, 0.25)).tolist()
+    >>> square = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
+    >>> ContactWorld(square).step([(0.25, 0.5), (0.5, 0.5)], (-0.5, 0.25)).tolist()
     [[0.0, 0.625], [0.0, 0.75]]
+    >>> ContactWorld(square, friction=0.25).step([(0.0, 0.5), (0.5, 0.5)], (-0.25, 0.25)).tolist()
+    [[0.0, 0.6875], [0.25, 0.75]]
     """
 
     workspace: ConvexWorkspace
+    friction: float = inf
+    gradient: Any = None
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        number = isinstance(self.friction, int | float | np.number) and not isinstance(self.friction, bool)
+        if not number or np.isnan(self.friction) or self.friction < 0:
+            raise InvalidInputError(f"friction: expected a number, 0 or more, got {self.friction!r}")
+        if not isinstance(self.radius, int | float | np.number) or not 0 <= self.radius < inf:
+            raise InvalidInputError(f"particle radius: expected a number, 0 or more, got {self.radius!r}")
+        if self.radius and (self.friction < inf or self.gradient is not None):
+            raise InvalidInputError("particle radius: expected no friction coefficient and no gain with it; those are for points")
+        _ = self.room, self.gain  # refuse what does not fit now
+
+    @cached_property
+    def room(self) -> ConvexWorkspace:
+        """Where the centres of the particles can be."""
+        return self.workspace.inset(self.radius) if self.radius else self.workspace
+
+    @cached_property
+    def gain(self) -> NDArray[np.float64]:
+        """(g, gx, gy, ...): a particle at p follows ``g + (gx, gy, ...) p`` times the input."""
+        d = self.workspace.dimensions
+        if self.gradient is None:
+            return np.eye(d + 1)[0]
+        gradient = check_points([self.gradient], what="gain", dimensions=d, count=1)[0]
+        center = np.zeros(d)
+        center[:2] = self.workspace.center
+        center[2:] = self.workspace.height / 2
+        reach = self.workspace.extent(gradient)
+        if reach >= 1:
+            raise InvalidInputError(f"gain: expected one that is positive everywhere, got one that varies by {reach:.3g} of itself")
+        return np.concatenate([[1 - gradient @ center], gradient])
 
     def initial(self, points: ArrayLike) -> Points:
         """Return the state with particles at ``points``, float64, shape (n, dimensions).
@@ -46,9 +101,22 @@ class ContactWorld:
         Raises
         ------
         InvalidInputError
-            If one is outside.
+            If one is outside, or if two overlap.
         """
-        return self.workspace.check_inside(points, what="start")
+        return self.check_state(points, what="start")
+
+    def check_state(self, points: ArrayLike, *, what: str) -> Points:
+        """Return points where particles can be, float64, shape (n, dimensions); raise InvalidInputError for others."""
+        state = self.room.check_inside(points, what=what)
+        if self.radius:
+            away = np.linalg.norm(state[:, None] - state[None], axis=-1) + np.eye(len(state)) * 4 * self.radius
+            if away.min() < 2 * self.radius * (1 - 1e-12):
+                one, other = np.unravel_index(int(away.argmin()), away.shape)
+                raise InvalidInputError(
+                    f"{what}: expected particles that do not overlap, {2 * self.radius:g} apart or more, "
+                    f"got {away.min():.3g} between points {one + 1} and {other + 1}"
+                )
+        return state
 
     def step(self, points: ArrayLike, move: ArrayLike) -> Points:
         """Return where particles at ``points`` are after one straight move, float64, shape (n, dimensions).
@@ -59,73 +127,64 @@ class ContactWorld:
             If the move is no vector of finite numbers.
         """
         dimensions = self.workspace.dimensions
-        state = check_points(points, what="points", dimensions=dimensions)
+        state = check_points(points, what="points", dimensions=dimensions).copy()
         vector = check_points([move], what="move", dimensions=dimensions, count=1)[0]
-        length = float(np.linalg.norm(vector))
-        if length == 0:
-            return state.copy()
-        return np.array([self._moved(point, vector, length) for point in state])
+        return self._moved(state, np.ascontiguousarray(vector))
 
     def play(self, points: ArrayLike, moves: ArrayLike) -> Points:
         """Return the states at the start and after each move; float64, shape (moves + 1, n, dimensions)."""
+        d = self.workspace.dimensions
+        vectors = np.asarray(moves, dtype=np.float64)
+        vectors = check_points(vectors.reshape(-1, d) if vectors.size == 0 else vectors, what="moves", dimensions=d)
         states = [self.initial(points)]
-        for move in np.asarray(moves, dtype=np.float64).reshape(-1, self.workspace.dimensions):
-            states.append(self.step(states[-1], move))
+        for move in vectors:
+            states.append(self._moved(states[-1].copy(), np.ascontiguousarray(move)))
         return np.array(states)
 
     def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
-        """Tell which particles a wall would hold at the start of a move; bool, shape (n,)."""
+        """Tell which particles a wall would hold at the start of a move, were friction endless; bool, shape (n,)."""
         state = check_points(points, what="points", dimensions=self.workspace.dimensions)
         vector = check_points([move], what="move", dimensions=self.workspace.dimensions, count=1)[0]
-        return np.array([self._is_held(point, vector, float(np.linalg.norm(vector))) for point in state])
+        normals, offsets, circle = self._walls
+        return np.array([kernels.is_held(point, vector, normals, offsets, circle, self.workspace.size) for point in state])
 
-    def _moved(self, point: Points, move: Points, length: float) -> Points:
-        if self._is_held(point, move, length):
-            return point.copy()
-        share, wall = self._first_contact(point, move, length)
-        if share >= 1:
-            return point + move
-        return self._snapped(point + share * move, wall)
+    @cached_property
+    def _walls(self) -> tuple[NDArray[np.float64], ...]:
+        room = self.room
+        return np.ascontiguousarray(room.normals), room.offsets, np.array([*room.center, room.radius])
 
-    def _is_held(self, point: Points, move: Points, length: float) -> bool:
-        space, touching = self.workspace, TOUCH * self.workspace.size
-        pushed = space.normals @ move <= PUSHED * length
-        if bool(np.any(pushed & (space.wall_distances(point) <= touching))):
-            return True
-        if not space.round or float(space.circle_distance(point)) > touching:
-            return False
-        outward = point[:2] - space.center
-        return float(outward @ move[:2]) >= -PUSHED * length * float(np.hypot(*outward))
-
-    def _first_contact(self, point: Points, move: Points, length: float) -> tuple[float, int]:
-        """Return the share of the move at which a free particle meets a wall, and which: -1 is the circle."""
-        space = self.workspace
-        speeds = space.normals @ move
-        distances = np.maximum(space.wall_distances(point), 0.0)
-        shares = np.divide(distances, -speeds, out=np.full(len(speeds), inf), where=speeds < -PUSHED * length)
-        wall = int(np.argmin(shares)) if len(shares) else 0
-        share = float(shares[wall]) if len(shares) else inf
-        if space.round:
-            at_circle = _exit_share(point[:2] - space.center, move[:2], space.radius)
-            if at_circle < share:
-                return at_circle, -1
-        return share, wall
-
-    def _snapped(self, point: Points, wall: int) -> Points:
-        """Return a point that has met a wall put exactly onto it."""
-        space = self.workspace
-        if wall >= 0:
-            return np.asarray(point - (space.normals[wall] @ point - space.offsets[wall]) * space.normals[wall])
-        outward = point[:2] - space.center
-        onto = space.center + outward * (space.radius / float(np.hypot(*outward)))
-        return np.concatenate([onto, point[2:]])
+    def _moved(self, state: Points, move: Points) -> Points:
+        size = self.workspace.size
+        shares = np.ones(len(state))
+        before = state.copy()
+        for index, point in enumerate(state):
+            shares[index] = kernels.advance(point, move, *self._walls, size, float(self.friction), self.gain)
+        if self.radius:
+            stop_at_others(before, move, shares, 2 * self.radius, state)
+        return state
 
 
-def _exit_share(point: Points, move: Points, radius: float) -> float:
-    """Return the share of a move at which a point inside a circle around the origin leaves it."""
-    a, b, c = float(move @ move), float(point @ move), min(float(point @ point) - radius * radius, 0.0)
-    if a == 0:
-        return inf
-    root = float(np.sqrt(b * b - a * c))
-    # Of the two forms of the larger root the one that does not subtract nearly equal numbers.
-    return (root - b) / a if b <= 0 else -c / (b + root)
+def stop_at_others(before: Points, move: Points, shares: NDArray[np.float64], apart: float, after: Points) -> None:
+    """Stop, in place, spheres that run into one that a wall has stopped, in the order in which that happens.
+
+    Until a wall stops one of them, all move alike and none meets another. ``shares`` says at which share of the move each stopped.
+    """
+    shares = shares.copy()
+    length = float(move @ move)
+    while length > 0:
+        first, who = 1.0, None
+        for mover in range(len(before)):
+            for stopped in np.flatnonzero(shares < shares[mover]):
+                # |before + share move - after[stopped]| = apart, at the smaller share.
+                gap = before[mover] - after[stopped]
+                half, rest = float(gap @ move), float(gap @ gap) - apart * apart
+                under = half * half - length * rest
+                if half >= 0 or under < 0:
+                    continue
+                share = max((-half - np.sqrt(under)) / length, 0.0)
+                if max(share, shares[stopped]) < min(shares[mover], first):
+                    first, who = max(share, float(shares[stopped])), mover
+        if who is None:
+            return
+        shares[who] = first
+        after[who] = before[who] + first * move

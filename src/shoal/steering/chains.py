@@ -1,0 +1,237 @@
+"""Chains of contacts: the shortest of up to so many cycles, and the moves that play one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from math import inf, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.steering.kernels import chain as kernels
+from shoal.steering.kernels.sequences import bound_of, kinds_of, least_ways
+from shoal.steering.outline import Points
+from shoal.steering.walls import Walls
+
+MARGIN = 1e-8  # of the size: how far the other particle stays off the walls
+ENOUGH = 1e-7  # how far inside of all limits a first guess is sought on flat walls
+ROOM = 1e-4  # and on a circle
+REFINING = 20.0 * 12.0 ** np.arange(8)
+ROUGH = REFINING[:2]
+_DEEPEST = 12  # cycles of a chain that is only refined
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Cycles of contact and adjustment, in the units of `Walls`.
+
+    Parameters
+    ----------
+    touchers : ndarray of int64, shape (cycles,)
+        0 or 1: which particle each cycle holds.
+    walls : ndarray of int64, shape (cycles,)
+        Which wall holds it.
+    unknowns : ndarray of float64, shape (cycles (d - 1) + (cycles - 1) d,)
+        Contacts along their walls, and the differences between cycles.
+    length : float
+    """
+
+    touchers: NDArray[np.int64]
+    walls: NDArray[np.int64]
+    unknowns: NDArray[np.float64]
+    length: float
+
+    @property
+    def cycles(self) -> int:
+        """How many contacts there are."""
+        return len(self.walls)
+
+    def contacts(self, walls: Walls) -> Points:
+        """Return where the contacts lie; float64, shape (cycles, d)."""
+        d = walls.dimensions
+        contacts = np.zeros((self.cycles, d))
+        spare, curve = np.zeros((self.cycles, d - 1, d)), np.zeros((self.cycles, d))
+        kernels.contacts_at(self.unknowns, self.walls, walls.frames, walls.circle, d, contacts, spare, curve)
+        return contacts
+
+    def differences(self, before: Points, after: Points) -> Points:
+        """Return Δ at the start and after each cycle; float64, shape (cycles + 1, d)."""
+        d = len(before)
+        between = self.unknowns[self.cycles * (d - 1) :].reshape(-1, d)
+        return np.concatenate([before[None], between, after[None]])
+
+    def moves(self, walls: Walls, start: Points, goal: Points) -> Points:
+        """Return the moves: to each contact, the adjustment there, and to the goal; float64, shape (2 cycles + 1, d)."""
+        here, moves = start, []
+        deltas = self.differences(start[1] - start[0], goal[1] - goal[0])
+        for toucher, contact, before, after in zip(self.touchers, self.contacts(walls), deltas[:-1], deltas[1:], strict=True):
+            sign = 1.0 if toucher == 0 else -1.0
+            adjustment = sign * (after - before)
+            moves += [contact - here[toucher], adjustment]
+            other = contact + sign * after
+            here = np.stack([contact, other] if toucher == 0 else [other, contact])
+        return np.array([*moves, goal[0] - here[0]])
+
+
+@dataclass(frozen=True, eq=False)
+class Errand:
+    """From where to where, between which walls, and how slippery they are; in the units of `Walls`.
+
+    Parameters
+    ----------
+    walls : Walls
+    start, goal : ndarray of float64, shape (2, d)
+    friction : float
+        Coefficient of friction; infinite where nothing that is pushed into a wall slides.
+    margin : float
+        How far the other particle stays off the walls.
+    push : float
+        How much each adjustment goes into the wall.
+    """
+
+    walls: Walls
+    start: Points
+    goal: Points
+    friction: float = inf
+    margin: float = MARGIN
+    push: float = 1e-9
+
+    @property
+    def before(self) -> Points:
+        """Δ at the start."""
+        return np.asarray(self.start[1] - self.start[0])
+
+    @property
+    def after(self) -> Points:
+        """Δ at the goal."""
+        return np.asarray(self.goal[1] - self.goal[0])
+
+    def settle(self, guess: NDArray[np.float64], touchers: NDArray[np.int64], on: NDArray[np.int64], *,
+               enough: float = ENOUGH, rounds: NDArray[np.float64] = REFINING, bound: float = inf) -> float:
+        """Make a guess allowed and short, in place; return its length, infinite if that cannot be."""
+        margins = np.array([self.margin, self.push, 0.0])
+        frames, normals, offsets, circle = self.walls.shape
+        return float(kernels.settle(
+            guess, enough, rounds, bound, touchers, on, self.start, self.goal, frames, normals, offsets, circle, self.friction, margins
+        ))
+
+    @property
+    def ways(self) -> NDArray[np.float64]:
+        """Each particle's shortest way to its goal over each wall; shape (2, walls + 1)."""
+        _, normals, offsets, circle = self.walls.shape
+        return np.asarray(least_ways(self.start, self.goal, normals, offsets, circle))
+
+    def guess(self, cycles: int) -> NDArray[np.float64]:
+        """Return the middles of walls and differences on half of the straight way."""
+        d = self.walls.dimensions
+        shares = np.arange(1, cycles)[:, None] / cycles
+        between = (self.before + (self.after - self.before) * shares) / 2
+        return np.concatenate([np.zeros(cycles * (d - 1)), between.ravel()])
+
+
+def shortest_chain(errand: Errand, *, cycles: tuple[int, ...] = (1, 2, 3), first_found: bool = False) -> Chain | None:
+    """Return the shortest chain of one of the given numbers of cycles, None if there is none.
+
+    Parameters
+    ----------
+    errand : Errand
+    cycles : tuple of int
+        Numbers of cycles, in the order in which they are tried.
+    first_found : bool
+        Stop with the first number of cycles that has a chain.
+
+    Notes
+    -----
+    On flat walls branch and bound over all kinds of chains, each of which is a convex problem. On a round wall the best of many
+    first guesses, refined.
+    """
+    best: Chain | None = None
+    for number in cycles:
+        search = _round if errand.walls.round else _flat
+        for found in search(errand, number, best):
+            best = found
+        if first_found and best is not None:
+            break
+    return best
+
+
+def _flat(errand: Errand, cycles: int, best: Chain | None) -> Iterator[Chain]:
+    """Yield ever shorter chains over flat walls only."""
+    walls = errand.walls
+    frames, normals, offsets, circle = walls.shape
+    bound = inf if best is None else best.length
+    wanted = np.ones(len(normals) + 1, dtype=np.bool_)
+    touchers, on, bounds = kinds_of(
+        cycles, errand.start, errand.goal, frames, walls.reaches, normals, offsets, circle, errand.push, bound, errand.ways, wanted
+    )
+    for kind, least in enumerate(bounds):
+        if least >= bound - 1e-9:
+            break
+        guess = errand.guess(cycles)
+        length = errand.settle(guess, touchers[kind], on[kind], bound=bound)
+        if length < bound:
+            bound = length
+            yield Chain(touchers[kind], on[kind], guess, length)
+
+
+def _round(errand: Errand, cycles: int, best: Chain | None) -> Iterator[Chain]:
+    """Yield ever shorter chains with a round wall."""
+    bound = inf if best is None else best.length
+    firsts = list(_guesses(errand, cycles))
+    apart = float(np.linalg.norm(errand.after - errand.before))
+    ways = errand.ways
+    rough = []
+    on = np.full(cycles, len(errand.walls.normals))
+    d = errand.walls.dimensions
+    for kind in product((0, 1), repeat=cycles):
+        touchers = np.array(kind, dtype=np.int64)
+        if bound_of(touchers, on, errand.start, errand.goal, ways, apart, errand.walls.normals, errand.walls.offsets) >= bound:
+            continue
+        for first in firsts:
+            guess = first.copy()
+            # What particle 1 does by touching, particle 2 does by touching opposite.
+            guess[: cycles * (d - 1) : d - 1] += pi * errand.walls.circle[2] * touchers
+            length = errand.settle(guess, touchers, on, enough=ROOM, rounds=ROUGH)
+            rough.append((length, len(rough), touchers, guess))
+    last, refined = -1.0, 0
+    for length, _, touchers, guess in sorted(rough, key=lambda entry: entry[:2]):
+        if length == inf or refined == 8:
+            break
+        if length - last < 1e-7:  # the same again
+            continue
+        last, refined = length, refined + 1
+        length = errand.settle(guess, touchers, on, enough=ROOM)
+        if length < bound:
+            bound = length
+            yield Chain(touchers, on, guess, length)
+
+
+def _guesses(errand: Errand, cycles: int) -> Iterator[NDArray[np.float64]]:
+    """Yield chains of contacts of particle 1 over a round wall, from angles all around, that hold all limits."""
+    walls, d = errand.walls, errand.walls.dimensions
+    radius = walls.circle[2]
+    ends = {1: 9, 2: 7, 3: 3}.get(cycles, 2)
+    arcs = []
+    for delta in (errand.before, errand.after):
+        half = np.arccos(min(1.0, float(np.hypot(*delta[:2])) / (2 * radius)))
+        arcs.append(np.arctan2(-delta[1], -delta[0]) + 0.96 * half * np.linspace(-1, 1, ends))
+    between = [np.arange(6) * pi / 3] * (cycles - 2)
+    touchers, on = np.zeros(cycles, dtype=np.int64), np.full(cycles, len(walls.normals))
+    for angles in product(arcs[0], *between, *([arcs[1]] if cycles > 1 else [])):
+        guess = errand.guess(cycles)
+        guess[: cycles * (d - 1) : d - 1] = radius * np.array(angles)
+        if d == 3:
+            guess[1 : cycles * (d - 1) : d - 1] = walls.height / 2
+        if errand.settle(guess, touchers, on, enough=ROOM, rounds=REFINING[:0]) < inf:
+            yield guess
+
+
+def refined(errand: Errand, chain: Chain) -> Chain:
+    """Return a chain of the same kind made as short as can be; the same one if that fails or it is very long."""
+    guess = chain.unknowns.copy()
+    if chain.cycles > _DEEPEST:
+        return chain
+    length = errand.settle(guess, chain.touchers, chain.walls)
+    return Chain(chain.touchers, chain.walls, guess, length) if length < chain.length else chain

@@ -1,0 +1,173 @@
+"""Branch and bound over the kinds of chains: which particle touches which wall, in which order.
+
+A kind is dropped by a lower bound of its length: a particle that touches walls goes at least to its goal mirrored in them; all that
+changes the difference is a move while one particle is held. So with one toucher the length is at least its way plus |Dg - Ds|; with
+both, half of the sum of both ways and |Dg - Ds|.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.steering.kernels.compiling import kernel
+from shoal.steering.kernels.contact import dot
+
+
+@kernel
+def distance_between(one, other):
+    total = 0.0
+    for i in range(one.shape[0]):
+        total += (one[i] - other[i]) ** 2
+    return np.sqrt(total)
+
+
+@kernel
+def reflected(one, other, wall, normals, offsets, circle):
+    """Return the length of the shortest way from one point to the other over a wall; on the circle from many angles."""
+    if wall < normals.shape[0]:
+        high, low = dot(normals[wall], one) - offsets[wall], dot(normals[wall], other) - offsets[wall]
+        return np.sqrt(distance_between(one, other) ** 2 + 4 * max(high, 0.0) * max(low, 0.0))
+    return over_circle(one, other, circle)[0]
+
+
+@kernel
+def over_circle(one, other, circle):
+    """Return the length of the shortest way over the circle and the angle of its contact: a few angles, then Newton's method."""
+    best, at = np.inf, 0.0
+    climb = 0.0
+    for i in range(2, one.shape[0]):
+        climb += (one[i] - other[i]) ** 2
+    for k in range(48):
+        angle = 2 * np.pi * k / 48
+        way = bent(one, other, circle, angle)
+        if way < best:
+            best, at = way, angle
+    step = 2 * np.pi / 48
+    for _halving in range(50):  # the way is unimodal between neighbours of the best angle
+        moved = False
+        for turn in (-step, step):
+            way = bent(one, other, circle, at + turn)
+            if way < best:
+                best, at, moved = way, at + turn, True
+        if not moved:
+            step *= 0.5
+    return np.sqrt(best * best + climb), at
+
+
+@kernel
+def bent(one, other, circle, angle):
+    x, y = circle[0] + circle[2] * np.cos(angle), circle[1] + circle[2] * np.sin(angle)
+    return np.sqrt((x - one[0]) ** 2 + (y - one[1]) ** 2) + np.sqrt((x - other[0]) ** 2 + (y - other[1]) ** 2)
+
+
+@kernel
+def least_ways(start, goal, normals, offsets, circle):
+    """Return each particle's shortest way to its goal over each wall; shape (2, walls + 1), the last is the circle."""
+    walls = normals.shape[0]
+    ways = np.full((2, walls + 1), np.inf)
+    for p in range(2):
+        for wall in range(walls + (1 if circle[2] > 0 else 0)):
+            ways[p, wall] = reflected(start[p], goal[p], wall, normals, offsets, circle)
+    return ways
+
+
+@kernel
+def bound_of(touchers, walls, start, goal, ways, apart, normals, offsets):
+    """Return a lower bound of the length of all chains of a kind."""
+    d = start.shape[1]
+    used = np.zeros(2, dtype=np.bool_)
+    least = np.zeros(2)
+    for p in range(2):
+        least[p] = distance_between(start[p], goal[p])
+        image = goal[p].copy()
+        flat = True
+        for m in range(walls.shape[0] - 1, -1, -1):
+            if touchers[m] != p:
+                continue
+            used[p] = True
+            least[p] = max(least[p], ways[p, walls[m]])
+            if walls[m] < normals.shape[0]:
+                over = 2 * (dot(normals[walls[m]], image) - offsets[walls[m]])
+                for i in range(d):
+                    image[i] -= over * normals[walls[m], i]
+            else:
+                flat = False
+        if flat and used[p]:
+            least[p] = max(least[p], distance_between(start[p], image))
+    if used[0] and used[1]:
+        return max((least[0] + least[1] + apart) / 2, max(least[0], least[1]))
+    return (least[0] if used[0] else least[1]) + apart
+
+
+@kernel
+def room_for(delta, sign, wall, frames, reaches, normals, offsets, margin):
+    """Tell, quickly and generously, whether a toucher somewhere on a flat wall can have the other particle inside.
+
+    The other's distance to each wall is linear in the contact, so its largest value over the frame's box must not be negative.
+    """
+    for other in range(normals.shape[0]):
+        value = dot(normals[other], frames[wall, 0]) - offsets[other] + sign * dot(normals[other], delta)
+        for k in range(1, frames.shape[1]):
+            value += reaches[wall] * abs(dot(normals[other], frames[wall, k]))
+        if value < margin:
+            return False
+    return True
+
+
+@kernel
+def kinds_of(cycles, start, goal, frames, reaches, normals, offsets, circle, margin, bound, ways, wanted):
+    """Return the kinds of chains of so many cycles that may be shorter than a bound: touchers, walls and bounds.
+
+    ``wanted`` says which walls may be used.
+    """
+    d, flat = start.shape[1], normals.shape[0]
+    before, after = start[1] - start[0], goal[1] - goal[0]
+    apart = distance_between(before, after)
+    options = 2 * (flat + 1)
+    firsts, lasts = np.zeros(options, dtype=np.bool_), np.zeros(options, dtype=np.bool_)
+    for option in range(options):
+        wall, sign = option // 2, (1.0 if option % 2 == 0 else -1.0)
+        if wall == flat:
+            firsts[option] = lasts[option] = circle[2] > 0 and wanted[wall]
+        elif wanted[wall]:
+            firsts[option] = sign * dot(normals[wall], before) > margin and room_for(
+                before, sign, wall, frames, reaches, normals, offsets, -1e-9
+            )
+            lasts[option] = sign * dot(normals[wall], after) > -1e-12 and room_for(
+                after, sign, wall, frames, reaches, normals, offsets, -1e-9
+            )
+    total = options**cycles
+    touchers, walls = np.zeros(cycles, dtype=np.int64), np.zeros(cycles, dtype=np.int64)
+    found = 0
+    kept_touchers = np.zeros((64, cycles), dtype=np.int64)
+    kept_walls, bounds = np.zeros((64, cycles), dtype=np.int64), np.zeros(64)
+    number = 0
+    while number < total:
+        rest, good, jump = number, True, 1
+        for m in range(cycles - 1, -1, -1):  # the last cycle changes fastest
+            option = rest % options
+            rest //= options
+            touchers[m], walls[m] = option % 2, option // 2
+        first = 2 * walls[0] + touchers[0]
+        last = 2 * walls[cycles - 1] + touchers[cycles - 1]
+        if not firsts[first]:
+            good, jump = False, options ** (cycles - 1)
+        elif not lasts[last]:
+            good = False
+        for m in range(cycles):
+            if good and (not wanted[walls[m]] or (walls[m] == flat and circle[2] == 0)):
+                good = False
+            if good and m > 0 and walls[m] == walls[m - 1] and touchers[m] == touchers[m - 1] and walls[m] != flat:
+                good = False
+        if good:
+            least = bound_of(touchers, walls, start, goal, ways, apart, normals, offsets)
+            if least < bound:
+                if found == bounds.shape[0]:
+                    kept_touchers = np.concatenate((kept_touchers, np.zeros_like(kept_touchers)))
+                    kept_walls = np.concatenate((kept_walls, np.zeros_like(kept_walls)))
+                    bounds = np.concatenate((bounds, np.zeros_like(bounds)))
+                kept_touchers[found], kept_walls[found], bounds[found] = touchers, walls, least
+                found += 1
+        number += jump
+    order = np.argsort(bounds[:found])
+    return kept_touchers[:found][order], kept_walls[:found][order], bounds[:found][order]

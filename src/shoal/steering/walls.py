@@ -1,0 +1,95 @@
+"""A workspace as the arrays that kernels take, in units of its size around its centre."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.steering.outline import Points
+from shoal.steering.workspace import ConvexWorkspace
+
+
+@dataclass(frozen=True, eq=False)
+class Walls:
+    """The flat walls and the circle of a workspace, scaled to size 1.
+
+    Parameters
+    ----------
+    frames : ndarray of float64, shape (walls, d, d)
+        The middle of each flat wall and d - 1 unit vectors along it.
+    reaches : ndarray of float64, shape (walls,)
+        Half of the largest extent of each flat wall along these.
+    normals, offsets : ndarray of float64, shapes (walls, d) and (walls,)
+    circle : ndarray of float64, shape (3,)
+        x, y and radius of the round wall; zeros if there is none.
+    height : float
+        Of a prism or cylinder.
+    scale : float
+        Length of the unit.
+    origin : ndarray of float64, shape (d,)
+        Where zero lies.
+    """
+
+    frames: NDArray[np.float64]
+    reaches: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    offsets: NDArray[np.float64]
+    circle: NDArray[np.float64]
+    height: float
+    scale: float
+    origin: Points
+
+    @property
+    def dimensions(self) -> int:
+        """2 or 3."""
+        return len(self.origin)
+
+    @property
+    def round(self) -> bool:
+        """Whether there is a circle; it is the wall after the last flat one."""
+        return bool(self.circle[2] > 0)
+
+    @property
+    def shape(self) -> tuple[NDArray[np.float64], ...]:
+        """What the kernels of chains take: frames, normals, offsets, circle."""
+        return self.frames, self.normals, self.offsets, self.circle
+
+    def inward(self, points: Points) -> Points:
+        """Return points of the workspace in these units."""
+        return np.ascontiguousarray((points - self.origin) / self.scale)
+
+    def outward(self, points: Points) -> Points:
+        """Return points in these units as those of the workspace."""
+        return points * self.scale + self.origin
+
+
+@lru_cache(maxsize=256)
+def walls_of(workspace: ConvexWorkspace) -> Walls:
+    """Return the walls of a workspace."""
+    d, scale = workspace.dimensions, workspace.size
+    origin = np.zeros(d)
+    origin[:2] = workspace.center
+    corners = (workspace.vertices - workspace.center) / scale
+    height = workspace.height / scale
+    frames = np.zeros((len(workspace.normals), d, d))
+    reaches = np.zeros(len(workspace.normals))
+    sides = len(corners)
+    if sides:
+        ends = np.roll(corners, -1, axis=0)
+        lengths = np.hypot(*(ends - corners).T)
+        frames[:sides, 0, :2] = (corners + ends) / 2
+        frames[:sides, 1, :2] = (ends - corners) / lengths[:, None]
+        reaches[:sides] = lengths / 2
+    if d == 3:
+        frames[:sides, 0, 2] = height / 2
+        frames[:sides, 2, 2] = 1.0
+        reaches[:sides] = np.maximum(reaches[:sides], height / 2)
+        for cap, level in zip(range(sides, len(frames)), (0.0, height), strict=False):
+            frames[cap] = [[0, 0, level], [1, 0, 0], [0, 1, 0]]
+            reaches[cap] = 1.0
+    offsets = (workspace.offsets - workspace.normals @ origin) / scale
+    circle = np.array([0.0, 0.0, workspace.radius / scale])
+    return Walls(frames, reaches, np.ascontiguousarray(workspace.normals), offsets, circle, height, scale, origin)
