@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from shoal.steering.delta import Crossing, delta_space, reached_in_two_moves
+from shoal.steering.disturbance import Disturbance
+from shoal.steering.episode import SteeringEpisode
+from shoal.steering.formats import open_workspace
+from shoal.steering.planners import Planner, make_planner
+from shoal.steering.problem import SteeringProblem
 from shoal.steering.reachability import DiskReach, disk_reach
+from shoal.steering.region import Region, region
+from shoal.steering.running import steer
+from shoal.steering.task import Task
 from shoal.steering.workspace import ConvexWorkspace, cylinder, disk, polygon, prism, regular_polygon
 from shoal.steering.world import ContactWorld
 
@@ -12,12 +20,22 @@ __all__ = [
     "ConvexWorkspace",
     "Crossing",
     "DiskReach",
+    "Disturbance",
+    "Planner",
+    "Region",
+    "SteeringEpisode",
+    "SteeringProblem",
+    "Task",
     "cylinder",
     "delta_space",
     "disk",
     "disk_reach",
+    "make_planner",
+    "open_workspace",
     "polygon",
     "prism",
     "reached_in_two_moves",
+    "region",
     "regular_polygon",
+    "steer",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from math import inf, pi
 
@@ -20,6 +20,7 @@ ENOUGH = 1e-7  # how far inside of all limits a first guess is sought on flat wa
 ROOM = 1e-4  # and on a circle
 REFINING = 20.0 * 12.0 ** np.arange(8)
 ROUGH = REFINING[:2]
+_POLISHED = 8  # rough chains over a circle that are worth it
 _DEEPEST = 12  # cycles of a chain that is only refined
 
 
@@ -36,12 +37,15 @@ class Chain:
     unknowns : ndarray of float64, shape (cycles (d - 1) + (cycles - 1) d,)
         Contacts along their walls, and the differences between cycles.
     length : float
+    last : ndarray of float64, shape (d,), optional
+        Δ at the end, if it is not the goal's.
     """
 
     touchers: NDArray[np.int64]
     walls: NDArray[np.int64]
     unknowns: NDArray[np.float64]
     length: float
+    last: Points | None = None
 
     @property
     def cycles(self) -> int:
@@ -60,7 +64,7 @@ class Chain:
         """Return Δ at the start and after each cycle; float64, shape (cycles + 1, d)."""
         d = len(before)
         between = self.unknowns[self.cycles * (d - 1) :].reshape(-1, d)
-        return np.concatenate([before[None], between, after[None]])
+        return np.concatenate([before[None], between, (after if self.last is None else self.last)[None]])
 
     def moves(self, walls: Walls, start: Points, goal: Points) -> Points:
         """Return the moves: to each contact, the adjustment there, and to the goal; float64, shape (2 cycles + 1, d)."""
@@ -72,7 +76,7 @@ class Chain:
             moves += [contact - here[toucher], adjustment]
             other = contact + sign * after
             here = np.stack([contact, other] if toucher == 0 else [other, contact])
-        return np.array([*moves, goal[0] - here[0]])
+        return np.array([*moves, (goal - here).mean(axis=0)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,14 +112,42 @@ class Errand:
         """Δ at the goal."""
         return np.asarray(self.goal[1] - self.goal[0])
 
-    def settle(self, guess: NDArray[np.float64], touchers: NDArray[np.int64], on: NDArray[np.int64], *,
-               enough: float = ENOUGH, rounds: NDArray[np.float64] = REFINING, bound: float = inf) -> float:
+    def flat(self) -> Errand:
+        """Return the same in the plane, without heights."""
+        assert self.walls.base is not None
+        return replace(self, walls=self.walls.base, start=self.start[:, :2].copy(), goal=self.goal[:, :2].copy())
+
+    def settle(
+        self,
+        guess: NDArray[np.float64],
+        touchers: NDArray[np.int64],
+        on: NDArray[np.int64],
+        *,
+        enough: float = ENOUGH,
+        rounds: NDArray[np.float64] = REFINING,
+        bound: float = inf,
+    ) -> float:
         """Make a guess allowed and short, in place; return its length, infinite if that cannot be."""
         margins = np.array([self.margin, self.push, 0.0])
         frames, normals, offsets, circle = self.walls.shape
-        return float(kernels.settle(
-            guess, enough, rounds, bound, touchers, on, self.start, self.goal, frames, normals, offsets, circle, self.friction, margins
-        ))
+        return float(
+            kernels.settle(
+                guess,
+                enough,
+                rounds,
+                bound,
+                touchers,
+                on,
+                self.start,
+                self.goal,
+                frames,
+                normals,
+                offsets,
+                circle,
+                self.friction,
+                margins,
+            )
+        )
 
     @property
     def ways(self) -> NDArray[np.float64]:
@@ -149,9 +181,12 @@ def shortest_chain(errand: Errand, *, cycles: tuple[int, ...] = (1, 2, 3), first
     """
     best: Chain | None = None
     for number in cycles:
-        search = _round if errand.walls.round else _flat
-        for found in search(errand, number, best):
-            best = found
+        searches = [_round, _capped] if errand.walls.round else [_flat]
+        for search in searches:
+            if search is _capped and (best is not None or not len(errand.walls.normals)):
+                continue
+            for found in search(errand, number, best):
+                best = found
         if first_found and best is not None:
             break
     return best
@@ -195,17 +230,38 @@ def _round(errand: Errand, cycles: int, best: Chain | None) -> Iterator[Chain]:
             guess[: cycles * (d - 1) : d - 1] += pi * errand.walls.circle[2] * touchers
             length = errand.settle(guess, touchers, on, enough=ROOM, rounds=ROUGH)
             rough.append((length, len(rough), touchers, guess))
-    last, refined = -1.0, 0
+    last, polished = -1.0, 0
     for length, _, touchers, guess in sorted(rough, key=lambda entry: entry[:2]):
-        if length == inf or refined == 8:
+        if length == inf or polished == _POLISHED:
             break
         if length - last < 1e-7:  # the same again
             continue
-        last, refined = length, refined + 1
-        length = errand.settle(guess, touchers, on, enough=ROOM)
-        if length < bound:
-            bound = length
-            yield Chain(touchers, on, guess, length)
+        last, polished = length, polished + 1
+        found = errand.settle(guess, touchers, on, enough=ROOM)
+        if found < bound:
+            bound = found
+            yield Chain(touchers, on, guess, found)
+
+
+def _capped(errand: Errand, cycles: int, best: Chain | None) -> Iterator[Chain]:
+    """Yield ever shorter chains in a cylinder with an end cap among the walls."""
+    bound = inf if best is None else best.length
+    caps = len(errand.walls.normals)
+    radius, d = errand.walls.circle[2], errand.walls.dimensions
+    for on in product(range(caps + 1), repeat=cycles):
+        if all(wall == caps for wall in on):
+            continue
+        rounds = [m for m, wall in enumerate(on) if wall == caps]
+        for kind in product((0, 1), repeat=cycles):
+            for angles in product(np.arange(5) * 2 * pi / 5, repeat=len(rounds)):
+                guess = errand.guess(cycles)
+                for m, angle in zip(rounds, angles, strict=True):
+                    guess[m * (d - 1)], guess[m * (d - 1) + 1] = radius * angle, errand.walls.height / 2
+                touchers, walls = np.array(kind, dtype=np.int64), np.array(on, dtype=np.int64)
+                length = errand.settle(guess, touchers, walls, enough=ROOM)
+                if length < bound:
+                    bound = length
+                    yield Chain(touchers, walls, guess, length)
 
 
 def _guesses(errand: Errand, cycles: int) -> Iterator[NDArray[np.float64]]:
@@ -230,8 +286,11 @@ def _guesses(errand: Errand, cycles: int) -> Iterator[NDArray[np.float64]]:
 
 def refined(errand: Errand, chain: Chain) -> Chain:
     """Return a chain of the same kind made as short as can be; the same one if that fails or it is very long."""
-    guess = chain.unknowns.copy()
     if chain.cycles > _DEEPEST:
         return chain
+    if chain.last is not None:  # aim at what it reaches
+        off = (chain.last - errand.after) / 2
+        errand = replace(errand, goal=errand.goal + np.stack([-off, off]))
+    guess = chain.unknowns.copy()
     length = errand.settle(guess, chain.touchers, chain.walls)
-    return Chain(chain.touchers, chain.walls, guess, length) if length < chain.length else chain
+    return replace(chain, unknowns=guess, length=length) if length < inf else chain

@@ -31,6 +31,8 @@ class Walls:
         Length of the unit.
     origin : ndarray of float64, shape (d,)
         Where zero lies.
+    base : Walls or None
+        Of a prism or cylinder: the walls of its base, in the plane.
     """
 
     frames: NDArray[np.float64]
@@ -41,6 +43,7 @@ class Walls:
     height: float
     scale: float
     origin: Points
+    base: Walls | None = None
 
     @property
     def dimensions(self) -> int:
@@ -92,4 +95,5 @@ def walls_of(workspace: ConvexWorkspace) -> Walls:
             reaches[cap] = 1.0
     offsets = (workspace.offsets - workspace.normals @ origin) / scale
     circle = np.array([0.0, 0.0, workspace.radius / scale])
-    return Walls(frames, reaches, np.ascontiguousarray(workspace.normals), offsets, circle, height, scale, origin)
+    base = walls_of(workspace.base) if d == 3 else None
+    return Walls(frames, reaches, np.ascontiguousarray(workspace.normals), offsets, circle, height, scale, origin, base)

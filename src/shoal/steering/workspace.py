@@ -77,6 +77,11 @@ class ConvexWorkspace:
         return sides if self.dimensions == 2 or self.open_ends else np.concatenate([sides, [0.0, -self.height]])
 
     @cached_property
+    def base(self) -> ConvexWorkspace:
+        """The polygon or disk that a prism or cylinder stands on; a plane workspace itself."""
+        return ConvexWorkspace("disk" if self.round else "polygon", self.vertices, self.radius, self.center)
+
+    @cached_property
     def differences(self) -> ConvexWorkspace:
         """All differences of two points of a plane workspace: a polygon of up to twice the sides, or a disk of twice the radius."""
         if self.dimensions != 2:

@@ -154,8 +154,24 @@ def add_limit(value, used, index, first, second, curved, forgiven, slack, order,
 
 @kernel
 def add_inside(
-    vector, skipped, used, index, slope, first, second, one, curve, normals, offsets, circle, margin, forgiven, slack, order,
-    gradient, hessian,
+    vector,
+    skipped,
+    used,
+    index,
+    slope,
+    first,
+    second,
+    one,
+    curve,
+    normals,
+    offsets,
+    circle,
+    margin,
+    forgiven,
+    slack,
+    order,
+    gradient,
+    hessian,
 ):
     """Add the limits of a point that must lie inside all walls but ``skipped`` by a margin."""
     d = vector.shape[0]
@@ -185,8 +201,27 @@ def add_inside(
 
 @kernel
 def add_hold(
-    m, toucher, wall, cycles, d, c, jacobian, delta, normals, circle, friction, push, vector, index, slope, first, second, slack, order,
-    gradient, hessian,
+    m,
+    toucher,
+    wall,
+    cycles,
+    d,
+    c,
+    jacobian,
+    delta,
+    normals,
+    circle,
+    friction,
+    push,
+    vector,
+    index,
+    slope,
+    first,
+    second,
+    slack,
+    order,
+    gradient,
+    hessian,
 ):
     """Add the limits that the wall holds the toucher while D[m] becomes D[m+1]: pushed in, and inside of the friction cone."""
     vector[:] = 0.0
@@ -237,7 +272,9 @@ def add_hold(
 
 
 @kernel
-def assess(x, slack, sharpness, touchers, walls, start, goal, frames, normals, offsets, circle, friction, margins, order, gradient, hessian):
+def assess(
+    x, slack, sharpness, touchers, walls, start, goal, frames, normals, offsets, circle, friction, margins, order, gradient, hessian
+):
     """Return the blurred length times sharpness plus the barrier, and with ``order`` 1 the derivatives.
 
     ``margins`` is (of the other particle inside, of the push into the wall, of the blur). With a slack the length is left out and
@@ -264,14 +301,49 @@ def assess(x, slack, sharpness, touchers, walls, start, goal, frames, normals, o
             # At the goal's difference the other particle may end on the toucher's wall, too: the next move lifts both.
             forgiven = margins[0] if which == 2 and m == cycles - 1 else 0.0
             total += add_inside(
-                vector, skipped, used, index, slope, first, second, m, curve, normals, offsets, circle, margins[0],
-                forgiven, slack, order, gradient, hessian,
+                vector,
+                skipped,
+                used,
+                index,
+                slope,
+                first,
+                second,
+                m,
+                curve,
+                normals,
+                offsets,
+                circle,
+                margins[0],
+                forgiven,
+                slack,
+                order,
+                gradient,
+                hessian,
             )
             if total == np.inf:
                 return total
         total += add_hold(
-            m, touchers[m], walls[m], cycles, d, c, jacobian, delta, normals, circle, friction, margins[1], vector, index, slope,
-            first, second, slack, order, gradient, hessian,
+            m,
+            touchers[m],
+            walls[m],
+            cycles,
+            d,
+            c,
+            jacobian,
+            delta,
+            normals,
+            circle,
+            friction,
+            margins[1],
+            vector,
+            index,
+            slope,
+            first,
+            second,
+            slack,
+            order,
+            gradient,
+            hessian,
         )
         if total == np.inf:
             return total
@@ -348,7 +420,22 @@ def descend(x, phase, sharpness, touchers, walls, start, goal, frames, normals, 
     for _iteration in range(NEWTON):
         slack = x[n - 1] if phase else nothing
         value = assess(
-            x, slack, sharpness, touchers, walls, start, goal, frames, normals, offsets, circle, friction, margins, 1, gradient, hessian
+            x,
+            slack,
+            sharpness,
+            touchers,
+            walls,
+            start,
+            goal,
+            frames,
+            normals,
+            offsets,
+            circle,
+            friction,
+            margins,
+            1,
+            gradient,
+            hessian,
         )
         if value == np.inf or (phase and slack < -enough):
             return
@@ -361,8 +448,22 @@ def descend(x, phase, sharpness, touchers, walls, start, goal, frames, normals, 
                 tried[i] = x[i] + step * direction[i]
             slack = tried[n - 1] if phase else nothing
             found = assess(
-                tried, slack, sharpness, touchers, walls, start, goal, frames, normals, offsets, circle, friction, margins, 0,
-                gradient, hessian,
+                tried,
+                slack,
+                sharpness,
+                touchers,
+                walls,
+                start,
+                goal,
+                frames,
+                normals,
+                offsets,
+                circle,
+                friction,
+                margins,
+                0,
+                gradient,
+                hessian,
             )
             if found <= value - 1e-4 * step * decrement + 1e-13 * abs(value):
                 break

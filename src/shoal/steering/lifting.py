@@ -1,0 +1,76 @@
+"""Getting off walls: the small moves without which a translation that starts on a wall would be held."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.steering.outline import Points
+from shoal.steering.workspace import TOUCH, ConvexWorkspace
+
+LIFT = 1e-6  # of the size: length of a lift
+RELEASED = 5e-9  # of a move's length: what it must go away from a wall to be sure of not being held
+_STEEP = 0.01  # least slope of a lift
+
+
+def touched(workspace: ConvexWorkspace, point: Points) -> Points:
+    """Return the inward normals of the walls that a particle is on; float64, shape (walls, d)."""
+    near = 2 * TOUCH * workspace.size
+    normals = workspace.normals[workspace.wall_distances(point) <= near]
+    if workspace.round and float(workspace.circle_distance(point)) <= near:
+        inward = np.zeros(len(point))
+        inward[:2] = workspace.center - point[:2]
+        normals = np.vstack([normals, inward / np.linalg.norm(inward)])
+    return normals
+
+
+def is_released(workspace: ConvexWorkspace, points: Points, move: Points) -> bool:
+    """Tell whether no wall holds any particle against a move, with room to spare."""
+    length = float(np.linalg.norm(move))
+    return all((touched(workspace, point) @ move > RELEASED * length).all() for point in points)
+
+
+def lifted(workspace: ConvexWorkspace, points: Points, move: Points) -> list[Points] | None:
+    """Return moves that translate all particles as one does: it alone, or a lift off the walls first; None if no move lifts all."""
+    if is_released(workspace, points, move):
+        return [move]
+    away = _away(np.vstack([touched(workspace, point) for point in points]), np.zeros((0, workspace.dimensions)))
+    if away is None:
+        return None
+    lift = LIFT * workspace.size * away
+    return [lift, move - lift]
+
+
+def parted(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Points]]:
+    """Return small moves, each with the state after it, that take one particle off its walls while another one is held.
+
+    For states in which no move lifts both, as on opposite walls.
+    """
+    ways = []
+    for held in (0, 1):
+        off = touched(workspace, points[1 - held])
+        for wall in touched(workspace, points[held]):
+            away = _away(off, -wall[None])
+            if away is not None:
+                after = points.copy()
+                after[1 - held] += LIFT * workspace.size * away
+                ways.append((LIFT * workspace.size * away, after))
+    return ways
+
+
+def _away(positive: Points, pushed: Points) -> Points | None:
+    """Return the unit vector whose products with all given vectors are largest at the least; None if one would not be positive."""
+    from scipy.optimize import linprog
+
+    rows = np.vstack([positive, pushed])
+    d = rows.shape[1]
+    if not len(rows):
+        return np.eye(d)[0]
+    found = linprog(
+        np.r_[np.zeros(d), -1.0],
+        A_ub=np.hstack([-rows, np.ones((len(rows), 1))]),
+        b_ub=np.zeros(len(rows)),
+        bounds=[(-1, 1)] * d + [(None, None)],
+    )
+    vector = np.asarray(found.x[:d])
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > 0 and found.x[d] / length > _STEEP else None

@@ -1,0 +1,147 @@
+"""The paper's algorithm 1: always to the nearest difference that one cycle makes."""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.steering.chains import Chain, Errand, shortest_chain
+from shoal.steering.kernels.nearest import nearest_on_circle, nearest_on_polygon
+from shoal.steering.outline import Points
+from shoal.steering.planners.base import PLANNERS
+from shoal.steering.task import Task
+
+_PATIENCE, _SLOW = 4, 0.7  # so many cycles must bring the difference nearer to the goal's by that factor
+_EQUAL = 1e-9  # of the size: ways that come as near as that are chosen between by their length
+
+
+@PLANNERS.register("greedy")
+class Greedy:
+    """Cycle after cycle to the difference nearest to the goal's that one contact and one adjustment make.
+
+    Of several equally near ones the toucher goes straight to its wall by the shortest way there and on to its goal. In space the
+    plan is that of the plane, with heights.
+
+    Notes
+    -----
+    Source: paper W, algorithms 1 to 3, corrected, and section IV.G.
+    """
+
+    name = "greedy"
+
+    def plan(self, task: Task) -> Points | None:
+        """Return moves; see `Planner`."""
+        for first, state in task.departures():
+            errand = task.errand(start=state)
+            chain = greedy_chain(errand, tolerance=task.tolerance / errand.walls.scale / 4, cycles=task.max_moves // 2)
+            moves = None if chain is None else task.moves_of(chain, errand)
+            if moves is not None:
+                return np.array([*first, *moves])
+        return None
+
+
+def greedy_chain(errand: Errand, *, tolerance: float, cycles: int) -> Chain | None:
+    """Return the chain of algorithm 1, None if it comes to a halt far from the goal or would need more cycles.
+
+    Its last difference is the goal's; what it really reaches is nearer to that than ``tolerance``, or it stops at ``cycles``.
+    """
+    if errand.walls.dimensions == 3:
+        return _with_heights(errand, tolerance=tolerance, cycles=cycles)
+    touchers: list[int] = []
+    walls: list[int] = []
+    contacts: list[float] = []
+    deltas: list[Points] = []
+    state = errand.start
+    lefts = [inf] * _PATIENCE
+    while len(touchers) < max(cycles, 1):
+        delta = state[1] - state[0]
+        left = float(np.linalg.norm(delta - errand.after))
+        if left <= tolerance and touchers:
+            break
+        step = _cycle_on_circle(errand, state) if errand.walls.round else _cycle_on_polygon(errand, state)
+        lefts.append(left)
+        if step is None or not step[0] < left - 1e-12 or left > _SLOW * lefts[-1 - _PATIENCE]:
+            # No way on, or hardly one, from a difference none of whose neighbours is nearer: another chain may pass it by.
+            other_chain = shortest_chain(errand, first_found=True)
+            if other_chain is not None or step is None or not step[0] < left - 1e-12:
+                return other_chain
+            lefts += [inf] * cycles
+        _, toucher, wall, along, contact, after = step
+        touchers.append(toucher)
+        walls.append(wall)
+        contacts.append(along)
+        deltas.append(after)
+        other = contact + (after if toucher == 0 else -after)
+        state = np.stack([contact, other] if toucher == 0 else [other, contact])
+    unknowns = np.concatenate([np.array(contacts), *deltas[:-1]])
+    return Chain(np.array(touchers), np.array(walls), unknowns, inf, last=deltas[-1])
+
+
+def _cycle_on_polygon(errand: Errand, state: Points) -> tuple[float, int, int, float, Points, Points] | None:
+    """Return how near a cycle comes, its toucher, wall, the contact along it and as a point, and Δ after it."""
+    frames, normals, offsets, _ = errand.walls.shape
+    found = np.full((len(normals), 2, 5), inf)
+    nearest_on_polygon(
+        state[1] - state[0],
+        errand.after,
+        frames,
+        errand.walls.reaches,
+        normals,
+        offsets,
+        errand.friction,
+        errand.margin,
+        errand.push,
+        found,
+    )
+    nearest = float(found[..., 0].min())
+    if nearest == inf:
+        return None
+    best, shortest = None, inf
+    for wall, toucher in np.argwhere(found[..., 0] <= nearest + _EQUAL):
+        away, x, y, low, high = found[wall, toucher]
+        middle, along = frames[wall]
+        place = float(np.clip((state[toucher] - middle) @ along, low, high))
+        contact = middle + place * along
+        length = float(np.linalg.norm(contact - state[toucher]) + np.linalg.norm(errand.goal[toucher] - contact))
+        if length < shortest:
+            best, shortest = (float(away), int(toucher), int(wall), place, contact, np.array([x, y])), length
+    return best
+
+
+def _cycle_on_circle(errand: Errand, state: Points) -> tuple[float, int, int, float, Points, Points] | None:
+    """Return the same for a disk."""
+    radius = errand.walls.circle[2]
+    found: NDArray[np.float64] = np.zeros(4)
+    delta = state[1] - state[0]
+    nearest_on_circle(delta, errand.after, radius, errand.friction, errand.margin, errand.push, found)
+    away, x, y, angle = found
+    if away == inf:
+        return None
+    best, shortest = None, inf
+    for toucher in (0, 1):
+        place = float(angle + np.pi * toucher)
+        contact = radius * np.array([np.cos(place), np.sin(place)])
+        length = float(np.linalg.norm(contact - state[toucher]) + np.linalg.norm(errand.goal[toucher] - contact))
+        if length < shortest:
+            best, shortest = (float(away), toucher, 0, radius * place, contact, np.array([x, y])), length
+    return best
+
+
+def _with_heights(errand: Errand, *, tolerance: float, cycles: int) -> Chain | None:
+    """Return the chain of the plane with heights for its contacts; with further cycles where they do not fit in."""
+    flat = errand.flat()
+    if min(float(np.linalg.norm(flat.before)), float(np.linalg.norm(flat.before - flat.after))) > tolerance:
+        chain = greedy_chain(flat, tolerance=tolerance, cycles=cycles)
+        if chain is not None and chain.last is not None and float(np.linalg.norm(chain.last - flat.after)) <= tolerance:
+            m = chain.cycles
+            guess = errand.guess(m)
+            guess[: 2 * m : 2] = chain.unknowns[:m]
+            guess[1 : 2 * m : 2] = errand.walls.height / 2
+            guess[2 * m :].reshape(-1, 3)[:, :2] = chain.unknowns[m:].reshape(-1, 2)
+            on = np.full(m, len(errand.walls.normals)) if errand.walls.round else chain.walls
+            length = errand.settle(guess, chain.touchers, on, rounds=np.empty(0))
+            if length < inf:
+                return Chain(chain.touchers, on, guess, length)
+    return shortest_chain(errand, first_found=True)

@@ -1,0 +1,47 @@
+"""The shortest plan over walls that is found."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.steering.chains import Chain, Errand, refined, shortest_chain
+from shoal.steering.outline import Points
+from shoal.steering.planners.base import PLANNERS
+from shoal.steering.planners.greedy import greedy_chain
+from shoal.steering.task import Task
+
+
+@PLANNERS.register("shortest")
+class Shortest:
+    """The shortest chain of up to three contacts and adjustments; where three are not enough, a greedy one made short.
+
+    Notes
+    -----
+    Source: paper W, section V, with contacts clamped to where they can be, and several cycles.
+    """
+
+    name = "shortest"
+
+    def plan(self, task: Task) -> Points | None:
+        """Return moves; see `Planner`."""
+        best: Points | None = None
+        for first, state in task.departures():
+            errand = task.errand(start=state)
+            chain = shortest_chain(errand) or longer_chain(errand, task)
+            moves = None if chain is None else task.moves_of(chain, errand)
+            if moves is not None:
+                whole = np.array([*first, *moves])
+                if best is None or path_length(whole) < path_length(best):
+                    best = whole
+        return best
+
+
+def longer_chain(errand: Errand, task: Task) -> Chain | None:
+    """Return a greedy chain of more than three cycles, shortened."""
+    chain = greedy_chain(errand, tolerance=task.tolerance / errand.walls.scale / 4, cycles=task.max_moves // 2)
+    return None if chain is None else refined(errand, chain)
+
+
+def path_length(moves: Points) -> float:
+    """Return the length of all moves."""
+    return float(np.linalg.norm(moves, axis=1).sum())

@@ -1,0 +1,167 @@
+"""Task: what a planner is given, and what two particles on convex ground can never do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from shoal.steering.chains import MARGIN, Chain, Errand
+from shoal.steering.kernels.sequences import least_ways
+from shoal.steering.lifting import lifted, parted
+from shoal.steering.outline import Points
+from shoal.steering.walls import walls_of
+from shoal.steering.workspace import TOUCH
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """From one state to another in a world: what planners plan.
+
+    Parameters
+    ----------
+    world : ContactWorld
+        Or another world with ``room``, ``step`` and ``play``.
+    start, goal : ndarray of float64, shape (n, d)
+        Who goes where is settled.
+    tolerance : float
+        How far from its goal each particle may end.
+    max_moves : int
+        More are of no use.
+    seed : int
+        For planners that draw numbers.
+    """
+
+    world: Any
+    start: Points
+    goal: Points
+    tolerance: float
+    max_moves: int = 100
+    seed: int = 0
+
+    @property
+    def before(self) -> Points:
+        """Δ at the start."""
+        return np.asarray(self.start[1] - self.start[0])
+
+    @property
+    def after(self) -> Points:
+        """Δ at the goal."""
+        return np.asarray(self.goal[1] - self.goal[0])
+
+    @cached_property
+    def aim(self) -> Points:
+        """The goal, off the walls by a part of the tolerance where it is on one; float64, shape (2, d)."""
+        room = self.world.room
+        aim = self.goal.copy()
+        center = np.zeros(room.dimensions)
+        center[:2] = room.center
+        center[2:] = room.height / 2
+        for point in aim:
+            away = float(np.linalg.norm(center - point))
+            if float(room.depth(point)) < 0.2 * self.tolerance and away > 0:
+                point += min(0.45 * self.tolerance / away, 1.0) * (center - point)
+        return aim
+
+    def errand(self, start: Points | None = None, aim: Points | None = None) -> Errand:
+        """Return the same for chains of contacts, in the units of their walls."""
+        walls = walls_of(self.world.room)
+        margin = min(MARGIN, 0.02 * self.tolerance / walls.scale)
+        return Errand(
+            walls,
+            walls.inward(self.start if start is None else start),
+            walls.inward(self.aim if aim is None else aim),
+            friction=float(self.world.friction),
+            margin=max(margin, 2e-9),
+        )
+
+    def error(self, points: Points) -> float:
+        """Return the largest distance of a particle to its goal."""
+        return float(np.linalg.norm(points - self.goal, axis=1).max())
+
+    def straight(self) -> Points | None:
+        """Return the moves of a mere translation, shape (moves, d), if that will do; else None."""
+        if float(np.linalg.norm(self.after - self.before)) > 2 * self.tolerance * (1 - 1e-9):
+            return None
+        move = (self.goal - self.start).mean(axis=0)
+        moves = lifted(self.world.room, self.start, move)
+        if moves is None or self.error(self.world.play(self.start, moves)[-1]) > self.tolerance:
+            return None
+        return np.array(moves)
+
+    def moves_of(self, chain: Chain, errand: Errand) -> Points | None:
+        """Return the moves that play a chain, with lifts where a translation starts on a wall; None if a lift cannot be had."""
+        room, walls = self.world.room, errand.walls
+        planned = chain.moves(walls, errand.start, errand.goal) * walls.scale
+        state, moves = walls.outward(errand.start), []
+        for index, move in enumerate(planned):
+            if index % 2:  # an adjustment
+                steps: list[Points] | None = [move]
+            elif float(np.linalg.norm(move)) <= 1e-12 * room.size:
+                continue
+            else:
+                steps = lifted(room, state, move)
+            if steps is None:
+                return None
+            for step in steps:
+                moves.append(step)
+                state = self.world.step(state, step)
+        return np.array(moves)
+
+    def departures(self) -> list[tuple[list[Points], Points]]:
+        """Return ways to begin: moves and the state after them; nothing at all, and small steps where no move lifts both."""
+        room = self.world.room
+        if lifted(room, self.start, np.zeros(room.dimensions)) is not None:
+            return [([], self.start)]
+        return [([move], after) for move, after in parted(room, self.start)]
+
+    def lower_bound(self) -> float:
+        """Return a length below which no plan ends within the tolerance; see spec of the planners in docs/concepts/steering.md."""
+        direct = float(np.linalg.norm(self.goal - self.start, axis=1).max())
+        apart = float(np.linalg.norm(self.after - self.before))
+        if apart <= 2 * self.tolerance:
+            return max(direct - self.tolerance, 0.0)
+        walls = walls_of(self.world.room)
+        _, normals, offsets, circle = walls.shape
+        ways = least_ways(walls.inward(self.start), walls.inward(self.goal), normals, offsets, circle).min(axis=1) * walls.scale
+        if self.world.friction < inf:  # a toucher that slides moves and changes Δ at once
+            return max(direct - self.tolerance, float(ways.min()) - self.tolerance, apart - 2 * self.tolerance, 0.0)
+        one = float(ways.min()) + apart - 3 * self.tolerance
+        both = (float(ways.sum()) + apart) / 2 - 2 * self.tolerance
+        return max(min(one, both), direct - self.tolerance, 0.0)
+
+
+def never(task: Task) -> str | None:
+    """Return why no plan can exist, None if one may."""
+    room = task.world.room
+    flat = float(np.hypot(*(task.before[:2])))
+    if flat > TOUCH * room.size or float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
+        return None
+    if room.dimensions == 2:
+        return "the particles start at one point, and a shared input never parts them"
+    if room.open_ends:
+        return "the particles start above each other in an open tube: side walls stop both at once, and there is no end cap"
+    return None
+
+
+def approached(task: Task) -> str | None:
+    """Return why the goal can only be approached, None if it can be reached."""
+    room = task.world.room
+    if float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
+        return None
+    near = TOUCH * room.size
+    if room.round:
+        across = float(np.hypot(*task.after[:2]))
+        if across >= 2 * room.radius - near and float(np.max(room.circle_distance(task.goal))) <= near:
+            return "the goals lie opposite each other on the round wall, and their distance can only be approached"
+    on = [np.flatnonzero(room.wall_distances(point) <= near) for point in task.goal]
+    if len(on[0]) == len(on[1]) == 1 and float(room.normals[on[0][0]] @ room.normals[on[1][0]]) <= -1 + 1e-12:
+        circles = [float(room.circle_distance(point)) for point in task.goal]
+        if min(circles) > near:
+            return (
+                "the goals lie on opposite parallel walls, neither in a corner: no wall could hold one while the other comes there"
+            )
+    return None
