@@ -7,14 +7,14 @@ import numpy as np
 from shoal.steering.outline import Points
 from shoal.steering.workspace import TOUCH, ConvexWorkspace
 
-LIFT = 1e-6  # of the size: length of a lift
+LIFTS = (1e-6, 1e-7, 2e-8)  # of the size: lengths of a lift, the first that takes no particle into another wall
 RELEASED = 5e-9  # of a move's length: what it must go away from a wall to be sure of not being held
 _STEEP = 0.01  # least slope of a lift
 
 
-def touched(workspace: ConvexWorkspace, point: Points) -> Points:
-    """Return the inward normals of the walls that a particle is on; float64, shape (walls, d)."""
-    near = 2 * TOUCH * workspace.size
+def touched(workspace: ConvexWorkspace, point: Points, *, within: float = 2 * TOUCH) -> Points:
+    """Return the inward normals of the walls that a particle is on, or within a part of the size; float64, shape (walls, d)."""
+    near = within * workspace.size
     normals = workspace.normals[workspace.wall_distances(point) <= near]
     if workspace.round and float(workspace.circle_distance(point)) <= near:
         inward = np.zeros(len(point))
@@ -33,11 +33,12 @@ def lifted(workspace: ConvexWorkspace, points: Points, move: Points) -> list[Poi
     """Return moves that translate all particles as one does: it alone, or a lift off the walls first; None if no move lifts all."""
     if is_released(workspace, points, move):
         return [move]
-    away = _away(np.vstack([touched(workspace, point) for point in points]), np.zeros((0, workspace.dimensions)))
-    if away is None:
-        return None
-    lift = LIFT * workspace.size * away
-    return [lift, move - lift]
+    for length in LIFTS:
+        away = _away(np.vstack([touched(workspace, point, within=1.5 * length) for point in points]), np.zeros((0, len(move))))
+        if away is not None:
+            lift = length * workspace.size * away
+            return [lift, move - lift]
+    return None
 
 
 def parted(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Points]]:
@@ -47,13 +48,14 @@ def parted(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Poi
     """
     ways = []
     for held in (0, 1):
-        off = touched(workspace, points[1 - held])
         for wall in touched(workspace, points[held]):
-            away = _away(off, -wall[None])
-            if away is not None:
-                after = points.copy()
-                after[1 - held] += LIFT * workspace.size * away
-                ways.append((LIFT * workspace.size * away, after))
+            for length in LIFTS:
+                away = _away(touched(workspace, points[1 - held], within=1.5 * length), -wall[None])
+                if away is not None:
+                    after = points.copy()
+                    after[1 - held] += length * workspace.size * away
+                    ways.append((length * workspace.size * away, after))
+                    break
     return ways
 
 
