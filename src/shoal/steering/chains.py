@@ -21,7 +21,7 @@ ROOM = 1e-4  # and on a circle
 REFINING = 20.0 * 12.0 ** np.arange(8)
 ROUGH = REFINING[:2]
 _POLISHED = 8  # rough chains over a circle that are worth it
-_DEEPEST = 12  # cycles of a chain that is only refined
+_DEEPEST = 6  # cycles of a chain that is only refined
 
 
 @dataclass(frozen=True, eq=False)

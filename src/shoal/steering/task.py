@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from shoal.steering.chains import MARGIN, Chain, Errand
+from shoal.steering.friction import friction_limit
 from shoal.steering.kernels.sequences import least_ways
 from shoal.steering.lifting import lifted, parted
 from shoal.steering.outline import Points
@@ -138,8 +139,12 @@ def never(task: Task) -> str | None:
     """Return why no plan can exist, None if one may."""
     room = task.world.room
     flat = float(np.hypot(*(task.before[:2])))
-    if flat > TOUCH * room.size or float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
+    if float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
         return None
+    if flat > TOUCH * room.size:
+        # What ends within the tolerance may differ from the goal's difference by twice as much.
+        nearer = task.after * max(0.0, 1 - 2 * task.tolerance / max(float(np.linalg.norm(task.after)), 1e-300))
+        return friction_limit(room, float(task.world.friction), task.before, nearer)
     if room.dimensions == 2:
         return "the particles start at one point, and a shared input never parts them"
     if room.open_ends:

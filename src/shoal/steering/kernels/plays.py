@@ -112,7 +112,22 @@ def holds_nearby(start, goal, toucher, played, nudges, normals, offsets, circle,
 
 @kernel
 def search(
-    start, goal, tried, directions, shares, nudges, enough, picks, normals, offsets, circle, size, friction, gain, played, best_moves
+    start,
+    goal,
+    tried,
+    directions,
+    shares,
+    nudges,
+    enough,
+    picks,
+    normals,
+    offsets,
+    circle,
+    size,
+    friction,
+    gain,
+    played,
+    best_moves,
 ):
     """Try ``tried`` moves from a state and the two that follow; write the shortest plan; return its length and how many were found.
 

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.steering.chains import Chain, Errand, shortest_chain
+from shoal.steering.growing import grown_chain
 from shoal.steering.kernels.nearest import nearest_on_circle, nearest_on_polygon
 from shoal.steering.outline import Points
 from shoal.steering.planners.base import PLANNERS
 from shoal.steering.task import Task
 
-_PATIENCE, _SLOW = 4, 0.7  # so many cycles must bring the difference nearer to the goal's by that factor
+_PATIENCE = 4  # cycles by whose progress the rest is judged
+_SLOW = 16  # cycles: if more are left another chain is looked for
 _EQUAL = 1e-9  # of the size: ways that come as near as that are chosen between by their length
 
 
@@ -62,9 +64,9 @@ def greedy_chain(errand: Errand, *, tolerance: float, cycles: int) -> Chain | No
             break
         step = _cycle_on_circle(errand, state) if errand.walls.round else _cycle_on_polygon(errand, state)
         lefts.append(left)
-        if step is None or not step[0] < left - 1e-12 or left > _SLOW * lefts[-1 - _PATIENCE]:
+        if step is None or not step[0] < left - 1e-12 or _is_slow(left, lefts[-1 - _PATIENCE], tolerance):
             # No way on, or hardly one, from a difference none of whose neighbours is nearer: another chain may pass it by.
-            other_chain = shortest_chain(errand, first_found=True)
+            other_chain = any_chain(errand)
             if other_chain is not None or step is None or not step[0] < left - 1e-12:
                 return other_chain
             lefts += [inf] * cycles
@@ -77,6 +79,24 @@ def greedy_chain(errand: Errand, *, tolerance: float, cycles: int) -> Chain | No
         state = np.stack([contact, other] if toucher == 0 else [other, contact])
     unknowns = np.concatenate([np.array(contacts), *deltas[:-1]])
     return Chain(np.array(touchers), np.array(walls), unknowns, inf, last=deltas[-1])
+
+
+def _is_slow(left: float, before: float, tolerance: float) -> bool:
+    """Tell whether at this pace, each cycle by the same factor, too many cycles are left."""
+    return (
+        before < inf
+        and left > tolerance
+        and (left >= before or np.log(tolerance / left) * _PATIENCE < _SLOW * np.log(left / before))
+    )
+
+
+def any_chain(errand: Errand) -> Chain | None:
+    """Return a chain that ends with the goal's difference exactly, however many cycles it takes; None if none is found."""
+    few = (1, 2) if errand.friction < inf else (1, 2, 3)
+    chain = shortest_chain(errand, cycles=few, first_found=True)
+    if chain is None and errand.walls.dimensions == 2:
+        chain = grown_chain(errand)
+    return chain
 
 
 def _cycle_on_polygon(errand: Errand, state: Points) -> tuple[float, int, int, float, Points, Points] | None:
