@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from math import inf, pi
 
@@ -93,6 +93,8 @@ class Errand:
         How far the other particle stays off the walls.
     push : float
         How much each adjustment goes into the wall.
+    rounds : ndarray of float64
+        Sharpness of the rounds by which a chain is made short; few and low ones leave it far from all limits.
     """
 
     walls: Walls
@@ -101,6 +103,7 @@ class Errand:
     friction: float = inf
     margin: float = MARGIN
     push: float = 1e-9
+    rounds: NDArray[np.float64] = field(default_factory=REFINING.copy)
 
     @property
     def before(self) -> Points:
@@ -124,7 +127,7 @@ class Errand:
         on: NDArray[np.int64],
         *,
         enough: float = ENOUGH,
-        rounds: NDArray[np.float64] = REFINING,
+        rounds: NDArray[np.float64] | None = None,
         bound: float = inf,
     ) -> float:
         """Make a guess allowed and short, in place; return its length, infinite if that cannot be."""
@@ -134,7 +137,7 @@ class Errand:
             kernels.settle(
                 guess,
                 enough,
-                rounds,
+                self.rounds if rounds is None else rounds,
                 bound,
                 touchers,
                 on,

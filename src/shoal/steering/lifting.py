@@ -34,7 +34,7 @@ def lifted(workspace: ConvexWorkspace, points: Points, move: Points) -> list[Poi
     if is_released(workspace, points, move):
         return [move]
     for length in LIFTS:
-        away = _away(np.vstack([touched(workspace, point, within=1.5 * length) for point in points]), np.zeros((0, len(move))))
+        away = away_from(np.vstack([touched(workspace, point, within=1.5 * length) for point in points]))
         if away is not None:
             lift = length * workspace.size * away
             return [lift, move - lift]
@@ -50,7 +50,7 @@ def parted(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Poi
     for held in (0, 1):
         for wall in touched(workspace, points[held]):
             for length in LIFTS:
-                away = _away(touched(workspace, points[1 - held], within=1.5 * length), -wall[None])
+                away = away_from(np.vstack([touched(workspace, points[1 - held], within=1.5 * length), -wall[None]]))
                 if away is not None:
                     after = points.copy()
                     after[1 - held] += length * workspace.size * away
@@ -59,11 +59,10 @@ def parted(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Poi
     return ways
 
 
-def _away(positive: Points, pushed: Points) -> Points | None:
-    """Return the unit vector whose products with all given vectors are largest at the least; None if one would not be positive."""
+def away_from(rows: Points) -> Points | None:
+    """Return the unit vector whose products with all given vectors are largest at the least; None if one would hardly be positive."""
     from scipy.optimize import linprog
 
-    rows = np.vstack([positive, pushed])
     d = rows.shape[1]
     if not len(rows):
         return np.eye(d)[0]

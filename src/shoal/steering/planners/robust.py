@@ -1,0 +1,341 @@
+"""A closed loop: look, plan, make sure of each contact, adjust from what is seen, plan anew."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.steering.chains import Chain, Errand, shortest_chain
+from shoal.steering.disturbance import Disturbance
+from shoal.steering.kernels.contact import first_contact
+from shoal.steering.lifting import away_from, touched
+from shoal.steering.outline import Points
+from shoal.steering.planners.base import PLANNERS
+from shoal.steering.planners.greedy import any_chain
+from shoal.steering.planners.shortest import Shortest
+from shoal.steering.task import Task
+
+SURE = 4.0  # standard deviations that count as never
+LEAST = 1e-4  # of the size: the smallest overshoot
+CENTRAL = np.array([8.0, 40.0])  # sharpness that leaves chains far from all limits
+PRIOR = 0.3  # standard deviation of the gain's slope, in gains a size, before anything is seen
+
+
+class Apparatus(Protocol):
+    """What a closed loop works with: a camera and an input."""
+
+    noise: Disturbance
+
+    def begin(self, start: Points) -> None:
+        """Put the particles at the start."""
+
+    def look(self) -> Points:
+        """Return where the camera sees the particles."""
+        ...
+
+    def send(self, move: Points) -> None:
+        """Move the particles."""
+
+
+@PLANNERS.register("robust")
+class Robust:
+    """Plans that survive noise, one cycle at a time.
+
+    To a contact it goes further than to the wall, by what noise and the unknown gain may take away, so that the wall holds the
+    toucher for sure. The adjustment then makes, from what the camera sees, the difference that the way to the goal will turn into
+    the goal's, and it always pushes into the wall. The gain of the field is learnt from how the particles have followed.
+
+    Notes
+    -----
+    Ours. The apparatus of paper W, section VII.A, had a field that was not uniform.
+    """
+
+    name = "robust"
+
+    def plan(self, task: Task) -> Points | None:
+        """Return the shortest moves: in a world without noise there is nothing to survive."""
+        return Shortest().plan(task)
+
+    def control(self, task: Task, apparatus: Any) -> tuple[Points, Points]:
+        """Return the moves that were sent and the states that they led to."""
+        loop = _Loop(task, apparatus)
+        loop.run()
+        d = task.start.shape[1]
+        return np.array(apparatus.moves).reshape(-1, d), np.array(apparatus.states)
+
+
+class _Loop:
+    """One run of the closed loop."""
+
+    def __init__(self, task: Task, apparatus: Any) -> None:
+        self.task, self.apparatus = task, apparatus
+        self.room = task.world.room
+        self.noise = apparatus.noise
+        self.field = _Field(self.room, self.noise)
+        apparatus.begin(task.start)
+        self.seen = self._inside(apparatus.look())
+
+    @property
+    def sent(self) -> int:
+        """Moves so far."""
+        return len(self.apparatus.moves)
+
+    def run(self) -> None:
+        """Go on until the particles are seen at their goals, or the moves are used up."""
+        while self.sent < self.task.max_moves and not self._arrived():
+            apart = float(np.linalg.norm(self._wanted(self.seen) - (self.seen[1] - self.seen[0])))
+            if apart <= self._good_enough():
+                self._translate(self._to_goal(self.seen))
+                continue
+            if not self._cycle():
+                # Nothing can be done from here: into the middle, and look again.
+                self._send((self._middle() - self.seen.mean(axis=0)) * 0.5)
+
+    def _arrived(self) -> bool:
+        return self.task.error(self.seen) <= max(self.task.tolerance - 2 * self.noise.measurement, 0.6 * self.task.tolerance)
+
+    def _good_enough(self) -> float:
+        """How far the difference may be off for a translation to end within the tolerance, noise and all."""
+        return max(1.2 * self.task.tolerance - 2 * self.noise.measurement, 0.8 * self.task.tolerance)
+
+    def _cycle(self) -> bool:
+        """Make one contact and one adjustment; return whether a chain was found."""
+        spread = SURE * float(np.hypot(self.noise.execution, self.noise.measurement))
+        found: Chain | None = None
+        for share in (1.0, 0.5, 0.2, 0.05, 0.0):
+            margin = max(share * 2 * spread, LEAST * self.room.size)
+            errand = self._errand(margin)
+            found = shortest_chain(errand, cycles=(1, 2), first_found=True)
+            if found is not None:
+                break
+        if found is None:
+            errand = self._errand(1e-6 * self.room.size)
+            found = any_chain(errand)
+            if found is None:
+                return False
+        walls = errand.walls
+        toucher = int(found.touchers[0])
+        contact = walls.outward(found.contacts(walls)[0])
+        target = found.differences(errand.before, errand.after)[1] * walls.scale
+        last = found.cycles == 1
+        if not self._touch(toucher, contact, spread):
+            return True
+        self._adjust(toucher, target, last=last, spread=spread)
+        return True
+
+    def _errand(self, margin: float) -> Errand:
+        """Return the way to the goal for chains that keep off the walls by a margin, and push into them by it."""
+        seen = self.seen
+        wanted = self._wanted(seen)
+        middle = self.task.goal.mean(axis=0)
+        aim = np.stack([middle - wanted / 2, middle + wanted / 2])
+        errand = self.task.errand(start=seen, aim=aim)
+        part = margin / errand.walls.scale
+        return Errand(errand.walls, errand.start, errand.goal, friction=errand.friction * 0.9, margin=part, push=1.5 * part, rounds=CENTRAL)
+
+    def _touch(self, toucher: int, contact: Points, spread: float) -> bool:
+        """Bring the toucher against the wall, a little further than to the contact; return whether it is on it, as far as is seen.
+
+        From far away the field's doubt would have to be overshot by so much that the other particle meets the wall, too; so the
+        first move ends short of it.
+        """
+        for attempt in range(4):
+            if self.sent >= self.task.max_moves:
+                return False
+            here = self.seen[toucher]
+            inward = self._normal(contact)
+            way = contact - here
+            unsure = 2 * self.field.doubt(here, contact) * float(np.linalg.norm(way))
+            apart = float(inward @ (self.seen[1 - toucher] - here))
+            if unsure > min(spread, 0.2 * apart) and attempt < 3:
+                way = way + inward * (unsure + spread)
+                self._translate(way / self.field.mean(here, contact))
+                continue
+            # Not so far over that the other particle comes to the wall as well.
+            over = max(min(spread + unsure, 0.45 * apart), LEAST * self.room.size)
+            self._translate(way / self.field.mean(here, contact) - inward * over)
+            if self._distance(self.seen[toucher]) <= 3 * self.noise.measurement + 2e-9 * self.room.size:
+                return True
+            contact = self._foot(self.seen[toucher])
+        return False
+
+    def _translate(self, move: Points) -> None:
+        """Send a move that no wall may hold at its start: a lift first, if a particle may be on a wall that it hardly leaves."""
+        near = 3 * self.noise.measurement / self.room.size + 2e-9
+        normals = np.vstack([touched(self.room, point, within=near) for point in self.seen])
+        least = SURE * self.noise.execution + 1e-8 * self.room.size
+        if len(normals) and float((normals @ move).min()) < least:
+            lift = away_from(normals)
+            if lift is not None:
+                lift = lift * (2 * least + 3 * self.noise.measurement)
+                self._send(lift)
+                move = move - lift
+        self._send(move)
+
+    def _adjust(self, toucher: int, target: Points, *, last: bool, spread: float) -> None:
+        """Move the other particle while the wall holds the toucher, towards a difference; again if that falls short."""
+        sign = 1.0 if toucher == 0 else -1.0
+        other = 1 - toucher
+        for attempt in range(3):
+            if self.sent >= self.task.max_moves:
+                return
+            inward = self._normal(self._foot(self.seen[toucher]))
+            if last:
+                target = self._wanted(self.seen)
+            # The toucher is on the wall: its place is known better than it is seen.
+            here = self.seen.copy()
+            here[toucher] = self._foot(here[toucher])
+            change = sign * (target - (here[1] - here[0]))
+            move = change / self.field.mean(here[other], here[other] + change)
+            length = float(np.linalg.norm(move))
+            unsure = 2 * self.field.doubt(here[other], here[other] + change) * length
+            if unsure > 2 * spread and attempt < 2:
+                move = move * max(1 - (unsure + spread) / length, 0.3)
+            push = -float(inward @ move)
+            least = max(spread, LEAST * self.room.size)
+            if self.task.world.friction < inf:
+                along = float(np.linalg.norm(move + push * inward))
+                least = max(least, 1.1 * along / float(self.task.world.friction))
+            if push < least:
+                # Not held for sure: push into the wall as well, and let what that spoils be mended later.
+                if push < -least:
+                    return
+                move = move - inward * (least - push)
+            room = self._room_along(here[other], move) - spread
+            length = float(np.linalg.norm(move))
+            if room < length:
+                if room < 0.2 * length:
+                    return  # no way on: another contact will do better
+                move = move * (room / length)
+            self._send(move)
+            left = float(np.linalg.norm(target - (self.seen[1] - self.seen[0])))
+            if left <= max(self._good_enough() / 2, spread if not last else 0.0):
+                return
+
+    def _room_along(self, point: Points, move: Points) -> float:
+        """Return how far a particle can go before it meets a wall."""
+        walls = self.task.errand().walls
+        here = walls.inward(point)
+        share, _ = first_contact(here, np.ascontiguousarray(move / walls.scale), walls.normals, walls.offsets, walls.circle, -1)
+        return float(share * np.linalg.norm(move))
+
+    def _wanted(self, seen: Points) -> Points:
+        """Return the difference that a translation to the goal, in the field as it is known, turns into the goal's."""
+        goal = self.task.goal
+        before = goal.copy()
+        move = (goal - seen).mean(axis=0)
+        for _round in range(3):
+            before = np.stack([self.field.back(point, move) for point in goal])
+            move = goal[0] - seen[0]
+            gain = self.field.mean(seen[0], goal[0])
+            move = move / gain
+        return np.asarray(before[1] - before[0])
+
+    def _to_goal(self, seen: Points) -> Points:
+        """Return the move that brings both as near to their goals as can be."""
+        move = (self.task.goal - seen).mean(axis=0)
+        for _round in range(4):
+            after = np.stack([self.field.forth(point, move) for point in seen])
+            move = move + (self.task.goal - after).mean(axis=0)
+        return move
+
+    def _send(self, move: Points) -> None:
+        before = self.seen
+        self.apparatus.send(move)
+        self.seen = self._inside(self.apparatus.look())
+        for here, there in zip(before, self.seen, strict=True):
+            # Who has met no wall tells of the field.
+            clear = 4 * self.noise.measurement + 1e-6 * self.room.size
+            if self._distance(here) > clear and self._distance(there) > clear:
+                self.field.learn(here, there, move)
+
+    def _distance(self, point: Points) -> float:
+        return float(self.room.depth(point))
+
+    def _inside(self, points: Points) -> Points:
+        """Return points that were seen outside put onto the wall."""
+        return np.stack([self._foot(point) if self._distance(point) < 0 else point for point in points])
+
+    def _foot(self, point: Points) -> Points:
+        """Return the nearest point of the nearest wall; inside for what is in a corner."""
+        room = self.room
+        for _round in range(4):
+            walls = room.wall_distances(point)
+            circle = float(room.circle_distance(point))
+            if len(walls) and walls.min() <= circle:
+                point = point - walls.min() * room.normals[int(np.argmin(walls))]
+            else:
+                outward = point[:2] - room.center
+                point = np.concatenate([room.center + outward * (room.radius / float(np.hypot(*outward))), point[2:]])
+            if self._distance(point) >= -1e-12 * room.size:
+                break
+        return np.asarray(point)
+
+    def _normal(self, contact: Points) -> Points:
+        room = self.room
+        walls = room.wall_distances(contact)
+        if len(walls) and walls.min() <= float(room.circle_distance(contact)):
+            return np.asarray(room.normals[int(np.argmin(walls))])
+        inward = np.zeros(len(contact))
+        inward[:2] = room.center - contact[:2]
+        return inward / float(np.linalg.norm(inward))
+
+    def _middle(self) -> Points:
+        middle = np.zeros(self.room.dimensions)
+        middle[:2] = self.room.center
+        middle[2:] = self.room.height / 2
+        return middle
+
+
+class _Field:
+    """What is known of the gain g(p) = a + b p: a Gaussian belief, made sharper by every free flight."""
+
+    def __init__(self, room: Any, noise: Disturbance) -> None:
+        d = room.dimensions
+        self.size, self.noise = room.size, noise
+        self.center = np.zeros(d)
+        self.center[:2] = room.center
+        self.estimate: NDArray[np.float64] = np.eye(d + 1)[0]
+        self.spread = np.diag(np.r_[PRIOR / 3, np.full(d, PRIOR)]) ** 2 * (1.0 if noise.gain else 1e-12)
+
+    def _features(self, point: Points) -> NDArray[np.float64]:
+        return np.r_[1.0, (point - self.center) / self.size]
+
+    def at(self, point: Points) -> float:
+        """Return the gain at a point."""
+        return max(float(self._features(point) @ self.estimate), 0.2)
+
+    def mean(self, here: Points, there: Points) -> float:
+        """Return the gain on the way between two points."""
+        return self.at((here + there) / 2)
+
+    def doubt(self, here: Points, there: Points) -> float:
+        """Return the standard deviation of that."""
+        features = self._features((here + there) / 2)
+        return float(np.sqrt(features @ self.spread @ features))
+
+    def forth(self, point: Points, move: Points) -> Points:
+        """Return where a move takes a free particle."""
+        middle = point + self.at(point) * move / 2
+        return np.asarray(point + self.at(middle) * move)
+
+    def back(self, point: Points, move: Points) -> Points:
+        """Return from where a move takes a free particle to a point."""
+        middle = point - self.at(point) * move / 2
+        return np.asarray(point - self.at(middle) * move)
+
+    def learn(self, here: Points, there: Points, move: Points) -> None:
+        """Sharpen the belief by one free flight: the gain in its middle is the way over the move."""
+        length = float(np.linalg.norm(move))
+        if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):
+            return
+        gain = float((there - here) @ move) / length**2
+        variance = (2 * self.noise.measurement**2 + self.noise.execution**2) / length**2 + 1e-6
+        features = self._features((here + there) / 2)
+        along = self.spread @ features
+        weight = along / (float(features @ along) + variance)
+        self.estimate = self.estimate + weight * (gain - float(features @ self.estimate))
+        self.spread = self.spread - np.outer(weight, along)
