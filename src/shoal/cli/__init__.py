@@ -11,7 +11,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from shoal.cli import demo, maps, swarm, theory
+from shoal.cli import demo, maps, steering, swarm, theory
 from shoal.cli.output import say
 from shoal.errors import ShoalError
 from shoal.version import __version__
@@ -29,6 +29,8 @@ app.command("maps", epilog=maps.EXAMPLE)(maps.maps)
 app.command("replay", epilog=swarm.REPLAY_EXAMPLE)(swarm.replay)
 app.command("line", epilog=theory.LINE_EXAMPLE)(theory.line)
 app.command("schedule", epilog=theory.SCHEDULE_EXAMPLE)(theory.schedule)
+app.command("steer", epilog=steering.STEER_EXAMPLE)(steering.steer)
+app.command("reach", epilog=steering.REACH_EXAMPLE)(steering.reach)
 app.command("demo", epilog=demo.EXAMPLE)(demo.demo)
 
 

@@ -10,7 +10,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, patience, print_json, print_table, say
-from shoal.errors import MissingExtraError
+from shoal.errors import InvalidInputError, MissingExtraError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,6 +20,9 @@ EXAMPLE = "Example: shoal demo --out demo"
 
 
 def demo(
+    what: Annotated[
+        str, typer.Argument(metavar="[steer]", help="steer: two particles, one input; without it: an eye's vessels.")
+    ] = "vessels",
     particles: options.Particles = 300,
     seed: options.Seed = 0,
     out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where the results go.")] = Path("demo"),
@@ -28,7 +31,15 @@ def demo(
     """Map the vessels of a real eye: a fundus photograph, 300 particles, one shared command.
 
     Writes the vessel map, the picture at the end, the frontier by move, films (GIF, MP4), the HTML player and the episode.
+    'shoal demo steer' brings two particles to two goals in a square, a hexagon, a disk, a prism and a noisy field instead.
     """
+    if what == "steer":
+        from shoal.cli.steering import demo_steer
+
+        demo_steer(out, seed=seed, json_=json_)
+        return
+    if what != "vessels":
+        raise InvalidInputError(f"demo: expected 'steer' or nothing, got {what[:80]!r}")
     from PIL import Image
 
     from shoal.cli.swarm import summary, write_outputs

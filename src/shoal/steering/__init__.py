@@ -7,6 +7,7 @@ from shoal.steering.disturbance import Disturbance
 from shoal.steering.episode import SteeringEpisode
 from shoal.steering.formats import open_workspace
 from shoal.steering.planners import Planner, make_planner
+from shoal.steering.polygon_reach import PolygonReach, polygon_reach
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.reachability import DiskReach, disk_reach
 from shoal.steering.region import Region, region
@@ -22,6 +23,7 @@ __all__ = [
     "DiskReach",
     "Disturbance",
     "Planner",
+    "PolygonReach",
     "Region",
     "SteeringEpisode",
     "SteeringProblem",
@@ -33,6 +35,7 @@ __all__ = [
     "make_planner",
     "open_workspace",
     "polygon",
+    "polygon_reach",
     "prism",
     "reached_in_two_moves",
     "region",

@@ -1,4 +1,4 @@
-"""Chains of contacts: the shortest of up to so many cycles, and the moves that play one."""
+"""Chains of contacts: the shortest of up to so many cycles."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from shoal.steering.walls import Walls
 MARGIN = 1e-8  # of the size: how far the other particle stays off the walls
 ENOUGH = 1e-7  # how far inside of all limits a first guess is sought on flat walls
 ROOM = 1e-4  # and on a circle
-REFINING = 20.0 * 12.0 ** np.arange(8)
+REFINING = np.array([20.0 * 12.0**k for k in range(8)])
 ROUGH = REFINING[:2]
 _POLISHED = 8  # rough chains over a circle that are worth it
 _DEEPEST = 6  # cycles of a chain that is only refined
@@ -66,18 +66,6 @@ class Chain:
         between = self.unknowns[self.cycles * (d - 1) :].reshape(-1, d)
         return np.concatenate([before[None], between, (after if self.last is None else self.last)[None]])
 
-    def moves(self, walls: Walls, start: Points, goal: Points) -> Points:
-        """Return the moves: to each contact, the adjustment there, and to the goal; float64, shape (2 cycles + 1, d)."""
-        here, moves = start, []
-        deltas = self.differences(start[1] - start[0], goal[1] - goal[0])
-        for toucher, contact, before, after in zip(self.touchers, self.contacts(walls), deltas[:-1], deltas[1:], strict=True):
-            sign = 1.0 if toucher == 0 else -1.0
-            adjustment = sign * (after - before)
-            moves += [contact - here[toucher], adjustment]
-            other = contact + sign * after
-            here = np.stack([contact, other] if toucher == 0 else [other, contact])
-        return np.array([*moves, (goal - here).mean(axis=0)])
-
 
 @dataclass(frozen=True, eq=False)
 class Errand:
@@ -103,7 +91,7 @@ class Errand:
     friction: float = inf
     margin: float = MARGIN
     push: float = 1e-9
-    rounds: NDArray[np.float64] = field(default_factory=REFINING.copy)
+    rounds: NDArray[np.float64] = field(default_factory=lambda: REFINING)
 
     @property
     def before(self) -> Points:
@@ -220,7 +208,7 @@ def _round(errand: Errand, cycles: int, best: Chain | None) -> Iterator[Chain]:
     firsts = list(_guesses(errand, cycles))
     apart = float(np.linalg.norm(errand.after - errand.before))
     ways = errand.ways
-    rough = []
+    rough: list[tuple[float, int, NDArray[np.int64], NDArray[np.float64]]] = []
     on = np.full(cycles, len(errand.walls.normals))
     d = errand.walls.dimensions
     for kind in product((0, 1), repeat=cycles):

@@ -126,7 +126,7 @@ def _polygon_ways(workspace: ConvexWorkspace, before: Points, after: Points) -> 
     for toucher, sign in ((1, 1.0), (2, -1.0)):
         depth = sign * (workspace.normals @ before)
         target = sign * (workspace.normals @ after)
-        low, high = _toucher_shares(workspace, (sign * before, sign * after))
+        low, high = toucher_shares(workspace, (sign * before, sign * after))
         lengths = np.hypot(*(ends - corners).T)
         room = np.minimum(np.minimum(target, depth - target), (high - low) * lengths)
         for wall in np.flatnonzero((depth > 0) & (room >= 0)):
@@ -135,7 +135,7 @@ def _polygon_ways(workspace: ConvexWorkspace, before: Points, after: Points) -> 
     return ways
 
 
-def _toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return for each side the shares of its length, lowest and highest, from where all shifted points are inside as well."""
     corners = workspace.vertices
     along = np.roll(corners, -1, axis=0) - corners
@@ -205,7 +205,7 @@ def _polygon_pieces(workspace: ConvexWorkspace, before: Points) -> list[Points]:
     pieces = []
     corners, ends = workspace.vertices, np.roll(workspace.vertices, -1, axis=0)
     for sign in (1.0, -1.0):
-        low, high = _toucher_shares(workspace, (sign * before,))
+        low, high = toucher_shares(workspace, (sign * before,))
         for wall in range(len(corners)):
             depth = sign * float(workspace.normals[wall] @ before)
             if depth <= 0 or high[wall] < low[wall]:

@@ -16,7 +16,7 @@ REACHED = 1e-12
 
 
 def grown_chain(errand: Errand, *, cycles: int = 45, nodes: int = 6000, seed: int = 0) -> Chain | None:
-    """Return a chain in the plane that ends with the goal's difference exactly, None if a tree of so many nodes, and cycles, holds none.
+    """Return a chain in the plane that ends with the goal's difference exactly, None if a tree of so many nodes holds none.
 
     Each node goes by one cycle to the difference nearest to a random one, or to the goal's, that the cycle can make.
 

@@ -60,7 +60,7 @@ def parted(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Poi
 
 
 def away_from(rows: Points) -> Points | None:
-    """Return the unit vector whose products with all given vectors are largest at the least; None if one would hardly be positive."""
+    """Return the unit vector whose products with all given vectors are largest at the least; None if one is hardly positive."""
     from scipy.optimize import linprog
 
     d = rows.shape[1]
@@ -74,4 +74,4 @@ def away_from(rows: Points) -> Points | None:
     )
     vector = np.asarray(found.x[:d])
     length = float(np.linalg.norm(vector))
-    return vector / length if length > 0 and found.x[d] / length > _STEEP else None
+    return np.asarray(vector / length) if length > 0 and found.x[d] / length > _STEEP else None

@@ -79,8 +79,8 @@ class SteeringProblem:
             for other in range(one):
                 if np.array_equal(start[one], start[other]) and np.abs(goal[one] - goal[other]).max() > self.tolerance:
                     raise InvalidInputError(
-                        f"start: expected particles at different points, got {tuple(start[one].tolist())} for {other + 1} and {one + 1}: "
-                        f"a shared input never parts them"
+                        f"start: expected particles at different points, got {tuple(start[one].tolist())} "
+                        f"for {other + 1} and {one + 1}: a shared input never parts them"
                     )
 
     @property

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
+from shoal.steering.workspace import ConvexWorkspace, disk
 
 _SLACK = 1e-12
 _AT_ONCE = 2_000_000
@@ -24,7 +25,7 @@ _AT_ONCE = 2_000_000
 
 @dataclass(frozen=True, eq=False)
 class DiskReach:
-    """What can be reached on a disk around the origin after an even number of moves.
+    """What can be reached on a disk after an even number of moves, Δ at the start turned to point right.
 
     Parameters
     ----------
@@ -35,12 +36,26 @@ class DiskReach:
         Of the contacts that are looked at.
     depths : ndarray of float64, shape (contacts,)
         H_(moves - 2): how deep below the wall at each contact the other particle may lie; negative where it cannot be.
+    distance : float
+        Between the particles at the start.
     """
 
     radius: float
     moves: int
     angles: NDArray[np.float64]
     depths: NDArray[np.float64]
+
+    distance: float = 0.0
+
+    @property
+    def workspace(self) -> ConvexWorkspace:
+        """The disk, around the origin."""
+        return disk(self.radius)
+
+    @property
+    def before(self) -> NDArray[np.float64]:
+        """Δ at the start; float64, shape (2,)."""
+        return np.array([self.distance, 0.0])
 
     def contains(self, differences: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Tell for each difference, shape (..., 2), whether it can be reached; bool, shape (...).
@@ -64,6 +79,13 @@ class DiskReach:
         turns = 2 * pi * (np.arange(spokes) + 0.5) / spokes
         points = np.stack([radii[:, None] * np.cos(turns), radii[:, None] * np.sin(turns)], axis=-1)
         return float(self.contains(points).mean())
+
+
+def check_moves(moves: int) -> int:
+    """Return an even number of moves; raise InvalidInputError for others."""
+    if isinstance(moves, bool) or not isinstance(moves, int) or moves < 2 or moves % 2:
+        raise InvalidInputError(f"moves: expected an even number, 2 or more, got {moves!r}")
+    return moves
 
 
 def disk_reach(distance: float, *, moves: int, radius: float = 0.5, contacts: int = 720) -> list[DiskReach]:
@@ -97,15 +119,14 @@ def disk_reach(distance: float, *, moves: int, radius: float = 0.5, contacts: in
     """
     if not 0 < distance <= 2 * radius:
         raise InvalidInputError(f"distance: expected a number above 0 and at most {2 * radius:g}, got {distance!r}")
-    if isinstance(moves, bool) or not isinstance(moves, int) or moves < 2 or moves % 2:
-        raise InvalidInputError(f"moves: expected an even number, 2 or more, got {moves!r}")
+    check_moves(moves)
     angles = 2 * pi * np.arange(contacts) / contacts
     depth = -distance * np.cos(angles)
     depths = np.where(2 * radius * depth >= distance * distance - _SLACK, depth, -1.0)
-    sets = [DiskReach(radius, 2, angles, depths)]
+    sets = [DiskReach(radius, 2, angles, depths, distance)]
     for done in range(4, moves + 1, 2):
         depths = _deeper(radius, angles, depths)
-        sets.append(DiskReach(radius, done, angles, depths))
+        sets.append(DiskReach(radius, done, angles, depths, distance))
     return sets
 
 

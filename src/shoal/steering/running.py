@@ -75,7 +75,7 @@ def steer(
     for order in _orders(problem):
         task = Task(_known(world, problem, disturbance), problem.start, problem.goal[order], problem.tolerance, max_moves, seed)
         found = _one_way(chosen, task, problem, world, disturbance, np.array(order), seed)
-        if best is None or _rank(found) < _rank(best):
+        if best is None or _rank(chosen, found) < _rank(chosen, best):
             best = found
     assert best is not None
     object.__setattr__(best, "seconds", time.perf_counter() - begun)
@@ -105,9 +105,12 @@ def _known(world: Any, problem: SteeringProblem, disturbance: Disturbance) -> An
     return Disturbance(friction=disturbance.friction, radius=disturbance.radius).world(problem) if disturbance.gain else world
 
 
-def _rank(episode: SteeringEpisode) -> tuple[int, float, float]:
-    fine = 0 if episode.error <= episode.problem.tolerance else 1
-    return fine, episode.path_length if fine == 0 else episode.error, episode.n_moves
+def _rank(planner: Planner, episode: SteeringEpisode) -> tuple[bool, float, float]:
+    """Order ways to choose goals: those that arrive first, then by what the planner makes small."""
+    if episode.error > episode.problem.tolerance:
+        return True, episode.error, 0.0
+    moves, length = float(episode.n_moves), episode.path_length
+    return (False, moves, length) if getattr(planner, "prefers", "length") == "moves" else (False, length, moves)
 
 
 def _one_way(
@@ -129,6 +132,9 @@ def _one_way(
             moves = planner.plan(task) if moves is None else moves
     if moves is None:
         moves = np.zeros((0, problem.workspace.dimensions))
+    too_long = len(moves) if len(moves) > task.max_moves else 0
+    if too_long and states is None:
+        moves = moves[:0]
     if states is None:
         states = disturbance.replay(problem, moves, seed=seed)
     error = task.error(states[-1])
@@ -138,6 +144,8 @@ def _one_way(
     if not reason and error > problem.tolerance:
         status = "limit"
         reason = _why(moves, error, task, disturbance)
+        if too_long:
+            reason = f"the plan that was found takes {too_long} moves, more than {task.max_moves}"
     if status == "approachable":
         reason = f"{reason}; this plan comes within {error:.3g}"
     bound = task.lower_bound() if ideal and not disturbance.gain and not disturbance.execution else None

@@ -12,10 +12,15 @@ import numpy as np
 from shoal.steering.chains import MARGIN, Chain, Errand
 from shoal.steering.friction import friction_limit
 from shoal.steering.kernels.sequences import least_ways
-from shoal.steering.lifting import lifted, parted
+from shoal.steering.lifting import lifted, parted, touched
 from shoal.steering.outline import Points
 from shoal.steering.walls import walls_of
 from shoal.steering.workspace import TOUCH
+
+_SURE = 3e-9  # of the size: how far a move to a wall goes on, against roundings
+_PUSH = 1e-8  # of the size: how far an adjustment goes into the wall at the least
+_SLIGHT = 2e-7  # of the size: roundings that may lead off a wall
+_TINY = 1e-6  # of the size: a move that might as well be left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +66,10 @@ class Task:
         center = np.zeros(room.dimensions)
         center[:2] = room.center
         center[2:] = room.height / 2
-        for point in aim:
+        for row, point in enumerate(self.goal):
             away = float(np.linalg.norm(center - point))
             if float(room.depth(point)) < 0.2 * self.tolerance and away > 0:
-                point += min(0.45 * self.tolerance / away, 1.0) * (center - point)
+                aim[row] += min(0.45 * self.tolerance / away, 1.0) * (center - point)
         return aim
 
     def errand(self, start: Points | None = None, aim: Points | None = None) -> Errand:
@@ -94,23 +99,66 @@ class Task:
         return np.array(moves)
 
     def moves_of(self, chain: Chain, errand: Errand) -> Points | None:
-        """Return the moves that play a chain, with lifts where a translation starts on a wall; None if a lift cannot be had."""
+        """Return the moves that play a chain, with lifts where a translation starts on a wall; None if a lift cannot be had.
+
+        Each move starts from where the moves before it have really led, so that roundings do not add up.
+        """
         room, walls = self.world.room, errand.walls
-        planned = chain.moves(walls, errand.start, errand.goal) * walls.scale
-        state, moves = walls.outward(errand.start), []
-        for index, move in enumerate(planned):
-            if index % 2:  # an adjustment
-                steps: list[Points] | None = [move]
-            elif float(np.linalg.norm(move)) <= 1e-12 * room.size:
-                continue
-            else:
-                steps = lifted(room, state, move)
-            if steps is None:
-                return None
-            for step in steps:
-                moves.append(step)
-                state = self.world.step(state, step)
-        return np.array(moves)
+        state = walls.outward(errand.start)
+        moves: list[Points] = []
+        contacts = walls.outward(chain.contacts(walls))
+        deltas = chain.differences(errand.before, errand.after)[1:] * walls.scale
+        for toucher, contact, delta in zip(chain.touchers, contacts, deltas, strict=True):
+            way = contact - state[toucher]
+            length = float(np.linalg.norm(way))
+            if length > 1e-12 * room.size:
+                steps = lifted(room, state, way * (1 + _SURE * room.size / length))
+                if steps is None:
+                    return None
+                state = self._sent(steps, state, moves)
+            sign = 1.0 if toucher == 0 else -1.0
+            state = self._sent([self._held(state[toucher], sign * (delta - (state[1] - state[0])))], state, moves)
+        steps = lifted(room, state, (walls.outward(errand.goal) - state).mean(axis=0))
+        if steps is None:
+            return None
+        self._sent(steps, state, moves)
+        return self.tidied(np.array(moves), start=walls.outward(errand.start))
+
+    def _held(self, point: Points, move: Points) -> Points:
+        """Return a move that pushes a toucher into its wall by a little at least: roundings must not lead it off."""
+        normals = touched(self.world.room, point)
+        if not len(normals):
+            return move
+        wall = normals[int(np.argmin(normals @ move))]
+        size = self.world.room.size
+        off = float(wall @ move) + min(_PUSH * size, 0.02 * self.tolerance)
+        return np.asarray(move - off * wall) if 0 < off < _SLIGHT * size else move
+
+    def _sent(self, steps: list[Points], state: Points, moves: list[Points]) -> Points:
+        """Add moves to a plan; return the state after them."""
+        for step in steps:
+            moves.append(step)
+            state = self.world.step(state, step)
+        return state
+
+    def tidied(self, moves: Points, *, start: Points) -> Points:
+        """Return a plan without its tiny moves, where the one before can go on as far and a little further instead.
+
+        A chain keeps the other particle off the walls by a margin; where it touches next, the way there is that margin.
+        """
+        size = self.world.room.size
+        k = 1
+        while k < len(moves):
+            tiny = float(np.linalg.norm(moves[k]))
+            before = float(np.linalg.norm(moves[k - 1]))
+            if tiny <= _TINY * size and before > tiny:
+                shorter = np.delete(moves, k, axis=0)
+                shorter[k - 1] *= 1 + 2 * tiny / before
+                if self.error(self.world.play(start, shorter)[-1]) <= 0.5 * self.tolerance:
+                    moves = shorter
+                    continue
+            k += 1
+        return moves
 
     def departures(self) -> list[tuple[list[Points], Points]]:
         """Return ways to begin: moves and the state after them; nothing at all, and small steps where no move lifts both."""

@@ -91,7 +91,7 @@ def walls_of(workspace: ConvexWorkspace) -> Walls:
         frames[:sides, 2, 2] = 1.0
         reaches[:sides] = np.maximum(reaches[:sides], height / 2)
         for cap, level in zip(range(sides, len(frames)), (0.0, height), strict=False):
-            frames[cap] = [[0, 0, level], [1, 0, 0], [0, 1, 0]]
+            frames[cap] = np.array([[0.0, 0.0, level], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
             reaches[cap] = 1.0
     offsets = (workspace.offsets - workspace.normals @ origin) / scale
     circle = np.array([0.0, 0.0, workspace.radius / scale])

@@ -85,7 +85,7 @@ class ContactWorld:
         """(g, gx, gy, ...): a particle at p follows ``g + (gx, gy, ...) p`` times the input."""
         d = self.workspace.dimensions
         if self.gradient is None:
-            return np.eye(d + 1)[0]
+            return np.asarray(np.eye(d + 1)[0])
         gradient = check_points([self.gradient], what="gain", dimensions=d, count=1)[0]
         center = np.zeros(d)
         center[:2] = self.workspace.center
@@ -157,8 +157,9 @@ class ContactWorld:
         size = self.workspace.size
         shares = np.ones(len(state))
         before = state.copy()
+        normals, offsets, circle = self._walls
         for index, point in enumerate(state):
-            shares[index] = kernels.advance(point, move, *self._walls, size, float(self.friction), self.gain)
+            shares[index] = kernels.advance(point, move, normals, offsets, circle, size, float(self.friction), self.gain)
         if self.radius:
             stop_at_others(before, move, shares, 2 * self.radius, state)
         return state

@@ -248,7 +248,7 @@ def add_hold(
         second[used, used] = -into / circle[2] / circle[2]
         slope[used, :] = 0.0
         used += 1
-    total = add_limit(into - push, used, index, first, second, round_wall, 0.0, slack, order, gradient, hessian)
+    total = add_limit(into - push, used, index, first, second, round_wall, push, slack, order, gradient, hessian)
     if friction == np.inf or total == np.inf:
         return total
     # The cone |a|^2 <= (1 + friction^2) into^2, divided by a length to keep units: (1 + friction^2) into - |a|^2 / into.
@@ -412,7 +412,7 @@ def newton_direction(gradient, hessian, direction):
 
 @kernel
 def descend(x, phase, sharpness, touchers, walls, start, goal, frames, normals, offsets, circle, friction, margins, enough):
-    """Newton's method from an allowed x, in place; with ``phase`` its last entry is the slack, and a slack below -enough ends it."""
+    """Newton's method from an allowed x, in place; with ``phase`` its last entry is the slack, and -enough will do."""
     n = x.shape[0]
     gradient, hessian = np.empty(n), np.empty((n, n))
     direction, tried = np.empty(n), np.empty(n)

@@ -1,8 +1,8 @@
 """The nearest difference to a goal's that one cycle makes: algorithms 2 and 3 of the paper, corrected, with friction.
 
-A cycle with the toucher on wall w turns D into D' if the toucher has a contact c with c + sD and c + sD' inside (s = 1 for the first
-particle, -1 for the second) and the wall holds: s(D' - D) lies in the cone of pushes. On a polygon all such sD' form one convex
-polygon: shifts of P by minus the contacts, cut by the cone.
+A cycle with the toucher on wall w turns D into D' if the toucher has a contact c with c + sD and c + sD' inside (s = 1 for the
+first particle, -1 for the second) and the wall holds: s(D' - D) lies in the cone of pushes. On a polygon all such sD' form one
+convex polygon: shifts of P by minus the contacts, cut by the cone.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def nearest_in(corners, count, point, found):
 
 @kernel
 def cycle_outline(delta, sign, wall, frames, reaches, normals, offsets, friction, margin, push, corners, spare):
-    """Fill ``corners`` with the polygon of all sD' of one wall and toucher; return how many they are, 0 if the wall gives nothing."""
+    """Fill ``corners`` with the polygon of all sD' of one wall and toucher; return how many, 0 if the wall gives nothing."""
     height = sign * dot(normals[wall], delta)
     if height <= margin + push:
         return 0

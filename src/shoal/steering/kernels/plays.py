@@ -40,7 +40,7 @@ def lengths_along(points, direction, shares, normals, offsets, circle, size, len
 
 @kernel
 def finish(points, goal, toucher, normals, offsets, circle, size, friction, gain, moves):
-    """Write the last two moves with this toucher from a state; return the error that they leave, infinite if they cannot be made."""
+    """Write the last two moves with this toucher from a state; return the error that is left, infinite if there are none."""
     d = points.shape[1]
     sign = 1.0 if toucher == 0 else -1.0
     change, direction = 0.0, np.empty(d)

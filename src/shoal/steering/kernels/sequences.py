@@ -95,7 +95,7 @@ def bound_of(touchers, walls, start, goal, ways, apart, normals, offsets):
         if flat and used[p]:
             least[p] = max(least[p], distance_between(start[p], image))
     if used[0] and used[1]:
-        return max((least[0] + least[1] + apart) / 2, max(least[0], least[1]))
+        return max((least[0] + least[1] + apart) / 2, least[0], least[1])
     return (least[0] if used[0] else least[1]) + apart
 
 
@@ -120,7 +120,7 @@ def kinds_of(cycles, start, goal, frames, reaches, normals, offsets, circle, mar
 
     ``wanted`` says which walls may be used.
     """
-    d, flat = start.shape[1], normals.shape[0]
+    flat = normals.shape[0]
     before, after = start[1] - start[0], goal[1] - goal[0]
     apart = distance_between(before, after)
     options = 2 * (flat + 1)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from shoal.steering.planners import fewest_moves, greedy, robust, shortest
+from shoal.steering.planners import fewest_moves, greedy, robust, sampling, shortest
 from shoal.steering.planners.base import PLANNERS, Planner
 
-__all__ = ["PLANNERS", "Planner", "fewest_moves", "greedy", "make_planner", "robust", "shortest"]
+__all__ = ["PLANNERS", "Planner", "fewest_moves", "greedy", "make_planner", "robust", "sampling", "shortest"]
 
 
 def make_planner(planner: str | Planner) -> Planner:

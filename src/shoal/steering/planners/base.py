@@ -20,7 +20,7 @@ class Planner(Protocol):
     name: str
 
     def plan(self, task: Task) -> Points | None:
-        """Return moves, float64, shape (moves, d), that bring the particles to the goal or as near as can be; None if it finds none."""
+        """Return moves, float64, shape (moves, d), that bring the particles to the goal, or near it; None if it finds none."""
         ...
 
 

@@ -32,6 +32,7 @@ class FewestMoves:
     """
 
     name = "fewest-moves"
+    prefers = "moves"
 
     def plan(self, task: Task) -> Points | None:
         """Return moves; see `Planner`."""

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from shoal.steering.chains import Chain, Errand, shortest_chain
 from shoal.steering.growing import grown_chain
 from shoal.steering.kernels.nearest import nearest_on_circle, nearest_on_polygon
+from shoal.steering.opposite import ladder_chain
 from shoal.steering.outline import Points
 from shoal.steering.planners.base import PLANNERS
 from shoal.steering.task import Task
 
 _PATIENCE = 4  # cycles by whose progress the rest is judged
 _SLOW = 16  # cycles: if more are left another chain is looked for
+_LADDER = 48  # cycles of a chain that is planned from its end
 _EQUAL = 1e-9  # of the size: ways that come as near as that are chosen between by their length
 
 
@@ -66,8 +68,9 @@ def greedy_chain(errand: Errand, *, tolerance: float, cycles: int) -> Chain | No
         lefts.append(left)
         if step is None or not step[0] < left - 1e-12 or _is_slow(left, lefts[-1 - _PATIENCE], tolerance):
             # No way on, or hardly one, from a difference none of whose neighbours is nearer: another chain may pass it by.
-            other_chain = any_chain(errand)
-            if other_chain is not None or step is None or not step[0] < left - 1e-12:
+            halted = step is None or not step[0] < left - 1e-12
+            other_chain = any_chain(errand, grow=halted or errand.friction < inf)
+            if other_chain is not None or step is None or halted:
                 return other_chain
             lefts += [inf] * cycles
         _, toucher, wall, along, contact, after = step
@@ -90,11 +93,15 @@ def _is_slow(left: float, before: float, tolerance: float) -> bool:
     )
 
 
-def any_chain(errand: Errand) -> Chain | None:
-    """Return a chain that ends with the goal's difference exactly, however many cycles it takes; None if none is found."""
+def any_chain(errand: Errand, *, grow: bool = True) -> Chain | None:
+    """Return a chain that ends with the goal's difference exactly, of any length if it may grow; None if none is found."""
+    if errand.walls.round and errand.friction == inf:
+        ladder = ladder_chain(errand, cycles=_LADDER)
+        if ladder is not None:
+            return ladder
     few = (1, 2) if errand.friction < inf else (1, 2, 3)
     chain = shortest_chain(errand, cycles=few, first_found=True)
-    if chain is None and errand.walls.dimensions == 2:
+    if chain is None and grow and errand.walls.dimensions == 2:
         chain = grown_chain(errand)
     return chain
 

@@ -95,11 +95,13 @@ class _Loop:
                 self._send((self._middle() - self.seen.mean(axis=0)) * 0.5)
 
     def _arrived(self) -> bool:
-        return self.task.error(self.seen) <= max(self.task.tolerance - 2 * self.noise.measurement, 0.6 * self.task.tolerance)
+        near: float = max(self.task.tolerance - 2 * self.noise.measurement, 0.6 * self.task.tolerance)
+        return self.task.error(self.seen) <= near
 
     def _good_enough(self) -> float:
         """How far the difference may be off for a translation to end within the tolerance, noise and all."""
-        return max(1.2 * self.task.tolerance - 2 * self.noise.measurement, 0.8 * self.task.tolerance)
+        far: float = max(1.2 * self.task.tolerance - 2 * self.noise.measurement, 0.8 * self.task.tolerance)
+        return far
 
     def _cycle(self) -> bool:
         """Make one contact and one adjustment; return whether a chain was found."""
@@ -134,7 +136,9 @@ class _Loop:
         aim = np.stack([middle - wanted / 2, middle + wanted / 2])
         errand = self.task.errand(start=seen, aim=aim)
         part = margin / errand.walls.scale
-        return Errand(errand.walls, errand.start, errand.goal, friction=errand.friction * 0.9, margin=part, push=1.5 * part, rounds=CENTRAL)
+        return Errand(
+            errand.walls, errand.start, errand.goal, friction=errand.friction * 0.9, margin=part, push=1.5 * part, rounds=CENTRAL
+        )
 
     def _touch(self, toucher: int, contact: Points, spread: float) -> bool:
         """Bring the toucher against the wall, a little further than to the contact; return whether it is on it, as far as is seen.
@@ -240,7 +244,7 @@ class _Loop:
         for _round in range(4):
             after = np.stack([self.field.forth(point, move) for point in seen])
             move = move + (self.task.goal - after).mean(axis=0)
-        return move
+        return np.asarray(move)
 
     def _send(self, move: Points) -> None:
         before = self.seen
@@ -302,7 +306,7 @@ class _Field:
         self.spread = np.diag(np.r_[PRIOR / 3, np.full(d, PRIOR)]) ** 2 * (1.0 if noise.gain else 1e-12)
 
     def _features(self, point: Points) -> NDArray[np.float64]:
-        return np.r_[1.0, (point - self.center) / self.size]
+        return np.asarray(np.r_[1.0, (point - self.center) / self.size])
 
     def at(self, point: Points) -> float:
         """Return the gain at a point."""

@@ -27,17 +27,24 @@ class Shortest:
         best: Points | None = None
         for first, state in task.departures():
             errand = task.errand(start=state)
-            chain = shortest_chain(errand) or longer_chain(errand, task)
-            moves = None if chain is None else task.moves_of(chain, errand)
-            if moves is not None:
+            for chain in (shortest_chain(errand), shortened_greedy(errand, task)):
+                moves = None if chain is None else task.moves_of(chain, errand)
+                if moves is None:
+                    continue
                 whole = np.array([*first, *moves])
-                if best is None or path_length(whole) < path_length(best):
+                if best is None or _rank(task, whole) < _rank(task, best):
                     best = whole
         return best
 
 
-def longer_chain(errand: Errand, task: Task) -> Chain | None:
-    """Return a greedy chain of more than three cycles, shortened."""
+def _rank(task: Task, moves: Points) -> tuple[bool, float]:
+    """Order plans: those that end within the tolerance first, then by length."""
+    missed = len(moves) > task.max_moves or task.error(task.world.play(task.start, moves)[-1]) > task.tolerance
+    return missed, path_length(moves)
+
+
+def shortened_greedy(errand: Errand, task: Task) -> Chain | None:
+    """Return the chain of the planner greedy, of any number of cycles, made shorter."""
     chain = greedy_chain(errand, tolerance=task.tolerance / errand.walls.scale / 4, cycles=task.max_moves // 2)
     return None if chain is None else refined(errand, chain)
 

@@ -1,0 +1,263 @@
+"""A tree over states of particles, grown by random manoeuvres of which each is simulated.
+
+An offset is where a particle is, seen from its goal. A translation changes all offsets alike, so particles are at their goals up to
+one when all offsets are equal. A manoeuvre brings one particle to a wall and then makes the moves after which another one's offset
+equals its own, or one of its coordinates does; or it is any move, so that what no plan foresees is found, too.
+
+A world is ``(flat, walls, convex)``: whether all walls are straight and hold without slip, then what `kernels.region.advance` takes
+after the move (walls without edges if it is not so), and what `kernels.contact.advance` takes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.steering.kernels import contact, region
+from shoal.steering.kernels.compiling import kernel
+
+STEPS = 8  # moves of one manoeuvre at the most
+EQUAL = 1e-11  # of the size: offsets nearer than that are equal
+LIFT = 1e-6  # of the size: how far particles are taken off walls before a translation
+CHANGED = 1e-7  # of the size: a manoeuvre that changes less is none
+WORSE = 0.3  # of the states that are farther from the goal than what they come from, so many are kept
+ROUNDS = 6  # nodes of which the most promising is taken
+
+
+@kernel
+def step(state, move, world):
+    """Move all particles, in place; return the share of the move that all of them were free."""
+    flat, walls, convex = world
+    least = 1.0
+    for p in range(state.shape[0]):
+        if flat:
+            share = region.advance(state[p], move, *walls)
+        else:
+            share = contact.advance(state[p], move, *convex)
+        least = min(least, share)
+    return least
+
+
+@kernel
+def add_normals(point, world, total):
+    """Add the inward normals of all walls that a particle is nearly on."""
+    flat, walls, convex = world
+    if flat:
+        edges, normals, lengths, _links, _reflex, size = walls
+        for edge in range(edges.shape[0]):
+            if region.is_on(point[0], point[1], edge, edges, normals, lengths, 0.5 * LIFT * size):
+                total[0] += normals[edge, 0]
+                total[1] += normals[edge, 1]
+        return
+    normals, offsets, circle, size = convex[0], convex[1], convex[2], convex[3]
+    normal = np.empty(2)
+    for wall in range(normals.shape[0] + 1):
+        # touches() measures in its own tolerance, TOUCH times the size it is given
+        if contact.touches(point, wall, normals, offsets, circle, 0.5 * LIFT * size / contact.TOUCH):
+            contact.normal_at(point, wall, normals, circle, normal)
+            total[0] += normal[0]
+            total[1] += normal[1]
+
+
+@kernel
+def send(state, x, y, world, moves, count):
+    """Make the move (x, y) if there is room for it; return the number of moves made."""
+    if count < moves.shape[0] and (x != 0 or y != 0):
+        moves[count, 0], moves[count, 1] = x, y
+        step(state, moves[count], world)
+        return count + 1
+    return count
+
+
+@kernel
+def free_share(state, x, y, world):
+    """Return the share of the move (x, y) that all particles would be free."""
+    trial, move = np.empty(state.shape), np.empty(2)
+    move[0], move[1] = x, y
+    copy(state, trial)
+    return step(trial, move, world)
+
+
+@kernel
+def copy(source, target):
+    for i in range(source.shape[0]):
+        for k in range(source.shape[1]):
+            target[i, k] = source[i, k]
+
+
+@kernel
+def translate(state, x, y, world, size, moves, count):
+    """Move all particles alike, after a small lift off all walls if one of them would be held."""
+    if free_share(state, x, y, world) == 0.0:
+        away = np.zeros(2)
+        for p in range(state.shape[0]):
+            add_normals(state[p], world, away)
+        length = np.sqrt(away[0] ** 2 + away[1] ** 2)
+        if length > 0.01:
+            up, side = LIFT * size * away[0] / length, LIFT * size * away[1] / length
+            count = send(state, up, side, world, moves, count)
+            return send(state, x - up, y - side, world, moves, count)
+    return send(state, x, y, world, moves, count)
+
+
+@kernel
+def spread(state, goal):
+    """Return the translation (x, y) that brings particles nearest to their goals, and how far from its goal one is then."""
+    left, right, low, high = np.inf, -np.inf, np.inf, -np.inf
+    for p in range(state.shape[0]):
+        x, y = state[p, 0] - goal[p, 0], state[p, 1] - goal[p, 1]
+        left, right, low, high = min(left, x), max(right, x), min(low, y), max(high, y)
+    return -(left + right) / 2, -(low + high) / 2, 0.5 * np.sqrt((right - left) ** 2 + (high - low) ** 2)
+
+
+@kernel
+def differing(state, goal, size):
+    """Count by how many pairs of coordinates the offsets differ: 0 if all are equal."""
+    count = 0
+    for k in range(2):
+        for p in range(1, state.shape[0]):
+            new = True
+            for q in range(p):
+                if abs(state[p, k] - goal[p, k] - state[q, k] + goal[q, k]) <= EQUAL * size:
+                    new = False
+            if new:
+                count += 1
+    return count
+
+
+@kernel
+def wall_point(point, world, rng, place, normal):
+    """Draw a point of a wall, at times the foot of a particle, and the inward normal there."""
+    flat, walls, convex = world
+    choice, where = rng.random(), rng.random()
+    if flat:
+        edges, normals, lengths = walls[0], walls[1], walls[2]
+        edge = min(int(rng.random() * edges.shape[0]), edges.shape[0] - 1)
+        along = where * lengths[edge]
+        if choice < 0.25:
+            along = min(max(region.place_along(point[0], point[1], edge, edges, normals), 0.0), lengths[edge])
+        normal[0], normal[1] = normals[edge, 0], normals[edge, 1]
+        place[0] = edges[edge, 0] + along * normal[1]
+        place[1] = edges[edge, 1] - along * normal[0]
+        return
+    normals, offsets, circle = convex[0], convex[1], convex[2]
+    if circle[2] > 0:
+        angle = 2 * np.pi * where
+        normal[0], normal[1] = -np.cos(angle), -np.sin(angle)
+        place[0], place[1] = circle[0] - circle[2] * normal[0], circle[1] - circle[2] * normal[1]
+        return
+    wall = min(int(where * normals.shape[0]), normals.shape[0] - 1)
+    normal[0], normal[1] = normals[wall, 0], normals[wall, 1]
+    over = contact.dot(normal, point) - offsets[wall]
+    sideways = (choice - 0.5) * over
+    place[0] = point[0] - over * normal[0] + sideways * normal[1]
+    place[1] = point[1] - over * normal[1] - sideways * normal[0]
+
+
+@kernel
+def draw_move(rng, size):
+    """Return a move in any direction, of any length up to nearly across the workspace."""
+    angle, length = 2 * np.pi * rng.random(), 1.5 * size * rng.random() ** 2
+    return length * np.cos(angle), length * np.sin(angle)
+
+
+@kernel
+def adjustment(state, goal, held, normal, rng, size):
+    """Return a move that makes an offset, or a part of it, equal to that of the particle that is held; or at times another one."""
+    n = state.shape[0]
+    other = (held + 1 + min(int(rng.random() * (n - 1)), n - 2)) % n
+    x = state[held, 0] - goal[held, 0] - state[other, 0] + goal[other, 0]
+    y = state[held, 1] - goal[held, 1] - state[other, 1] + goal[other, 1]
+    choice = rng.random()
+    push = x * normal[0] + y * normal[1]
+    if choice < 0.35 and push <= 0:
+        return x, y
+    if choice < 0.6:
+        return x - push * normal[0], y - push * normal[1]
+    if choice < 0.7:
+        return x, 0.0
+    if choice < 0.8:
+        return 0.0, y
+    x, y = draw_move(rng, size)
+    push = x * normal[0] + y * normal[1]
+    if choice < 0.9 or push > 0:
+        return x - push * normal[0], y - push * normal[1]
+    return x, y
+
+
+@kernel
+def manoeuvre(state, goal, world, rng, size, moves):
+    """Make a random manoeuvre, in place; return the number of its moves."""
+    choice = rng.random()
+    if choice < 0.2:  # in any direction, at times a part of the way to the first contact
+        x, y = draw_move(rng, size)
+        share = 1.0
+        if choice < 0.1:
+            share = free_share(state, x, y, world) * rng.random()
+        return translate(state, share * x, share * y, world, size, moves, 0)
+    count = 0
+    held = min(int(rng.random() * state.shape[0]), state.shape[0] - 1)
+    place, normal = np.empty(2), np.zeros(2)
+    if choice < 0.3:
+        add_normals(state[held], world, normal)
+    if normal[0] == 0 and normal[1] == 0:
+        wall_point(state[held], world, rng, place, normal)
+        count = translate(state, place[0] - state[held, 0], place[1] - state[held, 1], world, size, moves, count)
+    legs = 1 if rng.random() < 0.6 else 2
+    for _leg in range(legs):
+        x, y = adjustment(state, goal, held, normal, rng, size)
+        count = send(state, x, y, world, moves, count)
+    return count
+
+
+@kernel
+def is_changed(state, before, least):
+    for p in range(state.shape[0]):
+        if abs(state[p, 0] - before[p, 0]) > least or abs(state[p, 1] - before[p, 1]) > least:
+            return True
+    return False
+
+
+@kernel
+def promise(node, keys, tries):
+    return keys[node] + 0.15 * np.log2(1.0 + tries[node])
+
+
+@kernel
+def pick(total, keys, tries, rng):
+    """Return the most promising of a few random nodes."""
+    best = min(int(rng.random() * total), total - 1)
+    for _round in range(ROUNDS - 1):
+        node = min(int(rng.random() * total), total - 1)
+        if promise(node, keys, tries) < promise(best, keys, tries):
+            best = node
+    return best
+
+
+@kernel
+def grow(states, parents, made, counts, depths, keys, tries, total, rounds, goal, tolerance, most, world, size, rng):
+    """Grow a tree in place by so many manoeuvres; return the number of its nodes, the rounds left, and whether the last is a hit.
+
+    A hit is a state in which a translation is all that is missing.
+    """
+    moves, state = np.zeros((STEPS, 2)), np.zeros(goal.shape)
+    while rounds > 0 and total < states.shape[0]:
+        rounds -= 1
+        node = pick(total, keys, tries, rng)
+        tries[node] += 1
+        copy(states[node], state)
+        count = manoeuvre(state, goal, world, rng, size, moves)
+        if count == 0 or depths[node] + count > most or not is_changed(state, states[node], CHANGED * size):
+            continue
+        _, _, away = spread(state, goal)
+        depth = depths[node] + count
+        key = differing(state, goal, size) + away / size + 0.01 * depth
+        hit = away <= tolerance
+        if not hit and key >= keys[node] and rng.random() > WORSE:
+            continue
+        copy(state, states[total])
+        copy(moves, made[total])
+        parents[total], counts[total], depths[total], keys[total], tries[total] = node, count, depth, key, 0
+        total += 1
+        if hit:
+            return total, rounds, True
+    return total, rounds, False

@@ -1,0 +1,288 @@
+"""Search by sampling: in regions with obstacles, and for more than two particles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.steering.kernels import sampling as kernels
+from shoal.steering.outline import Points
+from shoal.steering.planners.base import PLANNERS
+from shoal.steering.region import Region
+from shoal.steering.region_world import RegionWorld
+from shoal.steering.task import Task
+from shoal.steering.world import ContactWorld
+
+NODES = 60_000  # of one tree
+ROUNDS = 80_000  # manoeuvres tried in one tree
+TREES = 10  # grown until one reaches the goal
+MORE_ROUNDS = 10_000  # in each of the further trees, which may hold a shorter plan
+MORE_TREES = 8
+SLIDING = 0.1  # of these where particles slide
+HITS = 1000  # of one tree: so often it is tried to get from a state to the goal by translations
+MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)  # of the size: how far from walls translations go, if that is possible
+_ROOM = 0.9  # of the tolerance that the search uses up; the rest is for rounding
+
+
+@PLANNERS.register("sampling")
+class Sampling:
+    """A tree of states that random manoeuvres reach, until a translation is all that is missing.
+
+    A manoeuvre brings one particle to a wall and moves another one by what it is wrong, seen from there; or by a part of that, or
+    anyhow. Each is simulated, so that whatever comes of it is where the tree goes on. Around obstacles particles that are right
+    but for a translation take the shortest way on which none meets a wall. With more than two particles this is experimental.
+
+    Notes
+    -----
+    Source: ours; paper W's outlook, section VIII. There is no proof of failure: None says that nothing was found.
+    """
+
+    name = "sampling"
+    general = True
+
+    def plan(self, task: Task) -> Points | None:
+        """Return moves; see `Planner`.
+
+        Raises
+        ------
+        InvalidInputError
+            For a workspace in space.
+        """
+        room = task.world.room
+        if room.dimensions != 2:
+            raise InvalidInputError(f"planner sampling: expected a plane workspace, got a {room.kind}")
+        rng = np.random.default_rng(task.seed)
+        # Particles that slide take many times as long to simulate.
+        share = 1.0 if task.world.friction == np.inf else SLIDING
+        world, ways = world_of(task.world), _Ways(room, task.goal)
+        best: Points | None = None
+        for _tree in range(TREES):
+            best = _Tree(task, world, rng, left=int(share * ROUNDS)).search(ways)
+            if best is not None:
+                break
+        for _tree in range(MORE_TREES if best is not None else 0):
+            other = _Tree(task, world, rng, left=int(share * MORE_ROUNDS)).search(ways)
+            if other is not None and _length(other) < _length(best):
+                best = other
+        return best
+
+
+def _length(moves: Points | None) -> float:
+    return np.inf if moves is None else float(np.linalg.norm(moves, axis=1).sum())
+
+
+def world_of(world: Any) -> tuple[Any, ...]:
+    """Return a world as kernels take it; see `kernels.sampling`."""
+    room = world.room
+    flat = bool(not room.round and world.friction == np.inf)
+    outline = Region(np.zeros((0, 2)) if room.round else room.vertices, ()) if not isinstance(room, Region) else room
+    walls = (*RegionWorld(outline).walls[:5], float(room.size)) if not room.round else _no_walls(float(room.size))
+    if isinstance(world, ContactWorld):
+        circle = np.array([*room.center, room.radius])
+        convex = np.ascontiguousarray(room.normals), room.offsets, circle, float(room.size), float(world.friction), world.gain
+    else:
+        convex = np.zeros((0, 2)), np.zeros(0), np.zeros(3), 1.0, np.inf, np.eye(3)[0]
+    return flat, walls, convex
+
+
+def _no_walls(size: float) -> tuple[Any, ...]:
+    none = np.zeros((0, 2))
+    return np.zeros((0, 4)), none, np.zeros(0), none.astype(np.int64), np.zeros(0, dtype=np.bool_), size
+
+
+@dataclass
+class _Tree:
+    """Nodes with their states, what they come from and by which moves."""
+
+    task: Task
+    world: tuple[Any, ...]
+    rng: np.random.Generator
+    left: int
+    total: int = 1
+    nodes: tuple[NDArray[Any], ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        n, steps = len(self.task.start), kernels.STEPS
+        ints = [np.zeros(NODES, dtype=np.int64) for _ in range(4)]
+        states, made, keys = np.zeros((NODES, n, 2)), np.zeros((NODES, steps, 2)), np.zeros(NODES)
+        states[0] = self.task.start
+        keys[0] = 2 * n
+        self.nodes = states, ints[0], made, ints[1], ints[2], keys, ints[3]
+
+    def search(self, ways: _Ways) -> Points | None:
+        """Return the first plan found, without moves that it can do without; None if there is none."""
+        moves = self.direct(ways)
+        for _hit in range(HITS):
+            if moves is not None or not self.grow():
+                break
+            moves = self.direct(ways)
+        return None if moves is None else shortened(self.task, moves)
+
+    def grow(self) -> bool:
+        """Grow to the next state that only a translation parts from the goal; return False at the end of the search."""
+        task, size = self.task, float(self.task.world.room.size)
+        limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 2
+        grow: Any = kernels.grow
+        found = grow(*self.nodes, self.total, self.left, *limits, self.world, size, self.rng)
+        self.total, self.left, hit = found
+        return bool(hit)
+
+    def direct(self, ways: _Ways) -> Points | None:
+        """Return all moves to the last node and from there to the goal by translations; None if that is not possible."""
+        state = self.nodes[0][self.total - 1]
+        x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
+        if away > self.task.tolerance:
+            return None
+        size, room = float(self.task.world.room.size), np.zeros((kernels.STEPS, 2))
+        after = state.copy()
+        count = kernels.translate(after, x, y, self.world, size, room, 0)
+        ends = [room[:count]]
+        if self.task.error(after) > self.task.tolerance:
+            ends = ways.around(np.array([-x, -y]))
+        for end in ends:
+            moves = np.concatenate([self.path(), end])
+            if len(moves) <= self.task.max_moves and self.task.error(self.task.world.play(self.task.start, moves)[-1]) <= (
+                self.task.tolerance
+            ):
+                return np.asarray(moves)
+        return None
+
+    def path(self) -> Points:
+        """Return the moves from the start to the last node; float64, shape (moves, 2)."""
+        _, parents, made, counts, *_ = self.nodes
+        parts, node = [np.zeros((0, 2))], self.total - 1
+        while node:
+            parts.append(made[node, : counts[node]])
+            node = parents[node]
+        return np.concatenate(parts[::-1])
+
+
+class _Ways:
+    """Where particles that are right but for a translation can go to reach the goal, which is the origin of their offsets."""
+
+    def __init__(self, room: Any, goal: Points) -> None:
+        self._room, self._goal = room, goal
+
+    @cached_property
+    def grounds(self) -> list[_Ground]:
+        """The offsets from which there is a way, once for each margin; none for a convex workspace, where all ways are straight."""
+        if not isinstance(self._room, Region):
+            return []
+        found = (ground(self._room, self._goal, margin * float(self._room.size)) for margin in MARGINS)
+        return [one for one in found if one is not None]
+
+    def around(self, offset: Points) -> list[Points]:
+        """Return moves from an offset to the goal, one way for each margin with which there is one."""
+        ways = (one.way(offset) for one in self.grounds)
+        return [np.diff(np.vstack([offset, way, np.zeros(2)]), axis=0) for way in ways if way is not None]
+
+
+@dataclass
+class _Ground:
+    """Offsets that are free and joined to the goal.
+
+    Attributes
+    ----------
+    free, inner : shapely.Polygon
+        The offsets, and those where ways may bend: a little further inside, so that rounding does not take them out.
+    places : ndarray of float64, shape (n, 2)
+        The one nearest to the goal, and the corners of ``inner``.
+    lengths : ndarray of float64, shape (n,)
+        Of the shortest way from each to the first.
+    following : ndarray of int64, shape (n,)
+        The next place on that way.
+    reach : float
+        How far outside of it an offset may be, to be joined to it by a straight move.
+    """
+
+    free: Any
+    inner: Any
+    places: Points
+    lengths: NDArray[np.float64]
+    following: NDArray[np.int64]
+    reach: float
+
+    def way(self, offset: Points) -> Points | None:
+        """Return the points at which the shortest way from an offset to the goal bends, float64, shape (points, 2)."""
+        first = _nearest(self.inner, offset, self.reach)
+        if first is None:
+            return None
+        seen = _sees(self.free, first, self.places)
+        lengths = np.where(seen, np.linalg.norm(self.places - first, axis=1) + self.lengths, np.inf)
+        node = int(np.argmin(lengths))
+        if not lengths[node] < np.inf:
+            return None
+        way = [first, self.places[node]]
+        while node != 0:
+            node = int(self.following[node])
+            way.append(self.places[node])
+        return np.array(way)
+
+
+def ground(room: Region, goal: Points, margin: float) -> _Ground | None:
+    """Return the offsets joined to the goal at which no particle is nearer to a wall than a margin; None if there are none."""
+    import shapely
+    from scipy.sparse.csgraph import dijkstra
+    from shapely import affinity
+
+    near = room.shape.buffer(-margin, join_style="mitre")
+    free = affinity.translate(near, *(-goal[0]))
+    for place in goal[1:]:
+        free = free.intersection(affinity.translate(near, *(-place)))
+    reach = min(20 * margin, 0.02 * float(room.size))
+    for part in getattr(free, "geoms", [free]):
+        inner = part.buffer(-0.1 * margin, join_style="mitre")
+        last = _nearest(inner, np.zeros(2), reach) if inner.geom_type == "Polygon" else None
+        if last is not None:
+            shapely.prepare(part)
+            places = np.vstack([last, *[np.asarray(ring.coords)[:-1] for ring in (inner.exterior, *inner.interiors)]])
+            graph = np.zeros((len(places), len(places)))
+            for row, place in enumerate(places):
+                away = np.maximum(np.linalg.norm(places - place, axis=1), 1e-300)
+                graph[row] = np.where(_sees(part, place, places), away, 0.0)
+            lengths, following = dijkstra(graph, indices=0, directed=False, return_predecessors=True)
+            return _Ground(part, inner, places, lengths, following.astype(np.int64), reach)
+    return None
+
+
+def _sees(free: Any, place: Points, others: Points) -> NDArray[np.bool_]:
+    """Tell to which other places a straight way is free."""
+    import shapely
+
+    lines = shapely.linestrings(np.stack([np.broadcast_to(place, others.shape), others], axis=1))
+    return np.asarray(shapely.covers(free, lines))
+
+
+def _nearest(inner: Any, offset: Points, reach: float) -> Points | None:
+    """Return the point of an area that is nearest to an offset, None if it is farther than ``reach``."""
+    import shapely
+
+    line = shapely.shortest_line(inner, shapely.Point(offset))
+    if line is None or not line.length <= reach:
+        return None
+    return np.array(line.coords[0])
+
+
+def shortened(task: Task, moves: Points) -> Points:
+    """Return a plan without moves that it can do without, and with pairs of moves made one, as long as it still works."""
+    changed = True
+    while changed:
+        changed = False
+        for index in range(len(moves)):
+            fewer = [np.delete(moves, index, axis=0)]
+            if index:
+                fewer.append(
+                    np.concatenate([moves[: index - 1], moves[index - 1 : index + 1].sum(axis=0)[None], moves[index + 1 :]])
+                )
+            for trial in fewer:
+                if len(trial) and task.error(task.world.play(task.start, trial)[-1]) <= task.tolerance:
+                    moves, changed = trial, True
+                    break
+            if changed:
+                break
+    return moves

@@ -1,0 +1,200 @@
+"""Figures of steering: the workspace and the Δ configuration space side by side, the moves drawn in both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.steering import ConvexWorkspace, DiskReach, PolygonReach, Region, SteeringEpisode, delta_space
+from shoal.steering.delta import two_move_pieces
+from shoal.views.charts import BLUE, GRID, INK, MUTED, ORANGE, PURPLE, new_figure, set_title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+PARTICLES = (BLUE, ORANGE, PURPLE, "#009e73", "#b8860b")
+REACH_COLOURS = ("#08306b", "#2171b5", "#4292c6", "#6baed6", "#9ecae1", "#c6dbef", "#deebf7", "#eef5fc")
+_ROUND = 240
+_BENT = 160  # largest number of numbered moves
+
+
+def plan_figure(episode: SteeringEpisode) -> Figure:
+    """Return the figure of a plan: the workspace with the ways of the particles, and what became of Δ.
+
+    Moves are numbered where they end. In the Δ configuration space the set that the start reaches in two moves is shaded. A plan in
+    space is drawn from above, and beside it the heights by move.
+    """
+    problem = episode.problem
+    plane = problem.workspace.dimensions == 2
+    pair = problem.n_particles == 2 and not isinstance(problem.workspace, Region)
+    figure = new_figure(10.4 if pair or not plane else 6.2, 5.6)
+    grid = figure.subplots(1, 2 if pair or not plane else 1, squeeze=False)[0]
+    draw_workspace(grid[0], problem.workspace)
+    draw_ways(grid[0], episode)
+    set_title(grid[0], f"{episode.planner}: {episode.n_moves} moves, length {episode.path_length:.4g}")
+    if not plane:
+        _draw_heights(grid[1], episode)
+    elif pair:
+        _draw_delta(grid[1], episode)
+    return figure
+
+
+def draw_workspace(axes: Axes, workspace: ConvexWorkspace | Region) -> None:
+    """Draw the walls of a workspace, from above."""
+    for k, ring in enumerate(outlines_of(workspace)):
+        hole = k > 0
+        axes.fill(*ring.T, facecolor="#d6d9de" if hole else "#f7f8fa", edgecolor=INK, lw=1.6, zorder=0.5 if hole else 0)
+    _bare(axes)
+
+
+def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]]:
+    """Return the outline of a workspace in the plane and those of its obstacles; each float64, shape (n, 2)."""
+    if isinstance(workspace, Region):
+        return list(workspace.rings)
+    if workspace.round:
+        angles = np.linspace(0, 2 * np.pi, _ROUND, endpoint=False)
+        return [workspace.center + workspace.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)]
+    return [workspace.vertices]
+
+
+def draw_ways(axes: Axes, episode: SteeringEpisode) -> None:
+    """Draw where each particle went, its start (a square) and its goal (a circle)."""
+    states, size = episode.states[..., :2], episode.problem.workspace.size
+    for particle, colour in zip(range(episode.problem.n_particles), PARTICLES, strict=False):
+        way = states[:, particle]
+        for here, there in pairwise(way):
+            if np.linalg.norm(there - here) > 1e-4 * size:
+                axes.annotate(
+                    "",
+                    xy=there,
+                    xytext=here,
+                    zorder=3,
+                    arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 0, "shrinkB": 0},
+                )
+        goal = episode.goal[particle]
+        axes.plot(*way[0], "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
+        axes.plot(*goal[:2], "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
+        _number_ends(axes, way, colour, size)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=3, frameon=False, labelcolor=INK, handletextpad=0.3)
+
+
+def _number_ends(axes: Axes, way: NDArray[np.float64], colour: str, size: float) -> None:
+    if len(way) - 1 > _BENT:
+        return
+    labelled: list[tuple[NDArray[np.float64], list[str]]] = []
+    for number in range(1, len(way)):
+        if np.linalg.norm(way[number] - way[number - 1]) <= 1e-4 * size:
+            continue
+        near = next((entry for entry in labelled if np.linalg.norm(entry[0] - way[number]) < 0.03 * size), None)
+        if near is None:
+            labelled.append((way[number], [str(number)]))
+        else:
+            near[1].append(str(number))
+    for place, numbers in labelled:
+        axes.annotate(
+            ", ".join(numbers[:3]) + ("…" if len(numbers) > 3 else ""),
+            (float(place[0]), float(place[1])),
+            xytext=(5, 5),
+            textcoords="offset points",
+            color=colour,
+            fontsize=8,
+            zorder=5,
+        )
+
+
+def _draw_delta(axes: Axes, episode: SteeringEpisode) -> None:
+    """Draw the Δ configuration space, what two moves reach from the start, and what Δ became."""
+    workspace = episode.problem.workspace
+    assert isinstance(workspace, ConvexWorkspace)
+    draw_workspace(axes, delta_space(workspace))
+    deltas = episode.states[:, 1] - episode.states[:, 0]
+    for piece in two_move_pieces(workspace, deltas[0]):
+        axes.fill(*piece.T, color="#9ecae1", alpha=0.9 if not workspace.round else 1.0, lw=0, zorder=1)
+    axes.plot(*deltas.T, "-", color=INK, lw=1.4, zorder=3)
+    axes.plot(*deltas.T, ".", color=INK, ms=6, zorder=3)
+    axes.plot(*deltas[0], "s", color=INK, ms=8, zorder=4, label="Δ at the start")
+    axes.plot(*(episode.goal[1] - episode.goal[0]), "o", mfc="white", mec=INK, mew=2, ms=9, zorder=4, label="Δ at the goal")
+    axes.fill([], [], color="#9ecae1", label="reached in two moves")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=3, frameon=False, labelcolor=INK, handletextpad=0.3)
+    set_title(axes, "Δ configuration space")
+
+
+def _draw_heights(axes: Axes, episode: SteeringEpisode) -> None:
+    for particle, colour in zip(range(2), PARTICLES, strict=False):
+        heights = episode.states[:, particle, 2]
+        axes.plot(range(len(heights)), heights, "o-", color=colour, lw=1.5, ms=4, label=f"particle {particle + 1}")
+        axes.plot(len(heights) - 1, episode.goal[particle, 2], "o", mfc="none", mec=colour, ms=11, mew=1.5)
+    axes.set_ylim(-0.03 * episode.problem.workspace.height, 1.03 * episode.problem.workspace.height)
+    from matplotlib.ticker import MaxNLocator
+
+    axes.set_xlabel("move", color=INK)
+    axes.set_ylabel("height", color=INK)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(color=GRID, lw=0.6)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    set_title(axes, "Heights")
+
+
+def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None) -> Figure:
+    """Return the figure of what 2, 4, ... moves reach in the Δ configuration space, beside the workspace with the start.
+
+    Parameters
+    ----------
+    sets : sequence of DiskReach or PolygonReach
+        As `disk_reach` and `polygon_reach` return them, at least one.
+    points : array_like of float, shape (2, 2), optional
+        Where the particles start.
+    """
+    if not sets:
+        raise InvalidInputError("reach figure: expected one set or more, got none")
+    figure = new_figure(11.6 if points is not None else 7.4, 5.2)
+    grid = figure.subplots(1, 2 if points is not None else 1, squeeze=False)[0]
+    axes = grid[-1]
+    samples = 500
+    if points is not None:
+        workspace = sets[0].workspace
+        draw_workspace(grid[0], workspace)
+        for point, colour, name in zip(np.asarray(points), PARTICLES, ("particle 1", "particle 2"), strict=False):
+            grid[0].plot(*point, "s", color=colour, ms=8, label=name)
+        grid[0].legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=2, frameon=False, labelcolor=INK)
+        set_title(grid[0], "Workspace")
+    space = delta_space(sets[0].workspace)
+    outline = outlines_of(space)[0]
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    steps = (np.arange(samples) + 0.5) / samples
+    across, up = np.meshgrid(low[0] + steps * (high[0] - low[0]), low[1] + steps * (high[1] - low[1]))
+    grid_points = np.stack([across, up], axis=-1)
+    inside = space.contains(grid_points)
+    picture = np.ones((samples, samples, 4))
+    picture[..., 3] = 0
+    from matplotlib.colors import to_rgba
+
+    found = np.zeros((samples, samples), dtype=np.bool_)
+    for reach, colour in zip(sets, REACH_COLOURS, strict=False):
+        new = inside & ~found
+        new[new] = reach.contains(grid_points[new])
+        picture[new] = to_rgba(colour)
+        found |= new
+        axes.fill([], [], color=colour, label=f"{reach.moves} moves: {100 * found.sum() / inside.sum():.1f} %")
+    axes.imshow(picture, origin="lower", extent=(low[0], high[0], low[1], high[1]), interpolation="bilinear", zorder=1)
+    axes.fill(*outline.T, facecolor="none", edgecolor=INK, lw=1.6, zorder=2)
+    before = sets[0].before
+    axes.plot(*before, "s", color=ORANGE, ms=7, zorder=4, label="Δ at the start")
+    _bare(axes)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, labelcolor=INK)
+    set_title(axes, "Reached in the Δ configuration space")
+    return figure
+
+
+def _bare(axes: Axes) -> None:
+    axes.set_aspect("equal")
+    axes.margins(0.04)
+    axes.tick_params(colors=MUTED, labelcolor=MUTED, labelsize=8)
+    for spine in axes.spines.values():
+        spine.set_visible(False)

@@ -1,0 +1,226 @@
+"""Planners against plain simulation, plain optimization and plain sampling."""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from tests.reference import contact
+from tests.reference.test_steering import random_point, random_polygon, walls_of
+
+from shoal.steering import (
+    ContactWorld,
+    SteeringProblem,
+    Task,
+    cylinder,
+    disk,
+    polygon,
+    prism,
+    reached_in_two_moves,
+    regular_polygon,
+    steer,
+)
+from shoal.steering.chains import Errand, shortest_chain
+from shoal.steering.growing import cycle_towards, grown_chain
+from shoal.steering.kernels.chain import chain_length
+from shoal.steering.walls import walls_of as unit_walls
+
+SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
+SHAPES = {
+    "square": lambda _rng: SQUARE,
+    "disk": lambda _rng: disk(0.5),
+    "hexagon": lambda _rng: regular_polygon(6),
+    "7-gon": partial(random_polygon, sides=7),
+}
+INSTANCES = 15  # of each kind; acceptance runs used 1000
+
+
+def replayed_error(space, episode):
+    points = [tuple(point) for point in episode.problem.start.tolist()]
+    walls = walls_of(space)
+    for move in episode.moves.tolist():
+        points = contact.step(walls, points, move, space.size)
+    return float(np.hypot(*(np.array(points) - episode.goal).T).max())
+
+
+def instance(rng, space, tolerance=1e-6):
+    points = np.array([random_point(rng, space) for _ in range(4)])
+    return SteeringProblem(space, points[:2], points[2:], tolerance)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_plans_arrive_in_the_plain_simulation(shape):
+    rng = np.random.default_rng(31)
+    lengths = {"greedy": [], "shortest": [], "fewest-moves": []}
+    moves = {name: [] for name in lengths}
+    for _ in range(INSTANCES):
+        space = SHAPES[shape](rng)
+        problem = instance(rng, space)
+        for planner, found in lengths.items():
+            episode = steer(problem, planner=planner)
+            assert episode.status == "solved"
+            assert replayed_error(space, episode) <= problem.tolerance
+            assert episode.path_length >= episode.lower_bound
+            assert episode.verify()
+            found.append(episode.path_length)
+            moves[planner].append(episode.n_moves)
+    assert (np.array(lengths["shortest"]) <= np.array(lengths["greedy"]) + 1e-6).all()
+    assert (np.array(moves["fewest-moves"]) <= np.minimum(moves["shortest"], moves["greedy"])).all()
+    assert np.mean(lengths["shortest"]) < 0.97 * np.mean(lengths["greedy"])
+
+
+def adversarial(rng):
+    """Corners, near walls, tiny separations."""
+    kinds = [
+        lambda: rng.choice([0.0, 1.0], size=2),
+        lambda: np.array([rng.choice([0.0, 1e-7, 1e-4, 1 - 1e-4, 1.0]), rng.random()])[:: rng.choice([-1, 1])],
+        lambda: rng.random(2),
+    ]
+    while True:
+        points = np.array([kinds[rng.integers(3)]() for _ in range(4)])
+        if rng.random() < 0.3:
+            points[1] = np.clip(points[0] + rng.normal(size=2) * 10.0 ** rng.integers(-5, -1), 0, 1)
+        if np.abs(points[0] - points[1]).max() > 1e-6 and np.abs(points[2] - points[3]).max() > 1e-6:
+            return points
+
+
+def test_worst_cases_of_the_square():
+    rng = np.random.default_rng(32)
+    for _ in range(60):
+        points = adversarial(rng)
+        episode = steer(SteeringProblem(SQUARE, points[:2], points[2:]))
+        assert episode.status in ("solved", "approachable")
+        assert episode.error <= 1e-6
+        assert replayed_error(SQUARE, episode) <= 1e-6
+        assert episode.path_length < np.sqrt(2) + 2 + 1e-6
+
+
+def plain_length(errand, touchers, walls, x):
+    """Length and limits of a chain on flat walls in the plane, written out."""
+    frames, normals, offsets, _ = errand.walls.shape
+    cycles = len(walls)
+    contacts = [frames[w, 0] + x[m] * frames[w, 1] for m, w in enumerate(walls)]
+    deltas = [errand.before, *x[cycles:].reshape(-1, 2), errand.after]
+    here, total, limits = errand.start.copy(), 0.0, []
+    for m, (toucher, wall, spot) in enumerate(zip(touchers, walls, contacts, strict=True)):
+        sign = 1 if toucher == 0 else -1
+        total += np.linalg.norm(spot - here[toucher]) + np.linalg.norm(deltas[m + 1] - deltas[m])
+        limits += [-normals[wall] @ (sign * (deltas[m + 1] - deltas[m]))]
+        for point in (spot, spot + sign * deltas[m], spot + sign * deltas[m + 1]):
+            limits += list(normals @ point - offsets)
+        here = np.stack([spot, spot + deltas[m + 1]] if toucher == 0 else [spot - deltas[m + 1], spot])
+    return total + np.linalg.norm(errand.goal[0] - here[0]), np.array(limits)
+
+
+def test_shortest_chains_are_those_of_a_general_optimizer():
+    rng = np.random.default_rng(33)
+    compared = 0
+    while compared < 12:
+        space = random_polygon(rng, sides=int(rng.integers(3, 7)))
+        walls = unit_walls(space)
+        points = walls.inward(np.array([random_point(rng, space) for _ in range(4)]))
+        errand = Errand(walls, np.ascontiguousarray(points[:2]), np.ascontiguousarray(points[2:]))
+        cycles = int(rng.integers(1, 4))
+        touchers, on = rng.integers(0, 2, size=cycles), rng.integers(0, len(walls.normals), size=cycles)
+        guess = errand.guess(cycles)
+        length = errand.settle(guess, touchers, on)
+        value = partial(plain_length, errand, touchers, on)
+        found = minimize(
+            lambda x, value=value: value(x)[0],
+            errand.guess(cycles) if length == np.inf else guess + 0.02 * rng.normal(size=len(guess)),
+            method="SLSQP",
+            constraints={"type": "ineq", "fun": lambda x, value=value: value(x)[1]},
+            options={"maxiter": 300, "ftol": 1e-12},
+        )
+        feasible = value(found.x)[1].min() >= -1e-9
+        if length == np.inf:
+            assert not feasible or value(found.x)[1].min() < 1e-6
+            continue
+        assert length == pytest.approx(value(guess)[0], abs=1e-9)
+        assert value(guess)[1].min() >= -1e-12
+        frames, _, _, circle = walls.shape
+        assert chain_length(guess, touchers, on, errand.start, errand.goal, frames, circle) == pytest.approx(length)
+        if feasible:
+            assert length <= found.fun + 1e-5
+            compared += 1
+
+
+@pytest.mark.parametrize("shape", ["7-gon", "disk"])
+def test_nearest_differences_are_members_and_none_is_nearer(shape):
+    rng = np.random.default_rng(34)
+    for _ in range(12):
+        space = SHAPES[shape](rng)
+        points = np.array([random_point(rng, space) for _ in range(4)])
+        task = Task(ContactWorld(space), points[:2], points[2:], 1e-6)
+        errand = task.errand()
+        away, delta, _ = cycle_towards(errand, errand.before, errand.after)
+        assert away == pytest.approx(float(np.linalg.norm(delta - errand.after)), abs=1e-9)
+        around = [delta * errand.walls.scale + 2e-7 * np.array([np.cos(a), np.sin(a)]) for a in np.linspace(0, 6, 16)]
+        around = [point for point in around if space.differences.contains(point)]
+        assert any(reached_in_two_moves(space, task.before, point) is not None for point in around)
+        for angle in np.linspace(0, 2 * np.pi, 24, endpoint=False):
+            nearer = errand.after + 0.98 * away * rng.random() * np.array([np.cos(angle), np.sin(angle)])
+            if away > 1e-6 and space.differences.contains(nearer * errand.walls.scale):
+                crossing = reached_in_two_moves(space, task.before, nearer * errand.walls.scale)
+                assert crossing is None or crossing.slack < 1e-6
+
+
+@pytest.mark.parametrize("friction", [0.7, 1.5, np.inf])
+def test_grown_chains_obey_walls_and_friction(friction):
+    rng = np.random.default_rng(35)
+    found = 0
+    for _ in range(12):
+        space = random_polygon(rng, sides=6)
+        points = np.array([random_point(rng, space) for _ in range(4)])
+        task = Task(ContactWorld(space, friction=friction), points[:2], points[2:], 1e-6)
+        errand = task.errand()
+        chain = grown_chain(errand, nodes=800)
+        if chain is None:
+            continue
+        found += 1
+        _, limits = plain_length(errand, chain.touchers, chain.walls, chain.unknowns)
+        assert limits.min() >= -1e-9
+        deltas = chain.differences(errand.before, errand.after)
+        for (before, after), wall, toucher in zip(pairwise(deltas), chain.walls, chain.touchers, strict=True):
+            push = (1 if toucher == 0 else -1) * (after - before)
+            normal = errand.walls.normals[wall]
+            along = abs(push @ [-normal[1], normal[0]])
+            assert along <= friction * -(normal @ push) + 1e-9 if friction < np.inf else -(normal @ push) >= -1e-9
+        moves = task.moves_of(chain, errand)
+        assert moves is not None
+        assert task.error(task.world.play(task.start, moves)[-1]) < 1e-6
+    assert found >= 6
+
+
+@pytest.mark.parametrize("space", [prism(regular_polygon(5), 1.0), cylinder(0.5, 0.8)], ids=["prism", "cylinder"])
+def test_plans_in_space(space):
+    rng = np.random.default_rng(36)
+    base, no_more = space.base, 0
+    for _ in range(8):
+        points = np.array([[*random_point(rng, base), rng.random() * space.height] for _ in range(4)])
+        episode = steer(SteeringProblem(space, points[:2], points[2:]), planner="greedy")
+        assert episode
+        flat = steer(SteeringProblem(base, points[:2, :2], points[2:, :2]), planner="greedy")
+        no_more += episode.n_moves <= flat.n_moves
+        assert steer(SteeringProblem(space, points[:2], points[2:])).path_length <= episode.path_length + 1e-6
+    assert no_more >= 6
+
+
+def test_chains_over_a_circle_beat_random_ones():
+    rng = np.random.default_rng(37)
+    space = disk(0.5)
+    walls = unit_walls(space)
+    for _ in range(4):
+        points = walls.inward(np.array([random_point(rng, space) for _ in range(4)]))
+        errand = Errand(walls, np.ascontiguousarray(points[:2]), np.ascontiguousarray(points[2:]))
+        best = shortest_chain(errand)
+        length = np.inf if best is None else best.length
+        for _ in range(60):
+            cycles = int(rng.integers(1, 4))
+            guess = errand.guess(cycles)
+            guess[:cycles] = rng.random(cycles) * 2 * np.pi * walls.circle[2]
+            tried = errand.settle(guess, rng.integers(0, 2, size=cycles), np.zeros(cycles, dtype=np.int64), enough=1e-4)
+            assert tried >= length - 1e-4
