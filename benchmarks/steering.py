@@ -1,0 +1,120 @@
+"""Planners on random instances: python -m benchmarks.steering [--instances N] [--seed S] [--only PART]
+
+Every plan is played by the plain simulation of tests/reference, which shares no code with the planners.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from tests.reference.test_planners import SHAPES, SQUARE, adversarial, instance, replayed_error
+from tests.reference.test_steering import random_point
+
+from shoal.steering import Disturbance, SteeringEpisode, SteeringProblem, cylinder, prism, regular_polygon, steer
+
+
+def row(name: str, episodes: list[SteeringEpisode], note: str = "") -> None:
+    lengths, moves = ([getattr(e, field) for e in episodes] for field in ("path_length", "n_moves"))
+    solved, below = (
+        np.mean([bool(e) for e in episodes]),
+        sum(e.lower_bound is not None and e.path_length < e.lower_bound for e in episodes if e),
+    )
+    times = 1e3 * np.array([e.seconds for e in episodes[1:]])
+    print(
+        f"{name:34s} solved {100 * solved:5.1f} %  length {np.mean(lengths):.4f}  moves {np.mean(moves):.3f}  "
+        f"median {np.median(times):.1f} ms, at most {times.max():.0f}  below the bound {below}{note}",
+        flush=True,
+    )
+
+
+def planners(instances: int, seed: int) -> None:
+    for shape, make in SHAPES.items():
+        baseline = 0.0
+        for planner, tolerance in (("greedy", 1e-3), ("greedy", 1e-6), ("shortest", 1e-6), ("fewest-moves", 1e-6)):
+            rng = np.random.default_rng(seed)
+            episodes, missed = [], 0
+            for _ in range(instances):
+                space = make(rng)
+                episodes.append(steer(instance(rng, space, tolerance), planner=planner))
+                missed += replayed_error(space, episodes[-1]) > tolerance
+            mean = float(np.mean([e.path_length for e in episodes]))
+            baseline = baseline or mean
+            row(f"{shape}, {planner}, {tolerance:g}", episodes, f"  missed when replayed {missed}  ratio {mean / baseline:.3f}")
+
+
+def square(instances: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    worst, missed = 0.0, 0
+    for _ in range(10 * instances):
+        points = adversarial(rng)
+        episode = steer(SteeringProblem(SQUARE, points[:2], points[2:]))
+        worst = max(worst, episode.path_length)
+        missed += replayed_error(SQUARE, episode) > 1e-6
+    print(
+        f"square, adversarial: longest of {10 * instances} {worst:.9f}, sqrt 2 + 2 = {np.sqrt(2) + 2:.9f}, missed {missed}",
+        flush=True,
+    )
+
+
+def friction(instances: int, seed: int) -> None:
+    for shape, make in SHAPES.items():
+        for coefficient in (0.5, 1.0, 2.0):
+            rng = np.random.default_rng(seed)
+            counts: dict[str, int] = {}
+            for _ in range(instances):
+                status = steer(instance(rng, make(rng)), disturbance=Disturbance(friction=coefficient)).status
+                counts[status] = counts.get(status, 0) + 1
+            may = instances - counts.get("unreachable", 0)
+            share = 100 * counts.get("solved", 0) / max(1, may)
+            print(f"{shape}, friction {coefficient:g}: {counts}, {share:.1f} % of those not proved impossible", flush=True)
+
+
+def robust(instances: int, seed: int) -> None:
+    noise = Disturbance(execution=1e-3, measurement=1e-3, gain=0.2)
+    for shape, make in SHAPES.items():
+        for planner in ("robust", "shortest"):
+            rng = np.random.default_rng(seed)
+            episodes = [
+                steer(instance(rng, make(rng), 0.01), planner=planner, disturbance=noise, seed=k, max_moves=40)
+                for k in range(instances // 2)
+            ]
+            row(f"{shape}, noise, {planner}", episodes)
+
+
+def space(instances: int, seed: int) -> None:
+    for name, body in {"prism": prism(regular_polygon(5), 1.0), "cylinder": cylinder(0.5, 0.8)}.items():
+        for planner in ("greedy", "shortest", "fewest-moves"):
+            rng = np.random.default_rng(seed)
+            episodes, no_more = [], []
+            for _ in range(instances // 5):
+                points = np.array([[*random_point(rng, body.base), rng.random() * body.height] for _ in range(4)])
+                episodes.append(steer(SteeringProblem(body, points[:2], points[2:]), planner=planner))
+                flat = steer(SteeringProblem(body.base, points[:2, :2], points[2:, :2]), planner=planner)
+                no_more.append(episodes[-1].n_moves <= flat.n_moves)
+            row(f"{name}, {planner}", episodes, f"  no more moves than in the plane {100 * np.mean(no_more):.1f} %")
+
+
+PARTS: dict[str, Callable[[int, int], None]] = {
+    "planners": planners,
+    "square": square,
+    "friction": friction,
+    "robust": robust,
+    "space": space,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--instances", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=2026)
+    parser.add_argument("--only", choices=list(PARTS))
+    chosen = parser.parse_args()
+    for part in [chosen.only] if chosen.only else PARTS:
+        partial(PARTS[part], chosen.instances, chosen.seed)()
+
+
+if __name__ == "__main__":
+    main()
