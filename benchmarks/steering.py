@@ -13,7 +13,7 @@ import numpy as np
 from tests.reference.test_planners import SHAPES, SQUARE, adversarial, instance, replayed_error
 from tests.reference.test_steering import random_point
 
-from shoal.steering import Disturbance, SteeringEpisode, SteeringProblem, cylinder, prism, regular_polygon, steer
+from shoal.steering import Disturbance, Region, SteeringEpisode, SteeringProblem, cylinder, prism, region, regular_polygon, steer
 
 
 def row(name: str, episodes: list[SteeringEpisode], note: str = "") -> None:
@@ -97,12 +97,47 @@ def space(instances: int, seed: int) -> None:
             row(f"{name}, {planner}", episodes, f"  no more moves than in the plane {100 * np.mean(no_more):.1f} %")
 
 
+ROOMS = {
+    "an obstacle": (region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(1.5, 1.5), (2.5, 1.5), (2.5, 2.5), (1.5, 2.5)]]), 2),
+    "two obstacles": (
+        region(
+            [(0, 0), (6, 0), (6, 4), (0, 4)],
+            [[(1, 1), (2, 0.8), (2.2, 2.5)], [(3.5, 1.5), (5, 1.2), (4.6, 2.9), (3.8, 3)]],
+        ),
+        2,
+    ),
+    "an L with an obstacle": (
+        region([(0, 0), (3, 0), (3, 1.5), (1.5, 1.5), (1.5, 3), (0, 3)], [[(0.6, 0.6), (0.9, 0.6), (0.9, 0.9), (0.6, 0.9)]]),
+        2,
+    ),
+    "three in the square": (SQUARE, 3),
+    "four in the square": (SQUARE, 4),
+}
+
+
+def sampling(instances: int, seed: int) -> None:
+    for name, (room, count) in ROOMS.items():
+        rng = np.random.default_rng(seed)
+        low, high = np.array(room.shape.bounds).reshape(2, 2) if isinstance(room, Region) else (np.zeros(2), np.ones(2))
+        episodes = []
+        for _ in range(max(2, instances // 50)):
+            points: list[np.ndarray] = []
+            while len(points) < 2 * count:
+                point = low + (high - low) * rng.random(2)
+                if room.depth(point) > 0:
+                    points.append(point)
+            problem = SteeringProblem(room, np.array(points[:count]), np.array(points[count:]), 1e-6 * room.size)
+            episodes.append(steer(problem, planner="sampling"))
+        row(f"{name}, sampling", episodes)
+
+
 PARTS: dict[str, Callable[[int, int], None]] = {
     "planners": planners,
     "square": square,
     "friction": friction,
     "robust": robust,
     "space": space,
+    "sampling": sampling,
 }
 
 

@@ -59,7 +59,7 @@ def test_as_exact_fractions_say(name):
     world, rings = world_of(outline, obstacles), slow.rings_of(outline, obstacles)
     rng = np.random.default_rng(len(name))
     held = 0
-    for _run in range(80):
+    for _run in range(50):
         points = [slow.exact(free_point(world, rng)) for _ in range(2)] + [corners_of(rings)[rng.integers(len(corners_of(rings)))]]
         state = np.array(points, dtype=float)
         for _move in range(6):

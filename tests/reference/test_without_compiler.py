@@ -35,10 +35,35 @@ for width in (1, 5, 62, 63, 64, 65, 126, 128):
 """
 
 
-def episodes(*, compiled: bool) -> str:
+STEERING = """
+import numpy as np
+from shoal.steering import Disturbance, SteeringProblem, cylinder, disk, polygon_reach, prism, regular_polygon, steer
+from shoal.steering.planners import fewest_moves
+fewest_moves.DIRECTIONS = {2: 12, 3: 12}
+fewest_moves.DENSE = 1
+fewest_moves.TRIED = {2: (6, 4), 3: (2, 2)}
+pair = [(-0.1, 0.0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)]
+high = [(-0.1, 0.0, 0.2), (0.1, 0.1, 0.5)], [(0.3, 0.1, 0.4), (-0.2, -0.3, 0.1)]
+for space in (regular_polygon(3, radius=0.8), regular_polygon(5), disk(0.5), prism(regular_polygon(4), 0.7), cylinder(0.5, 0.7)):
+    where = pair if space.dimensions == 2 else high
+    for planner in ("greedy", "fewest-moves", "shortest")[: 1 if space.round else 3]:
+        e = steer(SteeringProblem(space, *where), planner=planner)
+        print(space.kind, planner, e.status, e.n_moves, np.round(e.moves, 6).tolist())
+problem = SteeringProblem(regular_polygon(5), *pair, 0.01)
+e = steer(problem, planner="robust", disturbance=Disturbance(execution=1e-3, measurement=1e-3, gain=0.2), max_moves=12)
+print(e.status, np.round(e.moves, 6).tolist())
+for friction in (0.5, 3.0):
+    slippery = Disturbance(friction=friction)
+    e = steer(SteeringProblem(regular_polygon(5), *pair), planner="greedy", disturbance=slippery, max_moves=20)
+    print(friction, e.status, e.n_moves, np.round(e.final, 5).tolist())
+print([round(r.fraction(samples=20), 3) for r in polygon_reach(regular_polygon(3), (0.2, 0.1), moves=4, contacts=5)])
+"""
+
+
+def episodes(*, compiled: bool, script: str = SCRIPT) -> str:
     environment = dict(os.environ, NUMBA_DISABLE_JIT="0" if compiled else "1")
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT], cwd=ROOT, env=environment, check=True, capture_output=True, text=True, timeout=300
+        [sys.executable, "-c", script], cwd=ROOT, env=environment, check=True, capture_output=True, text=True, timeout=300
     )
     return done.stdout
 
@@ -47,3 +72,9 @@ def test_same_episodes_with_the_compiler_off():
     compiled = episodes(compiled=True)
     assert len(compiled.splitlines()) > 60
     assert episodes(compiled=False) == compiled
+
+
+def test_same_plans_with_the_compiler_off():
+    compiled = episodes(compiled=True, script=STEERING)
+    assert len(compiled.splitlines()) == 15
+    assert episodes(compiled=False, script=STEERING) == compiled

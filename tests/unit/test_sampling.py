@@ -7,6 +7,7 @@ import pytest
 
 from shoal.errors import InvalidInputError
 from shoal.steering import ContactWorld, Disturbance, SteeringProblem, Task, disk, polygon, prism, region, regular_polygon, steer
+from shoal.steering.planners import sampling
 from shoal.steering.planners.sampling import Sampling
 from shoal.steering.region_world import RegionWorld
 
@@ -75,6 +76,12 @@ def test_friction_and_goals_on_walls():
     planned(ContactWorld(SQUARE), [(0.0, 0.2), (1.0, 0.3)], [(1.0, 1.0), (0.0, 0.0)])
 
 
+def test_few_moves_are_enough_or_nothing_is_found():
+    world, pairs = ContactWorld(SQUARE), ([(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.4, 0.5)])
+    assert len(planned(world, *pairs, max_moves=3)) == 3
+    assert Sampling().plan(Task(world, *(np.array(pair) for pair in pairs), 1e-6, 1)) is None
+
+
 def test_seeds():
     world, pairs = RegionWorld(YARD), ([(0.5, 0.5), (0.7, 0.5)], [(3.5, 3.5), (3.5, 3.7)])
     first, again, other = (planned(world, *pairs, seed=seed) for seed in (3, 3, 4))
@@ -82,8 +89,10 @@ def test_seeds():
     assert not np.array_equal(first, other)
 
 
-def test_what_cannot_be():
+def test_what_cannot_be(monkeypatch):
     """Particles at one point stay together, and goals in parts that no way joins are not reached."""
+    monkeypatch.setattr(sampling, "TREES", 1)
+    monkeypatch.setattr(sampling, "ROUNDS", 10_000)
     apart = region([(0, 0), (9, 0), (9, 1), (5, 1), (4.5, 1e-3), (4, 1), (0, 1)])
     task = Task(RegionWorld(CORNER), np.array([(0.5, 0.5), (0.5, 0.5)]), np.array([(0.5, 0.5), (0.6, 0.5)]), 1e-6, 100, 0)
     assert Sampling().plan(task) is None

@@ -215,6 +215,8 @@ def parse_points(text: str) -> list[list[float]]:
 
 def demo_steer(out: Path, *, seed: int, json_: bool) -> None:
     """Plan and draw five problems: ``shoal demo steer``."""
+    import numpy as np
+
     from shoal.steering import Disturbance, SteeringProblem, disk, open_workspace, prism, steer
     from shoal.views.figures import save_figure
     from shoal.views.steering import plan_figure
@@ -222,17 +224,18 @@ def demo_steer(out: Path, *, seed: int, json_: bool) -> None:
     check_folder(out)
     square, hexagon = open_workspace("square"), open_workspace("hexagon")
     tall = prism(open_workspace("heptagon"), 0.8)  # type: ignore[arg-type]  # a name is never a region's
-    cases = {
-        "square": (SteeringProblem(square, [(0.2, 0.3), (0.5, 0.35)], [(0.8, 0.2), (0.3, 0.75)]), "shortest"),
-        "hexagon": (SteeringProblem(hexagon, [(-0.1, 0.0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)]), "fewest-moves"),
-        "disk": (SteeringProblem(disk(0.5), [(0.2, 0.2), (-0.1, -0.1)], [(-0.35, 0.2), (0.35, -0.25)]), "greedy"),
-        "prism": (SteeringProblem(tall, [(0.1, 0.2, 0.3), (0.0, 0.1, 0.6)], [(-0.2, 0.1, 0.7), (0.1, -0.1, 0.2)]), "shortest"),
-        "noise": (SteeringProblem(square, [(0.2, 0.3), (0.5, 0.35)], [(0.8, 0.2), (0.3, 0.75)], 0.01), "robust"),
-    }
+    cases = [
+        ("square", square, [(0.2, 0.3), (0.5, 0.35)], [(0.8, 0.2), (0.3, 0.75)], 1e-6, "shortest"),
+        ("hexagon", hexagon, [(-0.1, 0.0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)], 1e-6, "fewest-moves"),
+        ("disk", disk(0.5), [(0.2, 0.2), (-0.1, -0.1)], [(-0.35, 0.2), (0.35, -0.25)], 1e-6, "greedy"),
+        ("prism", tall, [(0.1, 0.2, 0.3), (0.0, 0.1, 0.6)], [(-0.2, 0.1, 0.7), (0.1, -0.1, 0.2)], 1e-6, "shortest"),
+        ("noise", square, [(0.2, 0.3), (0.5, 0.35)], [(0.8, 0.2), (0.3, 0.75)], 0.01, "robust"),
+    ]
     results: dict[str, Any] = {}
     rows, files = [], []
     with patience(COMPILING):
-        for name, (problem, planner) in cases.items():
+        for name, workspace, start, goal, tolerance, planner in cases:
+            problem = SteeringProblem(workspace, np.array(start), np.array(goal), tolerance)
             noise = Disturbance(execution=1e-3, measurement=1e-3, gain=0.2) if name == "noise" else Disturbance()
             episode = steer(problem, planner=planner, disturbance=noise, seed=seed)
             save_figure(plan_figure(episode), out / f"{name}.png")

@@ -65,7 +65,7 @@ def away_from(rows: Points) -> Points | None:
 
     d = rows.shape[1]
     if not len(rows):
-        return np.eye(d)[0]
+        return np.asarray(np.eye(d)[0])
     found = linprog(
         np.r_[np.zeros(d), -1.0],
         A_ub=np.hstack([-rows, np.ones((len(rows), 1))]),
@@ -74,4 +74,5 @@ def away_from(rows: Points) -> Points | None:
     )
     vector = np.asarray(found.x[:d])
     length = float(np.linalg.norm(vector))
-    return np.asarray(vector / length) if length > 0 and found.x[d] / length > _STEEP else None
+    away: Points = vector / max(length, 1e-300)
+    return away if length > 0 and found.x[d] / length > _STEEP else None

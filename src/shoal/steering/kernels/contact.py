@@ -14,6 +14,7 @@ from shoal.steering.kernels.compiling import kernel
 TOUCH = 1e-9  # of the size: who is nearer to a wall than this is on it
 PUSHED = 1e-9  # of the length of a move: who is moved away from a wall by less than this is held
 EVENTS = 4096  # walls met, and short steps along the circle, in one move
+SLOW = 1e-14  # growth of the gain on the way that is as good as none
 ARC = 1 / 400  # of the radius: steps of a slide along the circle
 
 
@@ -153,16 +154,16 @@ def first_contact(point, velocity, normals, offsets, circle, sliding):
 @kernel
 def input_for(share, speed, rate):
     """Return the share of an input that takes a particle ``share`` times it far; ``speed`` grows by ``rate`` times the way."""
-    if rate == 0.0:
+    grown = share * rate / speed
+    if abs(grown) < SLOW:
         return share / speed
-    grown = 1 + share * rate / speed
-    return np.log(grown) / rate if grown > 0 else np.inf
+    return np.log1p(grown) / rate if grown > -1 else np.inf
 
 
 @kernel
 def way_of(share, speed, rate):
     """Return how far a share of an input takes a particle, in times of the input; the inverse of `input_for`."""
-    return speed * share if rate == 0.0 else speed / rate * np.expm1(rate * share)
+    return speed * share if abs(rate * share) < SLOW else speed / rate * np.expm1(rate * share)
 
 
 @kernel

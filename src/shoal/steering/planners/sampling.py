@@ -116,17 +116,20 @@ class _Tree:
 
     def search(self, ways: _Ways) -> Points | None:
         """Return the first plan found, without moves that it can do without; None if there is none."""
-        moves = self.direct(ways)
         for _hit in range(HITS):
-            if moves is not None or not self.grow():
-                break
             moves = self.direct(ways)
-        return None if moves is None else shortened(self.task, moves)
+            if moves is not None:
+                moves = shortened(self.task, moves)
+                if len(moves) <= self.task.max_moves:
+                    return moves
+            if not self.grow():
+                break
+        return None
 
     def grow(self) -> bool:
         """Grow to the next state that only a translation parts from the goal; return False at the end of the search."""
         task, size = self.task, float(self.task.world.room.size)
-        limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 2
+        limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow
         found = grow(*self.nodes, self.total, self.left, *limits, self.world, size, self.rng)
         self.total, self.left, hit = found
@@ -146,9 +149,7 @@ class _Tree:
             ends = ways.around(np.array([-x, -y]))
         for end in ends:
             moves = np.concatenate([self.path(), end])
-            if len(moves) <= self.task.max_moves and self.task.error(self.task.world.play(self.task.start, moves)[-1]) <= (
-                self.task.tolerance
-            ):
+            if self.task.error(self.task.world.play(self.task.start, moves)[-1]) <= self.task.tolerance:
                 return np.asarray(moves)
         return None
 
