@@ -26,6 +26,7 @@ from shoal.steering import (
 from shoal.steering.chains import Errand, shortest_chain
 from shoal.steering.growing import cycle_towards, grown_chain
 from shoal.steering.kernels.chain import chain_length
+from shoal.steering.kernels.sequences import over_circle
 from shoal.steering.walls import walls_of as unit_walls
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -224,3 +225,21 @@ def test_chains_over_a_circle_beat_random_ones():
             guess[:cycles] = rng.random(cycles) * 2 * np.pi * walls.circle[2]
             tried = errand.settle(guess, rng.integers(0, 2, size=cycles), np.zeros(cycles, dtype=np.int64), enough=1e-4)
             assert tried >= length - 1e-4
+
+
+def test_ways_over_a_circle_are_those_of_the_quartic():
+    """A z^4 - B z^3 + conj(B) z - conj(A) = 0, A = conj(S G), B = r conj(S + G); the contacts are the roots with |z| = 1."""
+    rng = np.random.default_rng(38)
+    circle = np.array([0.0, 0.0, 0.5])
+    for number in range(300):
+        near = 10.0 ** -rng.integers(1, 7) if number % 2 else 1.0
+        radii = 0.5 - near * 0.5 * rng.random(2)
+        s, g = radii * np.exp(2j * np.pi * np.array([rng.random(), rng.random() * 10.0 ** -rng.integers(0, 4)]))
+        a, b = np.conj(s * g), 0.5 * np.conj(s + g)
+        roots = np.roots([a, -b, 0, np.conj(b), -np.conj(a)])
+        angles = np.concatenate([np.angle(roots), np.angle([s, g])])
+        contacts = 0.5 * np.exp(1j * angles)
+        best = float(np.min(np.abs(contacts - s) + np.abs(contacts - g)))
+        found, _ = over_circle(np.array([s.real, s.imag]), np.array([g.real, g.imag]), circle)
+        assert found <= best + 1e-9
+        assert found >= abs(s - g) - 1e-12

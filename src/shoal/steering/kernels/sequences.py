@@ -32,25 +32,36 @@ def reflected(one, other, wall, normals, offsets, circle):
 
 @kernel
 def over_circle(one, other, circle):
-    """Return the length of the shortest way over the circle and the angle of its contact: a few angles, then Newton's method."""
+    """Return the length of the shortest way over the circle and the angle of its contact.
+
+    Descends from the best of a few angles and from the feet of both points: near the wall the way has narrow valleys there.
+    """
     best, at = np.inf, 0.0
     climb = 0.0
     for i in range(2, one.shape[0]):
         climb += (one[i] - other[i]) ** 2
+    starts = np.empty(3)
+    starts[0] = np.arctan2(one[1] - circle[1], one[0] - circle[0])
+    starts[1] = np.arctan2(other[1] - circle[1], other[0] - circle[0])
     for k in range(48):
         angle = 2 * np.pi * k / 48
         way = bent(one, other, circle, angle)
         if way < best:
             best, at = way, angle
-    step = 2 * np.pi / 48
-    for _halving in range(50):  # the way is unimodal between neighbours of the best angle
-        moved = False
-        for turn in (-step, step):
-            way = bent(one, other, circle, at + turn)
-            if way < best:
-                best, at, moved = way, at + turn, True
-        if not moved:
-            step *= 0.5
+    starts[2] = at
+    for first in starts:
+        angle, way = first, bent(one, other, circle, first)
+        step = 2 * np.pi / 48
+        for _halving in range(60):
+            moved = False
+            for turn in (-step, step):
+                found = bent(one, other, circle, angle + turn)
+                if found < way:
+                    way, angle, moved = found, angle + turn, True
+            if not moved:
+                step *= 0.5
+        if way < best:
+            best, at = way, angle
     return np.sqrt(best * best + climb), at
 
 
