@@ -45,8 +45,9 @@ demo: install
 
 # Kernels are compiled once, before several test processes would do it at the same time.
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
-	@touch src/shoal/swarm/kernels/*.py
-	@$(BIN)/shoal map rectangle:9x9 --particles 3 --json >/dev/null
+	@touch src/shoal/swarm/kernels/*.py src/shoal/steering/kernels/*.py
+	@$(BIN)/shoal map rectangle:9x9 --particles 3 --json >/dev/null & swarm=$$!; \
+	  folder=$$(mktemp -d) && $(BIN)/shoal demo steer --json --out $$folder >/dev/null && rm -r $$folder && wait $$swarm
 	@touch $@
 
 # The browser tests need Debian's Chromium, and the program that drives it a small library.

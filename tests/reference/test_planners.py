@@ -36,7 +36,7 @@ SHAPES = {
     "hexagon": lambda _rng: regular_polygon(6),
     "7-gon": partial(random_polygon, sides=7),
 }
-INSTANCES = 15  # of each kind; acceptance runs used 1000
+INSTANCES = 10  # of each kind; acceptance runs used 1000
 
 
 def replayed_error(space, episode):

@@ -44,13 +44,13 @@ fewest_moves.DENSE = 1
 fewest_moves.TRIED = {2: (6, 4), 3: (2, 2)}
 pair = [(-0.1, 0.0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)]
 high = [(-0.1, 0.0, 0.2), (0.1, 0.1, 0.5)], [(0.3, 0.1, 0.4), (-0.2, -0.3, 0.1)]
-for space in (regular_polygon(3, radius=0.8), regular_polygon(5), disk(0.5), prism(regular_polygon(4), 0.7), cylinder(0.5, 0.7)):
+for space in (regular_polygon(3, radius=0.8), disk(0.5), prism(regular_polygon(4), 0.7), cylinder(0.5, 0.7)):
     where = pair if space.dimensions == 2 else high
-    for planner in ("greedy", "fewest-moves", "shortest")[: 1 if space.round else 3]:
+    for planner in ("greedy", "fewest-moves", "shortest")[: 3 if space.kind == "polygon" else 1]:
         e = steer(SteeringProblem(space, *where), planner=planner)
         print(space.kind, planner, e.status, e.n_moves, np.round(e.moves, 6).tolist())
 problem = SteeringProblem(regular_polygon(5), *pair, 0.01)
-e = steer(problem, planner="robust", disturbance=Disturbance(execution=1e-3, measurement=1e-3, gain=0.2), max_moves=12)
+e = steer(problem, planner="robust", disturbance=Disturbance(execution=1e-3, measurement=1e-3, gain=0.2), max_moves=6)
 print(e.status, np.round(e.moves, 6).tolist())
 for friction in (0.5, 3.0):
     slippery = Disturbance(friction=friction)
@@ -76,5 +76,5 @@ def test_same_episodes_with_the_compiler_off():
 
 def test_same_plans_with_the_compiler_off():
     compiled = episodes(compiled=True, script=STEERING)
-    assert len(compiled.splitlines()) == 15
+    assert len(compiled.splitlines()) == 10
     assert episodes(compiled=False, script=STEERING) == compiled

@@ -57,6 +57,8 @@ def write_files_of(text: str) -> list[str]:
     shown = re.findall(r'```python title="(\w+)\.py"\n(.*?)```', text, re.S)
     for name, content in shown:
         Path(f"{name}.py").write_text(content)
+    for name, content in re.findall(r'```json title="(\w+\.json)"\n(.*?)```', text, re.S):
+        Path(name).write_text(content)
     for photograph in re.findall(r"<!-- needs: (\S+) -->", text):
         data = pytest.importorskip("skimage.data")
         from PIL import Image
@@ -81,6 +83,7 @@ def test_examples_of_help_run(tmp_path, monkeypatch):
     """Each command's --help ends with an example. That of demo is what `make demo` runs: it takes ten seconds."""
     monkeypatch.chdir(tmp_path)
     assert run(["map", "maze:9x7", "-n", "3", "--out", "result"]) == 0  # what replay's example replays
+    write_files_of((ROOT / "docs" / "concepts" / "steering.md").read_text())  # steer's problem.json
     for command in app.registered_commands:
         example = command.epilog.removeprefix("Example: shoal ")
         assert example.split()[0] == command.name

@@ -119,8 +119,8 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
     <ConvexWorkspace polygon, 6 corners>
     >>> open_workspace("POLYGON ((0 0, 2 0, 2 1, 0 0))")
     <ConvexWorkspace polygon, 3 corners>
-    >>> open_workspace({"type": "svg", "text": "M 0 0 h 2 v 1 z"}).vertices.tolist()
-    [[2.0, 0.0], [0.0, 0.0], [2.0, -1.0]]
+    >>> sorted(open_workspace({"type": "svg", "text": "M 0 0 h 2 v 1 z"}).vertices.tolist())
+    [[0.0, 0.0], [2.0, -1.0], [2.0, 0.0]]
     """
     if isinstance(source, dict):
         return workspace_of(source, where="workspace")
@@ -385,7 +385,7 @@ def _from_pen(drawn: list[tuple[str, Any]], *, where: str) -> Workspace:
             rings.append([points[0]])
         elif action in ("lineTo", "curveTo", "qCurveTo"):
             rings[-1] += _bent(rings[-1][-1], points)
-    outlines = [np.array(ring) * [1.0, -1.0] for ring in rings if len(ring) > 1]
+    outlines = [np.array(ring) * [1.0, -1.0] + 0.0 for ring in rings if len(ring) > 1]
     if not outlines:
         raise InvalidInputError(f"{where}: expected a closed path, got one without lines")
     return _polygon_or_region(outlines[0], outlines[1:], where=where)
