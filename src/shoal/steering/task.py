@@ -19,7 +19,7 @@ from shoal.steering.workspace import TOUCH
 from shoal.steering.world import ContactWorld
 
 _SURE = 3e-9  # of the size: how far a move to a wall goes on, against roundings
-_PUSH = 1e-8  # of the size: how far an adjustment goes into the wall at the least
+_PUSH = 2e-9  # of the size: how far an adjustment goes into the wall at the least
 _SLIGHT = 2e-7  # of the size: roundings that may lead off a wall
 _TINY = 1e-6  # of the size: a move that might as well be left out
 
