@@ -104,4 +104,4 @@ IDEAL = Disturbance()
 def generators(seed: int) -> tuple[Generator, Generator, Generator, Generator]:
     """Return the generators of the field, of execution, of the camera and of the planner."""
     spawned = np.random.SeedSequence(seed).spawn(4)
-    return tuple(np.random.default_rng(child) for child in spawned)  # type: ignore[return-value]
+    return tuple(np.random.default_rng(child) for child in spawned)  # type: ignore[return-value]  # four children, four generators

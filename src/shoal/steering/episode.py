@@ -16,13 +16,12 @@ from pydantic import BaseModel, ConfigDict, FiniteFloat, NonNegativeFloat, NonNe
 
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
-from shoal.steering.disturbance import IDEAL, Disturbance
+from shoal.steering.disturbance import Disturbance
 from shoal.steering.formats import read_json, read_text, said
 from shoal.steering.outline import Points
 from shoal.steering.problem import SteeringProblem, problem_of
 
 FORMAT: Literal[1] = 1
-STATUSES = ("solved", "approachable", "unreachable", "limit")
 
 
 class EpisodeForm(BaseModel):
@@ -227,6 +226,3 @@ class SteeringEpisode:
             form.seconds,
             form.version,
         )
-
-
-__all__ = ["IDEAL", "STATUSES", "EpisodeForm", "SteeringEpisode"]

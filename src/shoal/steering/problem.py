@@ -132,6 +132,6 @@ def problem_of(data: Any, *, where: str, folder: Path = Path()) -> SteeringProbl
     else:
         workspace = workspace_of(form.workspace, where=f"{where}: workspace")
     try:
-        return SteeringProblem(workspace, form.start, form.goal, form.tolerance, form.interchangeable)  # type: ignore[arg-type]
+        return SteeringProblem(workspace, form.start, form.goal, form.tolerance, form.interchangeable)  # type: ignore[arg-type]  # made arrays there
     except InvalidInputError as error:
         raise InvalidInputError(f"{where}: {error}") from None
