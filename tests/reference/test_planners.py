@@ -26,6 +26,7 @@ from shoal.steering import (
 from shoal.steering.chains import Errand, shortest_chain
 from shoal.steering.growing import cycle_towards, grown_chain
 from shoal.steering.kernels.chain import chain_length
+from shoal.steering.kernels.limits import Kind
 from shoal.steering.kernels.sequences import over_circle
 from shoal.steering.walls import walls_of as unit_walls
 
@@ -142,8 +143,8 @@ def test_shortest_chains_are_those_of_a_general_optimizer():
             continue
         assert length == pytest.approx(value(guess)[0], abs=1e-9)
         assert value(guess)[1].min() >= -1e-12
-        frames, _, _, circle = walls.shape
-        assert chain_length(guess, touchers, on, errand.start, errand.goal, frames, circle) == pytest.approx(length)
+        kind = Kind(touchers, on, errand.start, errand.goal, walls.shape, errand.friction, errand.margin, errand.push)
+        assert chain_length(guess, kind) == pytest.approx(length)
         if feasible:
             assert length <= found.fun + 1e-5
             compared += 1
