@@ -25,9 +25,12 @@ from shoal.steering import (
 )
 from shoal.steering.chains import Errand, shortest_chain
 from shoal.steering.growing import cycle_towards, grown_chain
+from shoal.steering.heights import flattened, with_heights
 from shoal.steering.kernels.chain import chain_length
 from shoal.steering.kernels.limits import Kind
 from shoal.steering.kernels.sequences import over_circle
+from shoal.steering.planners.shortest import Shortest
+from shoal.steering.task import Task
 from shoal.steering.walls import walls_of as unit_walls
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -209,6 +212,23 @@ def test_plans_in_space(space):
         no_more += episode.n_moves <= flat.n_moves
         assert steer(SteeringProblem(space, points[:2], points[2:])).path_length <= episode.path_length + 1e-6
     assert no_more >= 6
+
+
+def test_plans_of_the_plane_take_heights():
+    rng = np.random.default_rng(39)
+    space, raised = prism(SQUARE, 1.0), 0
+    for _ in range(12):
+        points = np.array([[*random_point(rng, SQUARE), rng.random()] for _ in range(4)])
+        task = Task(ContactWorld(space), points[:2], points[2:], 1e-6)
+        below = flattened(task)
+        flat = Shortest().plan(below)
+        moves = with_heights(task, flat)
+        if moves is None:
+            continue
+        raised += 1
+        np.testing.assert_array_equal(moves[:, :2], flat)
+        assert np.abs(task.world.play(task.start, moves)[-1] - task.goal).max() <= 1e-6
+    assert raised >= 9
 
 
 def test_chains_over_a_circle_beat_random_ones():
