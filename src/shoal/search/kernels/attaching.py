@@ -14,7 +14,7 @@ TOUCHED = 4096
 
 @kernel
 def best_exchange(links, c, a, width):
-    """Return (cost, d, b): the cheapest exchange of an edge c-d and an edge a-b for c-a and d-b, of equal ones that of the longest edges."""
+    """Return (cost, d, b): the cheapest exchange of edges c-d and a-b for c-a and d-b, of equal ones that of the longest."""
     cost, longest, best_d, best_b = np.inf, -1.0, c, a
     new = apart(c, a, width)
     for i in range(2):

@@ -1,8 +1,9 @@
 """Cycles of cells that are merged into one: the tour round a spanning tree of blocks, and what partial blocks need.
 
-A cycle is kept without a direction: row k of ``links`` (H * W, 2) holds the cells before and after cell k. A single cell is a cycle that
-links to itself, twice; two cells are one that links each to the other, twice. Two cycles become one by exchanging an edge c-d of one
-and an edge a-b of the other for c-a and d-b, whatever their directions. ``parent`` (H * W) is a union-find forest of the cycles.
+A cycle is kept without a direction: row k of ``links`` (H * W, 2) holds the cells before and after cell k. A single cell is a
+cycle that links to itself, twice; two cells are one that links each to the other, twice. Two cycles become one by exchanging an
+edge c-d of one and an edge a-b of the other for c-a and d-b, whatever their directions. ``parent`` (H * W) is a
+union-find forest of the cycles.
 """
 
 from __future__ import annotations
@@ -49,8 +50,8 @@ def ring(links, parent, k, width):
 def tree_of_blocks(full, origin, width, along_rows, links, parent):
     """Make a cycle of each full block and merge neighbouring ones as Kruskal's algorithm does: a spanning tree of the blocks.
 
-    ``full`` (h, w) is which blocks are full, ``origin`` the upper left cell of the first. All links along one direction come first, then
-    those across, line by line: straight corridors with a spine, which has the fewest turns.
+    ``full`` (h, w) is which blocks are full, ``origin`` the upper left cell of the first. All links along one direction come first,
+    then those across, line by line: straight corridors with a spine, for few turns.
     """
     rows, cols = full.shape
     for i in range(rows):
@@ -110,7 +111,7 @@ def border(mask, parent, listed):
 def grow(mask, links, parent, queue, queued, head, count, touched):
     """Merge whatever lies alongside an edge of a queued cell without making the tour longer; return how many cells were touched.
 
-    Alongside an edge c-d lie two cells a and b: an edge of another cycle, or two single cells. ``queue`` is a ring buffer of all cells.
+    Alongside an edge c-d lie two cells a and b: an edge of another cycle, or two single cells. ``queue`` is a ring buffer.
     """
     height, width = mask.shape
     n_touched = 0
@@ -176,7 +177,12 @@ def grow_everywhere(mask, links, parent):
                     k = row * width + col
                     if not (mask[row, col] and mask[row, col + 1] and mask[row + 1, col] and mask[row + 1, col + 1]):
                         continue
-                    if is_single(links, k) and is_single(links, k + 1) and is_single(links, k + width) and is_single(links, k + width + 1):
+                    if (
+                        is_single(links, k)
+                        and is_single(links, k + 1)
+                        and is_single(links, k + width)
+                        and is_single(links, k + width + 1)
+                    ):
                         ring(links, parent, k, width)
                         made += 1
         if attempt == 1 and made == 0:
@@ -190,8 +196,8 @@ def grow_everywhere(mask, links, parent):
 def chains(links, width, members, starts, order):
     """Write the cells of all cycles into ``order``, one cycle after the other.
 
-    ``members`` are the cells sorted by cycle, ``starts`` where each cycle begins in it, and the end. The first cycle begins at its first
-    member, any other one at its cell nearest to where the one before ended; a cycle is opened at the longer edge of that cell.
+    ``members`` are the cells sorted by cycle, ``starts`` where each cycle begins in it, and the end. The first cycle begins at its
+    first member, any other one at its cell nearest to where the one before ended; it is opened at the longer edge of that cell.
     """
     at, row, col = 0, -1, -1
     for number in range(len(starts) - 1):

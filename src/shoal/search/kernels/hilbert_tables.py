@@ -1,8 +1,8 @@
 """State tables of the Hilbert curve: several levels of the curve in one look-up.
 
-One level of a curve in n dimensions is a walk over the 2^n parts of a cube in Gray-code order, turned and mirrored; how it is turned
-and mirrored is the *state*. The states and what follows them are from C. Hamilton, "Compact Hilbert indices", technical report
-CS-2006-07, Dalhousie University, section 2: an entry corner and a direction. Here they become tables once, for `LEVELS` levels together.
+One level of a curve in n dimensions is a walk over the 2^n parts of a cube in Gray-code order, turned and mirrored; how it is
+turned and mirrored is the *state*. The states and what follows them are from C. Hamilton, "Compact Hilbert indices", technical
+report CS-2006-07, Dalhousie University, section 2: an entry corner and a direction. Here they become tables for several levels.
 """
 
 from __future__ import annotations
@@ -58,15 +58,17 @@ def tables(dimensions: int, levels: int) -> tuple[NDArray[np.uint16], NDArray[np
     """Return (decoding, encoding, begin) for ``levels`` levels a look-up.
 
     ``decoding[state << n * levels | digits]`` is the next state, the same way shifted, with the coordinates below it, axis j in
-    the bits from j * levels. ``encoding`` has digits and coordinates exchanged. ``begin[k]`` is the shifted state from which k levels
-    of zeros lead to state 0: orders that are no multiple of ``levels`` are filled up with zeros in front.
+    the bits from j * levels. ``encoding`` has digits and coordinates exchanged. ``begin[k]`` is the shifted state from which k
+    levels of zeros lead to state 0: orders that are no multiple of ``levels`` are filled up with zeros in front.
     """
     parts, following = one_level(dimensions)
     n_states, width = len(parts), dimensions * levels
     state = np.arange(n_states)[:, None]
     place = np.zeros((n_states, 1), dtype=np.int64)
     ones = sum(1 << (axis * levels) for axis in range(dimensions))
-    spread = np.array([sum(((part >> axis) & 1) << (axis * levels) for axis in range(dimensions)) for part in range(1 << dimensions)])
+    spread = np.array(
+        [sum(((part >> axis) & 1) << (axis * levels) for axis in range(dimensions)) for part in range(1 << dimensions)]
+    )
     assert ones == spread[-1]
     for _ in range(levels):
         place = (place[:, :, None] << 1 | spread[parts[state]]).reshape(n_states, -1)

@@ -1,8 +1,8 @@
 """Back and forth over any mask: runs of cells, chains of runs one above the other, and the way from chain to chain.
 
 A *run* is a row's cells between two gaps. Where the region neither splits nor joins, runs follow each other one to one and make a
-*chain* (a cell of H. Choset, "Coverage of known spaces: the boustrophedon cellular decomposition", Autonomous Robots 9, 2000), which
-is swept back and forth. Chains are visited depth first, the nearest end of an unvisited neighbour next.
+*chain*, which is swept back and forth: a cell of H. Choset, "Coverage of known spaces: the boustrophedon cellular decomposition",
+Autonomous Robots 9, 2000. Chains are visited depth first, the nearest end of an unvisited neighbour next.
 """
 
 from __future__ import annotations

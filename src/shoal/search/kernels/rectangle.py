@@ -1,8 +1,8 @@
 """The generalised Hilbert curve: a path through a box of any size from one corner to the next, by halving, with a stack.
 
-The scheme of halving is J. Červený's ("gilbert", 2018): boxes much longer than wide are cut across; others into three parts (up, along,
-down) or, in space, five. Halves are made even where that is possible, since a path from corner to corner of an even number of cells
-along needs no diagonal step.
+The scheme of halving is J. Červený's ("gilbert", 2018): boxes much longer than wide are cut across; others into three parts (up,
+along, down) or, in space, five. Halves are made even where that is possible, since a path from corner to corner of an even number
+of cells along needs no diagonal step.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def walk_box(start, axes, lengths, places, at):
         p = (stack[top, 0], stack[top, 1], stack[top, 2])
         i, a, j, b, k, c = stack[top, 3], stack[top, 4], stack[top, 5], stack[top, 6], stack[top, 7], stack[top, 8]
         w, h, d = abs(a), abs(b), abs(c)
-        if (w == 1) + (h == 1) + (d == 1) >= 2:
+        if int(w == 1) + int(h == 1) + int(d == 1) >= 2:
             axis, length = (i, a) if w > 1 else ((j, b) if h > 1 else (k, c))
             at = walk_line(p, axis, length, places, at)
         else:

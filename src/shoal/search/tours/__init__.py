@@ -18,6 +18,7 @@ __all__ = [
     "TourMetrics",
     "comb",
     "components",
+    "find_tour_maker",
     "hilbert",
     "hilbert_decode",
     "hilbert_encode",
@@ -59,7 +60,7 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
     7.0
     """
     mask = check_mask(mask_or_shape)
-    chosen = _maker(maker)
+    chosen = find_tour_maker(maker)
     if mask.ndim not in chosen.dimensions:
         takes = " or ".join(map(str, chosen.dimensions))
         raise InvalidInputError(f"tour {chosen.name}: expected a grid of {takes} dimensions, got {mask.ndim}")
@@ -69,7 +70,13 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
     return check_covers(tour, mask)
 
 
-def _maker(maker: str | TourMaker) -> TourMaker:
+def find_tour_maker(maker: str | TourMaker) -> TourMaker:
+    """Return what makes tours by name or ``module:attribute``, or the given object itself.
+
+    Raises
+    ------
+    UnknownNameError, InvalidInputError
+    """
     found: Any = TOURS.get(maker) if isinstance(maker, str) else maker
     try:
         made = found() if isinstance(found, type) else found

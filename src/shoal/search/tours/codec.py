@@ -195,7 +195,9 @@ def _encoded(kernel: Callable[..., int], array: NDArray[Any], order: int, curve:
     bad = kernel(flat, order, indices)
     if bad >= 0:
         cell = tuple(array.reshape(flat.shape)[bad].tolist())
-        raise InvalidInputError(f"cells: expected 0 to {2**order - 1} on the {curve} curve of order {order}, got {cell}{_where(array.ndim - 1, bad)}")
+        raise InvalidInputError(
+            f"cells: expected 0 to {2**order - 1} on the {curve} curve of order {order}, got {cell}{_where(array.ndim - 1, bad)}"
+        )
     return indices.reshape(array.shape[:-1])
 
 
@@ -207,7 +209,9 @@ def _decoded(kernel: Callable[..., int], indices: ArrayLike, order: int, dimensi
     if bad >= 0:
         last = 2 ** (order * dimensions) - 1
         where = _where(array.ndim, bad)
-        raise InvalidInputError(f"indices: expected 0 to {last} on the {curve} curve of order {order}, got {array.ravel()[bad]}{where}")
+        raise InvalidInputError(
+            f"indices: expected 0 to {last} on the {curve} curve of order {order}, got {array.ravel()[bad]}{where}"
+        )
     return cells.reshape((*array.shape, dimensions))
 
 

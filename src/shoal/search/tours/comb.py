@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,14 +14,14 @@ from shoal.search.tours.tour import Tour
 class CombTour:
     """Lanes back and forth over all columns but the first, which leads back to the start; or the same turned by a quarter.
 
-    In a rectangle with two sides of 2 or more all steps go to neighbours; where both are odd the last two lanes are visited across, and
-    one step is a diagonal, as one must be. One row of cells is closed by an edge from end to end.
+    In a rectangle with two sides of 2 or more all steps go to neighbours; where both are odd the last two lanes are visited across,
+    and one step is a diagonal, as one must be. One row of cells is closed by an edge from end to end.
     On other shapes it is the shortest of three: the lanes of the rectangle round all cells, restricted, and back and forth through
     each part of the region where lanes neither split nor join (boustrophedon decomposition), along rows or along columns.
     """
 
     name = "comb"
-    dimensions: ClassVar[tuple[int, ...]] = (2,)
+    dimensions: tuple[int, ...] = (2,)
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
         """Return the tour of all True cells."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +21,7 @@ class HilbertTour:
     """
 
     name = "hilbert"
-    dimensions: ClassVar[tuple[int, ...]] = (2, 3)
+    dimensions: tuple[int, ...] = (2, 3)
     closed = True
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
@@ -42,10 +40,10 @@ class OpenHilbertTour(HilbertTour):
 
 @TOURS.register("moore")
 class MooreTour:
-    """The Moore curve through the smallest square of 2^k cells a side over the True cells: four Hilbert curves, closed by one step."""
+    """The Moore curve, four Hilbert curves closed by one step, through the smallest square of 2^k cells a side over the cells."""
 
     name = "moore"
-    dimensions: ClassVar[tuple[int, ...]] = (2,)
+    dimensions: tuple[int, ...] = (2,)
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
         """Return the tour of all True cells."""

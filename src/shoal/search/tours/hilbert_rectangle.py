@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +19,7 @@ class HilbertRectangleTour:
     """
 
     name = "hilbert-rectangle"
-    dimensions: ClassVar[tuple[int, ...]] = (2, 3)
+    dimensions: tuple[int, ...] = (2, 3)
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
         """Return the tour of all True cells."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +24,7 @@ class SpanningTreeTour:
     """
 
     name = "spanning-tree"
-    dimensions: ClassVar[tuple[int, ...]] = (2,)
+    dimensions: tuple[int, ...] = (2,)
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
         """Return the tour of all True cells."""
@@ -53,7 +51,9 @@ class SpanningTreeTour:
 def _full_blocks(region: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
     """Return which 2 x 2 blocks are full, in the best of four alignments, and the flat index of the first block's first cell."""
     square = region[:-1, :-1] & region[1:, :-1] & region[:-1, 1:] & region[1:, 1:]
-    row, col = max(((row, col) for row in (0, 1) for col in (0, 1)), key=lambda at: np.count_nonzero(square[at[0] :: 2, at[1] :: 2]))
+    row, col = max(
+        ((row, col) for row in (0, 1) for col in (0, 1)), key=lambda at: np.count_nonzero(square[at[0] :: 2, at[1] :: 2])
+    )
     return np.ascontiguousarray(square[row::2, col::2]), row * region.shape[1] + col
 
 

@@ -36,9 +36,10 @@ class TourMetrics:
         nearest-neighbour stretch of P. Xu and S. Tirthapura, "A lower bound on proximity preservation by space filling curves",
         IPDPS 2012.
     dilation : float
-        Largest squared distance of two cells over their distance along the tour, taken at the distances 1, 2, 3, 4, 6, 8, 12, 16, ...:
-        from below the worst-case locality WL2 of H. Haverkort and F. van Walderveen, "Locality and bounding-box quality of
-        two-dimensional space-filling curves", Computational Geometry 43, 2010, where Hilbert's curve has 6 in the limit.
+        Largest squared distance of two cells over their distance along the tour (the closing edge counts as one step), taken at the
+        distances 1, 2, 3, 4, 6, 8, 12, 16, ...: from below the worst-case locality WL2 of H. Haverkort and F. van Walderveen,
+        "Locality and bounding-box quality of two-dimensional space-filling curves", Computational Geometry 43, 2010:
+        6 for the Hilbert curve in the limit.
     """
 
     cells: int
@@ -128,7 +129,7 @@ class Tour:
 
     @cached_property
     def steps(self) -> NDArray[np.float64]:
-        """The length of the step from each cell to the next, in sides of a cell; float64, shape (N,) or, of an open tour, (N - 1,)."""
+        """The length of the step from each cell to the next, in sides of a cell; float64, shape (N,), of an open tour (N - 1,)."""
         from shoal.search.kernels.measures import squared_steps
 
         squares = np.empty(len(self.cells), dtype=np.int64)
