@@ -155,6 +155,6 @@ class Tour:
             turns_per_cell=turns / n,
             longest_step=float(inner.max()) if len(inner) else 0.0,
             neighbour_steps=float(np.mean(steps == 1)) if n > 1 else 1.0,
-            neighbour_stretch=gaps / pairs if pairs else 0.0,
+            neighbour_stretch=float(gaps / pairs) if pairs else 0.0,
             dilation=float(measures.dilation(cells, self.closed)),
         )
