@@ -1,4 +1,5 @@
-"""Draw the pictures of the documentation: a mapping after a quarter of its moves, its frontier by move, and the theory's figures.
+"""Draw the pictures of the documentation: a mapping after a quarter of its moves, its frontier by move, the theory's figures,
+and tours.
 
 Run: python docs/make_images.py (pareto.png takes longer: python -m benchmarks.scanning --trials 20 --pareto docs/images/pareto.png)
 """
@@ -12,10 +13,12 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from shoal import open_map, run
+from shoal.search import make_tour
 from shoal.swarm.line import Line, sample
 from shoal.swarm.scanning import EveryStep, Hyperexponential, Powers
 from shoal.views.figures import frontier_plot, map_figure, save_figure
 from shoal.views.theory import coverage_curve, gap_distributions, move_distributions, schedule_ratios, theorem_chart
+from shoal.views.tours import tour_figure
 
 FOLDER = Path(__file__).parent / "images"
 PUBLISHED = Path(__file__).parents[1] / "tests" / "golden" / "published" / "line-full-coverage-m5000.csv"
@@ -29,6 +32,14 @@ def main() -> None:
     save("mapping-middle.png", map_figure(episode, moves=middle))
     save("mapping-frontier.png", frontier_plot([episode]))
     theory()
+    tours()
+
+
+def tours() -> None:
+    """Draw tours of a rectangle, of a cave and of a box."""
+    save("tour-rectangle.png", tour_figure(make_tour("hilbert-rectangle", (24, 32))))
+    save("tour-spanning-tree.png", tour_figure(make_tour("spanning-tree", open_map("cave:64x48:1").free)))
+    save("tour-space.png", tour_figure(make_tour("hilbert-rectangle", (6, 8, 10))))
 
 
 def theory() -> None:
