@@ -43,9 +43,7 @@ class Camera:
     @property
     def toward(self) -> NDArray[np.float64]:
         """Unit vector from the centre to the eye."""
-        return np.array(
-            [cos(self.elevation) * cos(self.azimuth), cos(self.elevation) * sin(self.azimuth), sin(self.elevation)]
-        )
+        return np.array([cos(self.elevation) * cos(self.azimuth), cos(self.elevation) * sin(self.azimuth), sin(self.elevation)])
 
     @property
     def eye(self) -> NDArray[np.float64]:
@@ -128,9 +126,9 @@ def spread(workspace: ConvexWorkspace, states: Any, *, elevation: float = ABOVE)
     """Return how far right, up and down a workspace reaches in the picture, from whichever side it is looked at."""
     frame = Frame3D.of(workspace)
     corners = np.concatenate([frame.floor, frame.ceiling, states.reshape(-1, 3)])
-    seen = np.concatenate(
-        [camera_for(workspace, states, azimuth=turn, elevation=elevation).project(corners) for turn in np.linspace(0, 2 * np.pi, 49)]
-    )
+    turns = np.linspace(0, 2 * np.pi, 49)
+    cameras = [camera_for(workspace, states, azimuth=turn, elevation=elevation) for turn in turns]
+    seen = np.concatenate([camera.project(corners) for camera in cameras])
     return float(np.abs(seen[:, 0]).max()), float(seen[:, 1].max()), float(-seen[:, 1].min())
 
 

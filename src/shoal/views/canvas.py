@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import RendererAgg
@@ -28,7 +29,8 @@ class Canvas:
 
     def __init__(self, width: int, height: int, *, background: Colour = "#ffffff") -> None:
         self.width, self.height = width, height
-        self._renderer = RendererAgg(width, height, 72)  # a point is a pixel
+        machine: Any = RendererAgg  # which has no types
+        self._renderer = machine(width, height, 72)  # a point is a pixel
         self._pixels = np.asarray(self._renderer.buffer_rgba())
         self._flip = Affine2D().scale(1, -1).translate(0, height)
         self._fonts: dict[tuple[float, bool], FontProperties] = {}
@@ -60,14 +62,23 @@ class Canvas:
         """Draw a line through points, shape (n, 2)."""
         self._draw(_path([np.asarray(points)], closed=closed), None, colour, width, alpha, dashes)
 
-    def area(self, rings: Sequence[ArrayLike], fill: Colour, *, alpha: float = 1.0, edge: Colour | None = None, width: float = 0) -> None:
+    def area(
+        self, rings: Sequence[ArrayLike], fill: Colour, *, alpha: float = 1.0, edge: Colour | None = None, width: float = 0
+    ) -> None:
         """Fill what lies inside rings: those that run the other way round are holes."""
         kept = [np.asarray(ring) for ring in rings if len(np.asarray(ring))]
         if kept:
             self._draw(_path(kept, closed=True), fill, edge, width, alpha, None)
 
     def disc(
-        self, place: ArrayLike, radius: float, fill: Colour | None, *, edge: Colour | None = None, width: float = 0, alpha: float = 1.0
+        self,
+        place: ArrayLike,
+        radius: float,
+        fill: Colour | None,
+        *,
+        edge: Colour | None = None,
+        width: float = 0,
+        alpha: float = 1.0,
     ) -> None:
         """Draw a disc or, without a fill, a ring."""
         x, y = np.asarray(place)

@@ -23,7 +23,7 @@ OnFrame = Callable[[int, int], None]
 """Called with (frames done, frames in all)."""
 Frame = NDArray[np.uint8]
 _KEPT = 32  # colours that are most frequent and so stay exactly as they are
-_APART = 6  # least difference of two colours of a palette
+_APART = 9  # least difference of two colours of a palette: Pillow looks colours up to the next lower multiple of 4
 
 
 def check_film(path: str | os.PathLike[str]) -> Path:
@@ -64,7 +64,9 @@ def palette_of(frames: list[Frame]) -> bytes:
     """Return up to 256 colours, red, green and blue of each, for a GIF of frames like these: the most frequent as they are."""
     from PIL import Image as Pillow
 
-    packed = np.concatenate([frame.reshape(-1, 3) for frame in frames]).astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+    packed = np.concatenate([frame.reshape(-1, 3) for frame in frames]).astype(np.uint32) @ np.array(
+        [1 << 16, 1 << 8, 1], np.uint32
+    )
     colours, counts = np.unique(packed, return_counts=True)
     order = np.argsort(-counts, kind="stable")
     # Soft edges have many colours of few pixels each: that they are seen, a colour counts little more for filling much.
@@ -72,7 +74,6 @@ def palette_of(frames: list[Frame]) -> bytes:
     found = Pillow.fromarray(_unpacked(rest)[None]).quantize(256, method=Pillow.Quantize.MEDIANCUT).getpalette() or []
     chosen = np.zeros((0, 3), np.int64)
     for colour in np.concatenate([_unpacked(colours[order[:_KEPT]]), np.array(found, np.uint8).reshape(-1, 3)]).astype(np.int64):
-        # Pillow takes the first of colours that are nearly the same, which may not be the exact one.
         if len(chosen) < 256 and (not len(chosen) or np.abs(chosen - colour).max(axis=1).min() >= _APART):
             chosen = np.vstack([chosen, colour])
     return chosen.astype(np.uint8).tobytes()

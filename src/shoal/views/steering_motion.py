@@ -113,7 +113,7 @@ def _in_pieces(at: Callable[[float], Points], start: Points, fine: float) -> tup
             open_ += [(first, middle), (middle, last)]
     shares = sorted(known)
     kept, dropped = [shares[0]], [shares[1]]
-    for here, following in zip(shares[1:-1], shares[2:], strict=True):
+    for here, following in pairwise(shares[1:]):
         chord = (known[following] - known[kept[-1]]) / (following - kept[-1])
         if any(np.abs(known[kept[-1]] + (one - kept[-1]) * chord - known[one]).max() > fine / 50 for one in dropped):
             kept.append(here)

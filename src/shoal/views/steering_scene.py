@@ -228,5 +228,3 @@ def draw_particle(canvas: Canvas, place: NDArray[np.float64], radius: float, par
     canvas.disc(place, radius, colour_of(particle), edge="#ffffff", width=1.6 * unit)
     size = min(max(12 * unit, 0.9 * radius), 24 * unit)
     canvas.text(place + np.array([0, 0.37 * size]), str(particle + 1), "#ffffff", size, bold=True, align=0.5)
-
-

@@ -44,7 +44,7 @@ def draw_space(axes: Axes, episode: SteeringEpisode) -> None:
         for here, there in pairwise(way):
             if np.linalg.norm(there - here) > 1e-4 * workspace.size:
                 arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 0, "shrinkB": 0}
-                axes.annotate("", xy=at(there), xytext=at(here), zorder=3, arrowprops=arrow)
+                axes.annotate("", xy=tuple(at(there)), xytext=tuple(at(here)), zorder=3, arrowprops=arrow)
         axes.plot(*at(way[0]), "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
         axes.plot(*at(goal), "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
         number_ends(axes, at(way), colour, workspace.size)
