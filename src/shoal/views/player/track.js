@@ -27,7 +27,7 @@ const ShoalTrack = (() => {
       let move = this.moves - 1;
       while (move > 0 && this.starts[move] > time) move--;
       const part = clamp((time - this.starts[move]) / this.lasting[move], 0, 1);
-      return { move, share: part * part * (3 - 2 * part) };
+      return { move, share: part > 1 - 1e-9 ? 1 : part * part * (3 - 2 * part) }; // the end of a move is one despite rounding
     }
 
     /** When so many moves are done: 0 is the beginning of the film. */
