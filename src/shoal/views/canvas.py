@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.colors import to_rgb
 from matplotlib.font_manager import FontProperties
 from matplotlib.path import Path
+from matplotlib.textpath import TextPath
 from matplotlib.transforms import Affine2D
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
@@ -33,7 +34,7 @@ class Canvas:
         self._renderer = machine(width, height, 72)  # a point is a pixel
         self._pixels = np.asarray(self._renderer.buffer_rgba())
         self._flip = Affine2D().scale(1, -1).translate(0, height)
-        self._fonts: dict[tuple[float, bool], FontProperties] = {}
+        self._words: dict[tuple[str, float, bool], tuple[Path, float]] = {}
         self._pixels[...] = [*(round(255 * part) for part in to_rgb(background)), 255]
         self._kept = self._pixels.copy()
 
@@ -62,6 +63,11 @@ class Canvas:
         """Draw a line through points, shape (n, 2)."""
         self._draw(_path([np.asarray(points)], closed=closed), None, colour, width, alpha, dashes)
 
+    def lines(self, pieces: Sequence[ArrayLike], colour: Colour, width: float, *, alpha: float = 1.0) -> None:
+        """Draw several lines at once: faster, and no darker where they meet."""
+        if pieces:
+            self._draw(_path([np.asarray(piece) for piece in pieces], closed=False), None, colour, width, alpha, None)
+
     def area(
         self, rings: Sequence[ArrayLike], fill: Colour, *, alpha: float = 1.0, edge: Colour | None = None, width: float = 0
     ) -> None:
@@ -86,16 +92,24 @@ class Canvas:
 
     def text(self, place: ArrayLike, words: str, colour: Colour, size: float, *, bold: bool = False, align: float = 0.0) -> float:
         """Write words with their foot at a place; ``align`` 0 begins there, 0.5 is centred, 1 ends there. Return their width."""
-        font = self._fonts.setdefault(
-            (size, bold), FontProperties(family="DejaVu Sans", size=size, weight="bold" if bold else "normal")
-        )
+        if not words:
+            return 0.0
+        path, width = self._outline(words, size, bold)
         x, y = np.asarray(place)
-        width = float(self._renderer.get_text_width_height_descent(words, font, ismath=False)[0])
-        pen = self._renderer.new_gc()
-        pen.set_foreground(colour)
-        self._renderer.draw_text(pen, float(x) - align * width, float(y), words, font, 0.0)
-        pen.restore()
+        moved = path.transformed(Affine2D().scale(1, -1).translate(float(x) - align * width, float(y)))
+        self._draw(moved, colour, None, 0, 1.0, None)
         return width
+
+    def _outline(self, words: str, size: float, bold: bool) -> tuple[Path, float]:
+        """Return the outline of words and their width; they are remembered."""
+        known = self._words.get((words, size, bold))
+        if known is None:
+            font = FontProperties(family="DejaVu Sans", weight="bold" if bold else "normal")
+            path: Path = TextPath((0, 0), words, size=size, prop=font)
+            known = path, float(np.asarray(path.vertices)[:, 0].max())
+            if len(self._words) < 2000:
+                self._words[words, size, bold] = known
+        return known
 
     def _draw(
         self,

@@ -123,8 +123,7 @@ class SpaceScene:
         here = points_at(self._episode, self._legs, moment)
         behind, front = self._frame.edges(self._camera.eye)
         canvas.area([self._at(self._frame.floor)], FLOOR)
-        for edge in behind:
-            canvas.line(self._at(edge), FAINT, 1.3 * unit)
+        canvas.lines(list(self._at(np.array(behind))), FAINT, 1.3 * unit)
         if self._legs:
             for particle, wall in self._legs[moment.move].holders(moment.share):
                 shape = self._at(wall_shape(self._workspace, wall, here[particle]))
@@ -136,8 +135,7 @@ class SpaceScene:
         for particle in np.argsort(self._camera.project(here)[:, 2]):  # the nearest last
             x, y, larger = self._camera.project(here[particle])
             draw_particle(canvas, self._center + self._scale * np.array([x, -y]), 10.5 * unit * larger, int(particle), unit)
-        for edge in front:
-            canvas.line(self._at(edge), INK, 1.6 * unit, alpha=0.75)
+        canvas.lines(list(self._at(np.array(front))), INK, 1.6 * unit, alpha=0.75)
 
     def _at(self, points: ArrayLike) -> NDArray[np.float64]:
         seen = self._camera.project(points)

@@ -41,6 +41,18 @@ const ShoalScene = (() => {
       pen.globalAlpha = 1;
     }
 
+    /** Several lines at once, no darker where they meet. */
+    lines(pieces, colour, width, alpha) {
+      const { pen } = this;
+      this.path(pieces, false);
+      pen.globalAlpha = alpha;
+      pen.strokeStyle = colour;
+      pen.lineWidth = width;
+      pen.lineCap = "round";
+      pen.stroke();
+      pen.globalAlpha = 1;
+    }
+
     area(rings, colour, alpha = 1) {
       this.path(rings, true);
       this.pen.globalAlpha = alpha;
@@ -166,7 +178,7 @@ const ShoalScene = (() => {
       const { view, unit, colours, track, points } = this, at = (point) => view.at(point);
       const { behind, front } = view.edges();
       this.area([view.base.map((point) => at([...point, 0]))], colours.floor);
-      for (const edge of behind) this.line(edge.map(at), colours.wall, 1.3 * unit, { alpha: 0.35 });
+      this.lines(behind.map((edge) => edge.map(at)), colours.wall, 1.3 * unit, 0.35);
       for (const [particle, wall] of track.heldAt(moment)) {
         const face = this.wallFace(wall, points[particle]).map(at), colour = colours.particle(particle);
         this.area([face], colour, 0.2);
@@ -183,7 +195,7 @@ const ShoalScene = (() => {
       this.drawWays(moment, at);
       const order = points.map((point, i) => [view.largerAt(point), i]).sort((a, b) => a[0] - b[0]); // the nearest last
       for (const [larger, i] of order) this.drawParticle(at(points[i]), BODY * unit * larger, i);
-      for (const edge of front) this.line(edge.map(at), colours.wall, 1.5 * unit, { alpha: 0.8 });
+      this.lines(front.map((edge) => edge.map(at)), colours.wall, 1.5 * unit, 0.8);
     }
 
     ringOnFloor([x, y], pixels) {
