@@ -30,7 +30,6 @@ from shoal.steering.kernels.chain import chain_length
 from shoal.steering.kernels.limits import Kind
 from shoal.steering.kernels.sequences import over_circle
 from shoal.steering.planners.shortest import Shortest
-from shoal.steering.task import Task
 from shoal.steering.walls import walls_of as unit_walls
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
