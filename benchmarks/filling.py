@@ -19,7 +19,7 @@ def shapes() -> dict[str, ConvexWorkspace]:
         "acute triangle": polygon([(0, 0), (1, 0), (0.4, 0.8)]),
         "obtuse triangle": polygon([(0, 0), (1, 0), (0.3, 0.25)]),
     }
-    return {**irregular, **{f"{sides} sides": regular_polygon(sides) for sides in (3, 4, 5, 6, 7, 8, 9, 10)}}
+    return {**irregular, **{f"{sides} sides": regular_polygon(sides) for sides in (3, 4, 5, 6, 7, 8, 9)}}
 
 
 def start(rng: np.random.Generator, space: ConvexWorkspace) -> np.ndarray:

@@ -63,7 +63,7 @@ def steering() -> None:
     save("steering-plan.png", plan_figure(steer(problem)))
     points = np.array([(-0.1, 0.0), (0.1, 0.1)])
     sets = polygon_reach(open_workspace("hexagon"), points[1] - points[0], moves=6)
-    save("steering-reach.png", reach_figure(sets, points=points))
+    save("steering-reach.png", reach_figure(sets, points=points), colours=64)
     save("steering-fig4.png", reachable_sets([polygon_filling(regular_polygon(n), (0.13, 0.06), moves=8) for n in range(3, 9)]))
     disk_figures()
     square = open_workspace("square")
@@ -71,7 +71,7 @@ def steering() -> None:
         [sweep_goals(square, start, goal, varied=1, interchangeable=both) for start, goal in SQUARE_CASES] for both in (False, True)
     )
     rows = [[(sweep, "length") for sweep in alone], [(sweep, "moves") for sweep in alone], [(sweep, "length") for sweep in either]]
-    save("steering-fig16.png", goal_maps(rows), colours=96)
+    save("steering-fig16.png", goal_maps(rows), colours=128)
     for one, other in zip(alone, either, strict=True):
         longest = [float(np.nanmax(sweep.lengths)) for sweep in (one, other)]
         saved = 100 * (1 - longest[1] / longest[0])
@@ -88,7 +88,7 @@ def disk_figures() -> None:
         print("Fig. 8: % reached in 2, 4, ... 14 moves:", row)
     print("Fig. 8: most in two moves (distance, fraction):", largest_two_move_fraction())
     sweeps = [sweep_goals(disk(), DISK_START, goal, samples=61) for goal in DISK_GOALS]
-    save("steering-fig14.png", goal_maps([[(sweep, "moves"), (sweep, "length")] for sweep in sweeps]), colours=96)
+    save("steering-fig14.png", goal_maps([[(sweep, "moves"), (sweep, "length")] for sweep in sweeps]), colours=128)
     for sweep in sweeps:
         print(
             f"Fig. 14: at most {np.nanmax(sweep.moves):g} moves, length {np.nanmax(sweep.lengths):.2f}, unsolved {sweep.unsolved}"
@@ -104,7 +104,10 @@ def save(name: str, figure: Figure, *, colours: int = 32) -> None:
     """Write a figure with few colours, so that the file is small."""
     path = FOLDER / name
     save_figure(figure, path)
-    Image.open(path).convert("RGB").quantize(colours, dither=Image.Dither.NONE).save(path, optimize=True)
+    picture = Image.open(path).convert("RGB")
+    # Of many colours those that are furthest apart are kept: a marker must not take on the colour of what is around it.
+    method = Image.Quantize.MAXCOVERAGE if colours > 32 else Image.Quantize.MEDIANCUT
+    picture.quantize(colours, method=method, dither=Image.Dither.NONE).save(path, optimize=True)
     print(path.name, path.stat().st_size // 1024, "KiB")
 
 
