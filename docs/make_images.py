@@ -71,7 +71,7 @@ def steering() -> None:
         [sweep_goals(square, start, goal, varied=1, interchangeable=both) for start, goal in SQUARE_CASES] for both in (False, True)
     )
     rows = [[(sweep, "length") for sweep in alone], [(sweep, "moves") for sweep in alone], [(sweep, "length") for sweep in either]]
-    save("steering-fig16.png", goal_maps(rows), colours=128)
+    save("steering-fig16.png", goal_maps(rows), colours=256)
     for one, other in zip(alone, either, strict=True):
         longest = [float(np.nanmax(sweep.lengths)) for sweep in (one, other)]
         saved = 100 * (1 - longest[1] / longest[0])
@@ -82,13 +82,13 @@ def steering() -> None:
 def disk_figures() -> None:
     """Draw Figs. 8, 9, 14 and 15."""
     distances = np.concatenate([[0.001], (1 - np.cos(pi * np.arange(1, 65) / 64)) / 2])
-    save("steering-fig8.png", fraction_curves(disk_fractions(distances)))
+    save("steering-fig8.png", fraction_curves(disk_fractions(distances)), colours=128)
     save("steering-fig9.png", disk_sets())
     for row in (100 * disk_fractions([0.1, 0.001]).fractions).round(2).tolist():
         print("Fig. 8: % reached in 2, 4, ... 14 moves:", row)
     print("Fig. 8: most in two moves (distance, fraction):", largest_two_move_fraction())
     sweeps = [sweep_goals(disk(), DISK_START, goal, samples=61) for goal in DISK_GOALS]
-    save("steering-fig14.png", goal_maps([[(sweep, "moves"), (sweep, "length")] for sweep in sweeps]), colours=128)
+    save("steering-fig14.png", goal_maps([[(sweep, "moves"), (sweep, "length")] for sweep in sweeps]), colours=256)
     for sweep in sweeps:
         print(
             f"Fig. 14: at most {np.nanmax(sweep.moves):g} moves, length {np.nanmax(sweep.lengths):.2f}, unsolved {sweep.unsolved}"
@@ -101,13 +101,12 @@ def disk_figures() -> None:
 
 
 def save(name: str, figure: Figure, *, colours: int = 32) -> None:
-    """Write a figure with few colours, so that the file is small."""
+    """Write a figure with few colours, so that the file is small; a map whose colours are a scale needs 256."""
     path = FOLDER / name
     save_figure(figure, path)
-    picture = Image.open(path).convert("RGB")
-    # Of many colours those that are furthest apart are kept: a marker must not take on the colour of what is around it.
-    method = Image.Quantize.MAXCOVERAGE if colours > 32 else Image.Quantize.MEDIANCUT
-    picture.quantize(colours, method=method, dither=Image.Dither.NONE).save(path, optimize=True)
+    # Between the two, colours furthest apart are kept: a marker must not take on the colour of what is around it.
+    method = Image.Quantize.MAXCOVERAGE if 32 < colours < 256 else Image.Quantize.MEDIANCUT
+    Image.open(path).convert("RGB").quantize(colours, method=method, dither=Image.Dither.NONE).save(path, optimize=True)
     print(path.name, path.stat().st_size // 1024, "KiB")
 
 
