@@ -64,7 +64,8 @@ def steering() -> None:
     points = np.array([(-0.1, 0.0), (0.1, 0.1)])
     sets = polygon_reach(open_workspace("hexagon"), points[1] - points[0], moves=6)
     save("steering-reach.png", reach_figure(sets, points=points), colours=64)
-    save("steering-fig4.png", reachable_sets([polygon_filling(regular_polygon(n), (0.13, 0.06), moves=8) for n in range(3, 9)]))
+    fillings = [polygon_filling(regular_polygon(n), (0.13, 0.06), moves=8) for n in range(3, 9)]
+    save("steering-fig4.png", reachable_sets(fillings), colours=64)
     disk_figures()
     square = open_workspace("square")
     alone, either = (
@@ -83,7 +84,7 @@ def disk_figures() -> None:
     """Draw Figs. 8, 9, 14 and 15."""
     distances = np.concatenate([[0.001], (1 - np.cos(pi * np.arange(1, 65) / 64)) / 2])
     save("steering-fig8.png", fraction_curves(disk_fractions(distances)), colours=128)
-    save("steering-fig9.png", disk_sets())
+    save("steering-fig9.png", disk_sets(), colours=64)
     for row in (100 * disk_fractions([0.1, 0.001]).fractions).round(2).tolist():
         print("Fig. 8: % reached in 2, 4, ... 14 moves:", row)
     print("Fig. 8: most in two moves (distance, fraction):", largest_two_move_fraction())

@@ -36,6 +36,11 @@ def test_fractions_of_the_disk_are_those_of_the_paper() -> None:
     assert 100 * data.fractions[1, -1] == pytest.approx(89.8, abs=0.05)
 
 
+def test_more_contacts_change_hardly_anything() -> None:
+    few, many = (disk_fractions([0.001, 0.1, 0.3], directions=directions).fractions for directions in (720, 1440))
+    np.testing.assert_allclose(few, many, atol=3e-4)
+
+
 @pytest.mark.parametrize("distance", [0.05, 0.3, 0.9])
 def test_radii_of_the_disk_agree_with_the_sets(distance: float) -> None:
     radii = disk_radii(distance, 3)
