@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,8 +71,8 @@ def allocate(
     starts : array_like of int, shape (m,)
         The number on the tour of the cell in which each robot starts, m at least 1; several may start in one.
     method : str
-        "stay": each robot searches from its start to the next robot's (paper H). "common-shift": all first move along the tour, each
-        as far as the others at the most, then search. "individual-shift": each moves along the tour as far as suits it. "two-way":
+        "stay": each robot searches from its start to the next robot's (paper H). "common-shift": all first move along the tour, none
+        farther than a common way, then search. "individual-shift": each moves along the tour as far as suits it. "two-way":
         each searches what lies behind and ahead of it. "hop": each goes straight to the beginning of an arc.
     rates : array_like of float, shape (m,), optional
         How fast each robot moves and searches; 1 if not given.
@@ -209,7 +210,7 @@ def hop(course: Course, starts: Indices, rates: Floats, places: Floats) -> list[
 
 def _arcs(borders: Indices) -> list[list[Sweep]]:
     n = int(borders[-1] - borders[0])
-    return [[Sweep(int(low % n), int(high - low))] for low, high in zip(borders[:-1], borders[1:], strict=True)]
+    return [[Sweep(int(low % n), int(high - low))] for low, high in pairwise(borders)]
 
 
 def _passed(kind: int, course: Course, starts: Indices, rates: Floats, time: float, borders: Indices) -> bool:

@@ -137,8 +137,10 @@ def hop_pass(ahead, points, places, rates, time, first, turn, borders):
 
 @kernel
 def hop_costs(ahead, points, places, rates, firsts, latest):
-    """Write when all is searched if the tour is cut into arcs of equal times from each of ``firsts`` on and each robot goes straight
-    to its arc, the order kept; one row a first cell, one column a turn: which robot takes the first arc."""
+    """Write when all is searched if the tour is cut into arcs of equal times and each robot goes straight to its arc.
+
+    One row for each of ``firsts``, where the first arc begins, one column a turn: which robot takes it. The order is kept.
+    """
     m, n = places.shape[0], points.shape[0]
     whole, power = ahead[n], rates.sum()
     best = np.inf
