@@ -71,9 +71,9 @@ def allocate(
     starts : array_like of int, shape (m,)
         The number on the tour of the cell in which each robot starts, m at least 1; several may start in one.
     method : str
-        "stay": each robot searches from its start to the next robot's (paper H). "common-shift": all move along the tour first, none
-        farther than a common way, then search. "individual-shift": each moves along the tour as far as suits it. "two-way": each
-        searches what lies behind and ahead of it. "hop": each goes straight to the beginning of an arc.
+        "stay": each robot searches from its start to the next robot's (paper H). "common-shift": all move along the tour first,
+        none farther than a common way, then search. "individual-shift": each moves along the tour as far as suits it. "two-way":
+        each searches what lies behind and ahead of it. "hop": each goes straight to the beginning of an arc.
     rates : array_like of float, shape (m,), optional
         How fast each robot moves and searches; 1 if not given.
     places : array_like of float, shape (m, d), optional
