@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.registry import Registry
+from shoal.search.bits import turned
 from shoal.search.course import Course, Floats
 from shoal.search.kernels import shares
 
@@ -28,6 +29,21 @@ class Sweep:
     first: int
     count: int
     step: int = 1
+
+    def next_of(self, wanted: int, n: int) -> int | None:
+        """Return the first of its cells that is in a set, given as bits, of a tour of n cells; None if none is.
+
+        Examples
+        --------
+        >>> Sweep(3, 4, -1).next_of(0b100101, 8)
+        2
+        """
+        if self.step > 0:
+            here = turned(wanted, self.first, n) & ((1 << self.count) - 1)
+            return ((here & -here).bit_length() - 1 + self.first) % n if here else None
+        low = self.first - self.count + 1
+        here = turned(wanted, low, n) & ((1 << self.count) - 1)
+        return (here.bit_length() - 1 + low) % n if here else None
 
 
 @dataclass(frozen=True, eq=False)
