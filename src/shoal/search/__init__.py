@@ -6,9 +6,12 @@ from shoal.search.allocation import Allocation, Sweep, allocate
 from shoal.search.cells import CellGrid, cells_of
 from shoal.search.course import Course
 from shoal.search.coverage import Coverage, coverage_check
+from shoal.search.episode import RobotLog, SearchEpisode
 from shoal.search.ground import GroundPaths, Route, merge_collinear
+from shoal.search.planning import SearchPlan, plan_search
 from shoal.search.projection import LocalFrame
 from shoal.search.region import SearchRegion, open_region, region_of
+from shoal.search.running import search
 from shoal.search.tours import (
     Tour,
     TourMaker,
@@ -28,7 +31,10 @@ __all__ = [
     "Coverage",
     "GroundPaths",
     "LocalFrame",
+    "RobotLog",
     "Route",
+    "SearchEpisode",
+    "SearchPlan",
     "SearchRegion",
     "Sweep",
     "Tour",
@@ -45,5 +51,7 @@ __all__ = [
     "moore_decode",
     "moore_encode",
     "open_region",
+    "plan_search",
     "region_of",
+    "search",
 ]

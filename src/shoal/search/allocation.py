@@ -19,6 +19,7 @@ from shoal.search.kernels import shares
 Indices = NDArray[np.int64]
 _HALVINGS = 40
 _STRIDES = 96  # how many first borders are tried at the most
+_TRIALS = 8_000  # cuts into equal arcs that are tried at the most, once for each turn of the robots
 _CANDIDATES = 12  # cuts into equal arcs that are made better
 
 
@@ -202,9 +203,8 @@ def two_way(course: Course, starts: Indices, rates: Floats, places: Floats) -> l
 def hop(course: Course, starts: Indices, rates: Floats, places: Floats) -> list[list[Sweep]]:
     """Each goes straight to an arc, the order kept round the tour; who has farther to go searches less."""
     n, m = len(course), len(starts)
-    stride = max(1, n // (_STRIDES * 4 if m <= 64 else _STRIDES))
-    firsts = np.arange(0, n if m == 1 else max(1, int(2 * n / m)), max(1, min(stride, n // (8 * m) or 1)))
-    firsts = firsts[np.unique(np.linspace(0, len(firsts) - 1, 4 * _STRIDES).astype(np.int64))]
+    rows = min(4 * _STRIDES, max(8, _TRIALS // m))
+    firsts = np.unique(np.linspace(0, min(n, int(2 * n / m)) - 1, rows).astype(np.int64)) if m > 1 else starts
     latest = np.empty((len(firsts), m))
     shares.hop_costs(course.ahead, course.points, places, rates, firsts, latest)
     best, borders, chosen = np.inf, np.arange(m + 1), 0

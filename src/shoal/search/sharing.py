@@ -61,7 +61,7 @@ def cost_of_all(course: Course, wanted: int, here: int, fresh: bool) -> float:
     """Return what it costs to search all cells of a set, as bits, round the tour from ``here`` on, with straight ways between."""
     total, n = 0.0, len(course)
     for first, count in runs(wanted, here, n):
-        away = float(course.distance(here, first))
+        away = course.between(here, first)
         if fresh:
             total += away + (course.turn_cost if away else 0.0)
         elif first == (here + 1) % n:

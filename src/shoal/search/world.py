@@ -312,7 +312,7 @@ class World:
             case Go(cell):
                 self._go(vehicle, cell)
             case GoHome():
-                away = float(self.scenario.brief.course.distance(vehicle.place, vehicle.robot.start))
+                away = self.scenario.brief.course.between(vehicle.place, vehicle.robot.start)
                 vehicle.searching = None
                 if self._spend(vehicle, away):
                     self._write(vehicle, "home")
@@ -381,7 +381,7 @@ class World:
             if not network.media:
                 self._post(self.time, other, "heard", beacon)
                 continue
-            link = Link(number, other, self.time, float(course.distance(sender.place, receiver.place)))
+            link = Link(number, other, self.time, course.between(sender.place, receiver.place))
             arrived = network.send(link, self.rng)
             self.lost += not arrived
             for copy in arrived:
