@@ -1,0 +1,257 @@
+"""Rings of a region as they came from outside: checked one by one, with their place in the file."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+
+Points = NDArray[np.float64]
+
+_FLAT = 1e-12  # of the size squared: a ring with a smaller area has no inside
+_POLE = 89.9  # degrees of latitude: nearer to a pole "east" turns within a region
+_FARTHEST_NUMBER = 1e9  # metres: beyond, a float64 cannot tell apart points that are a micrometre from each other
+
+
+@dataclass(frozen=True, eq=False)
+class Ring:
+    """One closed line of an outline.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (n, 2)
+        (x, y) in metres or (longitude, latitude) in degrees, as the file has them.
+    where : str
+        The file and the place in it, for error messages.
+    lines : ndarray of int64, shape (n,), optional
+        The line of the file that each vertex stands on.
+    """
+
+    points: Points
+    where: str
+    lines: NDArray[np.int64] | None = None
+
+    def vertex(self, index: int) -> str:
+        """Return where a vertex is, in words."""
+        return f"{self.where}, vertex {index + 1}" if self.lines is None else f"{self.where}, line {self.lines[index]}"
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """A polygon as it came from outside: a shell, its holes, and whether it is a part to search or one to keep out of."""
+
+    shell: Ring
+    holes: tuple[Ring, ...] = ()
+    no_go: bool = False
+
+    @property
+    def rings(self) -> tuple[Ring, ...]:
+        """The shell, then the holes."""
+        return self.shell, *self.holes
+
+
+def text_of(point: ArrayLike) -> str:
+    """Return a point as people write it.
+
+    Examples
+    --------
+    >>> text_of([1.5, -2.0])
+    '(1.5, -2)'
+    """
+    return "(" + ", ".join(f"{value:.10g}" for value in np.asarray(point, dtype=np.float64)) + ")"
+
+
+def check_points(points: Any, *, what: str) -> Points:
+    """Return points as a finite float64 array, shape (n, 2).
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    try:
+        array = np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInputError(f"{what}: expected points of 2 numbers, got {str(points)[:80]}") from None
+    array = array.reshape(-1, 2) if array.size == 0 else array
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise InvalidInputError(f"{what}: expected points of 2 numbers, got an array of shape {array.shape}")
+    finite = np.isfinite(array).all(axis=1)
+    if not finite.all():
+        index = int(np.argmin(finite))
+        raise InvalidInputError(f"{what}: expected finite numbers, got {text_of(array[index])} at point {index + 1}")
+    return array
+
+
+def check_ring(ring: Ring, *, closed: bool = True) -> Points:
+    """Return the corners of a ring, closed, without repeats, float64, shape (n, 2).
+
+    Raises
+    ------
+    InvalidInputError
+        If a coordinate is not finite, the ring is not closed (and has to be), has fewer than 3 different vertices, is flat or
+        crosses itself.
+    """
+    points = ring.points
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        index = int(np.argmin(finite))
+        raise InvalidInputError(f"{ring.vertex(index)}: expected finite coordinates, got {text_of(points[index])}")
+    if len(points) == 0:
+        raise InvalidInputError(f"{ring.where}: expected a ring of vertices, got an empty one")
+    if closed and (points[0] != points[-1]).any():
+        raise InvalidInputError(
+            f"{ring.vertex(len(points) - 1)}: expected a closed ring, which ends where it begins, at {text_of(points[0])}, "
+            f"got {text_of(points[-1])}"
+        )
+    different = len(np.unique(points, axis=0))
+    if different < 3:
+        raise InvalidInputError(f"{ring.where}: expected a ring of 3 different vertices or more, got {different}")
+    kept = points[np.any(points != np.roll(points, 1, axis=0), axis=1)]
+    _check_shape(kept, ring)
+    return np.vstack([kept, kept[:1]])
+
+
+def _check_shape(corners: Points, ring: Ring) -> None:
+    from shapely import MultiPoint, Polygon
+    from shapely.validation import explain_validity
+
+    size = float(np.ptp(corners, axis=0).max())
+    alone = Polygon(corners)
+    flat = MultiPoint(corners).convex_hull.area <= _FLAT * size * size
+    if flat or (alone.is_valid and alone.area <= _FLAT * size * size):
+        raise InvalidInputError(
+            f"{ring.where}: expected a ring with an area inside, got {len(corners)} vertices on one line, "
+            f"from {text_of(corners.min(axis=0))} to {text_of(corners.max(axis=0))}"
+        )
+    if not alone.is_valid:
+        raise InvalidInputError(
+            f"{ring.where}: expected a ring that does not cross or touch itself, got one that does{place_of(explain_validity(alone))}"
+        )
+
+
+def place_of(said: str) -> str:
+    """Return " at (x, y)" from what Shapely says of an invalid polygon, or nothing if it names no place.
+
+    Examples
+    --------
+    >>> place_of("Self-intersection[1.5 2]")
+    ' at (1.5, 2)'
+    """
+    found = re.search(r"\[(\S+) ([^\s\]]+)", said)
+    return f" at {text_of([float(found[1]), float(found[2])])}" if found else ""
+
+
+def check_polygon(outline: Outline, *, closed: bool = True) -> Any:
+    """Return an outline as a valid Shapely polygon.
+
+    Raises
+    ------
+    InvalidInputError
+        As `check_ring`, and if a hole lies outside the shell, crosses it or another hole, or shares a stretch with it.
+    """
+    from shapely import Polygon
+    from shapely.validation import explain_validity
+
+    corners = [check_ring(ring, closed=closed) for ring in outline.rings]
+    shell = Polygon(corners[0])
+    holes = [Polygon(ring) for ring in corners[1:]]
+    for ring, hole in zip(outline.holes, holes, strict=True):
+        if shell.covers(hole):
+            continue
+        apart = hole.difference(shell).representative_point()
+        how = "one that crosses it" if shell.intersects(hole) and shell.intersection(hole).area > 0 else "one outside"
+        raise InvalidInputError(f"{ring.where}: expected a hole inside its outline, got {how}, at {text_of(apart.coords[0])}")
+    whole = Polygon(corners[0], corners[1:])
+    if not whole.is_valid:
+        said = explain_validity(whole)
+        why = (
+            "holes that leave the inside in one piece" if "disconnected" in said else "holes apart from the outline and each other"
+        )
+        raise InvalidInputError(f"{outline.shell.where}: expected {why}, got others{place_of(said)}")
+    return whole
+
+
+def check_metres(ring: Ring) -> None:
+    """Refuse metres so large that their fractions are lost.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    far = np.abs(ring.points) > _FARTHEST_NUMBER
+    if far.any():
+        index = int(np.argmax(far.any(axis=1)))
+        raise InvalidInputError(
+            f"{ring.vertex(index)}: expected coordinates of at most {_FARTHEST_NUMBER:g} m, got {text_of(ring.points[index])}"
+        )
+
+
+def check_degrees(ring: Ring) -> None:
+    """Refuse what is no longitude and latitude, and what a flat map cannot hold: poles and the 180° meridian.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    longitude, latitude = np.abs(ring.points).T
+    wrong = (longitude > 180) | (latitude > 90)
+    if wrong.any():
+        index = int(np.argmax(wrong))
+        swapped = (latitude > 90).any() and (longitude <= 90).all() and (latitude <= 180).all()
+        hint = "; are the two swapped?" if swapped else "; is this in metres?" if (longitude > 360).any() else ""
+        raise InvalidInputError(
+            f"{ring.vertex(index)}: expected a longitude within ±180 and then a latitude within ±90, "
+            f"got {text_of(ring.points[index])}{hint}"
+        )
+    if (latitude > _POLE).any():
+        index = int(np.argmax(latitude > _POLE))
+        raise InvalidInputError(
+            f"{ring.vertex(index)}: expected a region away from the poles, within ±{_POLE} degrees of latitude, "
+            f"got {text_of(ring.points[index])}"
+        )
+    jumps = np.abs(np.diff(ring.points[:, 0])) > 180
+    if jumps.any():
+        index = int(np.argmax(jumps))
+        raise InvalidInputError(
+            f"{ring.vertex(index + 1)}: expected a region that does not cross the 180° meridian, "
+            f"got a step from {text_of(ring.points[index])} to {text_of(ring.points[index + 1])}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Outlines:
+    """All polygons of a file or a name.
+
+    Parameters
+    ----------
+    outlines : tuple of Outline
+    where : str
+        The file or name.
+    geographic : bool
+        Longitude and latitude in degrees (WGS84); else metres.
+    closed : bool
+        Whether rings have to repeat their first vertex at the end, as the format says.
+    """
+
+    outlines: tuple[Outline, ...]
+    where: str
+    geographic: bool
+    closed: bool = True
+
+
+def outlines_of(shape: Any, where: str, *, no_go: bool = False) -> list[Outline]:
+    """Return the polygons in a Shapely geometry as outlines."""
+    import shapely
+
+    parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and not part.is_empty]
+    found = []
+    for index, part in enumerate(parts):
+        place = f"{where}, polygon {index + 1}" if len(parts) > 1 else where
+        holes = tuple(Ring(shapely.get_coordinates(ring), f"{place}, hole {k + 1}") for k, ring in enumerate(part.interiors))
+        found.append(Outline(Ring(shapely.get_coordinates(part.exterior), place), holes, no_go))
+    return found
