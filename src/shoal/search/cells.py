@@ -93,7 +93,7 @@ class CellGrid:
 
     def waypoints(self) -> Points:
         """Return the first place to stand in each cell, in the order of `cells`; float64, shape (n_cells, 2)."""
-        return self.stand_points[self.stand_starts[:-1]]
+        return np.asarray(self.stand_points[self.stand_starts[:-1]])
 
     def ordinals(self, cells: ArrayLike) -> NDArray[np.int64]:
         """Return the place of each cell among `cells`; int64, shape (n,).

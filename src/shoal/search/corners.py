@@ -87,7 +87,7 @@ def pulled(region: SearchRegion, way: Points) -> Points:
         seen = inside(region, np.broadcast_to(way[here], (len(ahead), 2)), way[ahead])
         seen[0] = True  # this leg is there already
         kept.append(int(ahead[np.flatnonzero(seen)[-1]]))
-    return way[kept]
+    return np.asarray(way[kept])
 
 
 def merge_collinear(points: Points) -> Points:
@@ -107,4 +107,4 @@ def merge_collinear(points: Points) -> Points:
     scale = np.hypot(*before.T) * np.hypot(*after.T)
     turn = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
     straight = (turn <= 1e-9 * scale) & (np.sum(before * after, axis=1) > 0)
-    return way[np.concatenate([[True], ~straight, np.ones(min(1, len(steps)), dtype=np.bool_)])]
+    return np.asarray(way[np.concatenate([[True], ~straight, np.ones(min(1, len(steps)), dtype=np.bool_)])])

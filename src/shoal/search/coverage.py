@@ -111,7 +111,7 @@ def _bends(way: Points) -> Points:
     steps = np.diff(way, axis=0)
     turn = steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0]
     straight = (turn == 0) & (np.sum(steps[:-1] * steps[1:], axis=1) > 0)
-    return way[np.concatenate([[True], ~straight, np.ones(min(1, len(steps)), dtype=np.bool_)])]
+    return np.asarray(way[np.concatenate([[True], ~straight, np.ones(min(1, len(steps)), dtype=np.bool_)])])
 
 
 def _once(starts: Points, ends: Points) -> tuple[Points, Points]:

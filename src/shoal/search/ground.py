@@ -174,7 +174,7 @@ class GroundPaths:
 
     def _corners_within(self, low: Points, high: Points) -> Points:
         corners = self._corners
-        return corners[((corners >= low) & (corners <= high)).all(axis=1)]
+        return np.asarray(corners[((corners >= low) & (corners <= high)).all(axis=1)])
 
     @cached_property
     def _corners(self) -> Points:
@@ -227,7 +227,7 @@ class GroundPaths:
         bends = way[1:-1]
         if len(bends) == 0 or len(self._corners) == 0:
             return np.zeros((0, 2))
-        return self._corners[KDTree(bends).query(self._corners)[0] <= self.grid.size]
+        return np.asarray(self._corners[KDTree(bends).query(self._corners)[0] <= self.grid.size])
 
     @cached_property
     def _passages(self) -> Passages:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ class Passages:
                 return None
             way.append(int(came[way[-1]]))
         way.reverse()
-        return np.vstack([start, *(self._gate(*pair) for pair in zip(way[:-1], way[1:], strict=True)), end])
+        return np.vstack([start, *(self._gate(*pair) for pair in pairwise(way)), end])
 
     @cached_property
     def _numbers(self) -> NDArray[np.int64]:

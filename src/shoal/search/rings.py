@@ -130,7 +130,8 @@ def _check_shape(corners: Points, ring: Ring) -> None:
         )
     if not alone.is_valid:
         raise InvalidInputError(
-            f"{ring.where}: expected a ring that does not cross or touch itself, got one that does{place_of(explain_validity(alone))}"
+            f"{ring.where}: expected a ring that does not cross or touch itself, got one that does"
+            f"{place_of(explain_validity(alone))}"
         )
 
 

@@ -58,7 +58,7 @@ def read_json(path: Path) -> Any:
         return json.loads(read_text(path))
     except json.JSONDecodeError as error:
         raise InvalidInputError(
-            f"{path}: expected JSON, got something else in line {error.lineno}, column {error.colno}: {error.msg[:1].lower()}{error.msg[1:]}"
+            f"{path}: expected JSON, got something else in line {error.lineno}, column {error.colno}: {error.msg.lower()}"
         ) from None
     except (RecursionError, ValueError) as error:
         if isinstance(error, InvalidInputError):
