@@ -124,7 +124,7 @@ class CellGrid:
 
     def point(self, cell: tuple[int, int]) -> Points:
         """Return the centre of any cell of the lattice, inside the region or not; float64, shape (2,)."""
-        return self.lattice.centers(np.array([cell[0]]), np.array([cell[1]]))[0]
+        return np.asarray(self.lattice.centers(np.array([cell[0]]), np.array([cell[1]]))[0])
 
     def cell_of(self, points: ArrayLike) -> NDArray[np.int64]:
         """Return the cell that each point lies in, or the one with the nearest waypoint if that one holds nothing of the region.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from shoal.search.region import SearchRegion
 from shoal.search.rings import Points
 
 _STRAIGHT = 1e-12  # sine of a turn that is none
+_ALONG = 1e-9  # sine of the angle between lines that are one
 _AT_ONCE = 100_000  # segments tested in one call
 _LOOK_AHEAD = 64
 
@@ -28,8 +30,38 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
     return found
 
 
-def inward_corners(area: Any) -> Points:
-    """Return the corners of a polygon at which its inside has more than 180 degrees: where shortest ways bend; shape (n, 2)."""
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Corners at which the inside of a region has more than 180 degrees: where shortest ways bend.
+
+    Parameters
+    ----------
+    points, before, after : ndarray of float64, shape (n, 2)
+        The corners, and their neighbours on the border.
+    """
+
+    points: Points
+    before: Points
+    after: Points
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, chosen: NDArray[Any]) -> Corners:
+        return Corners(self.points[chosen], self.before[chosen], self.after[chosen])
+
+    def touched(self, directions: Points) -> NDArray[np.bool_]:
+        """Tell whether a line through each corner leaves both of its sides on one hand: other lines are in no shortest way."""
+        sines = []
+        for neighbours in (self.before, self.after):
+            side = neighbours - self.points
+            cross = directions[:, 0] * side[:, 1] - directions[:, 1] * side[:, 0]
+            sines.append(cross / np.maximum(np.hypot(*directions.T) * np.hypot(*side.T), np.finfo(float).tiny))
+        return np.asarray((np.minimum(*sines) >= -_ALONG) | (np.maximum(*sines) <= _ALONG))
+
+
+def inward_corners(area: Any) -> Corners:
+    """Return the corners of a polygon where shortest ways bend."""
     import shapely
 
     found = []
@@ -37,34 +69,41 @@ def inward_corners(area: Any) -> Points:
         turned = shapely.orient_polygons(polygon)
         for ring in (turned.exterior, *turned.interiors):
             corners = shapely.get_coordinates(ring)[:-1]
-            before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
-            turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-            found.append(corners[turn < -_STRAIGHT * np.hypot(*before.T) * np.hypot(*after.T)])
-    return np.concatenate(found)
+            before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
+            come, go = corners - before, after - corners
+            inward = come[:, 0] * go[:, 1] - come[:, 1] * go[:, 0] < -_STRAIGHT * np.hypot(*come.T) * np.hypot(*go.T)
+            found.append(np.stack([corners[inward], before[inward], after[inward]]))
+    return Corners(*np.concatenate(found, axis=1))
 
 
-def around(region: SearchRegion, start: Points, end: Points, corners: Points, *, longest: float = np.inf) -> Points | None:
+def around(region: SearchRegion, start: Points, end: Points, corners: Corners) -> Points | None:
     """Return the shortest way that bends at the given corners only (A*), or None; float64, shape (k, 2).
 
     What a corner sees is looked up when the search comes to it.
     """
-    nodes = np.vstack([start, end, corners])
+    nodes = np.vstack([corners.points, start, end])
+    first, last = len(nodes) - 2, len(nodes) - 1
     to_end = np.hypot(*(nodes - end).T)
     length = np.full(len(nodes), np.inf)
-    length[0] = 0.0
+    length[first] = 0.0
     came = np.full(len(nodes), -1)
     done = np.zeros(len(nodes), dtype=np.bool_)
-    queue = [(float(to_end[0]), 0)]
+    queue = [(float(to_end[first]), first)]
     while queue:
         _, node = heapq.heappop(queue)
         if done[node]:
             continue
-        if node == 1:
-            return nodes[_chain(came, 1)]
+        if node == last:
+            return nodes[_chain(came, last)]
         done[node] = True
-        reached = length[node] + np.hypot(*(nodes - nodes[node]).T)
-        better = np.flatnonzero(~done & (reached < length) & (reached + to_end <= longest))
-        seen = better[inside(region, np.broadcast_to(nodes[node], (len(better), 2)), nodes[better])]
+        steps = nodes - nodes[node]
+        reached = length[node] + np.hypot(*steps.T)
+        better = ~done & (reached < length)
+        better[:first] &= corners.touched(steps[:first])
+        if node < first:
+            better &= corners[np.full(len(nodes), node)].touched(steps)
+        asked = np.flatnonzero(better)
+        seen = asked[inside(region, np.broadcast_to(nodes[node], (len(asked), 2)), nodes[asked])]
         length[seen], came[seen] = reached[seen], node
         for other in seen.tolist():
             heapq.heappush(queue, (float(reached[other] + to_end[other]), other))

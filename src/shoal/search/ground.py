@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.search.cells import CellGrid
-from shoal.search.corners import around, inside, inward_corners, merge_collinear, pulled
+from shoal.search.corners import Corners, around, inside, inward_corners, merge_collinear, pulled
 from shoal.search.passages import Passages
 from shoal.search.rings import Points, text_of
 
 _MARGINS = (1.0, 4.0, 16.0)  # cells around a leg within which corners are looked at
-_MOST_CORNERS = 300
+_MOST_CORNERS = 1000
 
 __all__ = ["GroundPaths", "Route", "merge_collinear"]
 
@@ -64,7 +64,7 @@ class GroundPaths:
     >>> grid = cells_of(open_region("ring:50x40"), 10)
     >>> way = GroundPaths(grid).leg((45.0, 0.0), (-45.0, 0.0))
     >>> bool(grid.region.contains(way).all()), round(float(np.hypot(*np.diff(way, axis=0).T).sum()), 1)
-    (True, 149.1)
+    (True, 128.8)
     """
 
     def __init__(self, grid: CellGrid, *, transit: bool = False) -> None:
@@ -172,12 +172,12 @@ class GroundPaths:
                     return found
         return best
 
-    def _corners_within(self, low: Points, high: Points) -> Points:
+    def _corners_within(self, low: Points, high: Points) -> Corners:
         corners = self._corners
-        return np.asarray(corners[((corners >= low) & (corners <= high)).all(axis=1)])
+        return corners[np.flatnonzero(((corners.points >= low) & (corners.points <= high)).all(axis=1))]
 
     @cached_property
-    def _corners(self) -> Points:
+    def _corners(self) -> Corners:
         return inward_corners(self.grid.region.area)
 
     def _part(self, point: Points) -> int:
@@ -212,7 +212,7 @@ class GroundPaths:
             legs.append(leg[1:])
         return np.concatenate(legs)
 
-    def _by_corners(self, start: Points, end: Points, corners: Points) -> Points:
+    def _by_corners(self, start: Points, end: Points, corners: Corners) -> Points:
         found = around(self.grid.region, start, end, corners)
         if found is None:
             raise InvalidInputError(
@@ -220,14 +220,14 @@ class GroundPaths:
             )
         return found
 
-    def _corners_beside(self, way: Points) -> Points:
+    def _corners_beside(self, way: Points) -> Corners:
         """Return the corners within a cell of where a way bends."""
         from scipy.spatial import KDTree
 
         bends = way[1:-1]
         if len(bends) == 0 or len(self._corners) == 0:
-            return np.zeros((0, 2))
-        return np.asarray(self._corners[KDTree(bends).query(self._corners)[0] <= self.grid.size])
+            return self._corners[np.zeros(0, dtype=np.int64)]
+        return self._corners[KDTree(bends).query(self._corners.points)[0] <= self.grid.size]
 
     @cached_property
     def _passages(self) -> Passages:

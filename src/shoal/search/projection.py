@@ -36,8 +36,8 @@ class LocalFrame:
     --------
     >>> frame = LocalFrame(8.5, 47.4)
     >>> frame.to_metres([(8.5, 47.4), (8.51, 47.4)]).round(2).tolist()
-    [[0.0, 0.0], [754.63, 0.05]]
-    >>> frame.to_degrees([(754.63, 0.05)]).round(6).tolist()
+    [[0.0, 0.0], [754.87, 0.05]]
+    >>> frame.to_degrees([(754.87, 0.05)]).round(6).tolist()
     [[8.51, 47.4]]
     """
 

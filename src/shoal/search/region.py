@@ -241,4 +241,6 @@ def _several(no_go: Any) -> Sequence[Any]:
             alone = np.asarray(no_go, dtype=np.float64).ndim == 2
         except (TypeError, ValueError):
             alone = False
-    return [no_go] if alone else list(no_go)
+    if alone or not isinstance(no_go, Sequence | np.ndarray):
+        return [no_go]
+    return list(no_go)

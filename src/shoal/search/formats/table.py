@@ -10,7 +10,7 @@ import numpy as np
 
 from shoal.errors import InvalidInputError
 from shoal.search.formats.text import read_text
-from shoal.search.rings import Outline, Outlines, Ring, check_ring, text_of
+from shoal.search.rings import Outline, Outlines, Ring, check_metres, check_ring, text_of
 
 _MOST_RINGS = 10_000
 
@@ -83,6 +83,8 @@ def _nested(rings: list[Ring]) -> tuple[Outline, ...]:
     """Tell outlines from holes: a ring inside an odd number of others is a hole of the smallest of them."""
     import shapely
 
+    for ring in rings:
+        check_metres(ring)
     shapes: list[Any] = [shapely.Polygon(check_ring(ring, closed=False)) for ring in rings]
     tree = shapely.STRtree(shapes)
     within: list[list[int]] = [[] for _ in rings]

@@ -1,0 +1,59 @@
+"""Any region is seen wholly from inside: random polygons, and real outlines."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.reference.regions import COUNTIES, county, random_polygon, swept
+
+from shoal.search import GroundPaths, cells_of, region_of
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**32), st.sampled_from([25.0, 60.0, 400.0]))
+def test_a_sweep_sees_everything_and_stays_inside(seed, footprint):
+    region = region_of(random_polygon(np.random.default_rng(seed)))
+    seen, _ = swept(region, footprint)
+    assert seen.covered_fraction >= 0.999999
+    assert seen.legs_outside == 0
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**32))
+def test_cells_are_where_the_region_is(seed):
+    rng = np.random.default_rng(seed)
+    region = region_of(random_polygon(rng))
+    grid = cells_of(region, float(rng.uniform(20, 90)))
+    for cell in grid.cells[rng.integers(0, grid.n_cells, 20)]:
+        assert region.contains(grid.stands(cell)).all()
+        box = shapely.box(*(grid.point(cell) - grid.size / 2), *(grid.point(cell) + grid.size / 2))
+        assert box.intersection(region.area).area > 0
+    inside = grid.waypoints()
+    assert grid.region.contains(inside).all()
+    assert grid.mask[tuple(grid.cell_of(inside).T)].all()
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 2**32))
+def test_ways_between_any_two_places(seed):
+    rng = np.random.default_rng(seed)
+    region = region_of(max(shapely.get_parts(random_polygon(rng)), key=shapely.area))
+    grid = cells_of(region, 40)
+    paths = GroundPaths(grid)
+    places = grid.stand_points[rng.integers(0, len(grid.stand_points), 12)]
+    route = paths.legs(places)
+    assert np.array_equal(route.points[route.stops], places)
+    lines = shapely.linestrings(np.stack([route.points[:-1], route.points[1:]], axis=1))
+    assert shapely.covers(region.area.buffer(1e-6), lines).all()
+
+
+@pytest.mark.parametrize("place", COUNTIES[::3])
+def test_real_outlines(place):
+    region = county(*place)
+    assert region.area_m2 == pytest.approx(4e6)
+    seen, _ = swept(region, 60.0)
+    assert seen.covered_fraction >= 0.999999
+    assert seen.legs_outside == 0

@@ -1,0 +1,376 @@
+"""Regions from names and files: what is read, and one clear sentence for each that is no region."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import shapely
+from pyproj import Geod
+
+from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.search import LocalFrame, cells_of, coverage_check, open_region, region_of
+
+FIELD = [(8.50, 47.40), (8.52, 47.40), (8.52, 47.41), (8.50, 47.41), (8.50, 47.40)]
+POND = [(8.505, 47.403), (8.505, 47.406), (8.509, 47.406), (8.509, 47.403), (8.505, 47.403)]
+FIELD_M2 = 1509.3 * 1112.0  # roughly; the geodesic area is asked below
+
+
+def polygon(*rings, **more):
+    return {"type": "Polygon", "coordinates": [list(map(list, ring)) for ring in rings]} | more
+
+
+def feature(geometry, **properties):
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+def collection(*features):
+    return {"type": "FeatureCollection", "features": list(features)}
+
+
+def kml(*placemarks, head='<?xml version="1.0"?>\n'):
+    return head + '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n' + "\n".join(placemarks) + "\n</Document></kml>\n"
+
+
+def placemark(coordinates, *, inner=None, more=""):
+    hole = f"<innerBoundaryIs><LinearRing><coordinates>{inner}</coordinates></LinearRing></innerBoundaryIs>" if inner else ""
+    return (
+        f"<Placemark>{more}<Polygon><outerBoundaryIs><LinearRing><coordinates>{coordinates}</coordinates></LinearRing>"
+        f"</outerBoundaryIs>{hole}</Polygon></Placemark>"
+    )
+
+
+def words(ring, *, altitude=",12"):
+    return "\n".join(f"{x},{y}{altitude}" for x, y in ring)
+
+
+def saved(folder, name, content):
+    path = folder / name
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    else:
+        path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def geodesic_area(*rings):
+    areas = [abs(Geod(ellps="WGS84").polygon_area_perimeter(*np.array(ring).T)[0]) for ring in rings]
+    return areas[0] - sum(areas[1:])
+
+
+# What is read
+
+
+@pytest.mark.parametrize(
+    ("name", "area"),
+    [("square:100", 1e4), ("rectangle:20x10m", 200), ("circle:50", np.pi * 2500), ("ring:50x20", np.pi * 2100)],
+)
+def test_named(name, area):
+    region = open_region(name)
+    assert region.area_m2 == pytest.approx(area, rel=1e-3)
+    assert region.frame is None
+    assert region.name == name
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.geojson", polygon(FIELD, POND)),
+        ("a.json", feature(polygon(FIELD, POND))),
+        ("b.geojson", collection(feature(None), feature({"type": "Point", "coordinates": [8, 47]}), feature(polygon(FIELD, POND)))),
+        ("c.geojson", collection(feature(polygon(FIELD)), feature(polygon(POND), no_go=True))),
+        ("d.geojson", {"type": "MultiPolygon", "coordinates": [[list(map(list, FIELD)), list(map(list, POND))]]}),
+        ("e.geojson", polygon([(*p, 400.0) for p in FIELD], POND)),
+        ("f.geojson", {"type": "GeometryCollection", "geometries": [polygon(FIELD, POND)]}),
+        ("g.geojson", polygon(FIELD, POND, crs={"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}})),
+        ("a.kml", kml(placemark(words(FIELD), inner=words(POND, altitude="")))),
+        ("b.kml", kml(placemark(words(FIELD)), placemark(words(POND), more="<name>No-go: pond</name>"))),
+        (
+            "c.kml",
+            kml(
+                "<Placemark><Point><coordinates>8,47</coordinates></Point></Placemark>",
+                placemark(words(FIELD)),
+                placemark(words(POND), more='<ExtendedData><Data name="no_go"><value>1</value></Data></ExtendedData>'),
+            ),
+        ),
+    ],
+)
+def test_the_same_field_in_many_files(tmp_path, name, content):
+    region = open_region(saved(tmp_path, name, content))
+    assert region.area_m2 == pytest.approx(geodesic_area(FIELD, POND), rel=1e-6)
+    assert [len(part.interiors) for part in region.parts] == [1]
+    middle = region.frame.to_metres([(8.507, 47.4045), (8.515, 47.4045)])
+    assert region.contains(middle).tolist() == [False, True]
+    assert np.allclose(region.frame.to_degrees(region.frame.to_metres(FIELD)), FIELD, atol=1e-10, rtol=0)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:32632", "EPSG:3857"])
+@pytest.mark.parametrize(("suffix", "driver"), [("gpkg", "GPKG"), ("shp", "ESRI Shapefile")])
+def test_layers(tmp_path, crs, suffix, driver):
+    import pyogrio
+    from pyproj import Transformer
+
+    to = Transformer.from_crs("EPSG:4326", crs, always_xy=True)
+    rings = [np.stack(to.transform(*np.array(ring).T), axis=1) for ring in (FIELD, POND)]
+    shapes = np.array([shapely.to_wkb(shapely.Polygon(ring)) for ring in rings], dtype=object)
+    path = tmp_path / f"field.{suffix}"
+    pyogrio.raw.write(path, shapes, [np.array([0, 1])], ["no_go"], crs=crs, geometry_type="Polygon", driver=driver, layer="field")
+    region = open_region(path, layer="field")
+    assert region.area_m2 == pytest.approx(geodesic_area(FIELD, POND), rel=1e-5)
+    assert region.contains(region.frame.to_metres([(8.507, 47.4045), (8.515, 47.4045)])).tolist() == [False, True]
+
+
+def test_geojson_in_another_system(tmp_path):
+    from pyproj import Transformer
+
+    ring = np.stack(Transformer.from_crs("EPSG:4326", "EPSG:2056", always_xy=True).transform(*np.array(FIELD).T), axis=1).tolist()
+    region = open_region(saved(tmp_path, "a.geojson", polygon(ring, crs={"type": "name", "properties": {"name": "EPSG:2056"}})))
+    assert region.area_m2 == pytest.approx(geodesic_area(FIELD), rel=1e-5)
+
+
+def test_table_with_holes_and_islands(tmp_path):
+    rows = ["# a yard", "x,y", "0,0", "10,0", "10,10", "0,10", "", "2,2", "8,2", "8,8", "2,8", "2,2", "", "4,4", "5,4", "5,5"]
+    region = open_region(saved(tmp_path, "yard.csv", "\n".join(rows)))
+    assert region.area_m2 == 100 - 36 + 0.5
+    assert len(region.parts) == 2
+    labelled = [
+        f"{x},{y},{ring}" for ring, side in (("a", 4), ("b", 1)) for x, y in ((0, 5 * side), (side, 5 * side), (side, 6 * side))
+    ]
+    assert open_region(saved(tmp_path, "two.csv", "x,y,ring\n" + "\n".join(labelled))).area_m2 == 8.5
+
+
+def test_parts_that_overlap_are_taken_together(tmp_path):
+    twice = {"type": "MultiPolygon", "coordinates": [[list(map(list, FIELD))]] * 2}
+    assert open_region(saved(tmp_path, "a.geojson", twice)).area_m2 == pytest.approx(geodesic_area(FIELD), rel=1e-6)
+
+
+def test_zones_beside_the_region(tmp_path):
+    path, pond = saved(tmp_path, "a.geojson", polygon(FIELD)), saved(tmp_path, "pond.kml", kml(placemark(words(POND))))
+    expected = geodesic_area(FIELD, POND)
+    for zone in (POND, np.array(POND[:-1]), shapely.Polygon(POND), pond, [POND, pond]):
+        assert open_region(path, no_go=zone).area_m2 == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_region_on_two_utm_zones_on_request(tmp_path):
+    path = saved(tmp_path, "a.geojson", polygon([(x - 2.51, y) for x, y in FIELD]))
+    with pytest.raises(InvalidInputError, match=r"one UTM zone.*on both sides of 6°, in zones 31 and 32"):
+        open_region(path)
+    assert open_region(path, across_zones=True).area_m2 == pytest.approx(geodesic_area(FIELD), rel=1e-6)
+
+
+def test_the_frame_keeps_lengths():
+    frame = LocalFrame(8.5, 47.4)
+    line = frame.to_degrees([(20_000.0, -5_000.0), (20_000.0, -4_000.0)])
+    assert Geod(ellps="WGS84").line_length(*line.T) == pytest.approx(1000.0, rel=5.1e-6)
+    assert LocalFrame(frame.longitude, frame.latitude) == frame
+    assert LocalFrame.around([(8.1234567, 47.0), (8.2, 47.1)]).longitude == 8.161728
+
+
+# What is no region
+
+BOW = [(8.50, 47.40), (8.52, 47.41), (8.52, 47.40), (8.50, 47.41), (8.50, 47.40)]
+FAR = [(x, y + 3) for x, y in FIELD]
+
+
+def moved(ring, index, point):
+    ring = list(ring)
+    ring[index] = point
+    return ring
+
+
+BAD_FILES = {
+    "crossing.geojson": (polygon(BOW), r"ring 1: expected a ring that does not cross.*at \(8.51, 47.405\)"),
+    "unclosed.geojson": (polygon(FIELD[:-1]), r"ring 1, vertex 4: expected a closed ring.*\(8.5, 47.4\), got \(8.5, 47.41\)"),
+    "two-points.geojson": (polygon([FIELD[0], FIELD[1], FIELD[0]]), r"ring 1: expected a ring of 3 different vertices.*got 2"),
+    "range.geojson": (polygon(moved(FIELD, 2, (208.0, 47.4))), r"ring 1, vertex 3: expected a longitude within.*got \(208, 47.4\)"),
+    "swapped.geojson": (polygon([(y - 57, 151 + x) for x, y in FIELD]), r"vertex 1: expected a longitude.*are the two swapped\?"),
+    "metres.geojson": (polygon([(0, 0), (500, 0), (500, 50), (0, 0)]), r"vertex 2: .*is this in metres\?"),
+    "nan.geojson": (polygon(moved(FIELD, 1, (float("nan"), 47.4))), r"ring 1, vertex 2: expected finite coordinates, got \(nan"),
+    "infinity.geojson": (polygon(moved(FIELD, 1, (8.5, float("inf")))), r"ring 1, vertex 2: expected"),
+    "empty.geojson": (polygon(), r"expected a polygon with a ring, got an empty one"),
+    "empty-ring.geojson": (polygon([]), r"ring 1: expected a ring of vertices, got an empty one|expected a region with vertices"),
+    "no-features.geojson": (collection(), r"expected a Polygon or MultiPolygon, got none"),
+    "line.geojson": ({"type": "LineString", "coordinates": [[0, 0], [1, 1]]}, r"expected a Polygon.*got only LineString"),
+    "type.geojson": ({"type": "Topology"}, r"expected a GeoJSON Polygon.*got the type 'Topology'"),
+    "no-type.geojson": ({"a": 1}, r"expected a GeoJSON Polygon.*got no type"),
+    "list.geojson": ([1, 2], r"expected a GeoJSON object, got \[1, 2\]"),
+    "hole-outside.geojson": (polygon(FIELD, FAR), r"ring 2: expected a hole inside its outline, got one outside, at \("),
+    "hole-across.geojson": (
+        polygon(FIELD, [(x + 0.014, y) for x, y in POND]),
+        r"ring 2: expected a hole inside its outline, got one that crosses it, at \(8.52",
+    ),
+    "holes-cross.geojson": (polygon(FIELD, POND, [(x + 0.001, y + 0.001) for x, y in POND]), r"expected holes apart.*at \(8.5"),
+    "apart.geojson": (
+        collection(feature(polygon(FIELD)), feature(polygon(FAR))),
+        r"feature 1, ring 1, vertex 1: .*within 100 km of",
+    ),
+    "zones.geojson": (polygon([(x - 2.51, y) for x, y in FIELD]), r"expected a region inside one UTM zone"),
+    "antimeridian.geojson": (
+        polygon([(179.9, 10), (-179.9, 10), (-179.9, 10.1), (179.9, 10)]),
+        r"ring 1, vertex 2: expected a region that does not cross the 180° meridian, got a step from \(179.9, 10\)",
+    ),
+    "two-sides.geojson": (
+        collection(*(feature(polygon([(x, 0), (x + 0.1, 0), (x, 0.1), (x, 0)])) for x in (179.9, -180))),
+        r"expected a region that does not cross the 180° meridian, got longitudes from -180 to 180",
+    ),
+    "pole.geojson": (
+        polygon([(0, 89.95), (120, 89.95), (-120, 89.95), (0, 89.95)]),
+        r"vertex 1: expected a region away from the poles",
+    ),
+    "flat.geojson": (
+        polygon([(8, 47), (8.1, 47.1), (8.2, 47.2), (8, 47)]),
+        r"ring 1: expected a ring with an area inside.*on one line",
+    ),
+    "broken.geojson": (
+        '{"type": "Polygon",\n "coordinates": [[[8, 47], }',
+        r"expected JSON, got something else in line 2, column 28",
+    ),
+    "crs.geojson": (
+        polygon(FIELD, crs={"type": "name", "properties": {"name": "EPSG:999999"}}),
+        r"expected a known coord.*'EPSG:999999'",
+    ),
+    "crs-link.geojson": (polygon(FIELD, crs={"type": "link"}), r'expected a "crs" with the name'),
+    "word.geojson": (
+        polygon(moved(FIELD, 1, ("8.5", 47.4))),
+        r"ring 1, vertex 2: expected \[longitude, latitude\], got \['8.5', 47.4\]",
+    ),
+    "one-number.geojson": (polygon(moved(FIELD, 1, (8.5,))), r"ring 1, vertex 2: expected \[longitude, latitude\], got \[8.5\]"),
+    "no-coordinates.geojson": ({"type": "Polygon"}, r"expected a list of coordinates, got none"),
+    "deep.geojson": ("[" * 100_000, r"nested too deeply"),
+    "binary.geojson": (b"\x89PNG\r\n\x1a\n\x00", r"expected text in UTF-8, got byte 0x89 in line 1"),
+    "zero.geojson": (b"{}\n\0", r"expected text, got a zero byte in line 2"),
+    "nothing.geojson": (b"", r"expected a region, got an empty file"),
+    "zones-only.geojson": (feature(polygon(FIELD), no_go=True), r"expected a polygon to search, got none but no-go zones"),
+    "covered.geojson": (collection(feature(polygon(FIELD)), feature(polygon(FIELD), no_go=True)), r"the no-go zones cover wholly"),
+    "columns.csv": ("0,0\n1,0,a,b\n1,1\n", r"line 2: expected x,y or x,y,ring in metres, got 4 columns"),
+    "semicolon.csv": ("0;0\n1;0\n1;1\n", r"line 1: .*got 1 columns; use commas"),
+    "word.csv": ("0,0\n1,east\n1,1\n", r"line 2: expected two numbers, x,y in metres, got '1,east'"),
+    "nan.csv": ("0,0\n1,nan\n1,1\n", r"line 2: expected finite coordinates, got \(1, nan\)"),
+    "blank.csv": ("# nothing\n\n", r"expected vertices, one x,y a line, got none"),
+    "crossing.csv": ("0,0\n2,2\n2,0\n0,2\n", r"ring 1 \(from line 1\): expected a ring that does not cross.*at \(1, 1\)"),
+    "rings-cross.csv": ("0,0\n2,0\n2,2\n0,2\n\n1,1\n3,1\n3,3\n", r"ring 2 \(from line 6\): .*crosses ring 1 at \("),
+    "large.csv": ("0,0\n1e12,0\n1,1\n", r"line 2: expected coordinates of at most 1e\+09 m"),
+    "no-coordinates.kml": (
+        kml("<Placemark><Polygon></Polygon></Placemark>"),
+        r"line 3: expected a Polygon with coordinates, got none",
+    ),
+    "empty-coordinates.kml": (kml(placemark(" ")), r"polygon 1 \(line 3\), outline: expected coordinates, got none"),
+    "altitude.kml": (kml(placemark(words(FIELD, altitude=",high"))), r"line 3: expected longitude,latitude.*got '8.5,47.4,high'"),
+    "blanks.kml": (kml(placemark("8.5, 47.4\n8.6, 47.4")), r"line 3: .*no blanks beside commas.*'8.5,'"),
+    "unclosed.kml": (kml(placemark(words(FIELD[:-1]))), r"line 6: expected a closed ring"),
+    "point.kml": (
+        kml("<Placemark><Point><coordinates>8,47</coordinates></Point></Placemark>"),
+        r"expected a Polygon, got only Point",
+    ),
+    "tags.kml": (kml("<Placemark>"), r"expected XML, got something else in line 4: mismatched tag"),
+    "html.kml": ("<html></html>", r"expected <kml>, got <html> in line 1"),
+    "bomb.kml": (
+        kml(placemark("&a;"), head='<!DOCTYPE k [<!ENTITY a "x">]>\n'),
+        r"without a document type, got <!DOCTYPE in line 1",
+    ),
+    "damaged.gpkg": (b"SQLite format 3\0 and no more", r"expected a file of shapes, got a damaged one"),
+    "lonely.shp": (b"\0\0\x27\x0a", r"expected its index beside it in lonely.shx, got no such file"),
+    "field.txt": ("", r"expected a region file \(.geojson .json .kml .csv .gpkg .shp\), got the suffix '.txt'"),
+    "field.kmz": (b"PK", r"got the suffix '.kmz'"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_bad_files(tmp_path, name):
+    content, sentence = BAD_FILES[name]
+    path = saved(tmp_path, name, content)
+    with pytest.raises(InvalidInputError, match=f"(?s).*{sentence}") as caught:
+        open_region(path)
+    text = str(caught.value)
+    assert str(path) in text
+    assert "\n" not in text
+    assert len(text) < 400 + len(str(path))
+
+
+def test_shapefile_without_a_system(tmp_path):
+    import pyogrio
+
+    path = tmp_path / "field.shp"
+    shapes = np.array([shapely.to_wkb(shapely.Polygon(FIELD))], dtype=object)
+    pyogrio.raw.write(path, shapes, [], [], crs="EPSG:4326", geometry_type="Polygon", driver="ESRI Shapefile")
+    path.with_suffix(".prj").unlink()
+    with pytest.raises(
+        InvalidInputError, match=r"expected its coordinate reference system beside it in field.prj, got no such file"
+    ):
+        open_region(path)
+
+
+def test_layers_that_are_none(tmp_path):
+    import pyogrio
+
+    path = tmp_path / "field.gpkg"
+    field, line = (np.array([shapely.to_wkb(s)], dtype=object) for s in (shapely.Polygon(FIELD), shapely.LineString(FIELD)))
+    pyogrio.raw.write(path, field, [], [], crs="EPSG:4326", geometry_type="Polygon", driver="GPKG", layer="field")
+    with pytest.raises(InvalidInputError, match=r"expected one of the layers field, got 'meadow'"):
+        open_region(path, layer="meadow")
+    pyogrio.raw.write(path, line, [], [], crs="EPSG:4326", geometry_type="LineString", driver="GPKG", layer="fence", append=True)
+    with pytest.raises(InvalidInputError, match=r"expected one layer of shapes, got 2: field, fence; choose by the option layer"):
+        open_region(path)
+    with pytest.raises(InvalidInputError, match="expected a Polygon or MultiPolygon, got only LineString"):
+        open_region(path, layer="fence")
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: open_region("no/such.geojson"), "expected a region file, got no such file"),
+        (lambda: open_region("square:-3"), r"expected square:SIDE with lengths in metres, above 0 .*got '-3'"),
+        (lambda: open_region("square:nan"), r"expected square:SIDE with lengths"),
+        (lambda: open_region("rectangle:3"), r"expected rectangle:WIDTHxHEIGHT"),
+        (lambda: open_region("ring:2x3"), "expected an inner radius below the outer one, 2, got 3"),
+        (lambda: open_region("square:5", layer="a"), "layer: expected it only with a GeoPackage"),
+        (lambda: open_region("square:5", no_go=[(0, 0), (9, 0), (9, 9), (-9, 9), (-9, -9)]), "cover wholly"),
+        (
+            lambda: open_region("square:5", no_go=[(0, 0), (1, 1)]),
+            "no-go zone 1: expected a ring of 3 different vertices or more, got 2",
+        ),
+        (lambda: open_region("square:5", no_go=shapely.Point(0, 0)), "no-go zone 1: expected a polygon, got Point"),
+        (lambda: open_region("square:5", no_go=7), "no-go zone 1: expected"),
+        (lambda: region_of(shapely.Point(0, 0)), "expected a Shapely Polygon or MultiPolygon, got Point"),
+        (lambda: region_of(shapely.Polygon()), "expected a region with an area to search, got an empty one"),
+        (lambda: region_of(shapely.Polygon([(0, 0), (2, 2), (2, 0), (0, 2)])), r"self-intersection at \(1, 1\) in part 1"),
+        (lambda: open_region("square:5").check_inside([(1, 1), (6, 1)]), r"start: .*got \(6, 1\) m at point 2, 1 m outside"),
+        (lambda: open_region("square:5").contains([(1, np.nan)]), r"expected finite numbers, got \(1, nan\) at point 1"),
+        (lambda: cells_of(open_region("square:5"), 0), "footprint: expected a length above 0 in metres, got 0"),
+        (lambda: cells_of(open_region("square:5"), float("nan")), "footprint: expected a length above 0"),
+        (lambda: cells_of(open_region("square:5"), -2), "footprint: expected a length above 0"),
+        (lambda: cells_of(open_region("square:5"), 1, size=2), "cell size: expected at most the footprint, 1 m, got 2 m"),
+        (
+            lambda: cells_of(open_region("square:50000"), 1),
+            "at most 4000000 cells, got 50000 times 50000 .*needs about 25 m or more",
+        ),
+        (lambda: cells_of(open_region("square:50"), 1e-300), "at most 4000000 cells"),
+        (lambda: cells_of(open_region("square:50"), 10).stands((5, 0)), r"expected cells of the region, got \(5, 0\) at place 1"),
+        (lambda: coverage_check(open_region("square:5"), [], -1), "footprint: expected a length above 0"),
+        (lambda: coverage_check(open_region("square:5"), [[(0, np.inf)]], 1), "route 1: expected finite numbers"),
+        (lambda: LocalFrame(0, 95), "latitude within ±89.9 degrees, got 95"),
+        (lambda: LocalFrame(0, 0).to_metres([(9, 9)]), r"within 200 km of the origin \(0, 0\), got \(9, 9\)"),
+    ],
+)
+def test_bad_values(call, sentence):
+    with pytest.raises(InvalidInputError, match=sentence):
+        call()
+
+
+def test_unknown_names():
+    with pytest.raises(UnknownNameError, match=r"unknown region 'sqare:5': did you mean 'square'\?"):
+        open_region("sqare:5")
+
+
+def test_a_start_outside_says_where_on_earth(tmp_path):
+    region = open_region(saved(tmp_path, "a.geojson", polygon(FIELD)))
+    with pytest.raises(
+        InvalidInputError, match=r"start: .*\(longitude and latitude \(8.53\d*, 47.405\d*\)\) at point 1, 75\d m outside"
+    ):
+        region.check_inside(region.frame.to_metres([(8.53, 47.405)]))
+
+
+def test_folder(tmp_path):
+    with pytest.raises(InvalidInputError, match="expected a region file, got a folder"):
+        open_region(tmp_path)
