@@ -45,9 +45,11 @@ demo: install
 
 # Kernels are compiled once, before several test processes would do it at the same time.
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
-	@touch src/shoal/swarm/kernels/*.py src/shoal/steering/kernels/*.py
+	@touch src/shoal/*/kernels/*.py
 	@$(BIN)/shoal map rectangle:9x9 --particles 3 --json >/dev/null & swarm=$$!; \
 	  folder=$$(mktemp -d) && $(BIN)/shoal demo steer --json --out $$folder >/dev/null && rm -r $$folder && wait $$swarm
+	@for tour in hilbert moore hilbert-rectangle comb spanning-tree; do $(BIN)/shoal tour $$tour cave:20x15 --json >/dev/null; done
+	@$(BIN)/shoal tour hilbert 3x3x3 --json >/dev/null
 	@touch $@
 
 # The browser tests need Debian's Chromium, and the program that drives it a small library.
@@ -69,6 +71,7 @@ lint: $(VENV)/.dev-installed
 check: lint docs test
 
 bench: $(VENV)/.dev-installed $(VENV)/.kernels-compiled
+	@$(PIP) install -e '.[bench]'
 	@$(BIN)/python -m benchmarks
 
 soak: $(VENV)/.dev-installed $(VENV)/.kernels-compiled

@@ -10,11 +10,23 @@ from benchmarks.line import bench_line
 from benchmarks.processes import bench_import, bench_second_run
 from benchmarks.scale import bench_growth, bench_scale
 from benchmarks.sweep import bench_sweep
+from benchmarks.tours import bench_codec, bench_tours
 
 
 def main() -> None:
     print(f"{'':<58} {'measured':>22}   {'promised':<28}")
-    for bench in (bench_move, bench_episode, bench_sweep, bench_line, bench_import, bench_second_run, bench_growth, bench_scale):
+    for bench in (
+        bench_move,
+        bench_episode,
+        bench_sweep,
+        bench_line,
+        bench_import,
+        bench_second_run,
+        bench_growth,
+        bench_scale,
+        bench_codec,
+        bench_tours,
+    ):
         bench()
 
 

@@ -1,21 +1,32 @@
-"""Draw the pictures of the documentation: a mapping after a quarter of its moves, its frontier by move, and the theory's figures.
+"""Draw the pictures of the documentation: mapping, the theory's figures, tours, steering and the figures of paper W.
 
-Run: python docs/make_images.py (pareto.png takes longer: python -m benchmarks.scanning --trials 20 --pareto docs/images/pareto.png)
+Run: python docs/make_images.py [mapping] [theory] [tours] [steering], without a name for all.
+(pareto.png takes longer: python -m benchmarks.scanning --trials 20 --pareto docs/images/pareto.png)
 """
 
 from __future__ import annotations
 
 import csv
+import sys
+from math import pi
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
 from shoal import open_map, run
+from shoal.search import make_tour
+from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon, steer
+from shoal.steering.filling import disk_fractions, largest_two_move_fraction, polygon_filling
+from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes, sweep_goals
 from shoal.swarm.line import Line, sample
 from shoal.swarm.scanning import EveryStep, Hyperexponential, Powers
 from shoal.views.figures import frontier_plot, map_figure, save_figure
+from shoal.views.steering import plan_figure, reach_figure
+from shoal.views.steering_paper import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
 from shoal.views.theory import coverage_curve, gap_distributions, move_distributions, schedule_ratios, theorem_chart
+from shoal.views.tours import tour_figure
 
 FOLDER = Path(__file__).parent / "images"
 PUBLISHED = Path(__file__).parents[1] / "tests" / "golden" / "published" / "line-full-coverage-m5000.csv"
@@ -24,11 +35,24 @@ TRIALS = 1_000_000
 
 
 def main() -> None:
+    parts = {"mapping": mapping, "theory": theory, "tours": tours, "steering": steering}
+    for name in sys.argv[1:] or parts:
+        parts[name]()
+
+
+def mapping() -> None:
+    """Draw a map and its frontier."""
     episode = run(open_map(MAP), particles=PARTICLES, seed=SEED)
     middle = episode.moves // 4
     save("mapping-middle.png", map_figure(episode, moves=middle))
     save("mapping-frontier.png", frontier_plot([episode]))
-    theory()
+
+
+def tours() -> None:
+    """Draw tours of a rectangle, of a cave and of a box."""
+    save("tour-rectangle.png", tour_figure(make_tour("hilbert-rectangle", (24, 32))))
+    save("tour-spanning-tree.png", tour_figure(make_tour("spanning-tree", open_map("cave:64x48:1").free)))
+    save("tour-space.png", tour_figure(make_tour("hilbert-rectangle", (6, 8, 10))))
 
 
 def theory() -> None:
@@ -42,11 +66,57 @@ def theory() -> None:
     save("theorem.png", theorem_chart([1, 2, 3, 4, 6, 8, 12, 16, 20, 30, 40, 50, 60, 70, 80, 90, 100]))
 
 
-def save(name: str, figure: Figure) -> None:
-    """Write a figure with few colours, so that the file is small."""
+def steering() -> None:
+    """Draw a plan, a set that is reached, and the figures of paper W; print what is measured."""
+    problem = SteeringProblem(open_workspace("square"), np.array([(0.2, 0.3), (0.5, 0.35)]), np.array([(0.8, 0.2), (0.3, 0.75)]))
+    save("steering-plan.png", plan_figure(steer(problem)))
+    points = np.array([(-0.1, 0.0), (0.1, 0.1)])
+    sets = polygon_reach(open_workspace("hexagon"), points[1] - points[0], moves=6)
+    save("steering-reach.png", reach_figure(sets, points=points), colours=64)
+    fillings = [polygon_filling(regular_polygon(n), (0.13, 0.06), moves=8) for n in range(3, 9)]
+    save("steering-fig4.png", reachable_sets(fillings), colours=64)
+    disk_figures()
+    square = open_workspace("square")
+    alone, either = (
+        [sweep_goals(square, start, goal, varied=1, interchangeable=both) for start, goal in SQUARE_CASES] for both in (False, True)
+    )
+    rows = [[(sweep, "length") for sweep in alone], [(sweep, "moves") for sweep in alone], [(sweep, "length") for sweep in either]]
+    save("steering-fig16.png", goal_maps(rows), colours=256)
+    for one, other in zip(alone, either, strict=True):
+        longest = [float(np.nanmax(sweep.lengths)) for sweep in (one, other)]
+        saved = 100 * (1 - longest[1] / longest[0])
+        print(f"Fig. 16: longest {longest[0]:.2f}, interchangeable {longest[1]:.2f}, {saved:.0f} % less", end="; ")
+        print(f"at most {np.nanmax(one.moves):g} moves, unsolved {one.unsolved}")
+
+
+def disk_figures() -> None:
+    """Draw Figs. 8, 9, 14 and 15."""
+    distances = np.concatenate([[0.001], (1 - np.cos(pi * np.arange(1, 65) / 64)) / 2])
+    save("steering-fig8.png", fraction_curves(disk_fractions(distances)), colours=128)
+    save("steering-fig9.png", disk_sets(), colours=64)
+    for row in (100 * disk_fractions([0.1, 0.001]).fractions).round(2).tolist():
+        print("Fig. 8: % reached in 2, 4, ... 14 moves:", row)
+    print("Fig. 8: most in two moves (distance, fraction):", largest_two_move_fraction())
+    sweeps = [sweep_goals(disk(), DISK_START, goal, samples=61) for goal in DISK_GOALS]
+    save("steering-fig14.png", goal_maps([[(sweep, "moves"), (sweep, "length")] for sweep in sweeps]), colours=256)
+    for sweep in sweeps:
+        print(
+            f"Fig. 14: at most {np.nanmax(sweep.moves):g} moves, length {np.nanmax(sweep.lengths):.2f}, unsolved {sweep.unsolved}"
+        )
+    second, nearer, across = swap_antipodes(toucher="second"), swap_antipodes(), swap_antipodes(turn=pi / 2)
+    save("steering-fig15.png", antipode_errors(second, nearer, (across, "the nearer touches, Δ at the start across")))
+    for name, swap in (("particle 2", second), ("the nearer", nearer), ("the nearer, across", across)):
+        print(f"Fig. 15: {name} touches: within 0.01 at length {swap.length_to(0.01):.2f}")
+    print("Fig. 15: a / length^b through what particle 2 does, a and b:", second.law())
+
+
+def save(name: str, figure: Figure, *, colours: int = 32) -> None:
+    """Write a figure with few colours, so that the file is small; a map whose colours are a scale needs 256."""
     path = FOLDER / name
     save_figure(figure, path)
-    Image.open(path).convert("RGB").quantize(32, dither=Image.Dither.NONE).save(path, optimize=True)
+    # Between the two, colours furthest apart are kept: a marker must not take on the colour of what is around it.
+    method = Image.Quantize.MAXCOVERAGE if 32 < colours < 256 else Image.Quantize.MEDIANCUT
+    Image.open(path).convert("RGB").quantize(colours, method=method, dither=Image.Dither.NONE).save(path, optimize=True)
     print(path.name, path.stat().st_size // 1024, "KiB")
 
 

@@ -1,4 +1,4 @@
-"""Conformance checks for third parties' worlds, tasks and policies; our own pass them.
+"""Conformance checks for third parties' worlds, tasks, policies and tours; our own pass them.
 
 Each check plays the object on small random maps and raises ``AssertionError`` with a sentence at the first breach. Call them from a
 test of your own:
@@ -18,11 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
+from shoal.search import TourMaker, components, make_tour
+from shoal.search.tours import find_tour_maker
 from shoal.swarm import GridWorkspace, GridWorld, Mapping, Policy, Task, View, make_policy, make_task, run
 from shoal.swarm.commands import letters_of
 from shoal.swarm.policies import Compiled
 
-__all__ = ["check_policy", "check_task", "check_world", "sample_workspaces"]
+__all__ = ["check_policy", "check_task", "check_tour_maker", "check_world", "sample_workspaces"]
 
 ALL_RULES = ("block", "merge", "tilt")
 
@@ -169,3 +171,34 @@ def _check_view(policy: Policy, workspace: GridWorkspace, start: Any, rule: str)
     same = (state.occupied, belief.open, belief.known, belief.frontier)
     for board, before in zip(same, words, strict=True):
         assert np.array_equal(board.words, before), f"{policy.name}: a decision changed what it was shown"
+
+
+def check_tour_maker(maker: str | TourMaker, *, seed: int = 0) -> None:
+    """Check what makes tours: every True cell once and no other, components one after the other, the same tour again.
+
+    Parameters
+    ----------
+    maker : str or TourMaker
+    seed : int
+
+    Raises
+    ------
+    AssertionError, InvalidInputError
+        The latter for a tour that leaves cells out or visits others.
+    """
+    rng = np.random.default_rng(seed)
+    shapes = [(1, 1), (1, 9), (7, 1), (2, 2), (3, 3), (5, 6), (8, 8), (9, 12), (3, 65), (24, 31)]
+    flat = [rng.random(shape) < share for shape in shapes for share in (0.3, 0.7, 0.95, 1.0)]
+    for mask in flat:
+        mask.flat[int(rng.integers(mask.size))] = True
+    chosen = find_tour_maker(maker)
+    for mask in [*flat, *(workspace.free for workspace in sample_workspaces(rng))]:
+        if mask.ndim not in chosen.dimensions:
+            continue
+        given = mask.copy()
+        tour = make_tour(chosen, given)
+        assert np.array_equal(given, mask), f"{tour.name}: the mask was changed"
+        labels = components(mask)
+        changes = np.count_nonzero(np.diff(labels[tuple(tour.cells.T)]))
+        assert changes == labels.max() - 1, f"{tour.name}: {labels.max()} components, entered {changes + 1} times"
+        assert np.array_equal(make_tour(chosen, mask).cells, tour.cells), f"{tour.name}: the same mask gave two tours"

@@ -61,14 +61,14 @@ def visitor(chromium: Browser) -> Iterator[Visitor]:
 
 @pytest.fixture
 def open_player(visitor: Visitor, tmp_path: Path) -> Iterator[OpenPlayer]:
-    """Open an episode from a file. Its page may load nothing else and must leave the console empty."""
+    """Open an episode, its data or the text of its page. That may load nothing else and must leave the console empty."""
     files: list[str] = []
     visitor.requests.clear()
     visitor.messages.clear()
 
-    def open_(data: dict[str, object], **options: Any) -> Page:
+    def open_(data: dict[str, object] | str, **options: Any) -> Page:
         file = tmp_path / f"player-{len(files)}.html"
-        file.write_text(render(data), encoding="utf-8")
+        file.write_text(data if isinstance(data, str) else render(data), encoding="utf-8")
         files.append(file.as_uri())
         page = visitor.page(**options) if options else visitor.plain
         page.mouse.move(0, 0)

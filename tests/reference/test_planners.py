@@ -25,8 +25,11 @@ from shoal.steering import (
 )
 from shoal.steering.chains import Errand, shortest_chain
 from shoal.steering.growing import cycle_towards, grown_chain
+from shoal.steering.heights import flattened, with_heights
 from shoal.steering.kernels.chain import chain_length
+from shoal.steering.kernels.limits import Kind
 from shoal.steering.kernels.sequences import over_circle
+from shoal.steering.planners.shortest import Shortest
 from shoal.steering.walls import walls_of as unit_walls
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -142,8 +145,8 @@ def test_shortest_chains_are_those_of_a_general_optimizer():
             continue
         assert length == pytest.approx(value(guess)[0], abs=1e-9)
         assert value(guess)[1].min() >= -1e-12
-        frames, _, _, circle = walls.shape
-        assert chain_length(guess, touchers, on, errand.start, errand.goal, frames, circle) == pytest.approx(length)
+        kind = Kind(touchers, on, errand.start, errand.goal, walls.shape, errand.friction, errand.margin, errand.push)
+        assert chain_length(guess, kind) == pytest.approx(length)
         if feasible:
             assert length <= found.fun + 1e-5
             compared += 1
@@ -208,6 +211,23 @@ def test_plans_in_space(space):
         no_more += episode.n_moves <= flat.n_moves
         assert steer(SteeringProblem(space, points[:2], points[2:])).path_length <= episode.path_length + 1e-6
     assert no_more >= 6
+
+
+def test_plans_of_the_plane_take_heights():
+    rng = np.random.default_rng(39)
+    space, raised = prism(SQUARE, 1.0), 0
+    for _ in range(12):
+        points = np.array([[*random_point(rng, SQUARE), rng.random()] for _ in range(4)])
+        task = Task(ContactWorld(space), points[:2], points[2:], 1e-6)
+        below = flattened(task)
+        flat = Shortest().plan(below)
+        moves = with_heights(task, flat)
+        if moves is None:
+            continue
+        raised += 1
+        np.testing.assert_array_equal(moves[:, :2], flat)
+        assert np.abs(task.world.play(task.start, moves)[-1] - task.goal).max() <= 1e-6
+    assert raised >= 9
 
 
 def test_chains_over_a_circle_beat_random_ones():

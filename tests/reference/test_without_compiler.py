@@ -59,6 +59,31 @@ for friction in (0.5, 3.0):
 print([round(r.fraction(samples=20), 3) for r in polygon_reach(regular_polygon(3), (0.2, 0.1), moves=4, contacts=5)])
 """
 
+TOURS = """
+import numpy as np
+from shoal.search import hilbert_decode, hilbert_encode, make_tour, moore_decode, moore_encode
+from shoal.search.tours import TOURS
+rng = np.random.default_rng(5)
+for order in (0, 1, 4, 5, 6, 10, 15, 16, 30, 31):
+    indices = rng.integers(0, 4**order, 20)
+    for encode, decode in ((hilbert_encode, hilbert_decode), (moore_encode, moore_decode)):
+        cells = decode(indices, order=order)
+        print(order, cells.tolist(), encode(cells, order=order).tolist() == indices.tolist())
+for order in (0, 1, 2, 3, 4, 19, 20):
+    cells = hilbert_decode(rng.integers(0, 8**order, 20), order=order, dimensions=3)
+    print(order, cells.tolist(), hilbert_encode(cells, order=order).tolist())
+for name in TOURS:
+    for shape in ((1, 9), (5, 7), (16, 16), (17, 30)):
+        for share in (1.0, 0.9, 0.5):
+            mask = rng.random(shape) < share
+            mask.flat[0] = True
+            tour = make_tour(name, mask)
+            print(name, shape, share, tour.cells.tolist(), tour.metrics())
+for name in ("hilbert", "hilbert-rectangle"):
+    tour = make_tour(name, (4, 5, 6))
+    print(name, tour.cells.tolist(), tour.metrics())
+"""
+
 
 def episodes(*, compiled: bool, script: str = SCRIPT) -> str:
     environment = dict(os.environ, NUMBA_DISABLE_JIT="0" if compiled else "1")
@@ -78,3 +103,9 @@ def test_same_plans_with_the_compiler_off():
     compiled = episodes(compiled=True, script=STEERING)
     assert len(compiled.splitlines()) == 10
     assert episodes(compiled=False, script=STEERING) == compiled
+
+
+def test_same_tours_with_the_compiler_off():
+    compiled = episodes(compiled=True, script=TOURS)
+    assert len(compiled.splitlines()) == 20 + 7 + 6 * 12 + 2
+    assert episodes(compiled=False, script=TOURS) == compiled

@@ -13,7 +13,7 @@ from shoal.version import __version__
 
 FIELDS = ["task", "policy", "map", "particles", "placement", "rule", "seed", "trials", "moves", "status", "mean", "std"]
 FIELDS += ["scan_every", "scan_cost", "move_cost", "scans", "cost", "mean_cost"]
-COMMANDS = ["map", "cover", "maps", "replay", "line", "schedule", "steer", "reach", "demo"]
+COMMANDS = ["map", "cover", "maps", "replay", "line", "schedule", "steer", "reach", "tour", "demo"]
 
 
 def test_all_commands_are_listed():

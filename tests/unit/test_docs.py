@@ -25,6 +25,7 @@ PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONT
 WITH_COMMANDS = [page for page in PAGES if "```console" in page.read_text()]
 MODULES = [
     "errors",
+    "search.tours",
     "lab.trials",
     "swarm.belief",
     "swarm.boards",

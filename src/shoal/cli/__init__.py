@@ -11,7 +11,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from shoal.cli import demo, maps, steering, swarm, theory
+from shoal.cli import demo, maps, replay, search, steering, swarm, theory
 from shoal.cli.output import say
 from shoal.errors import ShoalError
 from shoal.version import __version__
@@ -26,11 +26,12 @@ app = typer.Typer(
 app.command("map", epilog=swarm.MAP_EXAMPLE)(swarm.map_)
 app.command("cover", epilog=swarm.COVER_EXAMPLE)(swarm.cover)
 app.command("maps", epilog=maps.EXAMPLE)(maps.maps)
-app.command("replay", epilog=swarm.REPLAY_EXAMPLE)(swarm.replay)
+app.command("replay", epilog=replay.EXAMPLE)(replay.replay)
 app.command("line", epilog=theory.LINE_EXAMPLE)(theory.line)
 app.command("schedule", epilog=theory.SCHEDULE_EXAMPLE)(theory.schedule)
 app.command("steer", epilog=steering.STEER_EXAMPLE)(steering.steer)
 app.command("reach", epilog=steering.REACH_EXAMPLE)(steering.reach)
+app.command("tour", epilog=search.TOUR_EXAMPLE)(search.tour)
 app.command("demo", epilog=demo.EXAMPLE)(demo.demo)
 
 

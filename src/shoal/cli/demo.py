@@ -31,7 +31,8 @@ def demo(
     """Map the vessels of a real eye: a fundus photograph, 300 particles, one shared command.
 
     Writes the vessel map, the picture at the end, the frontier by move, films (GIF, MP4), the HTML player and the episode.
-    'shoal demo steer' brings two particles to two goals in a square, a hexagon, a disk, a prism and a noisy field instead.
+    'shoal demo steer' brings two particles to two goals in a square, a hexagon, a disk, a prism and a noisy field instead, and
+    writes figures, episodes and two players.
     """
     if what == "steer":
         from shoal.cli.steering import demo_steer

@@ -60,7 +60,7 @@ Film = Annotated[
     typer.Option(
         "--film",
         metavar="FILE",
-        help="Write a film of the first trial: .gif, .mp4 or .html (the player). May be given again.",
+        help="Write a film (of several trials the first): .gif, .mp4 or .html (the player). May be given again.",
         show_default=False,
     ),
 ]

@@ -13,7 +13,7 @@ from pathlib import Path
 from threading import Timer
 from typing import Any
 
-from shoal.errors import OutputError
+from shoal.errors import InvalidInputError, OutputError
 
 Advance = Callable[[int], None]
 
@@ -148,3 +148,32 @@ def check_folder(folder: Path) -> Path:
     except OSError as error:
         raise OutputError(f"cannot write into the folder {folder}: {error.strerror or error}") from None
     return folder
+
+
+def check_outputs(out: Path | None, film: list[Path] | None) -> None:
+    """Refuse outputs that cannot be written before the work is done.
+
+    Raises
+    ------
+    InvalidInputError
+        For a film with another suffix.
+    OutputError
+    """
+    if film:
+        from shoal.views.encoding import check_film
+
+        for path in film:
+            check_folder(check_film(path).parent)
+    if out is not None:
+        check_folder(out)
+
+
+def check_seed(episode_file: Path, wanted: int | None, found: int | None) -> None:
+    """Refuse an episode that was not played with the seed that is wanted.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if wanted is not None and wanted != found:
+        raise InvalidInputError(f"{episode_file}: expected an episode of seed {wanted}, got seed {found}")

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, patience, print_json, print_table, say
-from shoal.errors import InvalidInputError
+from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, progress, say
+from shoal.errors import InvalidInputError, ShoalError
 
 if TYPE_CHECKING:
     from shoal.steering import SteeringEpisode
@@ -55,6 +55,15 @@ def steer(
     max_moves: Annotated[int, typer.Option("--max-moves", help="Longer plans are of no use.")] = 100,
     seed: options.Seed = 0,
     out: _Out = None,
+    film: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--film",
+            metavar="FILE",
+            help="Write a film of the plan: .gif, .mp4 or .html (the player). May be given again.",
+            show_default=False,
+        ),
+    ] = None,
     json_: options.Json = False,
 ) -> None:
     """Bring two particles to two goals with one shared input, by walls that hold what is pushed into them.
@@ -66,11 +75,10 @@ def steer(
 
     asked = SteeringProblem.load(problem)
     disturbance = Disturbance(friction=friction, radius=radius, **parse_noise(noise))
-    if out is not None:
-        check_folder(out)
+    check_outputs(out, film)
     with patience(COMPILING):
         episode = run(asked, planner=planner, disturbance=disturbance, seed=seed, max_moves=max_moves)
-    written = [] if out is None else _write_plan(episode, out)
+    written = _write_plan(episode, episode.report(), out, film)
     if json_:
         print_json(episode.report())
     else:
@@ -107,7 +115,7 @@ def parse_noise(text: str) -> dict[str, float]:
     return found
 
 
-def print_plan(episode: SteeringEpisode, written: list[Path]) -> None:
+def print_plan(episode: SteeringEpisode, written: list[Path], *more: tuple[str, str]) -> None:
     """Print the moves and figures of a plan for people."""
     bound = "none known" if episode.lower_bound is None else f"{episode.lower_bound:.6g}"
     shown = [", ".join(f"{number:+.6g}" for number in move) for move in episode.moves[:24]]
@@ -118,21 +126,74 @@ def print_plan(episode: SteeringEpisode, written: list[Path]) -> None:
         ("length", f"{episode.path_length:.6g} in {episode.n_moves} moves; lower bound {bound}"),
         ("error", f"{episode.error:.3g}, tolerance {episode.problem.tolerance:g}"),
         ("time", f"{episode.seconds:.3f} s"),
+        *more,
         *(("written", str(path)) for path in written),
     ]
     print_table(rows, title=f"{episode.planner} in a {episode.problem.workspace.kind}")
 
 
-def _write_plan(episode: SteeringEpisode, out: Path) -> list[Path]:
-    from shoal.files import atomic
-    from shoal.views.figures import save_figure
-    from shoal.views.steering import plan_figure
+def _write_plan(episode: SteeringEpisode, result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
+    """Write what --out and --film ask for; return the files."""
+    written: list[Path] = []
+    if out is not None:
+        from shoal.files import atomic
+        from shoal.views.figures import save_figure
+        from shoal.views.steering import plan_figure
 
-    save_figure(plan_figure(episode), out / "plan.png")
-    episode.save(out / "episode.json")
-    with atomic(out / "summary.json") as temporary:
-        temporary.write_text(json.dumps(episode.report(), indent=1) + "\n", encoding="utf-8")
-    return [out / name for name in ("plan.png", "episode.json", "summary.json")]
+        save_figure(plan_figure(episode), out / "plan.png")
+        episode.save(out / "episode.json")
+        with atomic(out / "summary.json") as temporary:
+            temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        written += [out / name for name in ("plan.png", "episode.json", "summary.json")]
+    for path in film or []:
+        write_film(episode, path)
+        written.append(path)
+    return written
+
+
+def write_film(episode: SteeringEpisode, path: Path) -> None:
+    """Write one film, with a bar."""
+    from shoal.views.steering_films import write_steering_film
+
+    frames = 1000  # of the bar: how many the film has is known only once it is being written
+    with progress(f"film {path.name}", frames, shown=path.suffix.lower() != ".html") as advance:
+        write_steering_film(episode, path, on_frame=lambda done, total: advance(frames * done // total))
+
+
+def replay_steering(episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:
+    """Replay a steering episode: ``shoal replay EPISODE.json``."""
+    from shoal.steering import SteeringEpisode
+
+    episode = SteeringEpisode.load(episode_file)
+    check_seed(episode_file, seed, episode.seed)
+    try:
+        with patience(COMPILING):
+            verified = bool(episode.verify())
+            message = "played again, all particles go where the episode says" if verified else _why_not(episode)
+    except ShoalError as error:  # particles that do not fit where the episode puts them
+        raise InvalidInputError(f"{episode_file}: {error}") from None
+    result = episode.report() | {"verified": verified, "message": message}
+    written = _write_plan(episode, result, out, film) if verified else []
+    if json_:
+        print_json(result)
+    else:
+        print_plan(episode, written, ("verified", f"{'yes' if verified else 'NO'}: {message}"))
+    if not verified:
+        say(f"shoal: {episode_file}: {message}")
+        raise typer.Exit(1)
+
+
+def _why_not(episode: SteeringEpisode) -> str:
+    """Return in what an episode that is not what it says differs from its moves played again."""
+    import numpy as np
+
+    states = episode.disturbance.replay(episode.problem, episode.moves, seed=episode.seed)
+    away = np.linalg.norm(states - episode.states, axis=2)
+    if away.max() <= 1e-9 * episode.problem.workspace.size:
+        return f"it says solved, and a particle ends {episode.error:.3g} from its goal, tolerance {episode.problem.tolerance:g}"
+    move = int(np.argmax(away.max(axis=1) > 1e-9 * episode.problem.workspace.size))
+    particle = int(np.argmax(away[move]))
+    return f"after move {move} particle {particle + 1} is {away[move, particle]:.3g} from where the episode says"
 
 
 def reach(
@@ -241,6 +302,9 @@ def demo_steer(out: Path, *, seed: int, json_: bool) -> None:
             save_figure(plan_figure(episode), out / f"{name}.png")
             episode.save(out / f"{name}.json")
             files += [out / f"{name}.png", out / f"{name}.json"]
+            if name in ("square", "prism"):
+                write_film(episode, out / f"{name}.html")
+                files.append(out / f"{name}.html")
             results[name] = episode.report()
             rows.append((name, f"{planner}: {episode.sentence}"))
     if json_:

@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, moves_told, no_linear_algebra, patience, print_json, print_table, progress, quiet, say
+from shoal.cli.output import (
+    check_outputs,
+    check_seed,
+    moves_told,
+    no_linear_algebra,
+    patience,
+    print_json,
+    print_table,
+    progress,
+    quiet,
+    say,
+)
 from shoal.errors import InvalidInputError, ShoalError
 
 if TYPE_CHECKING:
@@ -18,7 +29,6 @@ if TYPE_CHECKING:
 
 MAP_EXAMPLE = "Example: shoal map vessels:1000 --particles 100 --seed 1"
 COVER_EXAMPLE = "Example: shoal cover maze:21x15 --particles 20 --subset 0.1"
-REPLAY_EXAMPLE = "Example: shoal replay result/episode.npz --film result/film.html"
 
 
 def map_(
@@ -111,7 +121,7 @@ def _play(
     from shoal.swarm.policies.compiled import check_scanning
     from shoal.swarm.scanning import ScanRule
 
-    _check_outputs(out, film)
+    check_outputs(out, film)
     rule = ScanRule.parse(problem["scan_every"], scan_cost=problem["scan_cost"], move_cost=problem["move_cost"])
     check_scanning(rule, make_policy(problem["policy"]), problem["rule"])  # before half a minute of compiling
     if largest_component:
@@ -233,17 +243,6 @@ def _done_row(episode: Episode, done: int) -> tuple[str, str]:
     return "found", f"{free} free cells ({episode.n_particles} at the start) and {len(belief.obstacles)} wall cells around them"
 
 
-def _check_outputs(out: Path | None, film: list[Path] | None) -> None:
-    """Refuse outputs that cannot be written before the work is done."""
-    if film:
-        from shoal.views.films import check_film
-
-        for path in film:
-            check_folder(check_film(path).parent)
-    if out is not None:
-        check_folder(out)
-
-
 def write_outputs(episodes: list[Episode], result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
     """Write what --out and --film ask for; return the files."""
     written: list[Path] = []
@@ -285,23 +284,12 @@ def write_film_with_progress(episode: Episode, path: Path) -> None:
         write_film(episode, path, on_frame=lambda done, total: advance(frames * done // total))
 
 
-def replay(
-    episode_file: Annotated[Path, typer.Argument(metavar="EPISODE", help="An episode file (.npz).", show_default=False)],
-    seed: Annotated[
-        int | None,
-        typer.Option("--seed", help="Refuse the episode unless it was played with this seed.", show_default=False),
-    ] = None,
-    out: options.Out = None,
-    film: options.Film = None,
-    json_: options.Json = False,
-) -> None:
-    """Replay an episode file, check that it is what it says, and draw or film it. Exit code 1 if it is not."""
+def replay_swarm(episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:
+    """Replay a swarm episode: ``shoal replay EPISODE.npz``."""
     from shoal.swarm import Episode
 
-    _check_outputs(out, film)
     episode = Episode.load(episode_file)
-    if seed is not None and seed != episode.seed:
-        raise InvalidInputError(f"{episode_file}: expected an episode of seed {seed}, got seed {episode.seed}")
+    check_seed(episode_file, seed, episode.seed)
     try:
         verified = episode.verify()
     except ShoalError as error:  # an unknown task, or targets that cannot be reached

@@ -1,4 +1,4 @@
-"""Robots without a coordinator that search a region along one closed tour."""
+"""Exhaustive search by robots without a coordinator, along one closed tour."""
 
 from __future__ import annotations
 
@@ -7,6 +7,17 @@ from shoal.search.coverage import Coverage, coverage_check
 from shoal.search.ground import GroundPaths, Route, merge_collinear
 from shoal.search.projection import LocalFrame
 from shoal.search.region import SearchRegion, open_region, region_of
+from shoal.search.tours import (
+    Tour,
+    TourMaker,
+    TourMetrics,
+    components,
+    hilbert_decode,
+    hilbert_encode,
+    make_tour,
+    moore_decode,
+    moore_encode,
+)
 
 __all__ = [
     "CellGrid",
@@ -15,9 +26,18 @@ __all__ = [
     "LocalFrame",
     "Route",
     "SearchRegion",
+    "Tour",
+    "TourMaker",
+    "TourMetrics",
     "cells_of",
+    "components",
     "coverage_check",
+    "hilbert_decode",
+    "hilbert_encode",
+    "make_tour",
     "merge_collinear",
+    "moore_decode",
+    "moore_encode",
     "open_region",
     "region_of",
 ]

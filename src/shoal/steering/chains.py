@@ -10,7 +10,8 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.steering.kernels import chain as kernels
+from shoal.steering.kernels.chain import settle
+from shoal.steering.kernels.limits import Kind, new_place, put
 from shoal.steering.kernels.sequences import bound_of, kinds_of, least_ways
 from shoal.steering.outline import Points
 from shoal.steering.walls import Walls
@@ -19,7 +20,6 @@ MARGIN = 1e-8  # of the size: how far the other particle stays off the walls
 ENOUGH = 1e-7  # how far inside of all limits a first guess is sought on flat walls
 ROOM = 1e-4  # and on a circle
 REFINING = np.array([20.0 * 12.0**k for k in range(8)])
-ROUGH = REFINING[:2]
 _POLISHED = 8  # rough chains over a circle that are worth it
 _DEEPEST = 6  # cycles of a chain that is only refined
 
@@ -54,11 +54,10 @@ class Chain:
 
     def contacts(self, walls: Walls) -> Points:
         """Return where the contacts lie; float64, shape (cycles, d)."""
-        d = walls.dimensions
-        contacts = np.zeros((self.cycles, d))
-        spare, curve = np.zeros((self.cycles, d - 1, d)), np.zeros((self.cycles, d))
-        kernels.contacts_at(self.unknowns, self.walls, walls.frames, walls.circle, d, contacts, spare, curve)
-        return contacts
+        nowhere = np.zeros((2, walls.dimensions))
+        place = new_place(self.cycles, walls.dimensions)
+        put(self.unknowns, Kind(self.touchers, self.walls, nowhere, nowhere, walls.shape, inf, 0.0, 0.0), place)
+        return np.asarray(place.contacts)
 
     def differences(self, before: Points, after: Points) -> Points:
         """Return Δ at the start and after each cycle; float64, shape (cycles + 1, d)."""
@@ -119,32 +118,13 @@ class Errand:
         bound: float = inf,
     ) -> float:
         """Make a guess allowed and short, in place; return its length, infinite if that cannot be."""
-        margins = np.array([self.margin, self.push, 0.0])
-        frames, normals, offsets, circle = self.walls.shape
-        return float(
-            kernels.settle(
-                guess,
-                enough,
-                self.rounds if rounds is None else rounds,
-                bound,
-                touchers,
-                on,
-                self.start,
-                self.goal,
-                frames,
-                normals,
-                offsets,
-                circle,
-                self.friction,
-                margins,
-            )
-        )
+        kind = Kind(touchers, on, self.start, self.goal, self.walls.shape, self.friction, self.margin, self.push)
+        return float(settle(guess, enough, self.rounds if rounds is None else rounds, bound, kind))
 
     @property
     def ways(self) -> NDArray[np.float64]:
         """Each particle's shortest way to its goal over each wall; shape (2, walls + 1)."""
-        _, normals, offsets, circle = self.walls.shape
-        return np.asarray(least_ways(self.start, self.goal, normals, offsets, circle))
+        return np.asarray(least_ways(self.start, self.goal, self.walls.shape))
 
     def guess(self, cycles: int) -> NDArray[np.float64]:
         """Return the middles of walls and differences on half of the straight way."""
@@ -186,12 +166,8 @@ def shortest_chain(errand: Errand, *, cycles: tuple[int, ...] = (1, 2, 3), first
 def _flat(errand: Errand, cycles: int, best: Chain | None) -> Iterator[Chain]:
     """Yield ever shorter chains over flat walls only."""
     walls = errand.walls
-    frames, normals, offsets, circle = walls.shape
     bound = inf if best is None else best.length
-    wanted = np.ones(len(normals) + 1, dtype=np.bool_)
-    touchers, on, bounds = kinds_of(
-        cycles, errand.start, errand.goal, frames, walls.reaches, normals, offsets, circle, errand.push, bound, errand.ways, wanted
-    )
+    touchers, on, bounds = kinds_of(cycles, errand.start, errand.goal, walls.reaches, walls.shape, errand.push, bound, errand.ways)
     for kind, least in enumerate(bounds):
         if least >= bound - 1e-9:
             break
@@ -206,26 +182,30 @@ def _round(errand: Errand, cycles: int, best: Chain | None) -> Iterator[Chain]:
     """Yield ever shorter chains with a round wall."""
     bound = inf if best is None else best.length
     firsts = list(_guesses(errand, cycles))
-    apart = float(np.linalg.norm(errand.after - errand.before))
     ways = errand.ways
     rough: list[tuple[float, int, NDArray[np.int64], NDArray[np.float64]]] = []
+    met: set[tuple[float, ...]] = set()
     on = np.full(cycles, len(errand.walls.normals))
     d = errand.walls.dimensions
     for kind in product((0, 1), repeat=cycles):
         touchers = np.array(kind, dtype=np.int64)
-        if bound_of(touchers, on, errand.start, errand.goal, ways, apart, errand.walls.normals, errand.walls.offsets) >= bound:
+        if bound_of(touchers, on, errand.start, errand.goal, ways, errand.walls.shape) >= bound:
             continue
         for first in firsts:
             guess = first.copy()
             # What particle 1 does by touching, particle 2 does by touching opposite.
             guess[: cycles * (d - 1) : d - 1] += pi * errand.walls.circle[2] * touchers
-            length = errand.settle(guess, touchers, on, enough=ROOM, rounds=ROUGH)
-            rough.append((length, len(rough), touchers, guess))
+            length = errand.settle(guess, touchers, on, enough=ROOM, rounds=REFINING[:1])
+            place = (*kind, *np.round(guess, 2).tolist())
+            if length < inf and place not in met:
+                met.add(place)
+                length = errand.settle(guess, touchers, on, enough=ROOM, rounds=REFINING[1:2])
+                rough.append((length, len(rough), touchers, guess))
     last, polished = -1.0, 0
     for length, _, touchers, guess in sorted(rough, key=lambda entry: entry[:2]):
         if length == inf or polished == _POLISHED:
             break
-        if length - last < 1e-7:  # the same again
+        if length - last < 1e-5:  # the same again
             continue
         last, polished = length, polished + 1
         found = errand.settle(guess, touchers, on, enough=ROOM)

@@ -86,23 +86,9 @@ class PolygonReach:
         walls = walls_of(self.workspace)
         ends = [np.stack([-delta / 2, delta / 2]) / walls.scale for delta in (self.before, goal)]
         errand = Errand(walls, ends[0], ends[1], margin=0.0, push=0.0)
-        frames, normals, offsets, circle = walls.shape
-        wanted = np.ones(len(normals) + 1, dtype=np.bool_)
+        ways = np.zeros_like(errand.ways)  # all kinds of chains are of interest, however long
         for cycles in range(1, self.moves // 2 + 1):
-            touchers, on, _ = kinds_of(
-                cycles,
-                errand.start,
-                errand.goal,
-                frames,
-                walls.reaches,
-                normals,
-                offsets,
-                circle,
-                0.0,
-                np.inf,
-                np.zeros_like(errand.ways),
-                wanted,
-            )
+            touchers, on, _ = kinds_of(cycles, errand.start, errand.goal, walls.reaches, walls.shape, 0.0, np.inf, ways)
             for kind in range(len(on)):
                 if errand.settle(errand.guess(cycles), touchers[kind], on[kind], enough=1e-12, rounds=np.empty(0)) < np.inf:
                     return True

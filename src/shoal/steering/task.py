@@ -178,8 +178,7 @@ class Task:
         if apart <= 2 * self.tolerance:
             return max(direct - self.tolerance, 0.0)
         walls = walls_of(self.world.room)
-        _, normals, offsets, circle = walls.shape
-        ways = least_ways(walls.inward(self.start), walls.inward(self.goal), normals, offsets, circle).min(axis=1) * walls.scale
+        ways = least_ways(walls.inward(self.start), walls.inward(self.goal), walls.shape).min(axis=1) * walls.scale
         if self.world.friction < inf:  # a toucher that slides moves and changes Δ at once
             return max(direct - self.tolerance, float(ways.min()) - self.tolerance, apart - 2 * self.tolerance, 0.0)
         one = float(ways.min()) + apart - 3 * self.tolerance

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.steering.kernels.limits import Shape
 from shoal.steering.outline import Points
 from shoal.steering.workspace import ConvexWorkspace
 
@@ -56,9 +57,9 @@ class Walls:
         return bool(self.circle[2] > 0)
 
     @property
-    def shape(self) -> tuple[NDArray[np.float64], ...]:
-        """What the kernels of chains take: frames, normals, offsets, circle."""
-        return self.frames, self.normals, self.offsets, self.circle
+    def shape(self) -> Shape:
+        """What the kernels of chains take."""
+        return Shape(self.frames, self.normals, self.offsets, self.circle)
 
     def inward(self, points: Points) -> Points:
         """Return points of the workspace in these units."""

@@ -24,19 +24,29 @@ _ROUND = 240
 _BENT = 160  # largest number of numbered moves
 
 
+def colour_of(particle: int) -> str:
+    """Return the colour of a particle, counted from 0; after five they come again."""
+    return PARTICLES[particle % len(PARTICLES)]
+
+
 def plan_figure(episode: SteeringEpisode) -> Figure:
     """Return the figure of a plan: the workspace with the ways of the particles, and what became of Δ.
 
     Moves are numbered where they end. In the Δ configuration space the set that the start reaches in two moves is shaded. A plan in
-    space is drawn from above, and beside it the heights by move.
+    space is drawn as a camera sees it, with its shadow on the floor, and beside it the heights by move.
     """
     problem = episode.problem
     plane = problem.workspace.dimensions == 2
     pair = problem.n_particles == 2 and not isinstance(problem.workspace, Region)
     figure = new_figure(10.4 if pair or not plane else 6.2, 5.6)
     grid = figure.subplots(1, 2 if pair or not plane else 1, squeeze=False)[0]
-    draw_workspace(grid[0], problem.workspace)
-    draw_ways(grid[0], episode)
+    if plane:
+        draw_workspace(grid[0], problem.workspace)
+        draw_ways(grid[0], episode)
+    else:
+        from shoal.views.steering_space import draw_space
+
+        draw_space(grid[0], episode)
     set_title(grid[0], f"{episode.planner}: {episode.n_moves} moves, length {episode.path_length:.4g}")
     if not plane:
         _draw_heights(grid[1], episode)
@@ -46,11 +56,11 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
 
 
 def draw_workspace(axes: Axes, workspace: ConvexWorkspace | Region) -> None:
-    """Draw the walls of a workspace, from above."""
+    """Draw the walls of a workspace in the plane."""
     for k, ring in enumerate(outlines_of(workspace)):
         hole = k > 0
         axes.fill(*ring.T, facecolor="#d6d9de" if hole else "#f7f8fa", edgecolor=INK, lw=1.6, zorder=0.5 if hole else 0)
-    _bare(axes)
+    bare_axes(axes)
 
 
 def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]]:
@@ -66,8 +76,8 @@ def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]
 def draw_ways(axes: Axes, episode: SteeringEpisode) -> None:
     """Draw where each particle went, its start (a square) and its goal (a circle)."""
     states, size = episode.states[..., :2], episode.problem.workspace.size
-    for particle, colour in zip(range(episode.problem.n_particles), PARTICLES, strict=False):
-        way = states[:, particle]
+    for particle in range(episode.problem.n_particles):
+        way, colour = states[:, particle], colour_of(particle)
         for here, there in pairwise(way):
             if np.linalg.norm(there - here) > 1e-4 * size:
                 axes.annotate(
@@ -80,11 +90,12 @@ def draw_ways(axes: Axes, episode: SteeringEpisode) -> None:
         goal = episode.goal[particle]
         axes.plot(*way[0], "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
         axes.plot(*goal[:2], "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
-        _number_ends(axes, way, colour, size)
+        number_ends(axes, way, colour, size)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=3, frameon=False, labelcolor=INK, handletextpad=0.3)
 
 
-def _number_ends(axes: Axes, way: NDArray[np.float64], colour: str, size: float) -> None:
+def number_ends(axes: Axes, way: NDArray[np.float64], colour: str, size: float) -> None:
+    """Write the numbers of the moves where they end; moves that a particle spends at one place have none."""
     if len(way) - 1 > _BENT:
         return
     labelled: list[tuple[NDArray[np.float64], list[str]]] = []
@@ -126,8 +137,8 @@ def _draw_delta(axes: Axes, episode: SteeringEpisode) -> None:
 
 
 def _draw_heights(axes: Axes, episode: SteeringEpisode) -> None:
-    for particle, colour in zip(range(2), PARTICLES, strict=False):
-        heights = episode.states[:, particle, 2]
+    for particle in range(episode.problem.n_particles):
+        heights, colour = episode.states[:, particle, 2], colour_of(particle)
         axes.plot(range(len(heights)), heights, "o-", color=colour, lw=1.5, ms=4, label=f"particle {particle + 1}")
         axes.plot(len(heights) - 1, episode.goal[particle, 2], "o", mfc="none", mec=colour, ms=11, mew=1.5)
     axes.set_ylim(-0.03 * episode.problem.workspace.height, 1.03 * episode.problem.workspace.height)
@@ -186,13 +197,14 @@ def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None
     axes.fill(*outline.T, facecolor="none", edgecolor=INK, lw=1.6, zorder=2)
     before = sets[0].before
     axes.plot(*before, "s", color=ORANGE, ms=7, zorder=4, label="Δ at the start")
-    _bare(axes)
+    bare_axes(axes)
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, labelcolor=INK)
     set_title(axes, "Reached in the Δ configuration space")
     return figure
 
 
-def _bare(axes: Axes) -> None:
+def bare_axes(axes: Axes) -> None:
+    """Leave of the frame only small numbers; one unit is as long to the right as it is up."""
     axes.set_aspect("equal")
     axes.margins(0.04)
     axes.tick_params(colors=MUTED, labelcolor=MUTED, labelsize=8)

@@ -5,3 +5,4 @@ from __future__ import annotations
 from numba import njit
 
 kernel = njit(cache=True, nogil=True, error_model="numpy")
+inlined = njit(cache=True, inline="always")

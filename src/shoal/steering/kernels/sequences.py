@@ -22,12 +22,13 @@ def distance_between(one, other):
 
 
 @kernel
-def reflected(one, other, wall, normals, offsets, circle):
+def reflected(one, other, wall, shape):
     """Return the length of the shortest way from one point to the other over a wall; on the circle from many angles."""
-    if wall < normals.shape[0]:
-        high, low = dot(normals[wall], one) - offsets[wall], dot(normals[wall], other) - offsets[wall]
+    if wall < shape.normals.shape[0]:
+        normal, offset = shape.normals[wall], shape.offsets[wall]
+        high, low = dot(normal, one) - offset, dot(normal, other) - offset
         return np.sqrt(distance_between(one, other) ** 2 + 4 * max(high, 0.0) * max(low, 0.0))
-    return over_circle(one, other, circle)[0]
+    return over_circle(one, other, shape.circle)[0]
 
 
 @kernel
@@ -72,20 +73,21 @@ def bent(one, other, circle, angle):
 
 
 @kernel
-def least_ways(start, goal, normals, offsets, circle):
+def least_ways(start, goal, shape):
     """Return each particle's shortest way to its goal over each wall; shape (2, walls + 1), the last is the circle."""
-    walls = normals.shape[0]
+    walls = shape.normals.shape[0]
     ways = np.full((2, walls + 1), np.inf)
     for p in range(2):
-        for wall in range(walls + (1 if circle[2] > 0 else 0)):
-            ways[p, wall] = reflected(start[p], goal[p], wall, normals, offsets, circle)
+        for wall in range(walls + (1 if shape.circle[2] > 0 else 0)):
+            ways[p, wall] = reflected(start[p], goal[p], wall, shape)
     return ways
 
 
 @kernel
-def bound_of(touchers, walls, start, goal, ways, apart, normals, offsets):
-    """Return a lower bound of the length of all chains of a kind."""
-    d = start.shape[1]
+def bound_of(touchers, walls, start, goal, ways, shape):
+    """Return a lower bound of the length of all chains of a kind, given what `least_ways` returns."""
+    d, normals, offsets = start.shape[1], shape.normals, shape.offsets
+    apart = distance_between(start[1] - start[0], goal[1] - goal[0])
     used = np.zeros(2, dtype=np.bool_)
     least = np.zeros(2)
     for p in range(2):
@@ -111,42 +113,33 @@ def bound_of(touchers, walls, start, goal, ways, apart, normals, offsets):
 
 
 @kernel
-def room_for(delta, sign, wall, frames, reaches, normals, offsets, margin):
+def room_for(delta, sign, wall, reaches, shape):
     """Tell, quickly and generously, whether a toucher somewhere on a flat wall can have the other particle inside.
 
     The other's distance to each wall is linear in the contact, so its largest value over the frame's box must not be negative.
     """
-    for other in range(normals.shape[0]):
-        value = dot(normals[other], frames[wall, 0]) - offsets[other] + sign * dot(normals[other], delta)
-        for k in range(1, frames.shape[1]):
-            value += reaches[wall] * abs(dot(normals[other], frames[wall, k]))
-        if value < margin:
+    frame = shape.frames[wall]
+    for other in range(shape.normals.shape[0]):
+        normal = shape.normals[other]
+        value = dot(normal, frame[0]) - shape.offsets[other] + sign * dot(normal, delta)
+        for k in range(1, frame.shape[0]):
+            value += reaches[wall] * abs(dot(normal, frame[k]))
+        if value < -1e-9:
             return False
     return True
 
 
 @kernel
-def kinds_of(cycles, start, goal, frames, reaches, normals, offsets, circle, margin, bound, ways, wanted):
-    """Return the kinds of chains of so many cycles that may be shorter than a bound: touchers, walls and bounds.
-
-    ``wanted`` says which walls may be used.
-    """
-    flat = normals.shape[0]
+def kinds_of(cycles, start, goal, reaches, shape, push, bound, ways):
+    """Return the kinds of chains of so many cycles over flat walls that may be shorter than a bound: touchers, walls and bounds."""
     before, after = start[1] - start[0], goal[1] - goal[0]
-    apart = distance_between(before, after)
-    options = 2 * (flat + 1)
+    options = 2 * shape.normals.shape[0]
     firsts, lasts = np.zeros(options, dtype=np.bool_), np.zeros(options, dtype=np.bool_)
     for option in range(options):
         wall, sign = option // 2, (1.0 if option % 2 == 0 else -1.0)
-        if wall == flat:
-            firsts[option] = lasts[option] = circle[2] > 0 and wanted[wall]
-        elif wanted[wall]:
-            firsts[option] = sign * dot(normals[wall], before) > margin and room_for(
-                before, sign, wall, frames, reaches, normals, offsets, -1e-9
-            )
-            lasts[option] = sign * dot(normals[wall], after) > -1e-12 and room_for(
-                after, sign, wall, frames, reaches, normals, offsets, -1e-9
-            )
+        normal = shape.normals[wall]
+        firsts[option] = sign * dot(normal, before) > push and room_for(before, sign, wall, reaches, shape)
+        lasts[option] = sign * dot(normal, after) > -1e-12 and room_for(after, sign, wall, reaches, shape)
     total = options**cycles
     touchers, walls = np.zeros(cycles, dtype=np.int64), np.zeros(cycles, dtype=np.int64)
     found = 0
@@ -154,24 +147,19 @@ def kinds_of(cycles, start, goal, frames, reaches, normals, offsets, circle, mar
     kept_walls, bounds = np.zeros((64, cycles), dtype=np.int64), np.zeros(64)
     number = 0
     while number < total:
-        rest, good, jump = number, True, 1
+        rest, jump = number, 1
         for m in range(cycles - 1, -1, -1):  # the last cycle changes fastest
             option = rest % options
             rest //= options
             touchers[m], walls[m] = option % 2, option // 2
-        first = 2 * walls[0] + touchers[0]
-        last = 2 * walls[cycles - 1] + touchers[cycles - 1]
-        if not firsts[first]:
+        good = lasts[2 * walls[cycles - 1] + touchers[cycles - 1]]
+        if not firsts[2 * walls[0] + touchers[0]]:
             good, jump = False, options ** (cycles - 1)
-        elif not lasts[last]:
-            good = False
-        for m in range(cycles):
-            if good and (not wanted[walls[m]] or (walls[m] == flat and circle[2] == 0)):
-                good = False
-            if good and m > 0 and walls[m] == walls[m - 1] and touchers[m] == touchers[m - 1] and walls[m] != flat:
+        for m in range(1, cycles):  # twice the same would be once
+            if walls[m] == walls[m - 1] and touchers[m] == touchers[m - 1]:
                 good = False
         if good:
-            least = bound_of(touchers, walls, start, goal, ways, apart, normals, offsets)
+            least = bound_of(touchers, walls, start, goal, ways, shape)
             if least < bound:
                 if found == bounds.shape[0]:
                     kept_touchers = np.concatenate((kept_touchers, np.zeros_like(kept_touchers)))

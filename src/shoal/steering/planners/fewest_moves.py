@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.steering.chains import shortest_chain
+from shoal.steering.heights import flattened, with_heights
 from shoal.steering.kernels import plays
 from shoal.steering.outline import Points
 from shoal.steering.planners.base import PLANNERS
 from shoal.steering.planners.shortest import Shortest, path_length
-from shoal.steering.task import Task
+from shoal.steering.task import Task, never
 from shoal.steering.walls import walls_of
 
 SHARES = np.array([0.0, 0.02, 0.06, 0.12, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85, 0.97, 1.0])
@@ -38,6 +39,8 @@ class FewestMoves:
         """Return moves; see `Planner`."""
         best: Points | None = None
         chains = self._chains(task)
+        if task.world.room.dimensions == 3:
+            chains = _fewer(chains, self._raised(task))
         most = inf if chains is None else len(chains)
         for count in (2, 3, 4, 5):
             if count >= most and not (count == most == 3):
@@ -46,9 +49,15 @@ class FewestMoves:
             if found is not None:
                 best = found
                 break
-        if best is None or (chains is not None and (len(chains), path_length(chains)) < (len(best), path_length(best))):
-            return chains
-        return best
+        return _fewer(best, chains)
+
+    def _raised(self, task: Task) -> Points | None:
+        """Return the plan of the plane with heights."""
+        below = flattened(task)
+        flat = below.straight() if never(below) is None else None
+        if flat is None and never(below) is None:
+            flat = self.plan(below)
+        return None if flat is None else with_heights(task, flat)
 
     def _chains(self, task: Task) -> Points | None:
         """Return the plan of the chain with the fewest cycles."""
@@ -60,6 +69,13 @@ class FewestMoves:
             if moves is not None and (best is None or len(first) + len(moves) < len(best)):
                 best = np.array([*first, *moves])
         return Shortest().plan(task) if best is None else best
+
+
+def _fewer(one: Points | None, other: Points | None) -> Points | None:
+    """Return the plan of fewer moves, the shorter of two with as many."""
+    if one is None or other is None:
+        return other if one is None else one
+    return min(one, other, key=lambda moves: (len(moves), path_length(moves)))
 
 
 def _played(task: Task, count: int) -> Points | None:

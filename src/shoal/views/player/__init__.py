@@ -1,7 +1,7 @@
-"""The player: one HTML page, with nothing outside it, that plays a swarm episode.
+"""The player: one HTML page, with nothing outside it, that plays a swarm episode or a steering episode.
 
-The page simulates the episode again from its start and its commands, so the file stays small: some 70 kB, of
-which the episode takes a few.
+The page of a swarm episode simulates it again from its start and its commands, so the file stays small: some 70 kB, of
+which the episode takes a few. That of a steering episode is told the way of each particle, in straight pieces.
 """
 
 from __future__ import annotations
@@ -11,16 +11,22 @@ import json
 import re
 from importlib import resources
 
-__all__ = ["render"]
+__all__ = ["render", "render_steering"]
 
 _MARKER = re.compile(r"<!-- shoal:(\w+) -->")
-_PARTS = {
-    "css": "player.css",
+_SHARED = {"css": "player.css", "head": "head.html", "buttons": "buttons.html", "hands": "hands.js", "desk": "desk.js"}
+_SWARM = _SHARED | {
     "simulate": "simulate.js",
     "picture": "picture.js",
     "chart": "chart.js",
-    "hands": "hands.js",
     "player": "player.js",
+}
+_STEERING = _SHARED | {
+    "more": "steering.css",
+    "track": "track.js",
+    "views": "views.js",
+    "scene": "scene.js",
+    "player": "steering.js",
 }
 
 
@@ -69,11 +75,38 @@ def render(data: dict[str, object]) -> str:
     >>> "A </script>" in page, r"A \u003c/script>" in page
     (False, True)
     """
-    parts = {name: _read(file) for name, file in _PARTS.items()}
+    return _assembled("player.html", _SWARM, data)
+
+
+def render_steering(data: dict[str, object]) -> str:
+    """Return the text of a page that plays a steering episode.
+
+    Parameters
+    ----------
+    data : dict
+        As `shoal.views.player.steering_page.steering_data` returns it.
+
+    Returns
+    -------
+    str
+        As `render` does.
+
+    Raises
+    ------
+    TypeError
+        If a value has no JSON form.
+    ValueError
+        If a number is not finite.
+    """
+    return _assembled("steering.html", _STEERING, data)
+
+
+def _assembled(page: str, files: dict[str, str], data: dict[str, object]) -> str:
+    parts = {name: _read(file) for name, file in files.items()}
     parts["title"] = html.escape(str(data.get("title") or "Shoal"))
     # A "<" could end the script block or open a comment in it. In JSON it only stands inside strings.
     parts["data"] = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", r"\u003c")
-    return _MARKER.sub(lambda marker: parts[marker[1]], _read("player.html"))
+    return _MARKER.sub(lambda marker: parts[marker[1]], _read(page))
 
 
 def _read(file: str) -> str:

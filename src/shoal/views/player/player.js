@@ -11,16 +11,8 @@
   const NAMES = { l: "left", u: "up", r: "right", d: "down" };
   const ENDINGS = { complete: "complete", stalled: "stalled", limit: "stopped at the limit" };
 
-  const $ = (id) => document.getElementById(id);
-  const number = (n) => n.toLocaleString("en-GB");
-  const plural = (n, word) => `${number(n)} ${word}${n === 1 ? "" : "s"}`;
+  const { $, fail, fillRows, number, plural } = ShoalDesk;
   const calm = matchMedia("(prefers-reduced-motion: reduce)");
-
-  function fail(sentence) {
-    $("player").hidden = true;
-    $("problem").hidden = false;
-    $("problem").textContent = `This film cannot be shown. ${sentence}`;
-  }
 
   function start() {
     let data;
@@ -41,28 +33,13 @@
 
   // ---- what does not change ---------------------------------------------------------------------
 
-  function fillRows(list, rows) {
-    for (const [term, value] of rows) {
-      const row = document.createElement("div"), dt = document.createElement("dt"), dd = document.createElement("dd");
-      dt.textContent = term;
-      dd.textContent = value;
-      row.append(dt, dd);
-      list.append(row);
-    }
-  }
-
   function describe(data, world) {
     const text = (value) => (value == null ? "" : String(value));
     const { length } = world.commands, covering = world.task !== "mapping";
     const ending = ENDINGS[data.status] ?? text(data.status);
     $("title").textContent = text(data.title) || text(data.map) || "Episode";
     const facts = [data.map, data.task, data.policy, plural(world.start.length, "particle"), ending];
-    const said = $("title").textContent.toLowerCase(); // what the title says is not said again
-    $("facts").replaceChildren(...facts.map(text).filter((fact) => fact && !said.includes(fact.toLowerCase())).map((fact) => {
-      const span = document.createElement("span");
-      span.textContent = fact;
-      return span;
-    }));
+    ShoalDesk.showFacts(facts.map(text));
     $("of").textContent = `of ${number(length)}`;
     $("shareWord").textContent = covering ? "covered" : "classified";
     $("frontierWord").textContent = covering ? "To cover" : "Frontier";
@@ -235,13 +212,7 @@
 
     /** The picture takes its colours from the legend, so that the two cannot disagree. */
     function setTheme(theme) {
-      document.documentElement.dataset.theme = theme;
-      $("theme").setAttribute("aria-pressed", theme === "dark");
-      const style = getComputedStyle(document.documentElement);
-      const read = (name) => {
-        const hex = style.getPropertyValue(`--${name}`).trim();
-        return [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16));
-      };
+      const read = ShoalDesk.wearTheme(theme);
       const palette = { label: read("soft") };
       for (const name of ["unknown", "frontier", "free", "obstacle", "particle", "shared"]) palette[name] = read(name);
       picture.setPalette(palette);
@@ -291,7 +262,7 @@
     // ---- hands ----
 
     const toggle = () => (playing ? pause() : start());
-    const openKeys = () => { if (!$("keys").open) $("keys").showModal(); };
+    const { openKeys } = ShoalDesk;
     const actions = {
       play: toggle, theme: toggleTheme, help: openKeys, fit,
       first: () => stepBy(-Infinity), last: () => stepBy(Infinity),
@@ -302,44 +273,15 @@
       "-": () => changeSpeed(-1), _: () => changeSpeed(-1), d: toggleTheme, f: fit, "?": openKeys,
     };
 
-    function onKey(event) {
-      if (event.ctrlKey || event.metaKey || event.altKey || $("keys").open) return;
-      const { key, target } = event, arrow = { ArrowLeft: -1, ArrowRight: 1 }[key];
-      if (target.tagName === "SELECT") return; // it has its own use for these keys
-      if (key === " " && target.tagName === "BUTTON") return; // a focused button is pressed by Space
-      const action = arrow ? () => stepBy(arrow * (event.shiftKey ? 10 : 1)) : keys[key.length === 1 ? key.toLowerCase() : key];
-      if (!action) return;
-      event.preventDefault(); // else the scrub bar would move as well
-      action();
-    }
-
     function listen() {
-      for (const [id, action] of Object.entries(actions)) {
-        $(id).addEventListener("click", action);
-        // A mouse click leaves the focus where it was, so Space goes on meaning play or pause.
-        $(id).addEventListener("mousedown", (event) => event.preventDefault());
-      }
-      document.addEventListener("keydown", onKey);
+      ShoalDesk.listen(actions, keys, stepBy);
       $("scrub").addEventListener("input", () => { pause(); goTo(Number($("scrub").value)); });
       ShoalHands.seekOn($("chart"), (x) => { pause(); goTo(chart.moveAt(x)); }, (x) => caption(x));
       ShoalHands.zoomOn($("picture"), { zoom, pan, zoomed: () => picture.zoom > 1, held: (on) => $("stage").classList.toggle("dragged", on) });
-      listenToSpeed();
+      ShoalDesk.listenToSpeed(SPEEDS, (rate) => `${number(rate)}/s`, setSpeed);
       const sizes = new ResizeObserver(resize);
       sizes.observe($("stage"));
       sizes.observe($("chart"));
-      matchMedia("(prefers-color-scheme: dark)").addEventListener("change", (e) => setTheme(e.matches ? "dark" : "light"));
-    }
-
-    function listenToSpeed() {
-      const select = $("speed");
-      let byPointer = false;
-      select.append(...SPEEDS.map((rate) => new Option(`${number(rate)}/s`, rate)));
-      select.addEventListener("pointerdown", () => { byPointer = true; });
-      select.addEventListener("keydown", () => { byPointer = false; });
-      select.addEventListener("change", () => {
-        setSpeed(Number(select.value));
-        if (byPointer) select.blur(); // so the keys play again
-      });
     }
 
     function snapshot() {
@@ -353,7 +295,7 @@
     describe(data, world);
     listen();
     setSpeed(speed);
-    setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+    ShoalDesk.followTheme(setTheme);
     resize();
     report();
     build();

@@ -1,0 +1,46 @@
+"""shoal replay: an episode of any part, checked, drawn and filmed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from shoal.cli import options
+from shoal.cli.output import check_outputs
+
+EXAMPLE = "Example: shoal replay result/episode.npz --film result/film.html"
+
+
+def replay(
+    episode_file: Annotated[
+        Path,
+        typer.Argument(metavar="EPISODE", help="An episode file: .npz of map and cover, .json of steer.", show_default=False),
+    ],
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", help="Refuse the episode unless it was played with this seed.", show_default=False),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FOLDER",
+            help="Write figures, summary.json and the episode into this folder.",
+            show_default=False,
+        ),
+    ] = None,
+    film: options.Film = None,
+    json_: options.Json = False,
+) -> None:
+    """Replay an episode file, check that it is what it says, and draw or film it. Exit code 1 if it is not."""
+    check_outputs(out, film)
+    if episode_file.suffix.lower() == ".json":
+        from shoal.cli.steering import replay_steering
+
+        replay_steering(episode_file, seed, out, film, json_)
+    else:
+        from shoal.cli.swarm import replay_swarm
+
+        replay_swarm(episode_file, seed, out, film, json_)

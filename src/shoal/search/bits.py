@@ -1,0 +1,92 @@
+"""Sets of cells round a tour as whole numbers: bit i is cell number i. Unions and differences cost next to nothing that way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+
+def run(first: int, count: int, n: int) -> int:
+    """Return ``count`` cells from number ``first`` on, round a tour of n cells.
+
+    Examples
+    --------
+    >>> bin(run(3, 3, 5))
+    '0b11001'
+    """
+    block = ((1 << min(count, n)) - 1) << (first % n)
+    return (block | (block >> n)) & ((1 << n) - 1)
+
+
+def turned(bits: int, first: int, n: int) -> int:
+    """Return the set as counted from number ``first`` on.
+
+    Examples
+    --------
+    >>> bin(turned(0b10010, 3, 5))
+    '0b1010'
+    """
+    first %= n
+    return ((bits >> first) | (bits << (n - first))) & ((1 << n) - 1)
+
+
+def next_in(bits: int, first: int, n: int) -> int | None:
+    """Return the first cell of a set from number ``first`` on, round the tour; None if it is empty.
+
+    Examples
+    --------
+    >>> next_in(0b00010, 3, 5)
+    1
+    """
+    rest = turned(bits, first, n)
+    return None if not rest else ((rest & -rest).bit_length() - 1 + first) % n
+
+
+def runs(bits: int, first: int, n: int) -> Iterator[tuple[int, int]]:
+    """Yield the stretches of a set, as first cell and length, from number ``first`` on, round the tour.
+
+    Examples
+    --------
+    >>> list(runs(0b11011, 2, 5))
+    [(3, 4)]
+    >>> list(runs(0b11011, 4, 5))
+    [(4, 3), (3, 1)]
+    """
+    rest, at = turned(bits, first, n), first % n
+    while rest:
+        skip = (rest & -rest).bit_length() - 1
+        rest >>= skip
+        at += skip
+        length = (~rest & (rest + 1)).bit_length() - 1
+        yield at % n, length
+        rest >>= length
+        at += length
+
+
+def cells_of(bits: int) -> Iterator[int]:
+    """Yield the cells of a set in rising order.
+
+    Examples
+    --------
+    >>> list(cells_of(0b10110))
+    [1, 2, 4]
+    """
+    while bits:
+        low = bits & -bits
+        yield low.bit_length() - 1
+        bits ^= low
+
+
+def at_least(sets: list[int], k: int) -> int:
+    """Return the cells that are in k or more of the sets.
+
+    Examples
+    --------
+    >>> bin(at_least([0b0111, 0b0110, 0b1100], 2))
+    '0b110'
+    """
+    levels = [0] * k  # levels[j] holds the cells met more than j times
+    for one in sets:
+        for j in range(k - 1, 0, -1):
+            levels[j] |= levels[j - 1] & one
+        levels[0] |= one
+    return levels[k - 1] if k else -1

@@ -1,0 +1,100 @@
+"""Course: a tour with what it costs a robot to search along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.search.tours import Tour
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A tour as robots pay for it, in cells: the time in which a robot of speed 1 searches one cell and goes on to its neighbour.
+
+    Parameters
+    ----------
+    tour : Tour
+        A robot follows it round and round, a closed one over its closing edge, an open one straight back to the beginning.
+    points : array_like of float64, shape (N, d), optional
+        Where a robot stands in each cell, in sides of a cell; the centres of the cells if they are not given.
+    turn_cost : float
+        What a change of direction costs, in cells.
+    steps : array_like of float64, shape (N,), optional
+        The length of the way from each cell to the next, where it is not the straight one; the last back to the first cell.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+
+    tour: Tour
+    points: Floats = None  # type: ignore[assignment]  # settled below
+    turn_cost: float = 0.0
+    steps: Floats = None  # type: ignore[assignment]  # settled below
+
+    def __post_init__(self) -> None:
+        cells = self.tour.cells.astype(np.float64)
+        if self.points is None:
+            given = cells
+        else:
+            given = np.asarray(self.points, dtype=np.float64)
+            if given.shape != cells.shape or not np.isfinite(given).all():
+                raise InvalidInputError(f"points: expected finite numbers of shape {cells.shape}, got shape {given.shape}")
+        if not (np.isfinite(self.turn_cost) and self.turn_cost >= 0):
+            raise InvalidInputError(f"turn cost: expected a number of cells, 0 or more, got {self.turn_cost!r}")
+        steps = np.linalg.norm(np.roll(given, -1, axis=0) - given, axis=1) if self.steps is None else np.asarray(self.steps)
+        if steps.shape != (len(cells),) or not (steps >= 0).all():
+            raise InvalidInputError(f"steps: expected {len(cells)} lengths, 0 or more, got shape {steps.shape}")
+        object.__setattr__(self, "points", given)
+        object.__setattr__(self, "steps", steps.astype(np.float64))
+
+    def __len__(self) -> int:
+        return len(self.tour)
+
+    @cached_property
+    def turns(self) -> Floats:
+        """By how many changes of direction a robot pays at each cell: 0 or 1; float64, shape (N,)."""
+        ways = np.roll(self.points, -1, axis=0) - self.points
+        ways /= np.maximum(np.linalg.norm(ways, axis=1), 1e-12)[:, None]
+        return np.asarray(np.linalg.norm(ways - np.roll(ways, 1, axis=0), axis=1) > 1e-9, dtype=np.float64)
+
+    @cached_property
+    def costs(self) -> Floats:
+        """What it costs to search each cell, having come from the one before; float64, shape (N,).
+
+        One cell, more where the way from there is longer, and the turn in the one before.
+        """
+        before = np.maximum(np.roll(self.steps, 1), 1.0)
+        return before + self.turn_cost * np.roll(self.turns, 1)
+
+    @cached_property
+    def ahead(self) -> Floats:
+        """What it costs to search the cells before each one, from the first on, four times round; float64, shape (4 N + 1,)."""
+        return np.concatenate([[0.0], np.cumsum(np.tile(self.costs, 4))])
+
+    @property
+    def whole(self) -> float:
+        """What it costs to go once round."""
+        return float(self.ahead[len(self)])
+
+    def search_cost(self, first: int, count: int, step: int = 1) -> float:
+        """Return what it costs to search so many cells from one on, along the tour or, with step -1, against it.
+
+        The first one costs one cell: how the robot came there is not a part of it.
+        """
+        if count <= 0:
+            return 0.0
+        low = first % len(self) if step > 0 else (first - count + 1) % len(self)
+        return float(1.0 + self.ahead[low + count] - self.ahead[low + 1])
+
+    def distance(self, one: ArrayLike, other: ArrayLike) -> Floats:
+        """Return the straight distance between cells given by their numbers on the tour; in sides of a cell."""
+        n = len(self)
+        return np.asarray(np.linalg.norm(self.points[np.asarray(one) % n] - self.points[np.asarray(other) % n], axis=-1))

@@ -1,0 +1,231 @@
+"""Cycles of cells that are merged into one: the tour round a spanning tree of blocks, and what partial blocks need.
+
+A cycle is kept without a direction: row k of ``links`` (H * W, 2) holds the cells before and after cell k. A single cell is a
+cycle that links to itself, twice; two cells are one that links each to the other, twice. Two cycles become one by exchanging an
+edge c-d of one and an edge a-b of the other for c-a and d-b, whatever their directions. ``parent`` (H * W) is a
+union-find forest of the cycles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.search.kernels.compiling import kernel
+
+
+@kernel
+def find(parent, k):
+    """Return the root of cell k, halving the way to it."""
+    while parent[k] != k:
+        parent[k] = parent[parent[k]]
+        k = parent[k]
+    return k
+
+
+@kernel
+def relink(links, k, old, new):
+    links[k, 0 if links[k, 0] == old else 1] = new
+
+
+@kernel
+def merge(links, parent, c, d, a, b):
+    """Exchange the edges c-d and a-b of two cycles for c-a and d-b."""
+    relink(links, c, d, a)
+    relink(links, d, c, b)
+    relink(links, a, b, c)
+    relink(links, b, a, d)
+    parent[find(parent, a)] = find(parent, c)
+
+
+@kernel
+def ring(links, parent, k, width):
+    """Make a cycle of the 2 x 2 cells whose upper left is k."""
+    corners = (k, k + 1, k + width + 1, k + width)
+    for i in range(4):
+        links[corners[i], 0], links[corners[i], 1] = corners[i - 1], corners[(i + 1) % 4]
+        parent[corners[i]] = k
+
+
+@kernel
+def tree_of_blocks(full, origin, width, along_rows, links, parent):
+    """Make a cycle of each full block and merge neighbouring ones as Kruskal's algorithm does: a spanning tree of the blocks.
+
+    ``full`` (h, w) is which blocks are full, ``origin`` the upper left cell of the first. All links along one direction come first,
+    then those across, line by line: straight corridors with a spine, for few turns.
+    """
+    rows, cols = full.shape
+    for i in range(rows):
+        for j in range(cols):
+            if full[i, j]:
+                ring(links, parent, origin + 2 * i * width + 2 * j, width)
+    for turn in range(2):
+        if (turn == 0) == along_rows:
+            for i in range(rows):
+                for j in range(cols - 1):
+                    if full[i, j] and full[i, j + 1]:
+                        k = origin + 2 * i * width + 2 * j + 1
+                        join(links, parent, k, k + width, 1)
+        else:
+            for j in range(cols):
+                for i in range(rows - 1):
+                    if full[i, j] and full[i + 1, j]:
+                        k = origin + (2 * i + 1) * width + 2 * j
+                        join(links, parent, k, k + 1, width)
+
+
+@kernel
+def join(links, parent, c, d, across):
+    if find(parent, c) != find(parent, c + across):
+        merge(links, parent, c, d, c + across, d + across)
+
+
+@kernel
+def is_single(links, k):
+    return links[k, 0] == k and links[k, 1] == k
+
+
+@kernel
+def border(mask, parent, listed):
+    """List the cells beside a cell of another cycle; return how many."""
+    height, width = mask.shape
+    at_border = np.zeros(mask.size, dtype=np.bool_)
+    for row in range(height):
+        for col in range(width):
+            if not mask[row, col]:
+                continue
+            k = row * width + col
+            root = find(parent, k)
+            if col + 1 < width and mask[row, col + 1] and find(parent, k + 1) != root:
+                at_border[k] = at_border[k + 1] = True
+            if row + 1 < height and mask[row + 1, col] and find(parent, k + width) != root:
+                at_border[k] = at_border[k + width] = True
+    count = 0
+    for k in range(mask.size):
+        if at_border[k]:
+            listed[count] = k
+            count += 1
+    return count
+
+
+@kernel
+def grow(mask, links, parent, queue, queued, head, count, touched):
+    """Merge whatever lies alongside an edge of a queued cell without making the tour longer; return how many cells were touched.
+
+    Alongside an edge c-d lie two cells a and b: an edge of another cycle, or two single cells. ``queue`` is a ring buffer.
+    """
+    height, width = mask.shape
+    n_touched = 0
+    while count > 0:
+        c = queue[head]
+        head = head + 1 if head + 1 < len(queue) else 0
+        count -= 1
+        queued[c] = False
+        if is_single(links, c):
+            continue
+        for end in range(2):
+            for side in (-1, 1):
+                d = links[c, end]
+                a, b = beside(c, d, side, height, width)
+                if a < 0 or not (mask[a // width, a % width] and mask[b // width, b % width]):
+                    continue
+                if is_single(links, a) and is_single(links, b):
+                    links[a, 0] = links[a, 1] = b
+                    links[b, 0] = links[b, 1] = a
+                    parent[b] = a
+                elif (links[a, 0] != b and links[a, 1] != b) or find(parent, a) == find(parent, c):
+                    continue
+                merge(links, parent, c, d, a, b)
+                for k in (a, b, c, d):
+                    if n_touched < len(touched):
+                        touched[n_touched] = k
+                    n_touched += 1
+                    if not queued[k]:
+                        queued[k] = True
+                        queue[(head + count) % len(queue)] = k
+                        count += 1
+    return n_touched
+
+
+@kernel
+def beside(c, d, side, height, width):
+    """Return the cells beside c and d, if c and d are neighbours and the cells are in the grid, else (-1, -1)."""
+    row, col = c // width, c % width
+    if abs(c - d) == 1 and row == d // width:
+        row += side
+        if row < 0 or row >= height:
+            return -1, -1
+        return c + side * width, d + side * width
+    if abs(c - d) == width:
+        col += side
+        if col < 0 or col >= width:
+            return -1, -1
+        return c + side, d + side
+    return -1, -1
+
+
+@kernel
+def grow_everywhere(mask, links, parent):
+    """Grow from all cells, make cycles of 2 x 2 single cells that are left, and grow again."""
+    height, width = mask.shape
+    queue, queued = np.empty(mask.size, dtype=np.int64), np.zeros(mask.size, dtype=np.bool_)
+    nothing = np.empty(0, dtype=np.int64)
+    for attempt in range(2):
+        made = 0
+        if attempt == 1:
+            for row in range(height - 1):
+                for col in range(width - 1):
+                    k = row * width + col
+                    if not (mask[row, col] and mask[row, col + 1] and mask[row + 1, col] and mask[row + 1, col + 1]):
+                        continue
+                    if (
+                        is_single(links, k)
+                        and is_single(links, k + 1)
+                        and is_single(links, k + width)
+                        and is_single(links, k + width + 1)
+                    ):
+                        ring(links, parent, k, width)
+                        made += 1
+        if attempt == 1 and made == 0:
+            break
+        count = border(mask, parent, queue)
+        queued[queue[:count]] = True
+        grow(mask, links, parent, queue, queued, 0, count, nothing)
+
+
+@kernel
+def chains(links, width, members, starts, order):
+    """Write the cells of all cycles into ``order``, one cycle after the other.
+
+    ``members`` are the cells sorted by cycle, ``starts`` where each cycle begins in it, and the end. The first cycle begins at its
+    first member, any other one at its cell nearest to where the one before ended; it is opened at the longer edge of that cell.
+    """
+    at, row, col = 0, -1, -1
+    for number in range(len(starts) - 1):
+        entry = members[starts[number]]
+        if number > 0:
+            nearest = np.int64(2) ** 62
+            for k in range(starts[number], starts[number + 1]):
+                cell = members[k]
+                away = (cell // width - row) ** 2 + (cell % width - col) ** 2
+                if away < nearest:
+                    nearest, entry = away, cell
+        one, other = links[entry, 0], links[entry, 1]
+        longer = apart(entry, one, width) >= apart(entry, other, width)
+        if len(starts) == 2:
+            longer = not longer  # a single cycle stays closed: the edge that closes it is to be short
+        before, here, after = entry, entry, other if longer else one
+        while True:
+            order[at] = here
+            at += 1
+            if after == entry or at == starts[number + 1]:
+                break
+            before, here = here, after
+            after = links[here, 1] if links[here, 0] == before else links[here, 0]
+        row, col = here // width, here % width
+
+
+@kernel
+def apart(a, b, width):
+    """Return the distance of two cells."""
+    row, col = a // width - b // width, a % width - b % width
+    return np.sqrt(float(row * row + col * col))

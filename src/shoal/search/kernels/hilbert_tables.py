@@ -1,0 +1,86 @@
+"""State tables of the Hilbert curve: several levels of the curve in one look-up.
+
+One level of a curve in n dimensions is a walk over the 2^n parts of a cube in Gray-code order, turned and mirrored; how it is
+turned and mirrored is the *state*. The states and what follows them are from C. Hamilton, "Compact Hilbert indices", technical
+report CS-2006-07, Dalhousie University, section 2: an entry corner and a direction. Here they become tables for several levels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+LEVELS_2, LEVELS_3 = 5, 3
+"""Levels a look-up in 2 and 3 dimensions: tables of 8 and 24 KiB, which stay in the fastest cache."""
+
+
+def one_level(dimensions: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return (parts, following), each shape (states, 2^dimensions): which part the curve visits when, and the state in it.
+
+    Bit j of a part is the side along axis j. State 0 begins at the origin, leaves along axis 1 and ends at the far end of axis 0.
+    """
+    count = 1 << dimensions
+    states = [(0, 0)]
+    parts, following = [], []
+    for entry, direction in states:  # grows while it is read
+        parts.append([_rotated(rank ^ (rank >> 1), direction + 1, dimensions) ^ entry for rank in range(count)])
+        row = []
+        for rank in range(count):
+            inner = 0 if rank == 0 else _gray(2 * ((rank - 1) // 2))
+            state = (
+                entry ^ _rotated(inner, direction + 1, dimensions),
+                (direction + _turn(rank, dimensions) + 1) % dimensions,
+            )
+            if state not in states:
+                states.append(state)
+            row.append(states.index(state))
+        following.append(row)
+    return np.array(parts), np.array(following)
+
+
+def _gray(number: int) -> int:
+    return number ^ (number >> 1)
+
+
+def _rotated(bits: int, by: int, width: int) -> int:
+    by %= width
+    return ((bits << by) | (bits >> (width - by))) & ((1 << width) - 1)
+
+
+def _turn(rank: int, dimensions: int) -> int:
+    if rank == 0:
+        return 0
+    odd = rank if rank % 2 else rank - 1
+    return ((odd ^ (odd + 1)).bit_length() - 1) % dimensions  # the number of ones at the low end
+
+
+def tables(dimensions: int, levels: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64]]:
+    """Return (decoding, encoding, begin) for ``levels`` levels a look-up.
+
+    ``decoding[state << n * levels | digits]`` is the next state, the same way shifted, with the coordinates below it, axis j in
+    the bits from j * levels. ``encoding`` has digits and coordinates exchanged. ``begin[k]`` is the shifted state from which k
+    levels of zeros lead to state 0: orders that are no multiple of ``levels`` are filled up with zeros in front.
+    """
+    parts, following = one_level(dimensions)
+    n_states, width = len(parts), dimensions * levels
+    state = np.arange(n_states)[:, None]
+    place = np.zeros((n_states, 1), dtype=np.int64)
+    ones = sum(1 << (axis * levels) for axis in range(dimensions))
+    spread = np.array(
+        [sum(((part >> axis) & 1) << (axis * levels) for axis in range(dimensions)) for part in range(1 << dimensions)]
+    )
+    assert ones == spread[-1]
+    for _ in range(levels):
+        place = (place[:, :, None] << 1 | spread[parts[state]]).reshape(n_states, -1)
+        state = following[state].reshape(n_states, -1)
+    digits = np.broadcast_to(np.arange(1 << width), place.shape)
+    encoding = np.empty_like(place)
+    np.put_along_axis(encoding, place, state << width | digits, axis=1)
+    begin = [0]
+    for _ in range(levels - 1):
+        begin.append(next(s for s in range(n_states) if parts[s, 0] == 0 and following[s, 0] == begin[-1]))
+    return (
+        (state << width | place).ravel().astype(np.uint16),
+        encoding.ravel().astype(np.uint16),
+        np.array(begin, dtype=np.int64) << width,
+    )

@@ -1,0 +1,87 @@
+"""Tours, one a file, their names, and the Hilbert curve's encoding and decoding."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from shoal.errors import InvalidInputError
+from shoal.search.tours import comb, hilbert, hilbert_rectangle, spanning_tree
+from shoal.search.tours.base import TOURS, TourMaker, check_covers
+from shoal.search.tours.codec import hilbert_decode, hilbert_encode, moore_decode, moore_encode
+from shoal.search.tours.masks import check_mask, components
+from shoal.search.tours.tour import Tour, TourMetrics
+
+__all__ = [
+    "TOURS",
+    "Tour",
+    "TourMaker",
+    "TourMetrics",
+    "comb",
+    "components",
+    "find_tour_maker",
+    "hilbert",
+    "hilbert_decode",
+    "hilbert_encode",
+    "hilbert_rectangle",
+    "make_tour",
+    "moore_decode",
+    "moore_encode",
+    "spanning_tree",
+]
+
+
+def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
+    """Return a tour of all cells to be searched.
+
+    Parameters
+    ----------
+    maker : str or TourMaker
+        "hilbert", "open-hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree", "module:attribute" (an object, or a class
+        that is called without arguments), or an object that has the protocol's methods.
+    mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
+        True where a robot must come, row 0 on top; or the shape of a full rectangle or box. "hilbert", "open-hilbert" and
+        "hilbert-rectangle" take 3 dimensions.
+
+    Returns
+    -------
+    Tour
+        Each True cell once. Connected components of the mask come one after the other.
+
+    Raises
+    ------
+    UnknownNameError, InvalidInputError
+
+    Examples
+    --------
+    >>> tour = make_tour("moore", (8, 8))
+    >>> len(tour), tour.closed, tour.metrics().closing_edge
+    (64, True, 1.0)
+    >>> make_tour("hilbert", (8, 8)).metrics().closing_edge
+    7.0
+    """
+    mask = check_mask(mask_or_shape)
+    chosen = find_tour_maker(maker)
+    if mask.ndim not in chosen.dimensions:
+        takes = " or ".join(map(str, chosen.dimensions))
+        raise InvalidInputError(f"tour {chosen.name}: expected a grid of {takes} dimensions, got {mask.ndim}")
+    tour = chosen.make(mask)
+    if not isinstance(tour, Tour):
+        raise InvalidInputError(f"tour {chosen.name}: expected make() to return a Tour, got {type(tour).__name__}")
+    return check_covers(tour, mask)
+
+
+def find_tour_maker(maker: str | TourMaker) -> TourMaker:
+    """Return what makes tours by name or ``module:attribute``, or the given object itself.
+
+    Raises
+    ------
+    UnknownNameError, InvalidInputError
+    """
+    found: Any = TOURS.get(maker) if isinstance(maker, str) else maker
+    try:
+        made = found() if isinstance(found, type) else found
+    except TypeError as error:
+        raise InvalidInputError(f"the tour {maker!r}: expected a class without arguments: {error}") from None
+    if not isinstance(made, TourMaker):
+        raise InvalidInputError(f"the tour {maker!r}: expected name, dimensions and make(mask), got {type(made).__name__}")
+    return made

@@ -1,0 +1,51 @@
+"""What makes tours, and the names of those that do."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.registry import Registry
+from shoal.search.tours.tour import Tour
+
+
+@runtime_checkable
+class TourMaker(Protocol):
+    """An object that lays a tour through the cells of a grid.
+
+    Attributes
+    ----------
+    name : str
+    dimensions : tuple of int
+        Of the grids that it takes: (2,) or (2, 3).
+    """
+
+    name: str
+    dimensions: tuple[int, ...]
+
+    def make(self, mask: NDArray[np.bool_]) -> Tour:
+        """Return a tour of all True cells of ``mask``, shape (H, W) or (L, H, W), each once; at least one is True."""
+        ...
+
+
+TOURS: Registry[type[TourMaker]] = Registry("tour")
+
+
+def check_covers(tour: Tour, mask: NDArray[np.bool_]) -> Tour:
+    """Return the tour if it visits the True cells of the mask and no others.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if tour.shape != mask.shape:
+        raise InvalidInputError(f"tour {tour.name}: expected the shape {mask.shape} of the mask, got {tour.shape}")
+    wrong = (tour.position >= 0) != mask
+    if wrong.any():
+        cell = tuple(int(index) for index in np.unravel_index(int(wrong.argmax()), mask.shape))
+        does = "leaves out" if mask[cell] else "visits"
+        raise InvalidInputError(f"tour {tour.name}: expected a tour of the True cells and no others, but it {does} cell {cell}")
+    return tour

@@ -1,0 +1,219 @@
+"""Cells of the Hilbert and Moore curves from their indices and back, at random access, on whole arrays."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+
+MAX_ORDER = {2: 31, 3: 20}
+"""The largest order by number of dimensions: indices are int64."""
+
+
+def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
+    """Return the index on the Hilbert curve of each cell.
+
+    Parameters
+    ----------
+    cells : array_like of int, shape (..., 2) or (..., 3)
+        (row, col), row 0 on top, or (layer, row, col), each 0 to 2^order - 1. The paper's location [x, y], with [0, 0] at the
+        lower left, is the cell (2^order - 1 - y, x).
+    order : int
+        The curve passes through 2^order cells a side: 0 to 31, in 3 dimensions 0 to 20.
+
+    Returns
+    -------
+    ndarray of int64, shape (...)
+        0 to 4^order - 1 (8^order - 1): index 0 is the lower left cell (of layer 0), the last one the lower right.
+
+    Raises
+    ------
+    InvalidInputError
+        For a cell that is not on the curve, or an array of anything else than whole numbers.
+
+    Notes
+    -----
+    Paper H, section "Space-Filling Curves": at order 3 the location [3, 5] is index 28.
+
+    Examples
+    --------
+    >>> hilbert_encode([[2, 3], [7, 0]], order=3)
+    array([28,  0])
+    """
+    from shoal.search.kernels import hilbert
+
+    array = _whole_numbers(cells, "cells")
+    if array.ndim == 0 or array.shape[-1] not in MAX_ORDER:
+        raise InvalidInputError(f"cells: expected (row, col) or (layer, row, col) along the last axis, got shape {array.shape}")
+    dimensions = array.shape[-1]
+    return _encoded(hilbert.encode_2 if dimensions == 2 else hilbert.encode_3, array, check_order(order, dimensions), "Hilbert")
+
+
+def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> NDArray[np.int64]:
+    """Return the cell of each index on the Hilbert curve: the inverse of `hilbert_encode`.
+
+    Parameters
+    ----------
+    indices : array_like of int, shape (...)
+        0 to 2^(order * dimensions) - 1.
+    order : int
+        0 to 31, in 3 dimensions 0 to 20.
+    dimensions : int
+        2 or 3.
+
+    Returns
+    -------
+    ndarray of int64, shape (..., dimensions)
+        (row, col), row 0 on top, or (layer, row, col).
+
+    Raises
+    ------
+    InvalidInputError
+        For an index that is not on the curve.
+
+    Examples
+    --------
+    >>> hilbert_decode([28, 0, 63], order=3).tolist()
+    [[2, 3], [7, 0], [7, 7]]
+    >>> hilbert_decode(2**20, order=10)
+    Traceback (most recent call last):
+    ...
+    shoal.errors.InvalidInputError: indices: expected 0 to 1048575 on the Hilbert curve of order 10, got 1048576
+    """
+    from shoal.search.kernels import hilbert
+
+    if dimensions not in MAX_ORDER:
+        raise InvalidInputError(f"dimensions: expected 2 or 3, got {dimensions!r}")
+    kernel = hilbert.decode_2 if dimensions == 2 else hilbert.decode_3
+    return _decoded(kernel, indices, check_order(order, dimensions), dimensions, "Hilbert")
+
+
+def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
+    """Return the index on the Moore curve of each cell: four Hilbert curves, so put together that the end is beside the start.
+
+    Parameters
+    ----------
+    cells : array_like of int, shape (..., 2)
+        (row, col), row 0 on top, each 0 to 2^order - 1.
+    order : int
+        0 to 31.
+
+    Returns
+    -------
+    ndarray of int64, shape (...)
+        0 to 4^order - 1; index 0 is the lowest cell just left of the middle, the last one is right of it.
+
+    Raises
+    ------
+    InvalidInputError
+        For a cell that is not on the curve.
+
+    Notes
+    -----
+    E. H. Moore, "On certain crinkly curves", Transactions of the American Mathematical Society 1, 1900.
+
+    Examples
+    --------
+    >>> moore_encode([[3, 1], [3, 2]], order=2)
+    array([ 0, 15])
+    """
+    from shoal.search.kernels import hilbert
+
+    array = _whole_numbers(cells, "cells")
+    if array.ndim == 0 or array.shape[-1] != 2:
+        raise InvalidInputError(f"cells: expected (row, col) along the last axis, got shape {array.shape}")
+    return _encoded(hilbert.encode_moore, array, check_order(order, 2), "Moore")
+
+
+def moore_decode(indices: ArrayLike, *, order: int) -> NDArray[np.int64]:
+    """Return the cell of each index on the Moore curve: the inverse of `moore_encode`.
+
+    Parameters
+    ----------
+    indices : array_like of int, shape (...)
+        0 to 4^order - 1.
+    order : int
+        0 to 31.
+
+    Returns
+    -------
+    ndarray of int64, shape (..., 2)
+        (row, col), row 0 on top.
+
+    Raises
+    ------
+    InvalidInputError
+        For an index that is not on the curve.
+
+    Examples
+    --------
+    >>> moore_decode([0, 1, 2, 3], order=1).tolist()
+    [[1, 0], [0, 0], [0, 1], [1, 1]]
+    """
+    from shoal.search.kernels import hilbert
+
+    return _decoded(hilbert.decode_moore, indices, check_order(order, 2), 2, "Moore")
+
+
+def check_order(order: Any, dimensions: int) -> int:
+    """Return the order of a curve as an int.
+
+    Raises
+    ------
+    InvalidInputError
+        If it is no whole number from 0 to the largest.
+    """
+    try:
+        number = operator.index(order)
+    except TypeError:
+        number = -1
+    if isinstance(order, bool) or not 0 <= number <= MAX_ORDER[dimensions]:
+        raise InvalidInputError(
+            f"order: expected a whole number from 0 to {MAX_ORDER[dimensions]} in {dimensions} dimensions, got {order!r}"
+        )
+    return number
+
+
+def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
+    try:
+        array = np.asarray(values)
+    except (ValueError, OverflowError):
+        raise InvalidInputError(f"{what}: expected whole numbers in rows of equal length, got rows of different lengths") from None
+    if array.size and array.dtype.kind not in "iu":
+        raise InvalidInputError(f"{what}: expected whole numbers that fit 64 bits, got dtype {array.dtype}")
+    return array
+
+
+def _encoded(kernel: Callable[..., int], array: NDArray[Any], order: int, curve: str) -> NDArray[np.int64]:
+    flat = np.ascontiguousarray(array.reshape(-1, array.shape[-1]), dtype=np.int64)
+    indices = np.empty(len(flat), dtype=np.int64)
+    bad = kernel(flat, order, indices)
+    if bad >= 0:
+        cell = tuple(array.reshape(flat.shape)[bad].tolist())
+        raise InvalidInputError(
+            f"cells: expected 0 to {2**order - 1} on the {curve} curve of order {order}, got {cell}{_where(array.ndim - 1, bad)}"
+        )
+    return indices.reshape(array.shape[:-1])
+
+
+def _decoded(kernel: Callable[..., int], indices: ArrayLike, order: int, dimensions: int, curve: str) -> NDArray[np.int64]:
+    array = _whole_numbers(indices, "indices")
+    flat = np.ascontiguousarray(array, dtype=np.int64).ravel()
+    cells = np.empty((len(flat), dimensions), dtype=np.int64)
+    bad = kernel(flat, order, cells)
+    if bad >= 0:
+        last = 2 ** (order * dimensions) - 1
+        where = _where(array.ndim, bad)
+        raise InvalidInputError(
+            f"indices: expected 0 to {last} on the {curve} curve of order {order}, got {array.ravel()[bad]}{where}"
+        )
+    return cells.reshape((*array.shape, dimensions))
+
+
+def _where(dimensions: int, number: int) -> str:
+    return f" at number {number}" if dimensions else ""

@@ -1,0 +1,68 @@
+"""Back and forth in straight lanes, one column kept for the return: the tour with the fewest turns."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.search.tours.base import TOURS
+from shoal.search.tours.masks import bounds, component_after_component
+from shoal.search.tours.tour import Tour
+
+
+@TOURS.register("comb")
+class CombTour:
+    """Lanes back and forth over all columns but the first, which leads back to the start; or the same turned by a quarter.
+
+    In a rectangle with two sides of 2 or more all steps go to neighbours; where both are odd the last two lanes are visited across,
+    and one step is a diagonal, as one must be. One row of cells is closed by an edge from end to end.
+    On other shapes it is the shortest of three: the lanes of the rectangle round all cells, restricted, and back and forth through
+    each part of the region where lanes neither split nor join (boustrophedon decomposition), along rows or along columns.
+    """
+
+    name = "comb"
+    dimensions: tuple[int, ...] = (2,)
+
+    def make(self, mask: NDArray[np.bool_]) -> Tour:
+        """Return the tour of all True cells."""
+        low, size = bounds(mask)
+        region = mask[low[0] : low[0] + size[0], low[1] : low[1] + size[1]]
+        cells = closed_lanes(*region.shape)
+        if not region.all():
+            cells = min(
+                (component_after_component(way, region) for way in (cells[region[tuple(cells.T)]], *_sweeps(region))), key=_length
+            )
+        return Tour(cells + low, mask.shape, closed=True, name=self.name)
+
+
+def closed_lanes(rows: int, cols: int) -> NDArray[np.int64]:
+    """Return the cells of a full rectangle in the order of the closed comb; int64, shape (rows * cols, 2)."""
+    grid = np.arange(rows * cols).reshape(rows, cols)[::-1]  # from the bottom up
+    if min(rows, cols) > 1 and (cols < rows if rows % 2 == cols % 2 else rows % 2 == 1):
+        grid = grid.T  # an even number of lanes, and the longer ones
+    count, width = grid.shape
+    if min(count, width) == 1:
+        order = grid.ravel()
+    else:
+        straight = count if count % 2 == 0 else count - 2
+        lanes = grid[:straight, 1:].copy()
+        lanes[1::2] = lanes[1::2, ::-1]
+        across = grid[straight:, :0:-1].T.copy()  # of an odd number of lanes the last two, column by column
+        across[1::2] = across[1::2, ::-1]
+        order = np.concatenate([grid[0, :1], lanes.ravel(), across.ravel(), grid[:0:-1, 0]])
+    return np.stack(np.divmod(order, cols), axis=1)
+
+
+def _sweeps(region: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """Return the cells in the order of the boustrophedon sweep from the bottom up, and of that from left to right."""
+    from shoal.search.kernels.lanes import sweep_all
+
+    upward, across = np.empty((2, np.count_nonzero(region), 2), dtype=np.int64)
+    sweep_all(np.ascontiguousarray(region[::-1]), upward)
+    upward[:, 0] = len(region) - 1 - upward[:, 0]
+    sweep_all(np.ascontiguousarray(region.T), across)
+    return [upward, np.ascontiguousarray(across[:, ::-1])]
+
+
+def _length(cells: NDArray[np.int64]) -> float:
+    return float(np.sqrt(((cells - np.roll(cells, -1, axis=0)) ** 2).sum(axis=1)).sum())

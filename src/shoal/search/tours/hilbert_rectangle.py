@@ -1,0 +1,56 @@
+"""The generalised Hilbert curve of any rectangle or box, closed: out along one half and back along the other."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.search.tours.base import TOURS
+from shoal.search.tours.masks import bounds, component_after_component
+from shoal.search.tours.tour import Tour
+
+
+@TOURS.register("hilbert-rectangle")
+class HilbertRectangleTour:
+    """Two generalised Hilbert curves side by side through the smallest box round the True cells, closed by one step.
+
+    In a rectangle with two sides of 2 or more all steps go to neighbours; where both are odd one goes diagonally, as it must. In a
+    box with odd sides some steps are diagonals of a square. One row of cells is closed by an edge from end to end.
+    """
+
+    name = "hilbert-rectangle"
+    dimensions: tuple[int, ...] = (2, 3)
+
+    def make(self, mask: NDArray[np.bool_]) -> Tour:
+        """Return the tour of all True cells."""
+        low, size = bounds(mask)
+        cells = closed_path(tuple(int(side) for side in size)) + low
+        if len(cells) > np.count_nonzero(mask):
+            cells = cells[mask[tuple(cells.T)]]
+        return Tour(component_after_component(cells, mask), mask.shape, closed=True, name=self.name)
+
+
+def closed_path(shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Return the cells of a full box in the order of its closed generalised Hilbert curve; int64, shape (N, dimensions).
+
+    It runs out along an even side (the longest of those) and back, through the two halves of the longest other side.
+    """
+    from shoal.search.kernels.rectangle import walk_box
+
+    sides = (*reversed(shape), 1)[:3]  # x, y, z
+    cells = np.empty((int(np.prod(sides)), 3), dtype=np.int64)
+    along = max(range(3), key=lambda axis: (sides[axis] > 1, sides[axis] % 2 == 0, sides[axis]))
+    across, deep = sorted((axis for axis in range(3) if axis != along), key=lambda axis: -sides[axis])
+    axes = np.array([along, across, deep])
+    start, lower = [0, 0, 0], sides[across] // 2
+    if sides[deep] > 1 and lower > 2 and lower % 2 == 1:
+        lower += 1  # in space a path through even sides needs no diagonals
+    if lower == 0:
+        walk_box((0, 0, 0), axes, np.array([sides[along], 1, 1]), cells, 0)
+    else:
+        start[across] = lower - 1
+        at = walk_box((start[0], start[1], start[2]), axes, np.array([sides[along], -lower, sides[deep]]), cells, 0)
+        start[along], start[across] = sides[along] - 1, lower
+        walk_box((start[0], start[1], start[2]), axes, np.array([-sides[along], sides[across] - lower, sides[deep]]), cells, at)
+    cells[:, 1] = sides[1] - 1 - cells[:, 1]  # y counts from the bottom, rows from the top
+    return np.ascontiguousarray(cells[:, len(shape) - 1 :: -1])

@@ -1,0 +1,123 @@
+"""What is to be searched: a grid of cells, True where a robot must come, and its connected components."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+
+MAX_CELLS = 2**28
+"""The largest grid accepted, in cells (16384 x 16384)."""
+
+
+def check_mask(mask_or_shape: Any) -> NDArray[np.bool_]:
+    """Return the grid to be searched, from a mask or from the shape of a full rectangle or box.
+
+    Parameters
+    ----------
+    mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
+        True where a robot must come, row 0 on top; or the shape itself.
+
+    Returns
+    -------
+    ndarray of bool, shape (H, W) or (L, H, W)
+        Contiguous.
+
+    Raises
+    ------
+    InvalidInputError
+        For another dtype or number of dimensions, no True cell, or more than ``MAX_CELLS``.
+    """
+    try:
+        array = np.asarray(mask_or_shape)
+    except ValueError:
+        raise InvalidInputError("mask: expected rows of equal length, got rows of different lengths") from None
+    if array.ndim == 1 and array.dtype.kind in "iu":
+        return np.ones(_check_shape(array.tolist()), dtype=np.bool_)
+    if array.ndim not in (2, 3):
+        raise InvalidInputError(f"mask: expected a mask or a shape of 2 or 3 dimensions, got an array of {array.ndim}")
+    if array.dtype != np.bool_:
+        raise InvalidInputError(f"mask: expected booleans, True for a cell to be searched, got dtype {array.dtype}")
+    if array.size > MAX_CELLS:
+        raise InvalidInputError(f"mask: expected at most {MAX_CELLS} cells, got {array.size}, shape {array.shape}")
+    if not array.any():
+        raise InvalidInputError(f"mask: expected at least one cell to be searched, got none in shape {array.shape}")
+    return np.ascontiguousarray(array)
+
+
+def _check_shape(shape: list[int]) -> tuple[int, ...]:
+    if len(shape) not in (2, 3):
+        raise InvalidInputError(f"shape: expected (rows, columns) or (layers, rows, columns), got {tuple(shape)}")
+    if min(shape) < 1:
+        raise InvalidInputError(f"shape: expected at least one cell along each side, got {tuple(shape)}")
+    count = 1
+    for side in shape:
+        count *= side
+    if count > MAX_CELLS:
+        raise InvalidInputError(f"shape: expected at most {MAX_CELLS} cells, got {count}, shape {tuple(shape)}")
+    return tuple(shape)
+
+
+def components(mask: ArrayLike) -> NDArray[np.int32]:
+    """Return the number of the connected component of each cell, 1 and up in reading order; 0 where the mask is False.
+
+    Cells are connected over sides, in 3 dimensions over faces.
+
+    Parameters
+    ----------
+    mask : array_like of bool, shape (H, W) or (L, H, W)
+
+    Returns
+    -------
+    ndarray of int32, of the mask's shape
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> components(np.array([[True, False], [False, True]])).tolist()
+    [[1, 0], [0, 2]]
+    """
+    from scipy.ndimage import label
+
+    labels: NDArray[np.int32] = label(check_mask(mask))[0].astype(np.int32, copy=False)
+    return labels
+
+
+def bounds(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first cell of the smallest box round all True cells and the box's shape; int64, shape (dimensions,)."""
+    low, size = [], []
+    for axis in range(mask.ndim):
+        found = np.flatnonzero(mask.any(axis=tuple(other for other in range(mask.ndim) if other != axis)))
+        low.append(found[0])
+        size.append(found[-1] + 1 - found[0])
+    return np.array(low, dtype=np.int64), np.array(size, dtype=np.int64)
+
+
+def deep(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return cells as (layer, row, col), contiguous; those of the plane lie in layer 0."""
+    if cells.shape[1] == 3:
+        return np.ascontiguousarray(cells)
+    filled = np.zeros((len(cells), 3), dtype=np.int64)
+    filled[:, 1:] = cells
+    return filled
+
+
+def component_after_component(cells: NDArray[np.int64], mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the cells so ordered that each connected component is visited wholly before the next: order kept within them.
+
+    The components come in the order in which the given one first meets them.
+    """
+    labels = components(mask)
+    if labels.max() == 1:
+        return cells
+    of_cell = labels[tuple(cells.T)]
+    first = np.full(labels.max() + 1, len(cells))
+    np.minimum.at(first, of_cell, np.arange(len(cells)))
+    order: NDArray[np.int64] = cells[np.argsort(first[of_cell], kind="stable")]
+    return order

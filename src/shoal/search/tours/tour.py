@@ -1,0 +1,160 @@
+"""Tour: the cells of a region in the order in which a robot visits them, and what can be measured of that order."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.search.tours.masks import deep
+
+
+@dataclass(frozen=True)
+class TourMetrics:
+    """What was measured of a tour.
+
+    Attributes
+    ----------
+    cells : int
+    length : float
+        Sum of all steps, Euclidean, in sides of a cell; that of a closed tour includes the closing edge.
+    closing_edge : float
+        The step from the last cell back to the first; 0 for an open tour.
+    turns : int
+        At how many cells the direction changes; on a closed tour also at the first and the last cell.
+    turns_per_cell : float
+    longest_step : float
+        But for the closing edge.
+    neighbour_steps : float
+        Share of steps between cells that have a side (in 3 dimensions a face) in common, the closing edge included.
+    neighbour_stretch : float
+        Mean distance along the tour of two cells with a side in common, round a closed tour the shorter way: the average
+        nearest-neighbour stretch of P. Xu and S. Tirthapura, "A lower bound on proximity preservation by space filling curves",
+        IPDPS 2012.
+    dilation : float
+        Largest squared distance of two cells over their distance along the tour (the closing edge counts as one step), taken at the
+        distances 1, 2, 3, 4, 6, 8, 12, 16, ...: from below the worst-case locality WL2 of H. Haverkort and F. van Walderveen,
+        "Locality and bounding-box quality of two-dimensional space-filling curves", Computational Geometry 43, 2010:
+        6 for the Hilbert curve in the limit.
+    """
+
+    cells: int
+    length: float
+    closing_edge: float
+    turns: int
+    turns_per_cell: float
+    longest_step: float
+    neighbour_steps: float
+    neighbour_stretch: float
+    dilation: float
+
+    def report(self) -> dict[str, Any]:
+        """Return all figures by name, for JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Tour:
+    """Cells in visiting order; a closed tour goes on from the last to the first.
+
+    Parameters
+    ----------
+    cells : ndarray of int64, shape (N, 2) or (N, 3)
+        (row, col), row 0 on top, or (layer, row, col); no cell twice. Read-only afterwards.
+    shape : tuple of int
+        Of the grid, (H, W) or (L, H, W).
+    closed : bool
+    name : str
+
+    Raises
+    ------
+    InvalidInputError
+        For no cells, cells outside the grid or a cell visited twice.
+
+    Examples
+    --------
+    >>> tour = Tour(np.array([[0, 0], [0, 1], [1, 1], [1, 0]]), (2, 2), closed=True, name="round")
+    >>> tour.position.tolist()
+    [[0, 1], [3, 2]]
+    >>> tour.metrics().length
+    4.0
+    """
+
+    cells: NDArray[np.int64]
+    shape: tuple[int, ...]
+    closed: bool = field(kw_only=True)
+    name: str = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        cells = np.array(self.cells)
+        shape = tuple(int(side) for side in self.shape)
+        if len(shape) not in (2, 3):
+            raise InvalidInputError(f"tour {self.name}: expected a grid of shape (H, W) or (L, H, W), got {shape}")
+        if cells.ndim != 2 or cells.shape[1] != len(shape) or not len(cells) or cells.dtype.kind not in "iu":
+            raise InvalidInputError(
+                f"tour {self.name}: expected whole numbers of shape (N, {len(shape)}), N at least 1, "
+                f"got {cells.dtype} of shape {cells.shape}"
+            )
+        cells = cells.astype(np.int64, copy=False)
+        outside = ((cells < 0) | (cells >= np.array(shape))).any(axis=1)
+        if outside.any():
+            number = int(outside.argmax())
+            raise InvalidInputError(f"tour {self.name}: cell {tuple(cells[number].tolist())}, number {number}, is outside {shape}")
+        cells.setflags(write=False)
+        object.__setattr__(self, "cells", cells)
+        object.__setattr__(self, "shape", shape)
+        object.__setattr__(self, "closed", bool(self.closed))
+        _ = self.position  # refuses a cell visited twice
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+    @cached_property
+    def position(self) -> NDArray[np.int64]:
+        """The number of each cell on the tour, -1 where there is none; read-only int64 of the grid's shape."""
+        from shoal.search.kernels.measures import fill_position
+
+        position = np.full(self.shape, -1, dtype=np.int64)
+        twice = fill_position(deep(self.cells), position if position.ndim == 3 else position[None])
+        if twice >= 0:
+            raise InvalidInputError(
+                f"tour {self.name}: expected each cell once, got {tuple(self.cells[twice].tolist())} again as number {twice}"
+            )
+        position.setflags(write=False)
+        return position
+
+    @cached_property
+    def steps(self) -> NDArray[np.float64]:
+        """The length of the step from each cell to the next, in sides of a cell; float64, shape (N,), of an open tour (N - 1,)."""
+        from shoal.search.kernels.measures import squared_steps
+
+        squares = np.empty(len(self.cells), dtype=np.int64)
+        squared_steps(deep(self.cells), squares)
+        lengths = np.sqrt(squares if self.closed else squares[:-1])
+        lengths.setflags(write=False)
+        return lengths
+
+    def metrics(self) -> TourMetrics:
+        """Measure the tour: time and memory grow as N log N and N."""
+        from shoal.search.kernels import measures
+
+        n, steps, cells = len(self.cells), self.steps, deep(self.cells)
+        inner = steps[: n - 1]
+        position = self.position if self.position.ndim == 3 else self.position[None]
+        gaps, pairs = measures.neighbour_gaps(position, self.closed, n)
+        turns = int(measures.count_turns(cells, self.closed))
+        return TourMetrics(
+            cells=n,
+            length=float(steps.sum()),
+            closing_edge=float(steps[-1]) if self.closed else 0.0,
+            turns=turns,
+            turns_per_cell=turns / n,
+            longest_step=float(inner.max()) if len(inner) else 0.0,
+            neighbour_steps=float(np.mean(steps == 1)) if n > 1 else 1.0,
+            neighbour_stretch=float(gaps / pairs) if pairs else 0.0,
+            dilation=float(measures.dilation(cells, self.closed)),
+        )

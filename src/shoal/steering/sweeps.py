@@ -1,0 +1,233 @@
+"""What plans cost, goal by goal, and how goals opposite each other are approached: the data behind figures 14 to 16 of paper W."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import pi
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.steering.chains import Errand
+from shoal.steering.growing import cycle_towards
+from shoal.steering.outline import Points, check_points
+from shoal.steering.problem import SteeringProblem
+from shoal.steering.running import steer
+from shoal.steering.walls import walls_of
+from shoal.steering.workspace import ConvexWorkspace, disk
+
+Toucher = Literal["nearer", "second"]
+
+# Fig. 14: where the particles start, and the goals of particle 1.
+DISK_START = ((0.2, 0.2), (-0.1, -0.1))
+DISK_GOALS = ((0.0, 0.0), (-0.2, 0.0))
+# Fig. 16: starts and the goal of particle 2. The paper does not print its three cases; these are ours.
+SQUARE_CASES = (
+    (((0.25, 0.25), (0.75, 0.75)), (0.5, 0.5)),
+    (((0.2, 0.8), (0.3, 0.3)), (0.8, 0.2)),
+    (((0.2, 0.4), (0.85, 0.5)), (0.15, 0.55)),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class GoalSweep:
+    """What plans cost when the goal of one particle goes over the workspace and all else stays.
+
+    Parameters
+    ----------
+    problem : SteeringProblem
+        With the goal of the last plan; its start, the other goal, tolerance and workspace are those of all.
+    varied : int
+        1 or 2: whose goal it is.
+    planner : str
+    x, y : ndarray of float64, shape (n,)
+        Coordinates of the goals.
+    moves : ndarray of float64, shape (n, n)
+        Number of moves by y and x; not a number outside the workspace, and where no plan arrives.
+    lengths : ndarray of float64, shape (n, n)
+        The same for the length of the plan.
+    unsolved : int
+        How many goals inside have no plan that arrives.
+    """
+
+    problem: SteeringProblem
+    varied: int
+    planner: str
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    moves: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+    unsolved: int
+
+
+def sweep_goals(
+    workspace: ConvexWorkspace,
+    start: ArrayLike,
+    fixed: ArrayLike,
+    *,
+    varied: int = 2,
+    samples: int = 41,
+    planner: str = "greedy",
+    tolerance: float = 1e-3,
+    interchangeable: bool = False,
+) -> GoalSweep:
+    """Plan for goals of one particle all over a plane workspace.
+
+    Parameters
+    ----------
+    workspace : ConvexWorkspace
+        A polygon or a disk.
+    start : array_like of float, shape (2, 2)
+    fixed : array_like of float, shape (2,)
+        The goal of the other particle.
+    varied : int
+        1 or 2: whose goal is varied.
+    samples : int
+        Goals by side, in the middles of as many equal parts of the extent of the workspace.
+    planner : str
+    tolerance : float
+    interchangeable : bool
+
+    Raises
+    ------
+    InvalidInputError
+
+    Notes
+    -----
+    Source: paper W, section VI, Figs. 14 and 16.
+
+    Examples
+    --------
+    >>> sweep = sweep_goals(disk(), DISK_START, DISK_GOALS[0], samples=5)
+    >>> int(np.isfinite(sweep.moves).sum()), float(np.nanmin(sweep.moves)) >= 3
+    (21, True)
+    """
+    if varied not in {1, 2}:
+        raise InvalidInputError(f"varied: expected 1 or 2, got {varied!r}")
+    if isinstance(samples, bool) or not isinstance(samples, int) or samples < 2:
+        raise InvalidInputError(f"samples: expected a whole number, 2 or more, got {samples!r}")
+    other = check_points([fixed], what="fixed", dimensions=2, count=1)[0]
+    problem = SteeringProblem(workspace, np.asarray(start), np.stack([other, other]), tolerance, interchangeable)
+    half = np.full(2, workspace.radius) if workspace.round else np.ptp(workspace.vertices, axis=0) / 2
+    middle = workspace.center if workspace.round else workspace.vertices.min(axis=0) + half
+    steps = (2 * np.arange(samples) + 1) / samples - 1
+    x, y = middle[0] + half[0] * steps, middle[1] + half[1] * steps
+    moves, lengths = np.full((samples, samples), np.nan), np.full((samples, samples), np.nan)
+    unsolved = 0
+    for row, column in np.ndindex(samples, samples):
+        place = np.array([x[column], y[row]])
+        if not workspace.contains(place):
+            continue
+        problem = replace(problem, goal=np.stack([place, other] if varied == 1 else [other, place]))
+        episode = steer(problem, planner=planner)
+        if episode:
+            moves[row, column], lengths[row, column] = episode.n_moves, episode.path_length
+        else:
+            unsolved += 1
+    return GoalSweep(problem, varied, planner, x, y, moves, lengths, unsolved)
+
+
+@dataclass(frozen=True, eq=False)
+class AntipodeSwap:
+    """How two particles on a disk approach goals opposite each other, cycle after cycle.
+
+    Parameters
+    ----------
+    toucher : str
+        "second": particle 2 always touches. "nearer": the particle that is nearer to its contact does.
+    start, goal : ndarray of float64, shape (2, 2)
+    moves : ndarray of float64, shape (2 cycles, 2)
+        Contact and adjustment by turns.
+    lengths : ndarray of float64, shape (cycles,)
+        Of the plan that ends after each cycle, its last translation included, in diameters.
+    errors : ndarray of float64, shape (cycles,)
+        δ: how far from its goal each particle then is, in diameters.
+    """
+
+    toucher: Toucher
+    start: Points
+    goal: Points
+    moves: Points
+    lengths: NDArray[np.float64]
+    errors: NDArray[np.float64]
+
+    def law(self, *, below: float = 0.25) -> tuple[float, float]:
+        """Return a and b of the law a / length^b through the errors below a bound: a straight line in logarithms.
+
+        Raises
+        ------
+        InvalidInputError
+            If there are not two of them.
+        """
+        low = self.errors < below
+        if np.count_nonzero(low) < 2:
+            raise InvalidInputError(f"law: expected two errors or more below {below:g}, got {np.count_nonzero(low)}")
+        slope, level = np.polyfit(np.log(self.lengths[low]), np.log(self.errors[low]), 1)
+        return float(np.exp(level)), -float(slope)
+
+    def length_to(self, error: float) -> float:
+        """Return the length of the shortest of these plans whose error is at most that; not a number if none is."""
+        near = self.lengths[self.errors <= error]
+        return float(near.min()) if near.size else np.nan
+
+
+def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: float = 0.8, turn: float = 0.0) -> AntipodeSwap:
+    """Steer two particles on a disk of diameter 1 towards goals at antipodes, by the paper's algorithm 1.
+
+    Each cycle makes the difference nearest to that of the goals. From Δ opposite to it and one diameter long that is Δ = 0, which
+    can never be left; so particles start nearer to each other.
+
+    Parameters
+    ----------
+    toucher : str
+        "nearer" or "second": which particle touches. Either makes the same differences, opposite.
+    cycles : int
+        1 or more.
+    apart : float
+        Distance at the start, in diameters, above 0 and below 1; both as far from the centre.
+    turn : float
+        Angle between Δ at the start and the line through the goals; 0 makes the particles change sides.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Notes
+    -----
+    Source: paper W, section VI, Fig. 15.
+
+    Examples
+    --------
+    >>> [round(swap_antipodes(toucher=who).length_to(0.01), 1) for who in ("second", "nearer")]
+    [9.3, 4.4]
+    """
+    if toucher not in {"nearer", "second"}:
+        raise InvalidInputError(f"toucher: expected 'nearer' or 'second', got {toucher!r}")
+    if isinstance(cycles, bool) or not isinstance(cycles, int) or cycles < 1:
+        raise InvalidInputError(f"cycles: expected a whole number, 1 or more, got {cycles!r}")
+    if not 0 < apart < 1:
+        raise InvalidInputError(f"apart: expected a number above 0 and below 1, got {apart!r}")
+    radius = 0.5
+    ahead = apart / 2 * np.array([np.cos(turn), np.sin(turn)])
+    errand = Errand(walls_of(disk(radius)), np.stack([-ahead, ahead]), np.array([[radius, 0.0], [-radius, 0.0]]))
+    state, moves, lengths, errors = errand.start, [], [], []
+    for _ in range(cycles):
+        cycle = cycle_towards(errand, state[1] - state[0], errand.after)
+        assert cycle is not None  # Δ is not zero, so some contact can be made
+        _, delta, (_, _, along) = cycle
+        who, contact = _contact(state, along / radius, radius, toucher)
+        moves += [contact - state[who], (delta - (state[1] - state[0])) * (1 if who == 0 else -1)]
+        state = np.stack([contact, contact + delta] if who == 0 else [contact - delta, contact])
+        left = errand.goal - state
+        lengths.append(float(np.linalg.norm(moves, axis=1).sum() + np.linalg.norm(left.mean(axis=0))))
+        errors.append(float(np.linalg.norm(left[1] - left[0]) / 2))
+    return AntipodeSwap(toucher, errand.start, errand.goal, np.array(moves), np.array(lengths), np.array(errors))
+
+
+def _contact(state: Points, angle: float, radius: float, toucher: Toucher) -> tuple[int, Points]:
+    """Return who touches (0 or 1) and where: particle 1 at an angle, or particle 2 opposite."""
+    places = radius * np.array([[np.cos(angle + turn), np.sin(angle + turn)] for turn in (0.0, pi)])
+    who = 1 if toucher == "second" else int(np.argmin(np.linalg.norm(places - state, axis=1)))
+    return who, places[who]

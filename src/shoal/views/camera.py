@@ -1,0 +1,137 @@
+"""A camera that looks at a workspace in space, for films and figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, sin
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.steering import ConvexWorkspace
+
+FAR = 4.5  # distance of the eye, in times the reach of what it looks at
+CORNERS = 72  # that stand for a circle
+ABOVE = 0.42  # radians above the floor from which it looks
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Central projection from a point that looks at a centre.
+
+    Parameters
+    ----------
+    center : ndarray of float64, shape (3,)
+    reach : float
+        Radius of what is looked at.
+    azimuth, elevation : float
+        Where the eye is, seen from the centre, in radians.
+
+    Examples
+    --------
+    >>> camera = Camera(np.zeros(3), 1.0, azimuth=0.0, elevation=0.0)
+    >>> camera.project([(0, 0.5, 0.25)]).tolist()
+    [[0.5, 0.25, 1.0]]
+    """
+
+    center: NDArray[np.float64]
+    reach: float
+    azimuth: float
+    elevation: float = ABOVE
+
+    @property
+    def toward(self) -> NDArray[np.float64]:
+        """Unit vector from the centre to the eye."""
+        return np.array([cos(self.elevation) * cos(self.azimuth), cos(self.elevation) * sin(self.azimuth), sin(self.elevation)])
+
+    @property
+    def eye(self) -> NDArray[np.float64]:
+        """Where the eye is."""
+        return np.asarray(self.center + FAR * self.reach * self.toward)
+
+    def project(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return x (right), y (up) and how much larger than at the centre things look, shape (..., 3)."""
+        away = np.asarray(points, dtype=np.float64) - self.center
+        right = np.array([-sin(self.azimuth), cos(self.azimuth), 0.0])
+        toward = self.toward
+        up = np.cross(toward, right)
+        larger = FAR * self.reach / (FAR * self.reach - away @ toward)
+        return np.stack([larger * (away @ right), larger * (away @ up), larger], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame3D:
+    """A prism or cylinder as polygons in space, for drawing.
+
+    Parameters
+    ----------
+    floor, ceiling : ndarray of float64, shape (n, 3)
+        Corners.
+    round : bool
+        Whether the corners stand for a circle, so that no edge between two sides is to be drawn.
+    open_ends : bool
+    """
+
+    floor: NDArray[np.float64]
+    ceiling: NDArray[np.float64]
+    round: bool
+    open_ends: bool
+
+    @classmethod
+    def of(cls, workspace: ConvexWorkspace) -> Frame3D:
+        """Return what is to be drawn of a workspace in space."""
+        if workspace.round:
+            angles = 2 * np.pi * np.arange(CORNERS) / CORNERS
+            base = workspace.center + workspace.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        else:
+            base = workspace.vertices
+        low, high = (np.column_stack([base, np.full(len(base), level)]) for level in (0.0, workspace.height))
+        return cls(low, high, workspace.round, workspace.open_ends)
+
+    def facing(self, eye: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell which sides have their outside turned to an eye; bool, shape (n,)."""
+        along = np.roll(self.floor, -1, axis=0) - self.floor
+        outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
+        return np.asarray(np.sum(outward * (eye - self.floor)[:, :2], axis=1) > 0)
+
+    def edges(self, eye: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
+        """Return the lines behind what is inside, and those in front of it; each float64, shape (2, 3)."""
+        facing = self.facing(eye)
+        above = bool(eye[2] > self.ceiling[0, 2]) and not self.open_ends
+        behind: list[NDArray[np.float64]] = []
+        front: list[NDArray[np.float64]] = []
+        for k in range(len(self.floor)):
+            following = (k + 1) % len(self.floor)
+            upper = np.stack([self.ceiling[k], self.ceiling[following]])
+            lower = np.stack([self.floor[k], self.floor[following]])
+            (front if facing[k] or above else behind).append(upper)
+            (front if facing[k] else behind).append(lower)
+            before = facing[k - 1]
+            silhouette = facing[k] != before
+            if silhouette or not self.round:
+                (front if facing[k] or before else behind).append(np.stack([self.floor[k], self.ceiling[k]]))
+        return behind, front
+
+
+def camera_for(workspace: ConvexWorkspace, states: Any, *, azimuth: float, elevation: float = ABOVE) -> Camera:
+    """Return a camera that looks at a workspace in space and at all states of its particles."""
+    low, high = min(0.0, float(states[..., 2].min())), max(workspace.height, float(states[..., 2].max()))
+    reach_flat = workspace.radius if workspace.round else float(np.hypot(*(workspace.vertices - workspace.center).T).max())
+    center = np.array([*workspace.center, (low + high) / 2])
+    return Camera(center, float(np.hypot(reach_flat, (high - low) / 2)), azimuth, elevation)
+
+
+def spread(workspace: ConvexWorkspace, states: Any, *, elevation: float = ABOVE) -> tuple[float, float, float]:
+    """Return how far right, up and down a workspace reaches in the picture, from whichever side it is looked at."""
+    frame = Frame3D.of(workspace)
+    corners = np.concatenate([frame.floor, frame.ceiling, states.reshape(-1, 3)])
+    turns = np.linspace(0, 2 * np.pi, 49)
+    cameras = [camera_for(workspace, states, azimuth=turn, elevation=elevation) for turn in turns]
+    seen = np.concatenate([camera.project(corners) for camera in cameras])
+    return float(np.abs(seen[:, 0]).max()), float(seen[:, 1].max()), float(-seen[:, 1].min())
+
+
+def flattened(points: ArrayLike) -> NDArray[np.float64]:
+    """Return points on the floor right below others; shape (..., 3)."""
+    return np.asarray(np.asarray(points) * np.array([1.0, 1.0, 0.0]))

@@ -1,0 +1,150 @@
+"""From frames to files: GIF and MP4, for the films of all parts."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from fractions import Fraction
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError, MissingExtraError
+
+SUFFIXES = (".gif", ".mp4", ".html")
+LONGEST = {".gif": 400, ".mp4": 1800}  # frames
+SIDE = {".gif": 480, ".mp4": 960}
+OnFrame = Callable[[int, int], None]
+"""Called with (frames done, frames in all)."""
+Frame = NDArray[np.uint8]
+_KEPT = 32  # colours that are most frequent and so stay exactly as they are
+_APART = 9  # least difference of two colours of a palette: Pillow looks colours up to the next lower multiple of 4
+
+
+def check_film(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a film if its suffix is one that can be written.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    target = Path(path)
+    if target.suffix.lower() not in SUFFIXES:
+        raise InvalidInputError(f"{target}: expected a film ({' '.join(SUFFIXES)}), got the suffix {target.suffix!r}")
+    return target
+
+
+def film_size(height: int, width: int, side: int) -> tuple[int, int]:
+    """Return (width, height) of a film of pictures of that size: whole pixels a cell if it can be, even sides as video needs.
+
+    Examples
+    --------
+    >>> film_size(155, 160, 960), film_size(5000, 4000, 960)
+    ((960, 930), (768, 960))
+    """
+    largest = max(height, width)
+    factor = side // largest if largest <= side else side / largest
+    return tuple(max(2, round(length * factor / 2) * 2) for length in (width, height))  # type: ignore[return-value]
+
+
+def counted(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> Iterator[Frame]:
+    """Yield the frames and tell how many of them are done."""
+    for done, frame in enumerate(frames, start=1):
+        yield frame
+        if on_frame is not None:
+            on_frame(done, total)
+
+
+def palette_of(frames: list[Frame]) -> bytes:
+    """Return up to 256 colours, red, green and blue of each, for a GIF of frames like these: the most frequent as they are."""
+    from PIL import Image as Pillow
+
+    packed = np.concatenate([frame.reshape(-1, 3) for frame in frames]).astype(np.uint32) @ np.array(
+        [1 << 16, 1 << 8, 1], np.uint32
+    )
+    colours, counts = np.unique(packed, return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    # Soft edges have many colours of few pixels each: that they are seen, a colour counts little more for filling much.
+    rest = np.repeat(colours[order], 1 + np.log2(counts[order]).astype(np.int64))
+    found = Pillow.fromarray(_unpacked(rest)[None]).quantize(256, method=Pillow.Quantize.MEDIANCUT).getpalette() or []
+    chosen = np.zeros((0, 3), np.int64)
+    for colour in np.concatenate([_unpacked(colours[order[:_KEPT]]), np.array(found, np.uint8).reshape(-1, 3)]).astype(np.int64):
+        if len(chosen) < 256 and (not len(chosen) or np.abs(chosen - colour).max(axis=1).min() >= _APART):
+            chosen = np.vstack([chosen, colour])
+    return chosen.astype(np.uint8).tobytes()
+
+
+def _unpacked(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
+    return np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=-1).astype(np.uint8)
+
+
+def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: bytes, side: int) -> None:
+    """Write frames, uint8 of shape (H, W, 3), as a GIF; small ones are enlarged to about ``side``, no pixel mixed from two."""
+    from PIL import Image as Pillow
+
+    colours = Pillow.new("P", (1, 1))
+    colours.putpalette(palette)
+
+    def shown(frame: Frame) -> Pillow.Image:
+        image = Pillow.fromarray(frame).quantize(palette=colours, dither=Pillow.Dither.NONE)
+        return image.resize(film_size(image.height, image.width, side), Pillow.Resampling.NEAREST)
+
+    images = (shown(frame) for frame in frames)
+    first = next(images)
+    duration = max(20, round(1000 / rate / 10) * 10)  # the format counts hundredths of a second
+    with path.open("wb") as file:  # Pillow would leave it open when it is interrupted
+        first.save(file, format="GIF", save_all=True, append_images=images, duration=duration, loop=0, optimize=False, disposal=1)
+
+
+def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, side: int, quality: int = 26) -> None:
+    """Write frames as H.264, ``quality`` its constant rate factor, with our own ffmpeg process.
+
+    What that says and how it ended tell whether the film is whole.
+    """
+    first = next(frames)
+    width, height = film_size(first.shape[0], first.shape[1], side)
+    flags = "neighbor" if width >= first.shape[1] else "area"
+    # fmt: off
+    command = [
+        _encoder(), "-y", "-v", "error",
+        "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{first.shape[1]}x{first.shape[0]}",
+        "-r", str(Fraction(rate).limit_denominator()), "-i", "-",
+        "-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-vf", f"scale={width}:{height}:flags={flags}",
+        "-crf", str(quality), "-preset", "superfast", "-movflags", "+faststart", "-threads", "2", f"file:{path}",
+    ]
+    # fmt: on
+    with tempfile.TemporaryFile() as said, subprocess.Popen(command, stdin=subprocess.PIPE, stderr=said) as encoder:
+        assert encoder.stdin is not None
+        try:
+            with suppress(BrokenPipeError), encoder.stdin:  # the encoder has gone: its exit code says so
+                for frame in chain([first], frames):
+                    encoder.stdin.write(frame.tobytes())
+        except BaseException:
+            encoder.kill()
+            raise
+        failed = encoder.wait() != 0
+        said.seek(0)
+        words = said.read().decode(errors="replace").splitlines()
+    if failed:
+        why = words[0].rpartition(": ")[2] if words else f"exit code {encoder.returncode}"
+        raise OSError(f"the film encoder stopped: {why}")  # atomic() adds which file
+
+
+def _encoder() -> str:
+    """Return the path of ffmpeg."""
+    import shutil
+
+    from imageio_ffmpeg import get_ffmpeg_exe
+
+    try:
+        program: str = get_ffmpeg_exe()
+    except RuntimeError as error:
+        raise MissingExtraError(f"films as .mp4 need ffmpeg: {error}") from None
+    if shutil.which(program) is None:
+        raise MissingExtraError(f"films as .mp4 need ffmpeg: expected a program, got {program!r} (IMAGEIO_FFMPEG_EXE)")
+    return program
