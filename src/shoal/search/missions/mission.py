@@ -169,8 +169,8 @@ def missions_of(
     >>> lanes = [(0, 0), (30, 0), (60, 0), (60, 10), (0, 10)]
     >>> [mission.waypoints.tolist() for mission in missions_of(lanes, None)]
     [[[0.0, 0.0], [60.0, 0.0], [60.0, 10.0], [0.0, 10.0]]]
-    >>> [round(mission.length) for mission in missions_of(lanes, None, max_length=100)]
-    [100, 100, 88]
+    >>> [round(mission.length) for mission in missions_of(lanes, None, max_length=130)]
+    [130, 113]
     """
     _check_vehicle(kind, vehicle)
     points = check_points(route, what=f"route of robot {robot}")
@@ -182,7 +182,8 @@ def missions_of(
     room = (CAPS[vehicle] if cap is None else cap) - OVERHEAD[kind]
     if isinstance(room, bool) or not isinstance(room, int | np.integer) or room < 2:
         raise InvalidInputError(
-            f"cap: expected a whole number of at least {2 + OVERHEAD[kind]} items, of which {OVERHEAD[kind]} are no waypoints, got {cap!r}"
+            f"cap: expected a whole number of at least {2 + OVERHEAD[kind]} items, "
+            f"of which {OVERHEAD[kind]} are no waypoints, got {cap!r}"
         )
     base = points[0] if home is None else check_points([home], what="home")[0]
     limit = _limit(max_length, max_seconds, float(speed))

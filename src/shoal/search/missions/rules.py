@@ -200,7 +200,7 @@ def _check_legs(sheet: Sheet, way: Points, allowed: Any, forbidden: Any) -> None
     """Note legs that leave what is allowed; the ways from home and back count for rovers, and in no-go zones for all."""
     import shapely
 
-    finite = np.isfinite(way).all(axis=1)
+    finite = np.asarray(np.isfinite(way).all(axis=1))
     usable = np.asarray(finite[:-1] & finite[1:])
     lines = shapely.linestrings(np.where(usable[:, None, None], np.stack([way[:-1], way[1:]], axis=1), 0.0))
     outside = usable & ~np.asarray(shapely.covers(allowed, lines))

@@ -126,9 +126,12 @@ class _Splitter:
                 f"cap: expected room for more waypoints of robot {self.robot}, got {self.room}: "
                 f"the ways from home to {place} and back have {2 * (len(out) - 2)} bends"
             )
+        away, straight = _length(out), np.hypot(*(self.way - self.home).T)
+        if straight.max() > away:  # what will be the trouble next
+            away, place = float(straight.max()), text_of(self.way[int(np.argmax(straight))])
         raise InvalidInputError(
-            f"battery: expected sorties of more than {2 * _length(out):.6g} m for robot {self.robot}, "
-            f"for {place} is {_length(out):.6g} m from home, got {self.limit:.6g} m"
+            f"battery: expected sorties of more than {2 * away:.6g} m for robot {self.robot}, for {place} is {away:.6g} m from home, "
+            f"got {self.limit:.6g} m"
         )
 
 
