@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from shoal.search.cells import CellGrid, cells_of
 from shoal.search.coverage import Coverage, coverage_check
+from shoal.search.episode import RobotLog, SearchEpisode
 from shoal.search.ground import GroundPaths, Route, merge_collinear
+from shoal.search.planning import SearchPlan, plan_search
 from shoal.search.projection import LocalFrame
 from shoal.search.region import SearchRegion, open_region, region_of
+from shoal.search.running import search
 from shoal.search.tours import (
     Tour,
     TourMaker,
@@ -24,7 +27,10 @@ __all__ = [
     "Coverage",
     "GroundPaths",
     "LocalFrame",
+    "RobotLog",
     "Route",
+    "SearchEpisode",
+    "SearchPlan",
     "SearchRegion",
     "Tour",
     "TourMaker",
@@ -39,5 +45,7 @@ __all__ = [
     "moore_decode",
     "moore_encode",
     "open_region",
+    "plan_search",
     "region_of",
+    "search",
 ]

@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.registry import Registry
+from shoal.search.bits import turned
 from shoal.search.course import Course, Floats
 from shoal.search.kernels import shares
 
 Indices = NDArray[np.int64]
 _HALVINGS = 40
 _STRIDES = 96  # how many first borders are tried at the most
+_TRIALS = 8_000  # cuts into equal arcs that are tried at the most, once for each turn of the robots
 _CANDIDATES = 12  # cuts into equal arcs that are made better
 
 
@@ -28,6 +30,21 @@ class Sweep:
     first: int
     count: int
     step: int = 1
+
+    def next_of(self, wanted: int, n: int) -> int | None:
+        """Return the first of its cells that is in a set, given as bits, of a tour of n cells; None if none is.
+
+        Examples
+        --------
+        >>> Sweep(3, 4, -1).next_of(0b100101, 8)
+        2
+        """
+        if self.step > 0:
+            here = turned(wanted, self.first, n) & ((1 << self.count) - 1)
+            return ((here & -here).bit_length() - 1 + self.first) % n if here else None
+        low = self.first - self.count + 1
+        here = turned(wanted, low, n) & ((1 << self.count) - 1)
+        return (here.bit_length() - 1 + low) % n if here else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,9 +203,8 @@ def two_way(course: Course, starts: Indices, rates: Floats, places: Floats) -> l
 def hop(course: Course, starts: Indices, rates: Floats, places: Floats) -> list[list[Sweep]]:
     """Each goes straight to an arc, the order kept round the tour; who has farther to go searches less."""
     n, m = len(course), len(starts)
-    stride = max(1, n // (_STRIDES * 4 if m <= 64 else _STRIDES))
-    firsts = np.arange(0, n if m == 1 else max(1, int(2 * n / m)), max(1, min(stride, n // (8 * m) or 1)))
-    firsts = firsts[np.unique(np.linspace(0, len(firsts) - 1, 4 * _STRIDES).astype(np.int64))]
+    rows = min(4 * _STRIDES, max(8, _TRIALS // m))
+    firsts = np.unique(np.linspace(0, min(n, int(2 * n / m)) - 1, rows).astype(np.int64)) if m > 1 else starts
     latest = np.empty((len(firsts), m))
     shares.hop_costs(course.ahead, course.points, places, rates, firsts, latest)
     best, borders, chosen = np.inf, np.arange(m + 1), 0

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import dist
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.search.tours import Tour
@@ -56,6 +57,11 @@ class Course:
         object.__setattr__(self, "steps", steps.astype(np.float64))
 
     def __len__(self) -> int:
+        return self.n
+
+    @cached_property
+    def n(self) -> int:
+        """How many cells there are."""
         return len(self.tour)
 
     @cached_property
@@ -91,10 +97,13 @@ class Course:
         """
         if count <= 0:
             return 0.0
-        low = first % len(self) if step > 0 else (first - count + 1) % len(self)
+        low = (first if step > 0 else first - count + 1) % self.n
         return float(1.0 + self.ahead[low + count] - self.ahead[low + 1])
 
-    def distance(self, one: ArrayLike, other: ArrayLike) -> Floats:
-        """Return the straight distance between cells given by their numbers on the tour; in sides of a cell."""
-        n = len(self)
-        return np.asarray(np.linalg.norm(self.points[np.asarray(one) % n] - self.points[np.asarray(other) % n], axis=-1))
+    @cached_property
+    def _places(self) -> list[tuple[float, ...]]:
+        return [tuple(point) for point in self.points.tolist()]
+
+    def between(self, one: int, other: int) -> float:
+        """Return the straight distance between two cells given by their numbers on the tour, in sides of a cell."""
+        return dist(self._places[one], self._places[other])

@@ -11,18 +11,18 @@ from shoal.errors import InvalidInputError
 _LARGEST_FILE = 200_000_000  # bytes
 
 
-def check_file(path: Path) -> None:
-    """Refuse what is no file, or one that cannot be a region by its size alone.
+def check_file(path: Path, *, what: str = "region") -> None:
+    """Refuse what is no file, or by its size alone cannot be what is wanted.
 
     Raises
     ------
     InvalidInputError, OSError
     """
     if not path.is_file():
-        raise InvalidInputError(f"{path}: expected a region file, got {'a folder' if path.is_dir() else 'no such file'}")
+        raise InvalidInputError(f"{path}: expected a {what} file, got {'a folder' if path.is_dir() else 'no such file'}")
     size = path.stat().st_size
     if size == 0:
-        raise InvalidInputError(f"{path}: expected a region, got an empty file")
+        raise InvalidInputError(f"{path}: expected a {what}, got an empty file")
     if size > _LARGEST_FILE:
         raise InvalidInputError(f"{path}: expected a file of at most {_LARGEST_FILE} bytes, got {size}")
 

@@ -144,14 +144,17 @@ def hop_costs(ahead, points, places, rates, firsts, latest):
     m, n = places.shape[0], points.shape[0]
     whole, power = ahead[n], rates.sum()
     best = np.inf
+    alike = rates.max() == rates.min()
+    cells = np.zeros(m, dtype=np.int64)
     for row in range(firsts.shape[0]):
         for turn in range(m):
             worst, level = 0.0, ahead[firsts[row]]
             for i in range(m):
                 robot = (i + turn) % m
-                cell = np.searchsorted(ahead, level + 1e-9, side="right") - 1
-                worst = max(worst, flown(points, places, robot, cell % n) / rates[robot] + whole / power)
-                if worst > 1.5 * best:  # bisection will not make that the best
+                if turn == 0 or not alike:  # else all turns have the same arcs
+                    cells[i] = np.searchsorted(ahead, level + 1e-9, side="right") - 1
+                worst = max(worst, flown(points, places, robot, cells[i] % n) / rates[robot] + whole / power)
+                if worst > 1.5 * best and turn > 0:  # bisection will not make that the best
                     worst = np.inf
                     break
                 level += whole * rates[robot] / power

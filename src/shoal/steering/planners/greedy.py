@@ -17,6 +17,7 @@ from shoal.steering.task import Task
 
 _PATIENCE = 4  # cycles by whose progress the rest is judged
 _SLOW = 16  # cycles: if more are left another chain is looked for
+_LONG = 24  # moves: each makes the errors before it larger, so a chain of fewer is looked for
 _LADDER = 48  # cycles of a chain that is planned from its end
 _EQUAL = 1e-9  # of the size: ways that come as near as that are chosen between by their length
 
@@ -41,6 +42,10 @@ class Greedy:
             errand = task.errand(start=state)
             chain = greedy_chain(errand, tolerance=task.tolerance / errand.walls.scale / 4, cycles=task.max_moves // 2)
             moves = None if chain is None else task.moves_of(chain, errand)
+            if moves is None or (len(moves) > _LONG and not errand.walls.round):
+                chain = any_chain(errand, grow=False)
+                few = None if chain is None else task.moves_of(chain, errand)
+                moves = moves if few is None else few
             if moves is not None:
                 return np.array([*first, *moves])
         return None

@@ -1,0 +1,381 @@
+"""SearchEpisode: a plan, what befell the robots, and what they searched; it plays again exactly."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    FiniteFloat,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    ValidationError,
+)
+
+from shoal.errors import InvalidInputError
+from shoal.files import atomic
+from shoal.search import faults
+from shoal.search.coverage import Coverage, coverage_check
+from shoal.search.findings import Finding, merged
+from shoal.search.formats.text import check_file, read_text
+from shoal.search.ground import Route
+from shoal.search.planning import SearchPlan
+from shoal.search.projection import LocalFrame
+from shoal.search.world import Scenario
+
+FORMAT: Literal[1] = 1
+_KINDS = {
+    kind.__name__: kind for kind in (faults.Crash, faults.Pause, faults.Slow, faults.Battery, faults.WrongPosition, faults.Liar)
+}
+_STATUS = {"dead": "dead", "paused": "paused"}
+
+
+@dataclass(frozen=True, eq=False)
+class RobotLog:
+    """What one robot did.
+
+    Parameters
+    ----------
+    cells : ndarray of int64, shape (k,)
+        The cells that it searched in their order, as numbers on the tour.
+    times : ndarray of float64, shape (k,)
+        When it had searched each, in the time of a cell.
+    states : tuple of (float, str)
+        When it began to be "listening", "searching", "waiting", "complete", "paused" or "dead".
+    found : tuple of (int, tuple of int)
+        What it knew at the end: cells, and the robots that have found something there.
+    """
+
+    cells: NDArray[np.int64]
+    times: NDArray[np.float64]
+    states: tuple[tuple[float, str], ...]
+    found: tuple[tuple[int, tuple[int, ...]], ...]
+
+    @property
+    def status(self) -> str:
+        """What it was at the end."""
+        return self.states[-1][1] if self.states else "listening"
+
+
+@dataclass(frozen=True, eq=False)
+class SearchEpisode:
+    """A search. True as a bool if all was searched and every robot that lived knew it.
+
+    Parameters
+    ----------
+    plan : SearchPlan
+    scenario : Scenario
+    network : str
+        As `network_of` takes it; ``loss`` besides.
+    speed : float
+        Metres a second.
+    simulated : bool
+        Whether robots and messages were simulated; else all went as planned.
+    robots : tuple of RobotLog
+    covered_at : float
+        When the last cell was searched, in the time of a cell; infinite if some never were.
+    declared : dict of int to float
+        When each robot, counted from 1 on, declared the search complete.
+    sent, lost : int
+        Messages, counted by receiver.
+    takeovers : int
+        How often a robot began with the part of one that it took for dead.
+    seed : int
+    seconds : float
+        Time for planning and simulation.
+    version : str
+        Of Shoal.
+    """
+
+    plan: SearchPlan
+    scenario: Scenario
+    network: str
+    loss: float
+    speed: float
+    simulated: bool
+    robots: tuple[RobotLog, ...]
+    covered_at: float
+    declared: dict[int, float]
+    sent: int
+    lost: int
+    takeovers: int
+    seed: int
+    seconds: float
+    version: str
+
+    def __bool__(self) -> bool:
+        return self.complete
+
+    @cached_property
+    def complete(self) -> bool:
+        """Whether all cells were searched and every robot that lives has found that out."""
+        living = [number for number, log in enumerate(self.robots, start=1) if log.status not in ("dead", "paused")]
+        return self.covered_at < inf and (not self.simulated or (bool(self.declared) and set(living) <= set(self.declared)))
+
+    @property
+    def cell_time(self) -> float:
+        """The time that a robot of speed 1 takes for a cell, seconds."""
+        return self.plan.grid.size / self.speed
+
+    @cached_property
+    def routes(self) -> tuple[Route, ...]:
+        """The way of each robot, metres."""
+        return tuple(self.plan.route(robot, log.cells) for robot, log in enumerate(self.robots))
+
+    @cached_property
+    def coverage(self) -> Coverage:
+        """What the robots have seen of the region, checked apart from the cells."""
+        liars = {fault.robot for fault in self.scenario.faults if isinstance(fault, faults.Liar)}
+        ways = [
+            route.points
+            for number, route in enumerate(self.routes, start=1)
+            if number not in liars and self.robots[number - 1].cells.size
+        ]
+        return coverage_check(self.plan.grid.region, ways, self.plan.grid.footprint)
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found, as those know that declared the search complete; with nobody, as the robots knew."""
+        reports: dict[int, set[int]] = {}
+        tellers = self.declared or range(1, len(self.robots) + 1)
+        for number in tellers:
+            for cell, witnesses in self.robots[number - 1].found:
+                reports.setdefault(cell, set()).update(witnesses)
+        searched = {}
+        for number, log in enumerate(self.robots, start=1):
+            bits = 0
+            for cell in log.cells.tolist():
+                bits |= 1 << cell
+            searched[number] = bits
+        return merged(self.scenario, reports, searched)
+
+    def report(self) -> dict[str, Any]:
+        """Return the JSON object of ``shoal search``."""
+        grid, frame = self.plan.grid, self.plan.grid.region.frame
+        made = self.covered_at if self.covered_at < inf else None
+        return {
+            "region": {"name": grid.region.name, "cells": grid.n_cells, "area_m2": grid.region.area_m2, "cell_m": grid.size},
+            "robots": len(self.robots),
+            "tour": self.plan.tour.name,
+            "allocation": self.plan.allocation.method,
+            "makespan_cells": made,
+            "makespan_s": None if made is None else made * self.cell_time,
+            "planned_cells": self.plan.allocation.makespan,
+            "lower_bound_cells": self.plan.allocation.lower_bound,
+            "covered_fraction": self.coverage.covered_fraction,
+            "uncovered_m2": self.coverage.uncovered_m2,
+            "outside_m": self.coverage.outside_m,
+            "complete": self.complete,
+            "simulated": self.simulated,
+            "messages": {"sent": self.sent, "lost": self.lost},
+            "takeovers": self.takeovers,
+            "findings": [self._told(finding, frame) for finding in self.findings],
+            "routes": [self._route(robot) for robot in range(len(self.robots))],
+            "seed": self.seed,
+            "seconds": self.seconds,
+        }
+
+    def _route(self, robot: int) -> dict[str, Any]:
+        log, route = self.robots[robot], self.routes[robot]
+        ways = np.diff(route.waypoints(), axis=0)
+        return {
+            "robot": robot + 1,
+            "start": self.plan.places[robot].tolist(),
+            "cells": len(log.cells),
+            "length_m": route.length,
+            "turns": max(len(ways) - 1, 0),
+            "status": log.status,
+        }
+
+    def _told(self, finding: Finding, frame: LocalFrame | None) -> dict[str, Any]:
+        point = self.plan.course.points[finding.cell] * self.plan.grid.size
+        told: dict[str, Any] = {"x": float(point[0]), "y": float(point[1])}
+        if frame is not None:
+            longitude, latitude = frame.to_degrees(point[None])[0]
+            told |= {"longitude": float(longitude), "latitude": float(latitude)}
+        return told | {
+            "confidence": finding.confidence,
+            "found_by": list(finding.found_by),
+            "missed_by": list(finding.missed_by),
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the episode as JSON.
+
+        Raises
+        ------
+        InvalidInputError
+            If the suffix is not .json.
+        OutputError
+        """
+        target = Path(path)
+        if target.suffix != ".json":
+            raise InvalidInputError(f"{target}: expected the suffix .json, got {target.suffix!r}")
+        with atomic(target) as temporary:
+            temporary.write_text(json.dumps(self._form().model_dump(), allow_nan=False) + "\n", encoding="utf-8")
+
+    def _form(self) -> EpisodeForm:
+        import shapely
+
+        region, brief, scenario = self.plan.grid.region, self.scenario.brief, self.scenario
+        frame = None if region.frame is None else (region.frame.longitude, region.frame.latitude)
+        return EpisodeForm(
+            format=FORMAT,
+            kind="search",
+            version=self.version,
+            region=RegionForm(name=region.name, area=shapely.to_wkt(region.area, rounding_precision=-1), frame=frame),
+            footprint=self.plan.grid.footprint,
+            tour=self.plan.tour.name,
+            allocation=self.plan.allocation.method,
+            turn_cost=self.plan.course.turn_cost,
+            transit=self.plan.transit,
+            starts=self.plan.places.tolist(),
+            rates=self.plan.rates.tolist(),
+            network=self.network,
+            loss=self.loss,
+            faults=[
+                {"kind": type(fault).__name__, **{name: getattr(fault, name) for name in fault.__slots__}}
+                for fault in scenario.faults
+            ],
+            fold=brief.fold,
+            energy=None if brief.energy == inf else brief.energy * self.plan.grid.size,
+            recharge=brief.recharge * self.cell_time,
+            targets=list(scenario.targets),
+            detection=scenario.detection,
+            false_alarm=scenario.false_alarm,
+            speed=self.speed,
+            simulated=self.simulated,
+            seed=self.seed,
+            seconds=self.seconds,
+            robots=[
+                LogForm(cells=log.cells.tolist(), times=log.times.tolist(), states=list(log.states), found=list(log.found))
+                for log in self.robots
+            ],
+            covered_at=None if self.covered_at == inf else self.covered_at,
+            declared=self.declared,
+            sent=self.sent,
+            lost=self.lost,
+            takeovers=self.takeovers,
+        )
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> SearchEpisode:
+        """Read an episode.
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        source = Path(path)
+        check_file(source, what="search episode")
+        try:
+            form = EpisodeForm.model_validate_json(read_text(source))
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            raise InvalidInputError(f"{source}: not a search episode: {where or 'the file'}: {first['msg']}") from None
+        from shoal.search.running import replayed
+
+        try:
+            return replayed(form)
+        except InvalidInputError as error:
+            raise InvalidInputError(f"{source}: {error}") from None
+
+    def verify(self) -> bool:
+        """Plan and play the search again and tell whether the same comes of it."""
+        from shoal.search.running import played_again
+
+        other = played_again(self._form())
+        return (
+            len(other.robots) == len(self.robots)
+            and all(
+                np.array_equal(one.cells, two.cells)
+                and np.allclose(one.times, two.times, rtol=0, atol=1e-9)
+                and one.states == two.states
+                for one, two in zip(self.robots, other.robots, strict=True)
+            )
+            and (other.covered_at, other.declared, other.sent, other.lost) == (self.covered_at, self.declared, self.sent, self.lost)
+        )
+
+
+class RegionForm(BaseModel):
+    """A region in an episode: well-known text in metres, and the middle of its frame in degrees."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str
+    area: str
+    frame: tuple[FiniteFloat, FiniteFloat] | None
+
+
+class LogForm(BaseModel):
+    """What one robot did."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    cells: list[NonNegativeInt]
+    times: list[FiniteFloat]
+    states: list[tuple[FiniteFloat, str]]
+    found: list[tuple[NonNegativeInt, tuple[NonNegativeInt, ...]]]
+
+
+class EpisodeForm(BaseModel):
+    """A search episode on disk."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    format: Literal[1]
+    kind: Literal["search"]
+    version: str
+    region: RegionForm
+    footprint: PositiveFloat
+    tour: str
+    allocation: str
+    turn_cost: NonNegativeFloat
+    transit: bool
+    starts: list[tuple[FiniteFloat, FiniteFloat]]
+    rates: list[PositiveFloat]
+    network: str
+    loss: NonNegativeFloat
+    faults: list[dict[str, Any]]
+    fold: PositiveInt
+    energy: PositiveFloat | None
+    recharge: NonNegativeFloat
+    targets: list[NonNegativeInt]
+    detection: NonNegativeFloat
+    false_alarm: NonNegativeFloat
+    speed: PositiveFloat
+    simulated: bool
+    seed: NonNegativeInt
+    seconds: FiniteFloat
+    robots: list[LogForm]
+    covered_at: FiniteFloat | None
+    declared: dict[PositiveInt, FiniteFloat]
+    sent: NonNegativeInt
+    lost: NonNegativeInt
+    takeovers: NonNegativeInt
+
+
+def fault_of(entry: dict[str, Any]) -> faults.Fault:
+    """Return the fault that an entry of an episode describes.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    kind = _KINDS.get(str(entry.get("kind")))
+    values = {name: value for name, value in entry.items() if name != "kind"}
+    if kind is None or set(values) != set(kind.__slots__) or not all(isinstance(value, int | float) for value in values.values()):
+        raise InvalidInputError(f"faults: expected one of {', '.join(_KINDS)} with its numbers, got {entry!r:.120}")
+    return kind(**values)

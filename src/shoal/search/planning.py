@@ -1,0 +1,208 @@
+"""SearchPlan: a region cut into cells, the tour through them, where robots start and who searches what."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.search.allocation import Allocation, Sweep, allocate
+from shoal.search.cells import CellGrid, cells_of
+from shoal.search.course import Course
+from shoal.search.formats.text import check_file, read_text
+from shoal.search.ground import GroundPaths, Route
+from shoal.search.region import SearchRegion, open_region
+from shoal.search.tours import Tour, TourMaker, make_tour
+
+Points = NDArray[np.float64]
+LAYOUTS = ("random", "clustered", "line")
+_CLUSTER = 0.05  # of the larger side: the spread of clustered starts
+
+
+@dataclass(frozen=True, eq=False)
+class SearchPlan:
+    """All that is settled before robots move.
+
+    Parameters
+    ----------
+    grid : CellGrid
+    course : Course
+        The tour with its costs; lengths in sides of a cell.
+    places : ndarray of float64, shape (m, 2)
+        Where the robots start, metres.
+    starts : ndarray of int64, shape (m,)
+        The number on the tour of the cell in which each is.
+    rates : ndarray of float64, shape (m,)
+        Their speeds, as multiples of the common one.
+    allocation : Allocation
+    transit : bool
+        Whether ways may lead from one part of the region to another, outside.
+    """
+
+    grid: CellGrid
+    course: Course
+    places: Points
+    starts: NDArray[np.int64]
+    rates: NDArray[np.float64]
+    allocation: Allocation
+    transit: bool = False
+
+    @property
+    def tour(self) -> Tour:
+        """The tour."""
+        return self.course.tour
+
+    @cached_property
+    def paths(self) -> GroundPaths:
+        """Ways inside the region."""
+        return GroundPaths(self.grid, transit=self.transit)
+
+    def numbers(self, sweeps: Sequence[Sweep]) -> NDArray[np.int64]:
+        """Return the cells of sweeps in the order of the visit, as numbers on the tour; int64, shape (k,)."""
+        found = [(sweep.first + sweep.step * np.arange(sweep.count)) % len(self.course) for sweep in sweeps]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *found])
+
+    def route(self, robot: int, numbers: ArrayLike) -> Route:
+        """Return the way of a robot from its start through cells given by their numbers on the tour."""
+        cells = self.tour.cells[np.asarray(numbers, dtype=np.int64)]
+        home = self.places[robot]
+        if not len(cells):
+            return Route(home[None].copy(), np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.bool_))
+        searched = self.paths.route(cells)
+        first = self.paths.legs(np.stack([home, searched.points[0]]))
+        return Route(
+            np.concatenate([first.points[:-1], searched.points]),
+            np.concatenate([[0], searched.stops + len(first.points) - 1]),
+            np.concatenate([first.transit, searched.transit]),
+        )
+
+
+def plan_search(
+    region: SearchRegion | str | os.PathLike[str],
+    *,
+    robots: int,
+    footprint: float,
+    starts: str | ArrayLike | os.PathLike[str] = "random",
+    tour: str | TourMaker = "spanning-tree",
+    allocation: str = "hop",
+    turn_cost: float = 0.0,
+    rates: ArrayLike | None = None,
+    transit: bool = False,
+    seed: int = 0,
+) -> SearchPlan:
+    """Plan a search.
+
+    Parameters
+    ----------
+    region : SearchRegion, str or path
+        As `open_region` takes it.
+    robots : int
+    footprint : float
+        Side of the square that a robot sees, metres.
+    starts : str, path or array_like of float, shape (robots, 2)
+        "random", "clustered", "line" (along the western border), points in metres, or a CSV file of points: x and y in metres, or
+        longitude and latitude for a region on the earth.
+    tour : str or TourMaker
+    allocation : str
+        See `allocate`.
+    turn_cost : float
+        What a turn costs, in cells.
+    rates : array_like of float, shape (robots,), optional
+        Speeds of the robots, as multiples of the common one.
+    transit : bool
+        Whether ways may lead from one part of the region to another, outside, for robots that fly.
+    seed : int
+        For starts.
+
+    Raises
+    ------
+    InvalidInputError
+        For a region of several parts without ``transit``, besides what its parts refuse.
+    UnknownNameError
+
+    Examples
+    --------
+    >>> plan = plan_search("square:100", robots=4, footprint=10, seed=1)
+    >>> len(plan.course), plan.allocation.lower_bound
+    (100, 25.0)
+    """
+    if isinstance(robots, bool) or not isinstance(robots, int | np.integer) or robots < 1:
+        raise InvalidInputError(f"robots: expected a whole number, 1 or more, got {robots!r}")
+    area = region if isinstance(region, SearchRegion) else open_region(region)
+    grid = cells_of(area, footprint)
+    if len(area.parts) > 1 and not transit:
+        raise InvalidInputError(
+            f"region {area.name!r}: expected one part, as robots stay inside, got {len(area.parts)}; allow transit for robots that "
+            "may cross what lies between, or search each part by itself"
+        )
+    made = make_tour(tour, grid.mask)
+    course = _course(made, GroundPaths(grid, transit=transit), turn_cost)
+    places = start_points(grid, starts, robots, np.random.default_rng(seed))
+    numbers = made.position[tuple(grid.cell_of(places).T)]
+    speeds = np.ones(robots) if rates is None else np.asarray(rates, dtype=np.float64)
+    given = allocate(course, numbers, method=allocation, rates=speeds, places=places / grid.size)
+    return SearchPlan(grid, course, places, numbers, speeds, given, transit)
+
+
+def _course(tour: Tour, paths: GroundPaths, turn_cost: float) -> Course:
+    """Return a tour with the lengths of its ways inside the region."""
+    grid = paths.grid
+    index = grid.ordinals(tour.cells)
+    firsts = grid.stand_points[grid.stand_starts[index]]
+    whole = paths.route(np.concatenate([tour.cells, tour.cells[:1]]))
+    far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(whole.points, axis=0).T))])[whole.stops]
+    begins = np.concatenate([[0], np.cumsum(np.diff(grid.stand_starts)[index])])
+    steps = np.diff(far[begins])
+    return Course(tour, firsts / grid.size, turn_cost=turn_cost, steps=steps / grid.size)
+
+
+def start_points(grid: CellGrid, starts: str | ArrayLike | os.PathLike[str], robots: int, rng: Generator) -> Points:
+    """Return where robots start, metres; float64, shape (robots, 2); see `plan_search`."""
+    if isinstance(starts, str | os.PathLike) and str(starts) not in LAYOUTS:
+        return grid.region.check_inside(_read_points(Path(starts), grid.region, robots), what=str(starts))
+    if not isinstance(starts, str | os.PathLike):
+        points = grid.region.check_inside(starts, what="starts")
+        if len(points) != robots:
+            raise InvalidInputError(f"starts: expected {robots} points, one a robot, got {len(points)}")
+        return points
+    stands = grid.waypoints()
+    if starts == "random":
+        return np.asarray(stands[rng.integers(0, len(stands), size=robots)])
+    if starts == "clustered":
+        middle = stands[rng.integers(len(stands))]
+        spread = max(_CLUSTER * max(np.ptp(stands, axis=0)), grid.size)
+        wanted = middle + rng.normal(0, spread, size=(robots, 2))
+    else:
+        low, high = stands.min(axis=0), stands.max(axis=0)
+        wanted = np.column_stack([np.full(robots, low[0]), np.linspace(low[1], high[1], robots)])
+    from scipy.spatial import cKDTree
+
+    return np.asarray(stands[cKDTree(stands).query(wanted)[1]])
+
+
+def _read_points(path: Path, region: SearchRegion, robots: int) -> Points:
+    """Read starts from a CSV file; a first line without numbers is a heading."""
+    found: list[tuple[float, float]] = []
+    check_file(path, what="table of starts")
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        words = [word.strip() for word in line.replace(";", ",").split(",")]
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        try:
+            x, y = (float(word) for word in words)
+        except ValueError:
+            if not found and number == 1:
+                continue
+            raise InvalidInputError(f"{path}, line {number}: expected two numbers, got {line.strip()[:60]!r}") from None
+        found.append((x, y))
+    if len(found) != robots:
+        raise InvalidInputError(f"{path}: expected {robots} starts, one a robot, got {len(found)}")
+    points = np.array(found)
+    return points if region.frame is None else region.frame.to_metres(points)

@@ -1,0 +1,389 @@
+"""A deterministic simulation: one thread, one clock, one seed; the same seed gives the same trace, byte for byte."""
+
+from __future__ import annotations
+
+import heapq
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from shoal.errors import InvalidInputError
+from shoal.search.faults import Battery, Crash, Fault, Liar, Pause, Slow, WrongPosition
+from shoal.search.messages import Beacon, decode, encode
+from shoal.search.network import Link, Network, damage
+from shoal.search.robot import (
+    Action,
+    Begin,
+    Blocked,
+    Brief,
+    Declare,
+    Event,
+    Go,
+    GoHome,
+    Heard,
+    Recharged,
+    Robot,
+    Send,
+    Sensed,
+    Wake,
+    WakeAt,
+    advance,
+    is_live,
+    step_cost,
+)
+
+_TRIES = 8  # how often a robot knocks at a cell that another one is in, before it goes elsewhere
+_KNOCK = 0.25  # cells, in time, between
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """All that a simulation depends on.
+
+    Parameters
+    ----------
+    brief : Brief
+    starts : tuple of int
+        The number on the tour of the cell in which each robot starts; robots are numbered from 1 on.
+    rates : tuple of float
+        Their speeds.
+    network : Network
+    faults : tuple of Fault
+    targets : tuple of int
+        Cells with something to find.
+    detection : float
+        Probability that a robot that searches a cell finds what is there.
+    false_alarm : float
+        Probability that it finds something where nothing is.
+    seed : int
+    """
+
+    brief: Brief
+    starts: tuple[int, ...]
+    rates: tuple[float, ...] = ()
+    network: Network = field(default_factory=Network)
+    faults: tuple[Fault, ...] = ()
+    targets: tuple[int, ...] = ()
+    detection: float = 1.0
+    false_alarm: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        m, n = len(self.starts), len(self.brief.course)
+        if not m or any(not 0 <= start < n for start in self.starts):
+            raise InvalidInputError(f"starts: expected one or more cells from 0 to {n - 1}, got {list(self.starts)!r:.200}")
+        if not self.rates:
+            object.__setattr__(self, "rates", (1.0,) * m)
+        if len(self.rates) != m or any(not 0 < rate < inf for rate in self.rates):
+            raise InvalidInputError(f"rates: expected {m} speeds above 0, got {list(self.rates)!r:.200}")
+        for fault in self.faults:
+            if not 1 <= fault.robot <= m:
+                raise InvalidInputError(f"fault: expected a robot from 1 to {m}, got {fault}")
+
+
+@dataclass
+class Vehicle:
+    """A robot's body: where it is, and what of it works."""
+
+    robot: Robot
+    place: int  # the cell, as a number on the tour
+    true_rate: float
+    energy: float = inf  # what is left of it in truth
+    alive: bool = True
+    paused_until: float = 0.0
+    liar: bool = False
+    searching: int | None = None  # the cell that it is in to search it
+    going: int | None = None
+    tries: int = 0
+    wake: float = inf
+    travelled: float = 0.0
+    waited: float = 0.0  # for others to leave a cell
+    visits: list[tuple[float, int]] = field(default_factory=list)  # when it had searched which cell
+    states: list[tuple[float, str]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a simulation came to.
+
+    Parameters
+    ----------
+    covered_at : float
+        When the last cell was searched by a robot that does not lie; infinite if some never were.
+    declared : dict of int to float
+        When each robot declared the search complete.
+    vehicles : dict of int to Vehicle
+    sent, lost : int
+        Messages, counted by receiver, and how many of them did not arrive whole.
+    takeovers : int
+        How often a robot began to search another one's part.
+    time : float
+        Of the last event.
+    trace : bytes
+        One line of JSON an event, if a trace was asked for.
+    """
+
+    covered_at: float
+    declared: dict[int, float]
+    vehicles: dict[int, Vehicle]
+    sent: int
+    lost: int
+    takeovers: int
+    time: float
+    trace: bytes
+
+
+class World:
+    """The simulation of one scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    check : callable, optional
+        Called with the world and the number of the robot after every event; see `shoal.search.invariants`.
+    trace : bool
+        Write down every event.
+    """
+
+    def __init__(self, scenario: Scenario, *, check: Callable[[World, int], None] | None = None, trace: bool = False) -> None:
+        self.scenario, self.check, self.tracing = scenario, check, trace
+        self.rng = np.random.default_rng(scenario.seed)
+        self.time = 0.0
+        self.covered = 0  # by robots that do not lie, as bits
+        self.searched: dict[int, int] = {}  # by robot, what it has searched in truth
+        self.covered_at = inf
+        self.declared: dict[int, float] = {}
+        self.sent = self.lost = self.takeovers = 0
+        self.lines: list[bytes] = []
+        self._queue: list[tuple[float, int, int, str, Any]] = []
+        self._number = 0
+        self.vehicles = {number: self._vehicle(number) for number in range(1, len(scenario.starts) + 1)}
+        for fault in scenario.faults:
+            if isinstance(fault, Crash | Pause):
+                self._post(fault.time, fault.robot, "crash" if isinstance(fault, Crash) else "pause", fault)
+        for number in self.vehicles:
+            self._post(0.0, number, "event", Begin(0.0))
+
+    def _vehicle(self, number: int) -> Vehicle:
+        scenario, brief = self.scenario, self.scenario.brief
+        start, rate = scenario.starts[number - 1], scenario.rates[number - 1]
+        believed = start
+        body = Vehicle(Robot(number, brief, start, rate), start, rate, energy=brief.energy)
+        for fault in scenario.faults:
+            if fault.robot != number:
+                continue
+            if isinstance(fault, WrongPosition):
+                believed = (start + fault.off) % len(brief.course)
+                body.robot = Robot(number, brief, believed, rate)
+            elif isinstance(fault, Battery):
+                body.energy = fault.energy
+            elif isinstance(fault, Liar):
+                body.liar = True
+        self.searched[number] = 0
+        return body
+
+    def _post(self, time: float, robot: int, kind: str, what: Any) -> None:
+        self._number += 1
+        heapq.heappush(self._queue, (time, self._number, robot, kind, what))
+
+    def run(self, *, until: float = inf) -> Outcome:
+        """Play all events up to a time; return what came of it."""
+        while self._queue and self._queue[0][0] <= until:
+            self.time, _, number, kind, what = heapq.heappop(self._queue)
+            vehicle = self.vehicles[number]
+            if not vehicle.alive:
+                continue
+            if kind in ("crash", "pause"):
+                self._fail(vehicle, kind, what)
+                continue
+            if self.time < vehicle.paused_until:
+                if kind != "heard":  # what it would have heard is gone; all else waits
+                    self._post(vehicle.paused_until, number, kind, what)
+                continue
+            getattr(self, f"_do_{kind}")(vehicle, what)
+            if self.check is not None:
+                self.check(self, number)
+        return Outcome(
+            self.covered_at,
+            self.declared,
+            self.vehicles,
+            self.sent,
+            self.lost,
+            self.takeovers,
+            self.time,
+            b"".join(self.lines),
+        )
+
+    def _fail(self, vehicle: Vehicle, kind: str, what: Crash | Pause) -> None:
+        self._write(vehicle, kind)
+        vehicle.searching = None  # others can go around what does not move
+        if isinstance(what, Crash):
+            self._die(vehicle)
+        else:
+            vehicle.paused_until = max(vehicle.paused_until, what.until)
+            vehicle.states.append((self.time, "paused"))
+
+    def _die(self, vehicle: Vehicle) -> None:
+        vehicle.alive, vehicle.searching = False, None
+        vehicle.states.append((self.time, "dead"))
+
+    def _write(self, vehicle: Vehicle, kind: str, **more: Any) -> None:
+        if self.tracing:
+            line = {"time": round(self.time, 9), "robot": vehicle.robot.number, "event": kind, **more}
+            self.lines.append(json.dumps(line).encode() + b"\n")
+
+    # What happens, by kind of entry in the queue.
+
+    def _do_event(self, vehicle: Vehicle, event: Event) -> None:
+        vehicle.robot, actions = advance(vehicle.robot, event)
+        state = vehicle.robot.status
+        if not vehicle.states or vehicle.states[-1][1] != state:
+            vehicle.states.append((self.time, state))
+            self._write(vehicle, state)
+        if state in ("waiting", "complete"):
+            vehicle.searching = None  # it stands aside
+        for action in actions:
+            self._act(vehicle, action)
+
+    def _do_wake(self, vehicle: Vehicle, time: float) -> None:
+        if time == vehicle.wake:  # not asked for anew since
+            vehicle.wake = inf
+            self._do_event(vehicle, Wake(self.time))
+
+    def _do_heard(self, vehicle: Vehicle, message: Beacon | bytes) -> None:
+        if isinstance(message, bytes):
+            try:
+                message = decode(message)
+            except InvalidInputError:
+                self.lost += 1
+                return
+        self._do_event(vehicle, Heard(self.time, message))
+
+    def _do_enter(self, vehicle: Vehicle, cell: int) -> None:
+        """Come into a cell to search it, if nobody is in there."""
+        others = (other for other in self.vehicles.values() if other is not vehicle and other.alive)
+        rate = self._rate(vehicle)
+        if any(other.searching == cell for other in others):
+            vehicle.searching = None
+            if vehicle.tries < _TRIES:
+                vehicle.tries += 1
+                vehicle.waited += _KNOCK / rate
+                self._post(self.time + _KNOCK / rate, vehicle.robot.number, "enter", cell)
+            else:
+                vehicle.place, vehicle.going = cell, None
+                self._write(vehicle, "blocked", cell=cell)
+                self._do_event(vehicle, Blocked(self.time, cell))
+            return
+        vehicle.searching = vehicle.place = cell
+        self._post(self.time + 1.0 / rate, vehicle.robot.number, "sense", cell)
+
+    def _do_sense(self, vehicle: Vehicle, cell: int) -> None:
+        if vehicle.searching != cell:  # it was stopped in between and stands beside
+            self._do_enter(vehicle, cell)
+            return
+        scenario, number = self.scenario, vehicle.robot.number
+        chance = scenario.detection if cell in scenario.targets else scenario.false_alarm
+        found = bool(self.rng.random() < (0.5 if vehicle.liar else chance)) if chance or vehicle.liar else False
+        if not vehicle.liar:
+            self.searched[number] |= 1 << cell
+            if not self.covered >> cell & 1:
+                self.covered |= 1 << cell
+                if self.covered == scenario.brief.everything:
+                    self.covered_at = self.time
+        vehicle.visits.append((self.time, cell))
+        vehicle.going = None
+        self._write(vehicle, "searched", cell=cell, found=found)
+        self._do_event(vehicle, Sensed(self.time, cell, found))
+
+    def _do_home(self, vehicle: Vehicle, _: None) -> None:
+        vehicle.place, vehicle.energy = vehicle.robot.start, self._full(vehicle.robot.number)
+        self._write(vehicle, "recharged")
+        self._do_event(vehicle, Recharged(self.time))
+
+    # What robots do.
+
+    def _act(self, vehicle: Vehicle, action: Action) -> None:
+        number = vehicle.robot.number
+        match action:
+            case Go(cell):
+                self._go(vehicle, cell)
+            case GoHome():
+                away = self.scenario.brief.course.between(vehicle.place, vehicle.robot.start)
+                vehicle.searching = None
+                if self._spend(vehicle, away):
+                    self._write(vehicle, "home")
+                    self._post(self.time + away / self._rate(vehicle) + self.scenario.brief.recharge, number, "home", None)
+            case Send(beacon):
+                self._broadcast(vehicle, beacon)
+            case WakeAt(time):
+                if time < inf and time != vehicle.wake:
+                    self._post(max(time, self.time), number, "wake", time)
+                vehicle.wake = time
+            case Declare():
+                self.declared[number] = self.time
+                self._write(vehicle, "declared")
+
+    def _go(self, vehicle: Vehicle, cell: int) -> None:
+        robot, course = vehicle.robot, self.scenario.brief.course
+        cost = step_cost(course, vehicle.place, cell, robot.fresh)
+        if self._takes_over(vehicle, cell):
+            self.takeovers += 1
+            self._write(vehicle, "takes over", cell=cell)
+        if not self._spend(vehicle, cost):
+            return
+        vehicle.going, vehicle.tries = cell, 0
+        if cost > 1.0 + 1e-12:
+            vehicle.searching = None  # on the way it is in no cell to search it
+        self._post(self.time + (cost - 1.0) / self._rate(vehicle), robot.number, "enter", cell)
+
+    def _takes_over(self, vehicle: Vehicle, cell: int) -> bool:
+        """Tell whether a robot begins with the part of another one that it takes for dead."""
+        robot = vehicle.robot
+        part = next(part for part in robot.parts if part.bits >> cell & 1)
+        again = bool(vehicle.visits) and bool(part.bits >> vehicle.visits[-1][1] & 1)
+        return not again and not is_live(robot, part.robot, self.time)
+
+    def _spend(self, vehicle: Vehicle, cost: float) -> bool:
+        """Take energy; a robot that has too little dies on the way."""
+        vehicle.energy -= cost
+        vehicle.travelled += cost
+        if vehicle.energy >= -1e-9:
+            return True
+        self._write(vehicle, "battery out")
+        self._die(vehicle)
+        return False
+
+    def _full(self, number: int) -> float:
+        limits = [fault.energy for fault in self.scenario.faults if isinstance(fault, Battery) and fault.robot == number]
+        return min([self.scenario.brief.energy, *limits])
+
+    def _rate(self, vehicle: Vehicle) -> float:
+        rate = vehicle.true_rate
+        for fault in self.scenario.faults:
+            if isinstance(fault, Slow) and fault.robot == vehicle.robot.number and self.time >= fault.time:
+                rate /= fault.factor
+        return rate
+
+    def _broadcast(self, sender: Vehicle, beacon: Beacon) -> None:
+        course, number = self.scenario.brief.course, sender.robot.number
+        network = self.scenario.network
+        for other, receiver in self.vehicles.items():
+            if other == number:
+                continue
+            self.sent += 1
+            if not receiver.alive:
+                self.lost += 1
+                continue
+            if not network.media:
+                self._post(self.time, other, "heard", beacon)
+                continue
+            link = Link(number, other, self.time, course.between(sender.place, receiver.place))
+            arrived = network.send(link, self.rng)
+            self.lost += not arrived
+            for copy in arrived:
+                message = damage(encode(beacon), self.rng) if copy.damaged else beacon
+                self._post(self.time + copy.delay, other, "heard", message)
