@@ -169,8 +169,8 @@ def missions_of(
     >>> lanes = [(0, 0), (30, 0), (60, 0), (60, 10), (0, 10)]
     >>> [mission.waypoints.tolist() for mission in missions_of(lanes, None)]
     [[[0.0, 0.0], [60.0, 0.0], [60.0, 10.0], [0.0, 10.0]]]
-    >>> [round(mission.length) for mission in missions_of(lanes, None, max_length=130)]
-    [130, 113]
+    >>> [round(mission.length) for mission in missions_of(lanes, None, max_length=135)]
+    [135, 30]
     """
     _check_vehicle(kind, vehicle)
     points = check_points(route, what=f"route of robot {robot}")

@@ -130,8 +130,8 @@ class _Splitter:
         if straight.max() > away:  # what will be the trouble next
             away, place = float(straight.max()), text_of(self.way[int(np.argmax(straight))])
         raise InvalidInputError(
-            f"battery: expected sorties of more than {2 * away:.6g} m for robot {self.robot}, for {place} is {away:.6g} m from home, "
-            f"got {self.limit:.6g} m"
+            f"battery: expected sorties of more than {2 * away:.6g} m for robot {self.robot}, "
+            f"for {place} is {away:.6g} m from home, got {self.limit:.6g} m"
         )
 
 
