@@ -358,3 +358,11 @@ def test_the_command_with_zones_beside(tmp_path, capsys):
     assert run(["missions", "check", str(tmp_path / "missions"), str(field)]) == 0
     assert run(["missions", "check", str(tmp_path / "missions"), str(field), "--no-go", str(zone)]) == 1
     assert "no-go zones" in capsys.readouterr().out
+
+
+def test_the_way_from_home_is_not_seen(tmp_path):
+    """What counts lies between the first waypoint and the last; a launch pad may lie outside."""
+    mission = Mission([(10, 10), (90, 10)], (-50, 50), geographic=False)
+    write_missions([mission], tmp_path)
+    seen = check_missions(tmp_path, open_region("rectangle:100x20"), 20).coverage
+    assert (seen.outside_m, seen.length_m, seen.covered_fraction) == (0, 80, 1)
