@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_outputs, patience, print_json, print_table, progress, say
+from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, progress, say
 from shoal.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -258,7 +258,7 @@ def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | No
     return written
 
 
-def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[Path]) -> None:
+def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
     """Print the figures of a search for people."""
     region = result["region"]
     made = result["makespan_cells"]
@@ -286,5 +286,58 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
         ("found", f"at ({finding['x']:.6g}, {finding['y']:.6g}), sure to {100 * finding['confidence']:.1f} %")
         for finding in result["findings"][:_ROWS]
     ]
-    rows += [("written", str(path)) for path in written]
+    rows += [*more, *(("written", str(path)) for path in written)]
     print_table(rows, title=f"{result['allocation']} along {result['tour']}")
+
+
+def replay_search(episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:
+    """Replay a search: ``shoal replay EPISODE.json``."""
+    from shoal.search import SearchEpisode
+
+    with patience(COMPILING):
+        episode = SearchEpisode.load(episode_file)
+        check_seed(episode_file, seed, episode.seed)
+        verified = episode.verify()
+        message = (
+            "planned and played again, all robots do what the episode says"
+            if verified
+            else "planned and played again, robots do not do what the episode says"
+        )
+        result = episode.report() | {"verified": verified, "message": message}
+    written = write_outputs(episode, result, out, film) if verified else []
+    if json_:
+        print_json(result)
+    else:
+        print_search(episode, result, written, ("verified", f"{'yes' if verified else 'NO'}: {message}"))
+    if not verified:
+        say(f"shoal: {episode_file}: {message}")
+        raise typer.Exit(1)
+
+
+def demo_search(out: Path, *, seed: int, json_: bool) -> None:
+    """Search a marsh around a lake with 12 robots, three of which die: ``shoal demo search``."""
+    from shoal.search import open_region
+    from shoal.search import search as run
+    from shoal.search.faults import Crash
+
+    check_folder(out)
+    marsh = open_region(Path(__file__).parent / "data" / "marsh.geojson")
+    with patience(COMPILING):
+        episode = run(
+            marsh,
+            robots=12,
+            footprint=20.0,
+            loss=0.3,
+            faults=[Crash(3, 40.0), Crash(7, 90.0), Crash(8, 90.0)],
+            targets=8,
+            turn_cost=0.5,
+            speed=5.0,
+            seed=seed,
+        )
+        result = episode.report()
+    written = _write_missions(episode, out / "missions", "plan,kml", "px4", "multirotor", None, None)
+    written += write_outputs(episode, result, out, [out / "search.html"])
+    if json_:
+        print_json(result | {"files": [str(path) for path in written]})
+        return
+    print_search(episode, result, [path for path in written if path.parent == out] + [out / "missions"])
