@@ -50,6 +50,10 @@ class Canvas:
         """Return a copy of what is drawn; uint8, shape (height, width, 3)."""
         return np.asarray(Image.fromarray(self._pixels).convert("RGB"))  # several times as fast as a slice
 
+    def paint(self, pixels: NDArray[np.uint8]) -> None:
+        """Take over a picture as it is; uint8, shape (height, width, 3)."""
+        self._pixels[..., :3] = pixels
+
     def line(
         self,
         points: ArrayLike,

@@ -1,0 +1,301 @@
+"""What a search episode tells, ready to be drawn: who was where when, whose cells are whose, and what each robot did in turn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.search import RobotLog, Route, SearchEpisode, Sweep
+from shoal.search.faults import Liar, Slow, WrongPosition
+from shoal.search.sharing import parts_of
+
+Floats = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+# Neighbours in the cycle differ in hue and in lightness; all are dark enough for thin lines and white numbers.
+ROBOTS = (
+    "#0072b2", "#d55e00", "#00805d", "#aa4499", "#946c00", "#2f94d6",
+    "#882255", "#5f7a1f", "#d1495b", "#4b3ba6", "#7a4a21", "#138a94",
+)  # fmt: skip
+SEARCHING = ("own", "taken")
+
+
+def robot_colour(robot: int) -> str:
+    """Return the colour of a robot, counted from 0; after twelve they come again, and the numbers tell them apart."""
+    return ROBOTS[robot % len(ROBOTS)]
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A time in which a robot did one thing.
+
+    Parameters
+    ----------
+    begin, end : float
+        In the time of a cell.
+    kind : str
+        "listening", "own" (searching its own part), "taken" (searching another's), "waiting", "paused", "dead" or "complete".
+    other : int
+        Whose part, as the number of the robot; 0 if it is nobody's or not another's.
+    """
+
+    begin: float
+    end: float
+    kind: str
+    other: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Where a robot is at each time.
+
+    Parameters
+    ----------
+    times : ndarray of float64, shape (k,)
+        Rising, in the time of a cell.
+    points : ndarray of float64, shape (k, 2)
+        Metres; in between it moves straight and evenly, before and after it stands.
+    """
+
+    times: Floats
+    points: Floats
+
+    def at(self, time: float) -> Floats:
+        """Return the place at a time; float64, shape (2,)."""
+        return np.array([np.interp(time, self.times, self.points[:, 0]), np.interp(time, self.times, self.points[:, 1])])
+
+    def until(self, time: float) -> Floats:
+        """Return the way up to a time; float64, shape (n, 2)."""
+        return np.concatenate([self.points[: np.searchsorted(self.times, time, side="right")], self.at(time)[None]])
+
+
+class SearchStory:
+    """An episode, ready to be drawn.
+
+    The parts are those that all robots agree on who have heard of one another; who was dead from the beginning has none.
+
+    Parameters
+    ----------
+    episode : SearchEpisode
+    """
+
+    def __init__(self, episode: SearchEpisode) -> None:
+        self.episode = episode
+        self.n_cells = len(episode.plan.course)
+        self.n_robots = len(episode.robots)
+        self.liars = frozenset(fault.robot for fault in episode.scenario.faults if isinstance(fault, Liar))
+
+    @cached_property
+    def end(self) -> float:
+        """When the last thing happened, in the time of a cell; above 0."""
+        moments = [state[0] for log in self.episode.robots for state in log.states]
+        moments += [float(log.times[-1]) for log in self.episode.robots if log.times.size]
+        return max([1.0, *moments, *self.episode.declared.values()])
+
+    @cached_property
+    def owners(self) -> tuple[Numbers, dict[int, int]]:
+        """The robot to which each cell was allotted, by number on the tour (0 for none), and the order of the robots round the tour."""
+        episode, course = self.episode, self.episode.plan.course
+        owner = np.zeros(self.n_cells, dtype=np.int64)
+        if not episode.simulated:
+            works = list(enumerate(episode.plan.allocation.sweeps, start=1))
+        else:
+            off = {fault.robot: fault.off for fault in episode.scenario.faults if isinstance(fault, WrongPosition)}
+            known = [
+                (number, (start + off.get(number, 0)) % self.n_cells, rate)
+                for number, (start, rate) in enumerate(zip(episode.scenario.starts, episode.scenario.rates, strict=True), start=1)
+                if episode.robots[number - 1].states[:1] != ((0.0, "dead"),)
+            ]
+            parts = parts_of(course, episode.plan.allocation.method, tuple(known)) if known else ()
+            works = [(part.robot, part.sweeps) for part in parts]
+        for number, sweeps in works:
+            owner[episode.plan.numbers(sweeps)] = number
+        return owner, {number: rank for rank, (number, _) in enumerate(works)}
+
+    def sweeps(self, robot: int) -> tuple[Sweep, ...]:
+        """Return the plan's work of a robot, counted from 0."""
+        return self.episode.plan.allocation.sweeps[robot]
+
+    def others(self, robot: int) -> Numbers:
+        """Return whose part each cell that a robot searched belonged to, 0 where it was its own work; int64, shape (k,)."""
+        owner, ranks = self.owners
+        theirs = owner[self.episode.robots[robot].cells]
+        number, fold = robot + 1, self.episode.scenario.brief.fold
+        if number not in ranks:
+            return theirs
+        mine = theirs == number
+        for other, rank in ranks.items():  # where cells are searched by several, the parts ahead are its own work, too
+            if (rank - ranks[number]) % len(ranks) < fold:
+                mine |= theirs == other
+        return np.where(mine, 0, theirs)
+
+    @cached_property
+    def first(self) -> tuple[Floats, Numbers]:
+        """When each cell was first searched by a robot that does not lie (infinite if never), and by which (0 if by none)."""
+        times, by = np.full(self.n_cells, inf), np.zeros(self.n_cells, dtype=np.int64)
+        for number, log in enumerate(self.episode.robots, start=1):
+            if number not in self.liars and log.cells.size:
+                cells, earliest = _earliest(log)
+                new = earliest < times[cells]
+                times[cells[new]], by[cells[new]] = earliest[new], number
+        return times, by
+
+    @cached_property
+    def taken(self) -> NDArray[np.bool_]:
+        """Which cells were first searched by a robot that had taken them over; bool, by number on the tour."""
+        found = np.zeros(self.n_cells, dtype=np.bool_)
+        for robot, log in enumerate(self.episode.robots):
+            over = log.cells[self.others(robot) > 0]
+            found[over[self.first[1][over] == robot + 1]] = True
+        return found
+
+    def searched(self, time: float) -> int:
+        """Return how many cells had been searched at a time."""
+        return int(np.count_nonzero(self.first[0] <= time))
+
+    def death(self, robot: int) -> float:
+        """Return when a robot died; infinite if it did not."""
+        return next((moment for moment, state in self.episode.robots[robot].states if state == "dead"), inf)
+
+    @cached_property
+    def stretches(self) -> tuple[tuple[Stretch, ...], ...]:
+        """What each robot did."""
+        return tuple(tuple(self._stretches(robot)) for robot in range(self.n_robots))
+
+    def _stretches(self, robot: int) -> list[Stretch]:
+        log = self.episode.robots[robot]
+        found: list[Stretch] = []
+        bounds = [moment for moment, _ in log.states] + [self.end]
+        others = self.others(robot)
+        for (begin, state), end in zip(log.states, bounds[1:], strict=True):
+            if state == "searching":
+                inside = np.flatnonzero((log.times > begin) & (log.times <= end))
+                _add_searching(found, begin, end, log.times[inside], others[inside])
+            elif end > begin or state in ("dead", "complete"):
+                found.append(Stretch(begin, end, state))
+        return found
+
+    @cached_property
+    def motions(self) -> tuple[Motion, ...]:
+        """Where each robot was."""
+        return tuple(self._motion(robot) for robot in range(self.n_robots))
+
+    def stop_ends(self, robot: int) -> Numbers:
+        """Return where on its route a robot has searched each of its cells, before them its start; int64, shape (k + 1,)."""
+        grid, cells = self.episode.plan.grid, self.episode.plan.tour.cells[self.episode.robots[robot].cells]
+        if not len(cells):
+            return np.zeros(1, dtype=np.int64)
+        index = grid.ordinals(cells)
+        counts = grid.stand_starts[index + 1] - grid.stand_starts[index]
+        return np.asarray(self.episode.routes[robot].stops[np.concatenate([[0], np.cumsum(counts)])])
+
+    def _rate(self, robot: int, times: Floats) -> Floats:
+        """Return how fast a robot moved before each time."""
+        rates = np.full(len(times), self.episode.scenario.rates[robot])
+        for fault in self.episode.scenario.faults:
+            if isinstance(fault, Slow) and fault.robot == robot + 1:
+                rates[times > fault.time] /= fault.factor
+        return rates
+
+    def _motion(self, robot: int) -> Motion:
+        """Lay the route of a robot out in time: it comes to each cell when it has searched it, and sets out as late as it can."""
+        log = self.episode.robots[robot]
+        if not len(log.cells):
+            return self._first_leg(robot)
+        route, size = self.episode.routes[robot], self.episode.plan.grid.size
+        ends = self.stop_ends(robot)
+        far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route.points, axis=0).T))])
+        lengths = np.diff(far[ends]) / size
+        rates = self._rate(robot, log.times)
+        arrivals = log.times.copy()
+        arrivals[0] = max(arrivals[0] - 1.0 / rates[0], 0.0)  # in the first cell it searches where it stands
+        lasting = np.where(np.arange(len(lengths)) == 0, lengths, np.maximum(lengths, 1.0)) / rates
+        departures = np.maximum(arrivals - lasting, np.concatenate([[0.0], log.times[:-1]]))
+        leg = np.repeat(np.arange(len(lengths)), np.diff(ends))
+        share = (far[1:] - far[ends[leg]]) / np.maximum(np.diff(far[ends])[leg], 1e-300)
+        share[ends[1:] - 1] = 1.0
+        moments = departures[leg] + share * (arrivals - departures)[leg]
+        times = np.insert(np.concatenate([[0.0], moments]), ends[:-1] + 1, departures)
+        points = np.insert(route.points, ends[:-1] + 1, route.points[ends[:-1]], axis=0)
+        return Motion(np.maximum.accumulate(times), points)
+
+    def _first_leg(self, robot: int) -> Motion:
+        """Return the motion of a robot that searched nothing: as far as it came on the way to its part."""
+        plan, died = self.episode.plan, self.death(robot)
+        home = plan.places[robot]
+        cells = plan.numbers(self.sweeps(robot))
+        began = next((moment for moment, state in self.episode.robots[robot].states if state == "searching"), inf)
+        if not (len(cells) and began < died < inf):
+            return Motion(np.zeros(1), home[None])
+        way = plan.paths.legs(np.stack([home, plan.grid.waypoint(tuple(plan.tour.cells[cells[0]]))])).points
+        rate = float(self._rate(robot, np.array([died]))[0])
+        times = began + np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))]) / plan.grid.size / rate
+        whole = Motion(times, way)
+        kept = whole.until(min(died, float(times[-1])))
+        return Motion(np.append(times[: len(kept) - 1], min(died, float(times[-1]))), kept)
+
+    def raster(self, values: Any, empty: Any) -> Any:
+        """Return values by number on the tour as an array of the grid's shape."""
+        grid, cells = self.episode.plan.grid, self.episode.plan.tour.cells
+        values = np.asarray(values)
+        found = np.full((*grid.shape, *values.shape[1:]), empty, dtype=values.dtype)
+        found[tuple(cells.T)] = values
+        return found
+
+    @cached_property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top of the grid, metres."""
+        grid = self.episode.plan.grid
+        left, top = grid.corner
+        height, width = grid.shape
+        return left, left + width * grid.size, top - height * grid.size, top
+
+    def outline(self, robot: int) -> Floats:
+        """Return the sides around the cells that a robot was the first to search, having taken them over; shape (k, 2, 2), metres."""
+        mask = self.raster((self.first[1] == robot + 1) & self.taken, False)
+        left, _, _, top = self.extent
+        size = self.episode.plan.grid.size
+        padded = np.pad(mask, 1)
+        rows, cols = np.nonzero(padded[:, 1:] != padded[:, :-1])
+        upright = np.stack([np.stack([cols, rows - 1], axis=1), np.stack([cols, rows], axis=1)], axis=1)
+        across_rows, across_cols = np.nonzero(padded[1:] != padded[:-1])
+        level = np.stack([np.stack([across_cols - 1, across_rows], axis=1), np.stack([across_cols, across_rows], axis=1)], axis=1)
+        corners = np.concatenate([upright, level]).astype(np.float64)
+        return np.asarray(corners * (size, -size) + (left, top))
+
+
+def rings_of(area: Any) -> list[list[Floats]]:
+    """Return the rings of each part of an area, the outer one first; float64, shape (n, 2)."""
+    return [
+        [np.asarray(ring.coords)[:, :2] for ring in (part.exterior, *part.interiors)]
+        for part in getattr(area, "geoms", [area])
+        if part.geom_type == "Polygon" and not part.is_empty
+    ]
+
+
+def long_legs(route: Route, size: float) -> NDArray[np.bool_]:
+    """Return which legs of a route lead farther than to a neighbouring cell; bool, shape (k - 1,)."""
+    between = np.searchsorted(route.stops, np.arange(1, len(route.points)), side="left")
+    far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route.points, axis=0).T))])
+    stops = np.diff(far[route.stops], prepend=0.0)
+    return np.asarray(stops[between] > 1.6 * size) | route.transit
+
+
+def _earliest(log: RobotLog) -> tuple[Numbers, Floats]:
+    cells, index = np.unique(log.cells, return_index=True)
+    return cells, log.times[index]
+
+
+def _add_searching(found: list[Stretch], begin: float, end: float, times: Floats, others: Numbers) -> None:
+    """Add what a robot searched from one time to another: a stretch for each part."""
+    bounds = np.flatnonzero(np.diff(others)) if len(others) else np.zeros(0, dtype=np.int64)
+    owners = [int(others[k]) for k in (*bounds, -1)] if len(others) else [0]
+    ends = [*(float(times[k]) for k in bounds), end]
+    for other, until in zip(owners, ends, strict=True):
+        if until > begin:
+            found.append(Stretch(begin, until, "taken" if other else "own", other))
+        begin = until
