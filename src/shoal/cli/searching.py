@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from functools import partial
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,6 +17,7 @@ from shoal.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from shoal.search import SearchEpisode
+    from shoal.search.missions import Mission
 
 SEARCH_EXAMPLE = "Example: shoal search ring:200x150 --robots 6 --footprint 10 --loss 0.3 --kill 2@20 --out found"
 COMPILING = "compiling kernels: once after an installation, half a minute ..."
@@ -205,7 +208,8 @@ def _write_missions(
     """Write the missions of the plan: what each robot does if nothing goes wrong."""
     from shoal.search.missions import missions_of, write_missions
 
-    plan, found = episode.plan, []
+    plan = episode.plan
+    found: list[Mission] = []
     energy = episode.scenario.brief.energy * plan.grid.size
     for robot, sweeps in enumerate(plan.allocation.sweeps):
         numbers = plan.numbers(sweeps)
@@ -252,10 +256,14 @@ def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | No
         from shoal.views.search_films import write_search_film
 
         for path in film:
-            with progress(f"film {path.name}", 100, shown=path.suffix.lower() != ".html") as advance:
-                write_search_film(episode, path, on_frame=lambda done, total, tell=advance: tell(100 * done // max(total, 1)))
+            with progress(f"film {path.name}", 100, shown=path.suffix.lower() != ".html") as tell:
+                write_search_film(episode, path, on_frame=partial(_percent, tell))
             written.append(path)
     return written
+
+
+def _percent(tell: Callable[[int], None], done: int, total: int) -> None:
+    tell(100 * done // max(total, 1))
 
 
 def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from shoal.search.allocation import Allocation, Sweep, allocate
 from shoal.search.cells import CellGrid, cells_of
+from shoal.search.course import Course
 from shoal.search.coverage import Coverage, coverage_check
 from shoal.search.episode import RobotLog, SearchEpisode
 from shoal.search.ground import GroundPaths, Route, merge_collinear
@@ -23,7 +25,9 @@ from shoal.search.tours import (
 )
 
 __all__ = [
+    "Allocation",
     "CellGrid",
+    "Course",
     "Coverage",
     "GroundPaths",
     "LocalFrame",
@@ -32,9 +36,11 @@ __all__ = [
     "SearchEpisode",
     "SearchPlan",
     "SearchRegion",
+    "Sweep",
     "Tour",
     "TourMaker",
     "TourMetrics",
+    "allocate",
     "cells_of",
     "components",
     "coverage_check",
