@@ -26,6 +26,15 @@ PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONT
 WITH_COMMANDS = [page for page in PAGES if "```console" in page.read_text()]
 MODULES = [
     "errors",
+    "search.allocation",
+    "search.bits",
+    "search.faults",
+    "search.messages",
+    "search.network",
+    "search.planning",
+    "search.robot",
+    "search.running",
+    "search.scenarios",
     "search.missions.checking",
     "search.missions.files",
     "search.missions.findings",
