@@ -311,13 +311,15 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
             lost, got = lost + sign.count - known.sign.count - 1, got + 1
         peers[sign.robot] = Peer(sign, time)
     searched = robot.searched
-    for other, bits in beacon.searched:
+    for other, told in beacon.searched:
         known_bits = searched.get(other, 0)
-        if bits != known_bits and other != number and bits & ~known_bits:
-            searched = {**searched, other: known_bits | bits}
+        if told != known_bits and other != number:
+            more = told & robot.brief.everything & ~known_bits  # what is no cell would never be settled
+            if more:
+                searched = {**searched, other: known_bits | more}
     found = robot.found
     for cell, witnesses in beacon.found:
-        if witnesses & ~found.get(cell, 0):
+        if cell < len(robot.brief.course) and witnesses & ~found.get(cell, 0):
             found = {**found, cell: found.get(cell, 0) | witnesses}
     return robot.but(peers=peers, lost=lost, got=got, searched=searched, found=found)
 
