@@ -19,7 +19,7 @@ import pytest
 
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.search import Course, make_tour
-from shoal.search.faults import Crash
+from shoal.search.faults import Crash, Pause
 from shoal.search.live import LiveEvent, LiveOutcome, fleet, presence, process, radio, run_live, running
 from shoal.search.live.outcome import covered_share, searched_by
 from shoal.search.live.vehicle import Vehicle
@@ -134,18 +134,14 @@ def test_without_any_message_each_searches_everything():
     assert nobody_shared_a_cell(outcome)
 
 
-def test_what_is_found_comes_with_the_events():
+def test_a_robot_finds_things_and_goes_home_in_between():
     seen: list[LiveEvent] = []
-    outcome = run_live(brief_of(4, 4), [0], targets=[5], rates=[2.0], speed=100.0, on_event=seen.append)
+    brief = brief_of(4, 4, energy=10.0, recharge=1.0)
+    outcome = run_live(brief, [0], targets=[5], rates=[2.0], speed=100.0, on_event=seen.append)
+    assert outcome.complete
     assert [event.cell for event in outcome.events if event.found] == [5]
     assert sorted(seen, key=lambda event: event.time) == list(outcome.events)
     assert seen[-1].kind == "declared"
-
-
-def test_a_robot_with_little_energy_goes_home_in_between():
-    brief = brief_of(4, 4, energy=10.0, recharge=1.0)
-    outcome = run_live(brief, [0], speed=100.0)
-    assert outcome.complete
     home = tuple(brief.course.points[0])
     assert [event.place for event in outcome.events if event.kind == "recharged"] == [home] * 3
 
@@ -169,7 +165,7 @@ def test_time_limit():
 
 def test_where_multicast_cannot_be_had_it_is_unicast(monkeypatch):
     assert radio.reserve("127.0.0.1") is None  # no multicast group: the system refuses
-    monkeypatch.setattr(running, "reserve", lambda: radio.reserve("127.0.0.1"))
+    monkeypatch.setattr(running, "reserve", lambda port: radio.reserve("127.0.0.1", port))
     outcome = run_live(brief_of(3, 4), [0, 6], speed=100.0)
     assert outcome.channel == "unicast"
     assert outcome.complete
@@ -230,12 +226,24 @@ def test_a_process_that_cannot_start_is_named(monkeypatch):
     assert descriptors() == before
 
 
-def test_a_robot_that_fails_is_named_and_the_others_go_on():
-    """A port that is none: each robot's radio fails when it is switched on."""
+def test_a_robot_whose_radio_fails_is_named():
+    """The port is none."""
     task = running.LiveTask(brief_of(3, 4), (0,), (1.0,), 10.0, "multicast", -1, 0.0, 0, frozenset())
     with fleet.Fleet(task) as robots, pytest.raises(ShoalError, match=r"robot 1: .*OverflowError"):
         robots.wait_ready(60.0)
     assert children() == set()
+
+
+def test_a_robot_that_fails_later_is_named_and_the_others_go_on():
+    """The speed of the second one is none: it fails when it wants to drive."""
+    task = running.LiveTask(brief_of(3, 4), (0, 6), (1.0, "fast"), 100.0, "unicast", 0, 0.0, 0, frozenset())
+    with fleet.Fleet(task) as robots:
+        robots.wait_ready(60.0)
+        outcome = running._Watch(robots, task, None, 0.0).run([], 60.0)
+    assert list(outcome.failed) == [2]
+    assert outcome.failed[2] == "ValueError: could not convert string to float: 'fast'"
+    assert outcome.complete
+    assert list(outcome.declared) == [1]
 
 
 @pytest.mark.parametrize(
@@ -247,7 +255,10 @@ def test_a_robot_that_fails_is_named_and_the_others_go_on():
         ({"loss": 1.5}, "loss: expected a probability"),
         ({"speed": 0.0}, "speed: expected cells a second"),
         ({"kill": [Crash(2, 1.0)]}, "fault: expected a robot from 1 to 1"),
+        ({"kill": [Crash(1, -1.0)]}, "kill: expected crashes at times from 0 on"),
+        ({"kill": [Pause(1, 1.0, 2.0)]}, "kill: expected crashes at times from 0 on"),
         ({"targets": [12]}, "targets: expected cells from 0 to 11"),
+        ({"port": 65536}, "port: expected a number from 1 to 65535"),
         ({"channel": "smoke"}, "channel: expected auto, multicast or unicast, got 'smoke'"),
     ],
 )

@@ -48,15 +48,16 @@ def speaker(channel: Channel) -> socket.socket:
     return mouth
 
 
-def reserve(group: str = GROUP) -> socket.socket | None:
-    """Return a socket on a port of the group that nobody else uses, or None where multicast cannot be had.
+def reserve(group: str = GROUP, port: int = 0) -> socket.socket | None:
+    """Return a socket on a port of the group, 0 for one that nobody else uses, or None where multicast cannot be had.
 
     The port stays taken until the socket is closed. One datagram was sent to it and heard there.
     """
     try:
-        with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
-            probe.bind((group, 0))
-            port = int(probe.getsockname()[1])
+        if not port:
+            with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
+                probe.bind((group, 0))
+                port = int(probe.getsockname()[1])
         ear = listener(group, port)
     except OSError:
         return None

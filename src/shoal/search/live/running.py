@@ -36,6 +36,7 @@ def run_live(
     targets: Sequence[int] = (),
     speed: float = 10.0,
     channel: Literal["auto", "multicast", "unicast"] = "auto",
+    port: int = 0,
     seed: int = 0,
     timeout: float | None = None,
     on_event: Callable[[LiveEvent], None] | None = None,
@@ -61,6 +62,8 @@ def run_live(
         Cells a second of a robot of speed 1: the time itself is real.
     channel : str
         "multicast"; "unicast", to each robot's port; "auto", unicast where multicast cannot be had.
+    port : int
+        Of the multicast group 239.83.72.76; 0 for a free one.
     seed : int
         Of the losses. Which message meets which draw depends on the system: two runs are never alike.
     timeout : float, optional
@@ -87,19 +90,25 @@ def run_live(
     >>> outcome.complete, outcome.covered, sorted(outcome.declared)
     (True, 1.0, [1, 2])
     """
-    scenario = Scenario(brief, tuple(starts), tuple(rates or ()), network_of(loss=loss), tuple(kill))
+    speeds = () if rates is None else tuple(float(rate) for rate in rates)
+    scenario = Scenario(brief, tuple(int(start) for start in starts), speeds, network_of(loss=loss), tuple(kill))
     if os.name != "posix":
         raise InvalidInputError(f"live search: expected a POSIX system (Linux, macOS), got {os.name}")
     if not 0 < speed < inf:
         raise InvalidInputError(f"speed: expected cells a second, above 0, got {speed!r}")
+    for crash in kill:
+        if not isinstance(crash, Crash) or not 0 <= crash.time < inf:
+            raise InvalidInputError(f"kill: expected crashes at times from 0 on, got {crash}")
     if any(not 0 <= cell < len(brief.course) for cell in targets):
         raise InvalidInputError(f"targets: expected cells from 0 to {len(brief.course) - 1}, got {list(targets)!r:.200}")
+    if not 0 <= port <= 65_535:
+        raise InvalidInputError(f"port: expected a number from 1 to 65535, or 0 for a free one, got {port!r}")
     _check_size(brief, len(starts), len(targets))
     parts_of(brief.course, brief.method, ((1, starts[0], 1.0),))  # compiled once, not by each process
     if timeout is None:
         timeout = _SLACK[0] + _SLACK[1] * brief.course.whole / min(scenario.rates) / speed
     with ExitStack() as stack:
-        used, port = _reserved(channel, stack)
+        used, port = _reserved(channel, port, stack)
         task = LiveTask(brief, scenario.starts, scenario.rates, speed, used, port, loss, seed, frozenset(targets))
         began = time.monotonic()
         with Fleet(task) as fleet:
@@ -120,12 +129,12 @@ def _check_size(brief: Brief, robots: int, targets: int) -> None:
         )
 
 
-def _reserved(channel: str, stack: ExitStack) -> tuple[Channel, int]:
+def _reserved(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:
     """Return the channel to be used and the port of the group, which is kept."""
     if channel not in ("auto", "multicast", "unicast"):
         raise InvalidInputError(f"channel: expected auto, multicast or unicast, got {channel!r}")
     if channel != "unicast":
-        kept = reserve()
+        kept = reserve(port=port)
         if kept is not None:
             stack.callback(kept.close)
             return "multicast", int(kept.getsockname()[1])
