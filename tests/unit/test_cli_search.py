@@ -9,7 +9,18 @@ import pytest
 from shoal.cli import run
 
 FIELDS = ["region", "robots", "tour", "allocation", "makespan_cells", "makespan_s", "planned_cells", "lower_bound_cells"]
-FIELDS += ["covered_fraction", "uncovered_m2", "outside_m", "complete", "simulated", "messages", "takeovers", "findings", "routes"]
+FIELDS += [
+    "covered_fraction",
+    "uncovered_m2",
+    "outside_m",
+    "complete",
+    "simulated",
+    "live",
+    "messages",
+    "takeovers",
+    "findings",
+    "routes",
+]
 FIELDS += ["seed", "seconds"]
 FIELD = {"type": "Polygon", "coordinates": [[[7.0, 50.0], [7.003, 50.0], [7.003, 50.002], [7.0, 50.002], [7.0, 50.0]]]}
 

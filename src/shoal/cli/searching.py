@@ -114,6 +114,10 @@ def search(
             show_default=False,
         ),
     ] = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="One process a robot over real UDP instead of a simulation; --kill kills the process.")
+    ] = False,
+    live_speed: Annotated[float, typer.Option("--live-speed", help="Cells a second of a live robot.")] = 20.0,
     seed: options.Seed = 0,
     out: Annotated[
         Path | None,
@@ -146,7 +150,7 @@ def search(
     area = open_region(region, no_go=list(no_go) if no_go else None)
     faults = crashes_of(kill or [], robots=robots)
     check_outputs(out, film)
-    with patience(COMPILING):
+    with patience("searching with one process a robot ..." if live else COMPILING):
         episode = run(
             area,
             robots=robots,
@@ -168,6 +172,7 @@ def search(
             false_alarm=false_alarm,
             speed=speed,
             simulate=simulate,
+            live=live_speed if live else None,
             seed=seed,
         )
         result = episode.report()

@@ -109,7 +109,9 @@ def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
         return ring if sign * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) > 0 else ring[::-1]
 
     frame, *rest = rings
-    return Path.make_compound_path(*(Path(np.vstack([r, r[:1]]), closed=True) for r in (turned(frame, 1), *(turned(r, -1) for r in rest))))
+    return Path.make_compound_path(
+        *(Path(np.vstack([r, r[:1]]), closed=True) for r in (turned(frame, 1), *(turned(r, -1) for r in rest)))
+    )
 
 
 def cell_colours(story: SearchStory, time: float = inf) -> NDArray[np.float64]:
@@ -218,7 +220,9 @@ def _draw_robots(axes: Axes, story: SearchStory) -> None:
             axes.plot(*np.stack([place, label]).T, color=colour, lw=0.9, zorder=6.2)
             axes.plot(*place, "s", color=colour, ms=3, zorder=6.2)
         axes.plot(*label, "s", mfc=colour, mec="white", mew=0.9, ms=side, zorder=6.5, clip_on=False)
-        axes.text(*label, str(robot + 1), color="white", fontsize=font, fontweight="bold", ha="center", va="center_baseline", zorder=7)
+        axes.text(
+            *label, str(robot + 1), color="white", fontsize=font, fontweight="bold", ha="center", va="center_baseline", zorder=7
+        )
     for robot in range(story.n_robots):
         if story.death(robot) < inf:
             place = story.motions[robot].at(story.death(robot))
@@ -365,7 +369,12 @@ def _draw_kinds(figure: Figure, story: SearchStory) -> None:
 
 
 def expected_time_figure(
-    *, robots: Sequence[int] = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50), cells: int = 1024, dead: int = 5, trials: int = 10_000, seed: int = 0
+    *,
+    robots: Sequence[int] = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50),
+    cells: int = 1024,
+    dead: int = 5,
+    trials: int = 10_000,
+    seed: int = 0,
 ) -> Figure:
     """Return the expected time of robots that stay where they are against their number, as paper H, Fig. 5.
 
