@@ -152,6 +152,7 @@ const ShoalSearch = (() => {
       pen.lineJoin = "round";
       pen.stroke();
       this.drawWays(time, colours, side);
+      story.robots.forEach((robot, k) => this.drawStart(robot.points[0], colours.robotText(k), colours));
       for (const [fx, fy, when] of story.findings) if (when <= time + EARLY) this.drawFinding([fx, fy], colours);
       story.robots.forEach((robot, k) => { if (k !== this.chosen) this.drawRobot(robot, k, time, colours); });
       if (this.chosen >= 0) this.drawRobot(story.robots[this.chosen], this.chosen, time, colours);
@@ -200,6 +201,14 @@ const ShoalSearch = (() => {
       pen.globalAlpha = 1;
     }
 
+    drawStart(point, own, colours) {
+      const { pen, unit } = this, [x, y] = this.view.at(point), half = 3.5 * unit;
+      pen.fillStyle = colours.floorText;
+      pen.fillRect(x - half - unit, y - half - unit, 2 * (half + unit), 2 * (half + unit));
+      pen.fillStyle = own;
+      pen.fillRect(x - half, y - half, 2 * half, 2 * half);
+    }
+
     drawFinding(point, colours) {
       const { pen, unit } = this, [x, y] = this.view.at(point), r = 6.5 * unit;
       pen.beginPath();
@@ -217,8 +226,17 @@ const ShoalSearch = (() => {
       const { pen, unit, story } = this, [x, y] = this.view.at(robot.at(time)), stretch = robot.stretchAt(time);
       const r = (story.robots.length <= 12 ? 10.5 : 8.5) * unit, own = colours.robotText(k);
       pen.globalAlpha = this.chosen >= 0 && this.chosen !== k ? 0.45 : 1;
-      if (stretch.kind === "dead") this.drawCross(x, y, 0.62 * r, colours);
-      else {
+      if (stretch.kind === "dead") {
+        this.drawCross(x, y, 0.62 * r, colours);
+        pen.font = `700 ${1.05 * r}px system-ui, sans-serif`;
+        pen.textAlign = "left";
+        pen.lineWidth = 3 * unit;
+        pen.lineJoin = "round";
+        pen.strokeStyle = colours.floorText;
+        pen.strokeText(k + 1, x + 0.85 * r, y + 1.3 * r);
+        pen.fillStyle = colours.ink;
+        pen.fillText(k + 1, x + 0.85 * r, y + 1.3 * r);
+      } else {
         const idle = !["own", "taken"].includes(stretch.kind);
         if (stretch.kind === "taken") this.drawTaking(x, y, r, own, (time - stretch.begin) / (story.end / 40));
         pen.beginPath();
