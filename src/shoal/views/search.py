@@ -39,7 +39,7 @@ def search_figure(episode: SearchEpisode) -> Figure:
     left, right, bottom, top = story.extent
     ratio = (top - bottom) / (right - left)
     width = 7.2 if ratio < 1.2 else max(4.6, 8.4 / ratio)
-    figure = new_figure(width, float(np.clip(width * ratio, 1.6, 9.0)) + 1.15)
+    figure = new_figure(width, float(np.clip((width - 0.6) * ratio, 1.2, 8.6)) + 1.3)
     axes = figure.add_subplot()
     side = 72 * 0.9 * min(width / (right - left), figure.get_figheight() / (top - bottom)) * episode.plan.grid.size
     _draw_ground(axes, story)

@@ -20,8 +20,8 @@ from shoal.views.search_story import SearchStory, Stretch, rings_of, robot_colou
 if TYPE_CHECKING:
     from shoal.views.canvas import Canvas
 
-RATE = {".gif": 16, ".mp4": 30}  # frames a second
-HEIGHT = {".gif": 480, ".mp4": 720}
+RATE = {".gif": 10, ".mp4": 30}  # frames a second
+HEIGHT = {".gif": 432, ".mp4": 720}
 SECONDS = 24.0
 _SHORTEST = 4.0
 _REST = 1.2  # seconds for which the end stays
@@ -146,6 +146,9 @@ class SearchFilm:
         colours = np.rint(255 * np.vstack([cell_colours(self.story, time), (1.0, 1.0, 1.0)])).astype(np.uint8)
         canvas = self._canvas
         canvas.paint(np.where((self._label < self.story.n_cells)[..., None], colours[self._label], self._plain))
+        for robot, stretches in enumerate(self.story.stretches):
+            if any(stretch.kind == "taken" and stretch.begin <= time for stretch in stretches):
+                canvas.lines(self._outlines[robot], robot_colour(robot), 2 * self._unit)
         frame = np.array([(-9, -9), (self.width + 9, -9), (self.width + 9, self.height + 9), (-9, self.height + 9)], dtype=float)
         head = 56 * self._unit
         frame[:2, 1], frame[2:, 1] = head, self.height - 80 * self._unit
@@ -188,7 +191,6 @@ class SearchFilm:
             canvas.text(place + (0.9 * radius, 1.3 * radius), str(robot + 1), INK, 11 * unit, bold=True)
             return
         if stretch.kind == "taken":
-            canvas.lines(self._outlines[robot], colour, 1.8 * unit)
             since = (time - stretch.begin) / (self.story.end / _FLASH)
             if since < 1:
                 canvas.disc(place, radius * (1.2 + 2.6 * since), None, edge=colour, width=3 * unit, alpha=1 - since)

@@ -221,7 +221,9 @@ class SearchStory:
         moments = departures[leg] + share * (arrivals - departures)[leg]
         times = np.insert(np.concatenate([[0.0], moments]), ends[:-1] + 1, departures)
         points = np.insert(route.points, ends[:-1] + 1, route.points[ends[:-1]], axis=0)
-        return Motion(np.maximum.accumulate(times), points)
+        times = np.maximum.accumulate(times)
+        new = np.concatenate([[True], (np.diff(times) > 1e-9) | (np.abs(np.diff(points, axis=0)).max(axis=1) > 0)])
+        return Motion(times[new], points[new])
 
     def _first_leg(self, robot: int) -> Motion:
         """Return the motion of a robot that searched nothing: as far as it came on the way to its part."""

@@ -1,7 +1,7 @@
-"""The player: one HTML page, with nothing outside it, that plays a swarm episode or a steering episode.
+"""The player: one HTML page, with nothing outside it, that plays a swarm episode, a steering episode or a search.
 
 The page of a swarm episode simulates it again from its start and its commands, so the file stays small: some 70 kB, of
-which the episode takes a few. That of a steering episode is told the way of each particle, in straight pieces.
+which the episode takes a few. Those of a steering episode and of a search are told the ways, in straight pieces.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import json
 import re
 from importlib import resources
 
-__all__ = ["render", "render_steering"]
+__all__ = ["render", "render_search", "render_steering"]
 
 _MARKER = re.compile(r"<!-- shoal:(\w+) -->")
 _SHARED = {"css": "player.css", "head": "head.html", "buttons": "buttons.html", "hands": "hands.js", "desk": "desk.js"}
@@ -27,6 +27,13 @@ _STEERING = _SHARED | {
     "views": "views.js",
     "scene": "scene.js",
     "player": "steering.js",
+}
+_SEARCH = _SHARED | {
+    "more": "search.css",
+    "track": "track.js",
+    "views": "views.js",
+    "scene": "search_scene.js",
+    "player": "search.js",
 }
 
 
@@ -99,6 +106,29 @@ def render_steering(data: dict[str, object]) -> str:
         If a number is not finite.
     """
     return _assembled("steering.html", _STEERING, data)
+
+
+def render_search(data: dict[str, object]) -> str:
+    """Return the text of a page that plays a search.
+
+    Parameters
+    ----------
+    data : dict
+        As `shoal.views.player.search_page.search_data` returns it.
+
+    Returns
+    -------
+    str
+        As `render` does.
+
+    Raises
+    ------
+    TypeError
+        If a value has no JSON form.
+    ValueError
+        If a number is not finite.
+    """
+    return _assembled("search.html", _SEARCH, data)
 
 
 def _assembled(page: str, files: dict[str, str], data: dict[str, object]) -> str:

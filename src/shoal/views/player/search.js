@@ -1,0 +1,274 @@
+/* The page of a search: what buttons, keys and pointers do, and what is shown at each moment. */
+"use strict";
+
+(() => {
+  const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
+  const SECONDS = 30; // that a long search takes at speed 1
+  const FASTEST = 16; // cells a second at speed 1, of short ones
+  const COLOURS = 12; // of robots; then they come again
+
+  const { $, fail, fillRows, number, plural } = ShoalDesk;
+  const STATES = {
+    listening: "listening", own: "searching", waiting: "waiting", paused: "paused", dead: "dead", complete: "knows all is searched",
+  };
+  const wordOf = ({ kind, other }, liar) => (kind === "taken" ? `in the part of ${other}` : liar && kind === "own" ? "says it searches" : STATES[kind]);
+
+  function start() {
+    let data;
+    try {
+      data = JSON.parse($("data").textContent);
+      const story = new ShoalSearch.Story(data);
+      $("player").hidden = false;
+      window.shoalPlayer = play(story);
+    } catch (error) {
+      fail(data === undefined ? "Its data is not valid JSON." : "Its data is damaged.");
+      if (data !== undefined) throw error;
+    }
+  }
+
+  // ---- what does not change ---------------------------------------------------------------------
+
+  function describe(story) {
+    $("title").textContent = story.title;
+    ShoalDesk.showFacts([
+      plural(story.cells, "cell"), `tour ${story.tour}`, story.takeovers ? `${story.takeovers} taken over` : "",
+      story.covered == null ? "not searched wholly" : `searched after ${number(Math.round(story.covered))} cells’ time`,
+    ]);
+    $("of").textContent = `of ${plural(story.cells, "cell")}`;
+    $("player").style.setProperty("--rows", story.robots.length);
+    for (const [id, words, key] of [["first", "Start", "Home"], ["last", "End", "End"]]) {
+      $(id).setAttribute("aria-label", words);
+      $(id).title = `${words} (${key})`;
+    }
+    fillRows($("details"), [
+      ["Findings", number(story.findings.length)],
+      ["Side of a cell", `${Number(story.size.toPrecision(4))} m`],
+      ["Allocation", story.allocation],
+      ["Seed", String(story.seed)],
+      ["Shoal", story.version],
+    ]);
+  }
+
+  function listRobots(story, choose) {
+    return story.robots.map((robot, k) => {
+      const item = document.createElement("li"), button = document.createElement("button");
+      button.type = "button";
+      button.setAttribute("aria-pressed", "false");
+      button.style.setProperty("--own", `var(--r${k % COLOURS})`);
+      const [no, state, done] = ["no", "state", "done"].map((name) => {
+        const span = document.createElement("span");
+        span.className = name;
+        button.append(span);
+        return span;
+      });
+      no.textContent = k + 1;
+      const way = document.createElement("span"), bar = document.createElement("i");
+      way.className = "way";
+      way.append(bar);
+      button.append(way);
+      button.addEventListener("click", () => choose(k));
+      item.append(button);
+      $("robots").append(item);
+      return { button, state, done, bar, told: "" };
+    });
+  }
+
+  // ---- the player -----------------------------------------------------------------------------------
+
+  function play(story) {
+    const scene = new ShoalSearch.Scene($("picture"), story), rows = new ShoalSearch.Rows($("chart"), story), { view } = scene;
+    const rate = Math.min(Math.max(story.end / SECONDS, 1), Math.max(FASTEST, story.end / SECONDS)); // cells a second
+    let time = 0, playing = false, clock = 0, speed = 1, pending = 0, colours = {};
+
+    function redraw() {
+      pending ||= requestAnimationFrame(frame);
+    }
+
+    function frame(now) {
+      pending = 0;
+      if (playing) advance(now);
+      scene.draw(time, colours);
+      rows.draw(time, colours);
+      if (playing) redraw();
+    }
+
+    function advance(now) {
+      const next = time + (Math.max(0, Math.min(now - clock, 100)) / 1000) * speed * rate; // after a hidden tab, no leap
+      clock = now;
+      show(next);
+      if (time === story.end) pause();
+    }
+
+    function show(next) {
+      time = ShoalTrack.clamp(next, 0, story.end);
+      report();
+      redraw();
+    }
+
+    function play() {
+      if (playing) return;
+      if (time === story.end) show(0);
+      playing = true;
+      clock = performance.now();
+      reportPlaying();
+      redraw();
+    }
+
+    function pause() {
+      if (!playing) return;
+      playing = false;
+      reportPlaying();
+    }
+
+    function goTo(next) {
+      pause();
+      show(next);
+    }
+
+    // ---- words and numbers ----
+
+    const list = listRobots(story, choose);
+
+    function report() {
+      const done = story.searchedAt(time);
+      $("searched").textContent = number(done);
+      $("bar").style.transform = `scaleX(${done / story.cells})`;
+      const seconds = time * story.cellTime;
+      $("clock").textContent = `${number(Math.floor(time))} of ${number(Math.round(story.end))} cells’ time · ${number(Math.round(seconds))} s`;
+      $("scrub").value = Math.round(1000 * time);
+      $("scrub").style.setProperty("--done", time / story.end);
+      story.robots.forEach((robot, k) => reportRobot(robot, list[k]));
+      if (!playing) announce(done);
+    }
+
+    /** Only what is new is written: thirty rows are seen sixty times a second. */
+    function reportRobot(robot, row) {
+      const stretch = robot.stretchAt(time), done = robot.doneAt(time), told = `${stretch.kind}${stretch.other} ${done}`;
+      if (told === row.told) return;
+      row.told = told;
+      row.state.textContent = wordOf(stretch, robot.liar);
+      row.done.textContent = number(done);
+      row.bar.style.transform = `scaleX(${robot.visits.length ? done / robot.visits.length : 0})`;
+      row.button.className = `is-${stretch.kind}`;
+    }
+
+    function choose(k) {
+      const chosen = scene.chosen === k ? -1 : k;
+      scene.chosen = rows.chosen = chosen;
+      list.forEach((row, i) => row.button.setAttribute("aria-pressed", String(i === chosen)));
+      scene.forget();
+      rows.forget();
+      redraw();
+    }
+
+    function caption(x = null, y = 0) {
+      if (x === null) {
+        $("hover").textContent = story.covered == null ? "" : `all searched at ${number(Math.round(story.covered))}`;
+        return;
+      }
+      const at = rows.timeAt(x), k = rows.rowAt(y), robot = story.robots[k];
+      $("hover").textContent = `${number(Math.round(at))}: robot ${k + 1} ${wordOf(robot.stretchAt(at), robot.liar)}`;
+    }
+
+    let speaking = 0;
+    function announce(done) {
+      const words = `${number(done)} of ${plural(story.cells, "cell")} searched`;
+      $("scrub").setAttribute("aria-valuetext", words);
+      $("picture").setAttribute("aria-label", `The region with ${plural(story.robots.length, "robot")}, ${words}`);
+      clearTimeout(speaking); // a drag should be read out once, where it ends
+      speaking = setTimeout(() => { if (!playing) $("live").textContent = words; }, 300);
+    }
+
+    function reportPlaying() {
+      $("player").classList.toggle("playing", playing);
+      $("play").setAttribute("aria-label", playing ? "Pause" : "Play");
+      if (playing) $("live").textContent = "";
+      else announce(story.searchedAt(time));
+    }
+
+    // ---- colours, sizes, view ----
+
+    function setTheme(theme) {
+      const read = ShoalDesk.wearTheme(theme), css = (name) => `rgb(${read(name).join(" ")})`;
+      const own = Array.from({ length: COLOURS }, (_, i) => read(`r${i}`)), text = own.map((colour) => `rgb(${colour.join(" ")})`);
+      colours = {
+        robot: (k) => own[k % COLOURS], robotText: (k) => text[k % COLOURS], floor: read("floor"), floorText: css("floor"),
+        onRobot: css("on-robot"), wall: css("wall"), wait: css("wait"), found: css("found"), ink: css("ink"),
+        veil: `rgb(${read("page").join(" ")} / .62)`,
+      };
+      scene.forget();
+      rows.forget();
+      redraw();
+    }
+
+    function resize() {
+      const ratio = window.devicePixelRatio || 1, rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
+      for (const [drawn, box] of [[scene, "stage"], [rows, "chart"]]) drawn.resize($(box).clientWidth, $(box).clientHeight, ratio, rem);
+      reportView();
+    }
+
+    function reportView() {
+      $("fit").hidden = !view.moved;
+      $("stage").classList.toggle("zoomed", view.zoom > 1);
+      redraw();
+    }
+
+    const moveView = (change) => { change(); reportView(); };
+
+    // ---- hands ----
+
+    const toggle = () => (playing ? pause() : play());
+    const setSpeed = (next) => { speed = next; $("speed").value = next; };
+    const changeSpeed = (by) => setSpeed(SPEEDS[ShoalTrack.clamp(SPEEDS.indexOf(speed) + by, 0, SPEEDS.length - 1)]);
+    const fit = () => moveView(() => view.fit());
+    const toggleTheme = () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+    const stepBy = (n) => goTo(n > 0 ? Math.floor(time + 1e-9) + n : Math.ceil(time - 1e-9) + n);
+    const actions = {
+      play: toggle, theme: toggleTheme, help: ShoalDesk.openKeys, fit,
+      first: () => goTo(0), last: () => goTo(Infinity), back: () => stepBy(-1), forward: () => stepBy(1),
+    };
+    const keys = {
+      " ": toggle, Home: actions.first, End: actions.last, "+": () => changeSpeed(1), "=": () => changeSpeed(1),
+      "-": () => changeSpeed(-1), _: () => changeSpeed(-1), d: toggleTheme, f: fit, "?": ShoalDesk.openKeys,
+    };
+
+    function listen() {
+      ShoalDesk.listen(actions, keys, stepBy);
+      ShoalDesk.listenToSpeed(SPEEDS, (by) => `× ${by}`, setSpeed);
+      $("scrub").addEventListener("input", () => goTo(Number($("scrub").value) / 1000));
+      let level = 0;
+      $("chart").addEventListener("pointermove", (event) => { level = event.clientY - $("chart").getBoundingClientRect().top; }, true);
+      ShoalHands.seekOn($("chart"), (x) => goTo(rows.timeAt(x)), (x) => caption(x, level));
+      ShoalHands.zoomOn($("picture"), {
+        zoom: (factor, x, y) => moveView(() => view.zoomAt(factor, x * scene.ratio, y * scene.ratio)),
+        pan: (x, y) => moveView(() => view.drag(x * scene.ratio, y * scene.ratio)),
+        zoomed: () => view.zoom > 1,
+        held: (on) => $("stage").classList.toggle("dragged", on),
+      });
+      const sizes = new ResizeObserver(resize);
+      for (const box of ["stage", "chart"]) sizes.observe($(box));
+    }
+
+    describe(story);
+    $("scrub").max = Math.round(1000 * story.end);
+    listen();
+    setSpeed(speed);
+    ShoalDesk.followTheme(setTheme);
+    resize();
+    caption();
+    report();
+    return {
+      length: story.end, play, pause, seek: goTo,
+      get time() { return time; },
+      get playing() { return playing; },
+      get searched() { return story.searchedAt(time); },
+      get points() { return story.robots.map((robot) => robot.at(time)); },
+      get doing() { return story.robots.map((robot) => robot.stretchAt(time).kind); },
+      get chosen() { return scene.chosen; },
+      get zoom() { return view.zoom; },
+      drawNow() { scene.draw(time, colours); rows.draw(time, colours); },
+    };
+  }
+
+  start();
+})();
