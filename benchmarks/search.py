@@ -87,7 +87,7 @@ def figure_five() -> None:
 
 
 def plans() -> None:
-    print("\nTime of a plan (first call: kernels are compiled or read from the cache)")
+    print("\nTime of a plan")
     plan_search("square:100", robots=4, footprint=10)
     for name, robots, starts in (("square:32", 16, "line"), ("square:64", 20, "random"), ("square:1000", 1000, "random")):
         began = time.perf_counter()

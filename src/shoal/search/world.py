@@ -259,7 +259,6 @@ class World:
             try:
                 message = decode(message)
             except InvalidInputError:
-                self.lost += 1
                 return
         self._do_event(vehicle, Heard(self.time, message))
 
@@ -383,7 +382,7 @@ class World:
                 continue
             link = Link(number, other, self.time, course.between(sender.place, receiver.place))
             arrived = network.send(link, self.rng)
-            self.lost += not arrived
+            self.lost += all(copy.damaged for copy in arrived)
             for copy in arrived:
                 data = data or (encode(beacon) if copy.damaged else b"")
                 message = damage(data, self.rng) if copy.damaged else beacon
