@@ -149,7 +149,8 @@ def test_cells_have_the_colours_of_their_robots(open_player):
         const canvas = document.getElementById('picture'), { width, height } = canvas;
         const unit = devicePixelRatio * parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;
         const side = Math.min(width, height) - 44 * unit;
-        const pixel = canvas.getContext('2d').getImageData(Math.round(width / 2 - side * 0.45), Math.round(height / 2 - side * 0.45), 1, 1);
+        const [x, y] = [width, height].map((length) => Math.round(length / 2 - side * 0.45));
+        const pixel = canvas.getContext('2d').getImageData(x, y, 1, 1);
         return [...pixel.data];
     })()""")
     wanted = [round(255 + 0.18 * (part - 255)) for part in (0x00, 0x72, 0xB2)]

@@ -1,4 +1,4 @@
-"""Paper H, Fig. 5: the expected time of robots that stay where they are, against theory, an exact count and the allocation itself."""
+"""Paper H, Fig. 5: the time of robots that stay where they are, against theory, an exact count and the allocation itself."""
 
 from __future__ import annotations
 

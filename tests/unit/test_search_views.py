@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 from math import inf
 
 import numpy as np
@@ -52,7 +53,7 @@ def test_stretches_follow_one_another(story):
     for robot, stretches in enumerate(story.stretches):
         assert stretches[0].begin == 0
         assert stretches[-1].end == story.end
-        assert all(one.end == two.begin for one, two in zip(stretches, stretches[1:], strict=False))
+        assert all(one.end == two.begin for one, two in pairwise(stretches))
         log = story.episode.robots[robot]
         for time, other in zip(log.times, story.others(robot), strict=True):
             doing = [one for one in stretches if one.begin < time <= one.end]
@@ -81,7 +82,7 @@ def test_motion_stays_inside_and_is_no_faster_than_robots_are(story):
         if not story.episode.plan.transit:
             assert region.contains(points).all()
         log = story.episode.robots[robot]
-        if story.episode.simulated and len(log.cells) > 1:  # ways around corners are longer than robots reckon with: from cell to cell
+        if story.episode.simulated and len(log.cells) > 1:  # from cell to cell: ways around corners are longer than reckoned
             way = motion.times >= log.times[0] - 1e-9
             speeds = np.hypot(*np.diff(motion.points[way], axis=0).T) / np.maximum(np.diff(motion.times[way]), 1e-12) / size
             assert np.median(speeds) <= story.episode.scenario.rates[robot] + 1e-6

@@ -98,7 +98,7 @@ class SearchStory:
 
     @cached_property
     def owners(self) -> tuple[Numbers, dict[int, int]]:
-        """The robot to which each cell was allotted, by number on the tour (0 for none), and the order of the robots round the tour."""
+        """Whose each cell was to search, by number on the tour (0: nobody's), and the order of the robots round the tour."""
         episode, course = self.episode, self.episode.plan.course
         owner = np.zeros(self.n_cells, dtype=np.int64)
         if not episode.simulated:
@@ -257,7 +257,7 @@ class SearchStory:
         return left, left + width * grid.size, top - height * grid.size, top
 
     def outline(self, robot: int) -> Floats:
-        """Return the sides around the cells that a robot was the first to search, having taken them over; shape (k, 2, 2), metres."""
+        """Return the sides around the cells that a robot was first to search for another one; shape (k, 2, 2), metres."""
         mask = self.raster((self.first[1] == robot + 1) & self.taken, False)
         left, _, _, top = self.extent
         size = self.episode.plan.grid.size
