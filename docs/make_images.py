@@ -61,8 +61,8 @@ def searches() -> None:
     """Draw a search in which a robot dies, what each robot did, and the expected time of paper H, Fig. 5."""
     faults = [Crash(2, 20.0), Pause(3, 5, 40)]
     episode = search("ring:200x150", robots=6, footprint=10, loss=0.3, faults=faults, targets=5, seed=3)
-    save("search-ring.png", search_figure(episode), colours=64)
-    save("search-timeline.png", timeline_figure(episode), colours=64)
+    save("search-ring.png", search_figure(episode), colours=256)
+    save("search-timeline.png", timeline_figure(episode), colours=256)
     save("search-expected-time.png", expected_time_figure())
 
 

@@ -88,6 +88,22 @@ def test_motion_stays_inside_and_is_no_faster_than_robots_are(story):
             assert np.median(speeds) <= story.episode.scenario.rates[robot] + 1e-6
 
 
+def test_robots_go_home_to_recharge():
+    found = SearchStory(search("square:80", robots=2, footprint=10, energy=180.0, recharge=60.0, seed=2))
+    for robot, motion in enumerate(found.motions):
+        log, home = found.episode.robots[robot], found.episode.plan.places[robot]
+        gaps = np.flatnonzero(np.diff(log.times) > 6.0)  # recharging lasts six cells
+        resting = [pair for pair in pairwise(zip(motion.times, motion.points, strict=True)) if pair[1][0] - pair[0][0] > 5.9]
+        at_home = [pair for pair in resting if np.allclose(pair[0][1], home) and np.allclose(pair[1][1], home)]
+        assert len(at_home) >= 1
+        assert len(at_home) == sum(1 for k in gaps if any(log.times[k] < pair[0][0] < log.times[k + 1] for pair in at_home))
+        assert (np.diff(motion.times) >= 0).all()
+        speeds = np.hypot(*np.diff(motion.points, axis=0).T) / np.maximum(np.diff(motion.times), 1e-12) / 10
+        assert speeds.max() < 1 + 1e-6
+        for time, cell in zip(log.times, log.cells, strict=True):
+            np.testing.assert_allclose(motion.at(time), found.episode.plan.course.points[cell] * 10, atol=1e-6)
+
+
 def test_first_searched_is_what_the_logs_tell(story):
     times, by = story.first
     logs = story.episode.robots
