@@ -141,11 +141,13 @@ def test_outline_goes_round_the_cells():
         assert len(found.outline(robot)) == sides
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", sorted(CASES.keys() - {"as planned", "ring"}))  # which other tests draw
 def test_figures_are_drawn(name, tmp_path):
     told = episode(name)
     for make in (search_figure, timeline_figure):
-        save_figure(make(told), tmp_path / "figure.png")
+        figure = make(told)
+        figure.set_dpi(60)
+        save_figure(figure, tmp_path / "figure.png")
         assert len(np.unique(np.asarray(Image.open(tmp_path / "figure.png").convert("L")))) > 20
 
 
@@ -215,7 +217,7 @@ def test_film_shows_what_is_searched():
     np.testing.assert_array_equal(again[1], frames[0])
 
 
-@pytest.mark.parametrize("name", ["one robot, one cell", "all dead", "two parts", "reserve"])
+@pytest.mark.parametrize("name", ["one robot, one cell", "all dead", "two parts"])
 def test_gif(name, tmp_path, monkeypatch):
     monkeypatch.setattr("shoal.views.search_films._SHORTEST", 0.6)
     monkeypatch.setattr("shoal.views.search_films.SECONDS", 0.6)

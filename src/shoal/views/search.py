@@ -57,6 +57,7 @@ def search_figure(episode: SearchEpisode) -> Figure:
     draw_heading(figure, f"{episode.plan.grid.region.name}, {_robots(story.n_robots)}")
     _draw_legend(figure, story)
     figure.draw_without_rendering()  # settles where the axes are, so that numbers can be kept apart on paper
+    figure.set_layout_engine("none")
     _draw_robots(axes, story)
     return figure
 
