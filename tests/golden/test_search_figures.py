@@ -58,6 +58,10 @@ def test_exact_count_in_whole_cells(cells, robots):
     assert abs(found.mean - exact_share(cells, robots)) <= SURE * found.error + 1e-12
 
 
+def test_whole_cells_are_hardly_slower():
+    assert exact_share(64, 50) / stay_share(50) == pytest.approx(1.0057, abs=1e-4)
+
+
 def test_it_is_the_time_of_the_allocation():
     course, rng = Course(make_tour("moore", (16, 16))), np.random.default_rng(5)
     times = [allocate(course, rng.integers(256, size=12), method="stay").makespan for _ in range(200)]
