@@ -11,13 +11,13 @@ import sys
 from pathlib import Path
 
 TARGET = Path(__file__).parent / "cli.md"
-COMMANDS = ("", "map", "cover", "maps", "replay", "line", "schedule", "steer", "reach", "tour", "demo")
+COMMANDS = ("", "map", "cover", "maps", "replay", "line", "schedule", "steer", "reach", "search", "tour", "missions check", "demo")
 WIDTH = "84"  # what fits the page
 COLOURED = ("FORCE_COLOR", "PY_COLORS", "GITHUB_ACTIONS", "TTY_COMPATIBLE")  # each would put escape codes into the text
 INTRO = """# Commands
 
-Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 a check failed (`replay`), 2 bad input or output (one
-sentence on stderr, nothing half-written), 130 interrupted.
+Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 a check failed (`replay`, `missions check`), 2 bad
+input or output (one sentence on stderr, nothing half-written), 130 interrupted.
 """
 
 
@@ -25,7 +25,7 @@ def help_of(command: str) -> str:
     """Return a command's help, as a narrow terminal without colours shows it."""
     environment = {name: value for name, value in os.environ.items() if name not in COLOURED}
     environment |= {"COLUMNS": WIDTH, "TERMINAL_WIDTH": WIDTH, "TERM": "dumb", "NO_COLOR": "1", "PYTHONUTF8": "1"}
-    arguments = [sys.executable, "-c", "from shoal.cli import main; main()", *filter(None, [command]), "--help"]
+    arguments = [sys.executable, "-c", "from shoal.cli import main; main()", *command.split(), "--help"]
     text = subprocess.run(arguments, env=environment, check=True, capture_output=True, text=True).stdout
     return "\n".join(line.rstrip() for line in text.strip().splitlines())
 

@@ -85,6 +85,21 @@ for name in ("hilbert", "hilbert-rectangle"):
 """
 
 
+ALLOCATIONS = """
+import numpy as np
+from shoal.search import Course, allocate, make_tour
+rng = np.random.default_rng(6)
+for number in range(12):
+    course = Course(make_tour("comb", (4, 3 + number)), turn_cost=0.5 * (number % 2))
+    m = 1 + number % 4
+    starts = rng.integers(0, len(course), size=m)
+    rates = rng.uniform(0.5, 2, size=m) if number % 3 == 0 else None
+    for method in ("stay", "common-shift", "individual-shift", "two-way", "hop"):
+        found = allocate(course, starts, method=method, rates=rates)
+        print(number, method, found.sweeps, found.times.round(6).tolist())
+"""
+
+
 def episodes(*, compiled: bool, script: str = SCRIPT) -> str:
     environment = dict(os.environ, NUMBA_DISABLE_JIT="0" if compiled else "1")
     done = subprocess.run(
@@ -109,3 +124,9 @@ def test_same_tours_with_the_compiler_off():
     compiled = episodes(compiled=True, script=TOURS)
     assert len(compiled.splitlines()) == 20 + 7 + 6 * 12 + 2
     assert episodes(compiled=False, script=TOURS) == compiled
+
+
+def test_same_allocations_with_the_compiler_off():
+    compiled = episodes(compiled=True, script=ALLOCATIONS)
+    assert len(compiled.splitlines()) == 12 * 5
+    assert episodes(compiled=False, script=ALLOCATIONS) == compiled

@@ -13,16 +13,22 @@ from shoal.version import __version__
 
 FIELDS = ["task", "policy", "map", "particles", "placement", "rule", "seed", "trials", "moves", "status", "mean", "std"]
 FIELDS += ["scan_every", "scan_cost", "move_cost", "scans", "cost", "mean_cost"]
-COMMANDS = ["map", "cover", "maps", "replay", "line", "schedule", "steer", "reach", "tour", "demo"]
+COMMANDS = ["map", "cover", "maps", "replay", "line", "schedule", "steer", "reach", "search", "tour", "missions check", "demo"]
+
+
+def names_of(typer_app):
+    """Return the names of all commands, those of groups after the group's."""
+    grouped = [f"{group.name} {name}" for group in typer_app.registered_groups for name in names_of(group.typer_instance)]
+    return [command.name for command in typer_app.registered_commands] + grouped
 
 
 def test_all_commands_are_listed():
-    assert [command.name for command in app.registered_commands] == COMMANDS
+    assert sorted(names_of(app)) == sorted(COMMANDS)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_the_common_options_and_an_example(command, capsys):
-    assert run([command, "--help"]) == 0
+    assert run([*command.split(), "--help"]) == 0
     text = capsys.readouterr().out
     for option in ("--json", "--seed", "--out", "--help"):
         assert option in text

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import itertools
 import re
+import runpy
 import shlex
 import sys
 from pathlib import Path
@@ -25,6 +26,20 @@ PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONT
 WITH_COMMANDS = [page for page in PAGES if "```console" in page.read_text()]
 MODULES = [
     "errors",
+    "search.allocation",
+    "search.bits",
+    "search.faults",
+    "search.messages",
+    "search.network",
+    "search.planning",
+    "search.robot",
+    "search.running",
+    "search.scenarios",
+    "search.missions.checking",
+    "search.missions.files",
+    "search.missions.findings",
+    "search.missions.lint",
+    "search.missions.mission",
     "search.tours",
     "lab.trials",
     "swarm.belief",
@@ -54,12 +69,17 @@ def commands_of(text: str) -> list[str]:
 
 
 def write_files_of(text: str) -> list[str]:
-    """Write what a page asks its reader to have: files it shows (title="NAME") and photographs (<!-- needs: NAME -->)."""
+    """Write what a page asks its reader to have.
+
+    That is files it shows (title="NAME"), photographs (<!-- needs: NAME -->) and what a script makes (<!-- runs: NAME -->).
+    """
     shown = re.findall(r'```python title="(\w+)\.py"\n(.*?)```', text, re.S)
     for name, content in shown:
         Path(f"{name}.py").write_text(content)
     for name, content in re.findall(r'```json title="(\w+\.json)"\n(.*?)```', text, re.S):
         Path(name).write_text(content)
+    for script in re.findall(r"<!-- runs: (\S+) -->", text):
+        runpy.run_path(script)
     for photograph in re.findall(r"<!-- needs: (\S+) -->", text):
         data = pytest.importorskip("skimage.data")
         from PIL import Image
@@ -85,9 +105,13 @@ def test_examples_of_help_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run(["map", "maze:9x7", "-n", "3", "--out", "result"]) == 0  # what replay's example replays
     write_files_of((ROOT / "docs" / "concepts" / "steering.md").read_text())  # steer's problem.json
-    for command in app.registered_commands:
+    write_files_of((ROOT / "docs" / "concepts" / "missions.md").read_text())  # the missions that missions check looks over
+    grouped = [
+        (f"{group.name} ", command) for group in app.registered_groups for command in group.typer_instance.registered_commands
+    ]
+    for group, command in [*(("", command) for command in app.registered_commands), *grouped]:
         example = command.epilog.removeprefix("Example: shoal ")
-        assert example.split()[0] == command.name
+        assert f"{example} ".startswith(f"{group}{command.name} ")
         if command.name != "demo":
             assert run(shlex.split(example)) == 0, example
 
@@ -98,7 +122,10 @@ def test_page_of_commands_is_fresh(monkeypatch):
     spec = importlib.util.spec_from_file_location("generate_cli", ROOT / "docs" / "generate_cli.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    assert {command.name for command in app.registered_commands} == set(module.COMMANDS) - {""}
+    grouped = {
+        f"{group.name} {command.name}" for group in app.registered_groups for command in group.typer_instance.registered_commands
+    }
+    assert {command.name for command in app.registered_commands} | grouped == set(module.COMMANDS) - {""}
     assert module.page() == (ROOT / "docs" / "cli.md").read_text(), "run: python docs/generate_cli.py"
 
 

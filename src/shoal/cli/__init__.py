@@ -11,7 +11,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from shoal.cli import demo, maps, replay, search, steering, swarm, theory
+from shoal.cli import demo, maps, missions, replay, search, searching, steering, swarm, theory
 from shoal.cli.output import say
 from shoal.errors import ShoalError
 from shoal.version import __version__
@@ -31,7 +31,9 @@ app.command("line", epilog=theory.LINE_EXAMPLE)(theory.line)
 app.command("schedule", epilog=theory.SCHEDULE_EXAMPLE)(theory.schedule)
 app.command("steer", epilog=steering.STEER_EXAMPLE)(steering.steer)
 app.command("reach", epilog=steering.REACH_EXAMPLE)(steering.reach)
+app.command("search", epilog=searching.SEARCH_EXAMPLE)(searching.search)
 app.command("tour", epilog=search.TOUR_EXAMPLE)(search.tour)
+app.add_typer(missions.app, name="missions")
 app.command("demo", epilog=demo.EXAMPLE)(demo.demo)
 
 

@@ -21,7 +21,11 @@ EXAMPLE = "Example: shoal demo --out demo"
 
 def demo(
     what: Annotated[
-        str, typer.Argument(metavar="[steer]", help="steer: two particles, one input; without it: an eye's vessels.")
+        str,
+        typer.Argument(
+            metavar="[steer|search]",
+            help="steer: two particles, one input; search: robots in a marsh; without it: an eye's vessels.",
+        ),
     ] = "vessels",
     particles: options.Particles = 300,
     seed: options.Seed = 0,
@@ -32,15 +36,21 @@ def demo(
 
     Writes the vessel map, the picture at the end, the frontier by move, films (GIF, MP4), the HTML player and the episode.
     'shoal demo steer' brings two particles to two goals in a square, a hexagon, a disk, a prism and a noisy field instead, and
-    writes figures, episodes and two players.
+    writes figures, episodes and two players. 'shoal demo search' sends 12 robots through a marsh around a lake; three of them die; it
+    writes figures, the player, the episode and missions.
     """
     if what == "steer":
         from shoal.cli.steering import demo_steer
 
         demo_steer(out, seed=seed, json_=json_)
         return
+    if what == "search":
+        from shoal.cli.searching import demo_search
+
+        demo_search(out, seed=seed, json_=json_)
+        return
     if what != "vessels":
-        raise InvalidInputError(f"demo: expected 'steer' or nothing, got {what[:80]!r}")
+        raise InvalidInputError(f"demo: expected 'steer', 'search' or nothing, got {what[:80]!r}")
     from PIL import Image
 
     from shoal.cli.swarm import summary, write_outputs

@@ -16,7 +16,9 @@ EXAMPLE = "Example: shoal replay result/episode.npz --film result/film.html"
 def replay(
     episode_file: Annotated[
         Path,
-        typer.Argument(metavar="EPISODE", help="An episode file: .npz of map and cover, .json of steer.", show_default=False),
+        typer.Argument(
+            metavar="EPISODE", help="An episode file: .npz of map and cover, .json of steer and search.", show_default=False
+        ),
     ],
     seed: Annotated[
         int | None,
@@ -36,7 +38,11 @@ def replay(
 ) -> None:
     """Replay an episode file, check that it is what it says, and draw or film it. Exit code 1 if it is not."""
     check_outputs(out, film)
-    if episode_file.suffix.lower() == ".json":
+    if is_search(episode_file):
+        from shoal.cli.searching import replay_search
+
+        replay_search(episode_file, seed, out, film, json_)
+    elif episode_file.suffix.lower() == ".json":
         from shoal.cli.steering import replay_steering
 
         replay_steering(episode_file, seed, out, film, json_)
@@ -44,3 +50,11 @@ def replay(
         from shoal.cli.swarm import replay_swarm
 
         replay_swarm(episode_file, seed, out, film, json_)
+
+
+def is_search(path: Path) -> bool:
+    """Tell whether a file says at its beginning that it is the episode of a search."""
+    if path.suffix.lower() != ".json" or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return b'"kind": "search"' in file.read(200)

@@ -59,7 +59,7 @@ class Allocation:
     times : ndarray of float64, shape (m,)
         When each robot is done, the way to its first cell included; in the time that speed 1 takes for a cell.
     lower_bound : float
-        No allocation is done earlier: the cost of all cells over the sum of the speeds.
+        No allocation is done earlier: the number of cells over the sum of the speeds.
     """
 
     method: str
@@ -131,7 +131,7 @@ def allocate(
     for robot, work in zip(order, found, strict=True):
         sweeps[robot] = tuple(sweep for sweep in work if sweep.count > 0)
     times = np.array([work_time(course, work, place) for work, place in zip(sweeps, at, strict=True)]) / speeds
-    return Allocation(method, tuple(sweeps), times, course.whole / float(speeds.sum()))
+    return Allocation(method, tuple(sweeps), times, n / float(speeds.sum()))
 
 
 def work_time(course: Course, sweeps: Sequence[Sweep], place: Floats) -> float:
@@ -210,7 +210,7 @@ def hop(course: Course, starts: Indices, rates: Floats, places: Floats) -> list[
     best, borders, chosen = np.inf, np.arange(m + 1), 0
     for number in np.argsort(latest, axis=None, kind="stable")[:_CANDIDATES]:
         row, turn = np.unravel_index(int(number), latest.shape)
-        low, high = course.whole / float(rates.sum()), float(min(latest[row, turn], best)) + 1.0
+        low, high = n / float(rates.sum()), float(min(latest[row, turn], best)) + 1.0
         trial = np.empty(m + 1, dtype=np.int64)
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
@@ -240,7 +240,7 @@ def _bisected(passed: Callable[[float, Indices], bool], course: Course, starts: 
     n = len(course)
     best = np.append(starts, starts[0] + n) + n  # as they stay
     gaps = np.diff(course.ahead[best]) / rates
-    low, high = course.whole / float(rates.sum()), float(gaps.max())
+    low, high = n / float(rates.sum()), float(gaps.max())
     trial = np.empty(len(starts) + 1, dtype=np.int64)
     for _ in range(_HALVINGS):
         if high - low < 1e-3:

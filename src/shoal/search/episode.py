@@ -81,7 +81,9 @@ class SearchEpisode:
     speed : float
         Metres a second.
     simulated : bool
-        Whether robots and messages were simulated; else all went as planned.
+        Whether robots and messages were simulated; else all went as planned, or it was live.
+    live : float or None
+        Cells a second, if robots were processes.
     robots : tuple of RobotLog
     covered_at : float
         When the last cell was searched, in the time of a cell; infinite if some never were.
@@ -104,6 +106,7 @@ class SearchEpisode:
     loss: float
     speed: float
     simulated: bool
+    live: float | None
     robots: tuple[RobotLog, ...]
     covered_at: float
     declared: dict[int, float]
@@ -121,7 +124,8 @@ class SearchEpisode:
     def complete(self) -> bool:
         """Whether all cells were searched and every robot that lives has found that out."""
         living = [number for number, log in enumerate(self.robots, start=1) if log.status not in ("dead", "paused")]
-        return self.covered_at < inf and (not self.simulated or (bool(self.declared) and set(living) <= set(self.declared)))
+        planned = not self.simulated and self.live is None
+        return self.covered_at < inf and (planned or (bool(self.declared) and set(living) <= set(self.declared)))
 
     @property
     def cell_time(self) -> float:
@@ -178,6 +182,7 @@ class SearchEpisode:
             "outside_m": self.coverage.outside_m,
             "complete": self.complete,
             "simulated": self.simulated,
+            "live": self.live is not None,
             "messages": {"sent": self.sent, "lost": self.lost},
             "takeovers": self.takeovers,
             "findings": [self._told(finding, frame) for finding in self.findings],
@@ -256,6 +261,7 @@ class SearchEpisode:
             false_alarm=scenario.false_alarm,
             speed=self.speed,
             simulated=self.simulated,
+            live=self.live,
             seed=self.seed,
             seconds=self.seconds,
             robots=[
@@ -293,9 +299,17 @@ class SearchEpisode:
             raise InvalidInputError(f"{source}: {error}") from None
 
     def verify(self) -> bool:
-        """Plan and play the search again and tell whether the same comes of it."""
+        """Plan and play the search again and tell whether the same comes of it.
+
+        What processes did cannot be played again: then only whether it fits what the episode says was searched, and when.
+        """
         from shoal.search.running import played_again
 
+        if self.live is not None:
+            first = np.full(len(self.plan.course), inf)
+            for log in self.robots:
+                np.minimum.at(first, log.cells, log.times)
+            return float(first.max()) == self.covered_at
         other = played_again(self._form())
         return (
             len(other.robots) == len(self.robots)
@@ -357,6 +371,7 @@ class EpisodeForm(BaseModel):
     false_alarm: NonNegativeFloat
     speed: PositiveFloat
     simulated: bool
+    live: PositiveFloat | None
     seed: NonNegativeInt
     seconds: FiniteFloat
     robots: list[LogForm]

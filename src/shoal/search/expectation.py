@@ -52,7 +52,8 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
     to the middles of their cells, so that stretches are whole cells, and of several robots in a cell only one goes on.
 
     `stay_share` is the limit of many cells. With 64 cells and 50 robots, where most share a cell with another, the mean is 0.6 %
-    above it (counted exactly in ``tests/golden/test_search_figures.py``). With more robots than cells it is far above: no stretch is shorter than a cell.
+    above it, counted exactly (``tests/golden/test_search_figures.py``). With more robots than cells it is far above: no stretch is
+    shorter than a cell.
 
     Examples
     --------

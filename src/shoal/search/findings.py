@@ -22,8 +22,8 @@ class Finding:
     found_by, missed_by : tuple of int
         The robots that have found something there, and those that have searched the cell and have not.
     confidence : float
-        Probability that something is there, given what sensors are said to detect and to mistake, and that one cell in a hundred holds
-        something.
+        Probability that something is there, given what sensors are said to detect and to mistake, and that one cell in a hundred
+        holds something.
     """
 
     cell: int

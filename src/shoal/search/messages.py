@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 from zlib import crc32
 
-from pydantic import BaseModel, ConfigDict, NonNegativeInt, PositiveFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, NonNegativeInt, PositiveFloat, StringConstraints, ValidationError
 
 from shoal.errors import InvalidInputError
 
@@ -47,6 +47,9 @@ class Beacon:
     found: tuple[tuple[int, int], ...] = ()
 
 
+Bits = Annotated[str, StringConstraints(pattern="^[0-9a-f]+$")]
+
+
 class SignForm(BaseModel):
     """A sign of life on the wire."""
 
@@ -67,8 +70,8 @@ class BeaconForm(BaseModel):
     version: Literal[1]
     sender: NonNegativeInt
     signs: list[SignForm]
-    searched: dict[NonNegativeInt, str]
-    found: dict[NonNegativeInt, str]
+    searched: dict[NonNegativeInt, Bits]
+    found: dict[NonNegativeInt, Bits]
 
 
 def encode(beacon: Beacon) -> bytes:

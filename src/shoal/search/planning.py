@@ -182,9 +182,9 @@ def start_points(grid: CellGrid, starts: str | ArrayLike | os.PathLike[str], rob
     else:
         low, high = stands.min(axis=0), stands.max(axis=0)
         wanted = np.column_stack([np.full(robots, low[0]), np.linspace(low[1], high[1], robots)])
-    from scipy.spatial import cKDTree
+    import shapely
 
-    return np.asarray(stands[cKDTree(stands).query(wanted)[1]])
+    return np.asarray(stands[shapely.STRtree(shapely.points(stands)).nearest(shapely.points(wanted))])
 
 
 def _read_points(path: Path, region: SearchRegion, robots: int) -> Points:

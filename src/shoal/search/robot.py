@@ -302,20 +302,24 @@ def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
 def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
     """Return the state with all that a beacon tells."""
     peers, lost, got = dict(robot.peers), robot.lost, robot.got
+    number = robot.number
     for sign in beacon.signs:
         known = peers.get(sign.robot)
-        if sign.robot == robot.number or (known is not None and known.sign.count >= sign.count):
+        if (known is not None and known.sign.count >= sign.count) or sign.robot == number:
             continue
         if sign.robot == beacon.sender and known is not None:
             lost, got = lost + sign.count - known.sign.count - 1, got + 1
         peers[sign.robot] = Peer(sign, time)
     searched = robot.searched
-    for other, bits in beacon.searched:
-        if other != robot.number and bits & ~searched.get(other, 0):
-            searched = {**searched, other: searched.get(other, 0) | bits}
+    for other, told in beacon.searched:
+        known_bits = searched.get(other, 0)
+        if told != known_bits and other != number:
+            more = told & robot.brief.everything & ~known_bits  # what is no cell would never be settled
+            if more:
+                searched = {**searched, other: known_bits | more}
     found = robot.found
     for cell, witnesses in beacon.found:
-        if witnesses & ~found.get(cell, 0):
+        if cell < len(robot.brief.course) and witnesses & ~found.get(cell, 0):
             found = {**found, cell: found.get(cell, 0) | witnesses}
     return robot.but(peers=peers, lost=lost, got=got, searched=searched, found=found)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from shoal.errors import InvalidInputError
 from shoal.search.episode import EpisodeForm, RobotLog, SearchEpisode, fault_of
-from shoal.search.faults import Fault
+from shoal.search.faults import Crash, Fault
 from shoal.search.network import network_of
 from shoal.search.planning import SearchPlan, plan_search
 from shoal.search.projection import LocalFrame
@@ -23,6 +24,12 @@ from shoal.search.world import Outcome, Scenario, World
 from shoal.version import __version__
 
 SIMULATED = 1_000_000  # cells times robots: larger searches are not simulated unless asked for
+_HELLO, _BEAT = 0.3, 0.05  # seconds that live robots listen, and between their beacons, at the least
+_STATES = {kind: kind for kind in ("listening", "searching", "waiting", "complete")} | {
+    "killed": "dead",
+    "stopped": "dead",
+    "failed": "dead",
+}
 _HORIZON = 60.0  # times the way of one robot alone
 
 
@@ -48,6 +55,7 @@ def search(
     false_alarm: float = 0.0,
     speed: float = 1.0,
     simulate: bool | None = None,
+    live: float | None = None,
     seed: int = 0,
 ) -> SearchEpisode:
     """Search a region with robots that have no coordinator.
@@ -74,6 +82,9 @@ def search(
         Metres a second.
     simulate : bool, optional
         Whether robots and messages are simulated; by default if cells times robots are at most a million.
+    live : float, optional
+        Cells a second: instead of a simulation, one process a robot over real UDP (`shoal.search.live`). Of the faults only `Crash`,
+        by killing the process, of the networks only ``loss``.
     seed : int
 
     Returns
@@ -119,6 +130,8 @@ def search(
         false_alarm=false_alarm,
         seed=seed,
     )
+    if live is not None:
+        return _lived(plan, scenario, live=live, network=network, loss=loss, speed=speed, began=began)
     wanted = len(plan.course) * robots <= SIMULATED if simulate is None else simulate
     if not wanted and (faults or loss or network or fold > 1 or energy < inf):
         raise InvalidInputError(
@@ -139,12 +152,65 @@ def _played(
         loss=loss,
         speed=speed,
         simulated=simulated,
+        live=None,
         robots=logs,
         covered_at=plan.allocation.makespan if played is None else played.covered_at,
         declared={} if played is None else played.declared,
         sent=0 if played is None else played.sent,
         lost=0 if played is None else played.lost,
         takeovers=0 if played is None else played.takeovers,
+        seed=scenario.seed,
+        seconds=time.perf_counter() - began,
+        version=__version__,
+    )
+
+
+def _lived(
+    plan: SearchPlan, scenario: Scenario, *, live: float, network: str, loss: float, speed: float, began: float
+) -> SearchEpisode:
+    """Let processes search; return what they reported."""
+    from shoal.search.live import run_live
+
+    kill = [fault for fault in scenario.faults if isinstance(fault, Crash)]
+    if network or len(kill) < len(scenario.faults):
+        raise InvalidInputError("live: expected no network but a share of lost messages, and no fault but crashes")
+    brief = replace(scenario.brief, hello=max(scenario.brief.hello, _HELLO * live), beat=max(scenario.brief.beat, _BEAT * live))
+    outcome = run_live(
+        brief,
+        scenario.starts,
+        rates=scenario.rates,
+        loss=loss,
+        kill=kill,
+        targets=scenario.targets,
+        speed=live,
+        seed=scenario.seed,
+    )
+    logs, covered, covered_at = [], 0, inf
+    for event in outcome.events:
+        if event.kind == "searched" and event.cell is not None and covered != brief.everything:
+            covered |= 1 << event.cell
+            covered_at = event.time if covered == brief.everything else inf
+    for number in range(1, len(scenario.starts) + 1):
+        own = [event for event in outcome.events if event.robot == number]
+        done = [event for event in own if event.kind == "searched" and event.cell is not None]
+        states = tuple((event.time, _STATES[event.kind]) for event in own if event.kind in _STATES)
+        found = tuple((int(event.cell), (number,)) for event in done if event.found and event.cell is not None)
+        cells = np.array([event.cell for event in done], dtype=np.int64)
+        logs.append(RobotLog(cells, np.array([event.time for event in done]), states, found))
+    return SearchEpisode(
+        plan=plan,
+        scenario=replace(scenario, brief=brief),
+        network=network,
+        loss=loss,
+        speed=speed,
+        simulated=False,
+        live=live,
+        robots=tuple(logs),
+        covered_at=covered_at,
+        declared=outcome.declared,
+        sent=outcome.heard,
+        lost=outcome.lost,
+        takeovers=0,
         seed=scenario.seed,
         seconds=time.perf_counter() - began,
         version=__version__,
@@ -221,6 +287,7 @@ def replayed(form: EpisodeForm) -> SearchEpisode:
         loss=form.loss,
         speed=form.speed,
         simulated=form.simulated,
+        live=form.live,
         robots=logs,
         covered_at=inf if form.covered_at is None else form.covered_at,
         declared=dict(form.declared),

@@ -31,7 +31,7 @@ def random_scenario(seed: int) -> Scenario:
     """
     rng = np.random.default_rng(seed)
     course = Course(make_tour(str(rng.choice(TOURS)), random_mask(rng)), turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])))
-    n, m = len(course), int(min(1 + rng.geometric(0.18), _MOST_ROBOTS))
+    n, m = len(course), int(rng.integers(1, _MOST_ROBOTS + 1) if rng.random() < 0.1 else min(rng.geometric(0.18), _MOST_ROBOTS))
     whole = course.whole
     fold = int(rng.choice([1, 1, 1, 2, 3]))
     energy = float(rng.choice([inf, inf, inf, 1.0])) * (whole / 2 + 3 * _LARGEST)
@@ -40,7 +40,7 @@ def random_scenario(seed: int) -> Scenario:
         str(rng.choice(METHODS)),
         fold=fold,
         hello=float(rng.choice([0.5, 1.0, 3.0])),
-        beat=float(rng.choice([1.0, 2.0, 5.0])),
+        beat=float(rng.choice([1.0, 2.0, 4.0, 6.0])),
         energy=energy,
         recharge=float(rng.integers(0, 5)),
     )

@@ -370,7 +370,7 @@ class World:
 
     def _broadcast(self, sender: Vehicle, beacon: Beacon) -> None:
         course, number = self.scenario.brief.course, sender.robot.number
-        network = self.scenario.network
+        network, data = self.scenario.network, b""
         for other, receiver in self.vehicles.items():
             if other == number:
                 continue
@@ -385,5 +385,6 @@ class World:
             arrived = network.send(link, self.rng)
             self.lost += not arrived
             for copy in arrived:
-                message = damage(encode(beacon), self.rng) if copy.damaged else beacon
+                data = data or (encode(beacon) if copy.damaged else b"")
+                message = damage(data, self.rng) if copy.damaged else beacon
                 self._post(self.time + copy.delay, other, "heard", message)

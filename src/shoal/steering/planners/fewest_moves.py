@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -49,6 +50,8 @@ class FewestMoves:
             if found is not None:
                 best = found
                 break
+        if best is None and chains is not None:
+            best = _finished(task, chains)
         return _fewer(best, chains)
 
     def _raised(self, task: Task) -> Points | None:
@@ -69,6 +72,18 @@ class FewestMoves:
             if moves is not None and (best is None or len(first) + len(moves) < len(best)):
                 best = np.array([*first, *moves])
         return Shortest().plan(task) if best is None else best
+
+
+def _finished(task: Task, plan: Points) -> Points | None:
+    """Return the beginning of a plan, as short as can be, with three moves that finish it; None if none do before its own end."""
+    states = task.world.play(task.start, plan)
+    for begun in range(1, len(plan) - 3):
+        last = _played(replace(task, start=states[begun]), 3)
+        if last is not None:
+            whole = np.concatenate([plan[:begun], last])
+            if task.error(task.world.play(task.start, whole)[-1]) <= task.tolerance:
+                return whole
+    return None
 
 
 def _fewer(one: Points | None, other: Points | None) -> Points | None:

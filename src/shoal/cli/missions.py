@@ -1,0 +1,158 @@
+"""shoal missions: mission files, read back."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from shoal.cli import options
+from shoal.cli.output import check_folder, print_json, print_table, say
+from shoal.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from shoal.search.missions import Finding, MissionCheck
+
+CHECK_EXAMPLE = "Example: shoal missions check missions field.json --footprint 20"
+
+_SHOWN = 3  # findings of one kind in one file
+
+app = typer.Typer(no_args_is_help=True, help="Look over mission files.")
+
+
+@app.callback()
+def _missions() -> None:
+    """Look over mission files."""
+
+
+@app.command("check", epilog=CHECK_EXAMPLE)
+def check(
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR", help="A folder of mission files: .plan .waypoints .geojson .kml .gpx .csv.", show_default=False
+        ),
+    ],
+    region: Annotated[
+        str,
+        typer.Argument(
+            metavar="REGION",
+            help="What was to be searched: .geojson .json .kml .gpkg .shp .csv, or a name such as rectangle:200x100.",
+            show_default=False,
+        ),
+    ],
+    footprint: Annotated[
+        float | None,
+        typer.Option(
+            "--footprint",
+            help="Side of the square that a vehicle sees, in metres. Without it coverage is not measured.",
+            show_default=False,
+        ),
+    ] = None,
+    least: Annotated[float, typer.Option("--least", help="Least share of the region that must be seen, 0 to 1.")] = 0.999,
+    format_: Annotated[
+        str | None,
+        typer.Option(
+            "--format",
+            help="Whose files to fly: plan, wpl, geojson, kml, gpx or csv; default: the first that is there.",
+            show_default=False,
+        ),
+    ] = None,
+    no_go: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--no-go", metavar="FILE", help="Zones to keep out of, in the units of REGION. May be given again.", show_default=False
+        ),
+    ] = None,
+    cap: Annotated[
+        int | None,
+        typer.Option(
+            "--cap", help="Most mission items that a vehicle stores; default: 2000 for PX4, 700 for ArduPilot.", show_default=False
+        ),
+    ] = None,
+    vehicle: Annotated[
+        str | None, typer.Option("--vehicle", help="px4 or ardupilot: which one it has to be.", show_default=False)
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="FOLDER", help="Write check.json and, with --footprint, uncovered.geojson there.", show_default=False
+        ),
+    ] = None,
+    json_: options.Json = False,
+) -> None:
+    """Read mission files back: look for mistakes, and measure what vehicles that follow them see of a region.
+
+    Nothing of the planner is asked. Exit code 1 if there are mistakes or less than --least is seen.
+    """
+    from shoal.search import open_region
+    from shoal.search.missions import check_missions
+
+    if not 0 <= least <= 1:
+        raise InvalidInputError(f"--least: expected a share from 0 to 1, got {least!r}")
+    if out is not None:
+        check_folder(out)
+    searched = open_region(region, no_go=no_go or None)
+    result = check_missions(folder, searched, footprint, format=format_, cap=cap, vehicle=vehicle)
+    written = [] if out is None else _write(result, out)
+    if json_:
+        print_json(result.report())
+    else:
+        _print(result, written)
+    faults = [f"{len(result.errors)} mistakes in the mission files"] if result.errors else []
+    if result.coverage is not None and result.coverage.covered_fraction < least:
+        faults.append(f"{100 * result.coverage.covered_fraction:.5g} % of the region is seen, less than {100 * least:g} %")
+    if faults:
+        say(f"shoal: {' and '.join(faults)}")
+        raise typer.Exit(1)
+
+
+def _write(result: MissionCheck, out: Path) -> list[Path]:
+    from shoal.files import atomic
+    from shoal.search.missions.files import UNCOVERED
+
+    written = [out / "check.json"]
+    with atomic(written[0]) as temporary:
+        temporary.write_text(json.dumps(result.report(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    if result.coverage is not None:
+        written.append(out / UNCOVERED)
+        result.write_uncovered(written[1])
+    return written
+
+
+def _print(result: MissionCheck, written: list[Path]) -> None:
+    seen = result.coverage
+    rows = [("region", f"{result.region.name}, {result.region.area_m2:.6g} m²"), ("format", result.format)]
+    rows += [("flown", f"{len(result.files)} missions, {result.n_waypoints} waypoints")]
+    if seen is None:
+        rows.append(("coverage", "not measured: give --footprint"))
+    else:
+        rows += [
+            ("seen", f"{100 * seen.covered_fraction:.6g} % with a footprint of {result.footprint:g} m"),
+            ("not seen", f"{seen.uncovered_m2:.6g} m²"),
+            ("outside", f"{seen.outside_m:.6g} m of {seen.length_m:.6g} m"),
+        ]
+    rows.append(("mistakes", f"{len(result.errors)}, and {len(result.findings) - len(result.errors)} warnings"))
+    rows += [(finding.severity, text) for finding, text in _shown(result.findings)]
+    rows += [("written", str(path)) for path in written]
+    print_table(rows, title="mission check")
+
+
+def _shown(findings: tuple[Finding, ...]) -> list[tuple[Finding, str]]:
+    """Return the findings worth a line: of each kind in each file the first few, and how many more."""
+    totals = Counter((finding.file, finding.rule) for finding in findings)
+    so_far: Counter[tuple[str, str]] = Counter()
+    lines = []
+    for finding in findings:
+        key = (finding.file, finding.rule)
+        so_far[key] += 1
+        place = f"{finding.file}{', ' * bool(finding.place)}{finding.place}"
+        if so_far[key] <= _SHOWN:
+            lines.append((finding, f"{place}: {finding.sentence}"))
+        elif so_far[key] == _SHOWN + 1:
+            lines.append((finding, f"{finding.file}: {totals[key] - _SHOWN} more like it"))
+    return lines

@@ -1,0 +1,106 @@
+"""The robots' processes: python -m shoal.search.live.process FILE SIZE IN:OUT ..., started by `shoal.search.live.fleet`.
+
+This first process loads what takes long, once, splits off one process per robot, and then does nothing but wait: when its standard
+input closes it ends what is left of them. A robot's process has nothing in common with the others but the open file that stands for
+the ground. It reports on OUT, one line of JSON each, and begins when it is told to on IN. When IN closes, nobody is there to report
+to: then it ends, too.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import pickle
+import signal
+import sys
+import traceback
+from random import Random
+from typing import Any
+
+from shoal.search.live.pilot import Pilot
+from shoal.search.live.radio import Radio
+from shoal.search.live.task import LiveTask
+from shoal.search.messages import Beacon, Sign, decode, encode
+from shoal.search.robot import Robot
+from shoal.search.sharing import parts_of
+
+_STARTER = 0  # standard input
+
+
+def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
+    """Split off the robots' processes; stay until the starter is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is for the starter
+    task: LiveTask = pickle.loads(os.pread(file, size, 0))
+    _warm(task)
+    gc.freeze()  # what exists by now is shared between the processes as long as nobody touches it
+    robots = []
+    try:
+        for number, (orders, reports) in enumerate(pipes, 1):
+            robot = os.fork()
+            if robot == 0:
+                for pipe in pipes[number:]:
+                    os.close(pipe[0])
+                    os.close(pipe[1])
+                os._exit(_live(task, number, file, orders, reports))
+            robots.append(robot)
+            os.close(orders)
+            os.close(reports)
+        while os.read(_STARTER, 1):
+            pass
+    finally:
+        for robot in robots:  # not waited for until now, so that each number still stands for its process
+            os.kill(robot, signal.SIGKILL)
+        for robot in robots:
+            os.waitpid(robot, 0)
+    return 0
+
+
+def _warm(task: LiveTask) -> None:
+    """Do once what takes long the first time."""
+    parts_of(task.brief.course, task.brief.method, ((1, task.starts[0], 1.0),))
+    decode(encode(Beacon(1, (Sign(1, 0, 0, 1.0, "listening"),), ())))
+
+
+def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> int:
+    """Be a robot until all is searched; return the process's exit code."""
+
+    def tell(report: dict[str, Any]) -> None:
+        os.write(reports, json.dumps(report, separators=(",", ":")).encode() + b"\n")
+
+    try:
+        radio = Radio(task.channel, port=task.port, loss=task.loss, random=Random(f"{task.seed} {number}"))
+        tell({"kind": "ready", "port": radio.port, "process": os.getpid()})
+        word = _first_line(orders)
+        if word is None:
+            return 1
+        radio.tell(word["ports"])
+        robot = Robot(number, task.brief, task.starts[number - 1], task.rates[number - 1])
+        pilot = Pilot(task, robot, radio, ground=file, lifeline=orders, epoch=word["epoch"], tell=tell)
+        return 0 if pilot.run() else 1
+    except BrokenPipeError:
+        return 1
+    except BaseException as error:  # a process that was split off must not go back to where it came from
+        traceback.print_exc()
+        tell({"kind": "failed", "reason": "".join(traceback.format_exception_only(error)).strip()})
+        return 1
+
+
+def _first_line(orders: int) -> Any:
+    """Return what the first line from the starter says; None if it is gone."""
+    line = b""
+    while not line.endswith(b"\n"):
+        more = os.read(orders, 65536)
+        if not more:
+            return None
+        line += more
+    return json.loads(line)
+
+
+def _pair(word: str) -> tuple[int, int]:
+    one, other = word.split(":")
+    return int(one), int(other)
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1]), int(sys.argv[2]), [_pair(word) for word in sys.argv[3:]]))

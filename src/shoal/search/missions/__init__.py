@@ -1,0 +1,26 @@
+"""Missions for real vehicles: made from routes, written in six formats, read back, looked over, and flown on paper."""
+
+from __future__ import annotations
+
+from shoal.search.missions.checking import MissionCheck, check_missions
+from shoal.search.missions.files import FORMATS, Format, mission_files, read_mission, write_missions
+from shoal.search.missions.findings import RULES, Finding, Rule
+from shoal.search.missions.lint import lint
+from shoal.search.missions.mission import CAPS, Mission, missions_of
+
+__all__ = [
+    "CAPS",
+    "FORMATS",
+    "RULES",
+    "Finding",
+    "Format",
+    "Mission",
+    "MissionCheck",
+    "Rule",
+    "check_missions",
+    "lint",
+    "mission_files",
+    "missions_of",
+    "read_mission",
+    "write_missions",
+]

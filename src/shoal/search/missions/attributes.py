@@ -1,0 +1,64 @@
+"""What GeoJSON, KML, GPX and CSV files say of a mission beside its coordinates, under the same names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from shoal.search.missions.findings import Sheet
+from shoal.search.missions.mission import ALTITUDES, CAPS, Mission
+
+NAMES = ("robot", "sortie", "vehicle", "kind", "altitude_m", "speed_m_s")
+
+
+def attributes_of(mission: Mission) -> dict[str, str | int | float]:
+    """Return the attributes of a mission, in the order of `NAMES`."""
+    values = (mission.robot, mission.sortie, mission.vehicle, mission.kind, mission.altitude, mission.speed)
+    return dict(zip(NAMES, values, strict=True))
+
+
+def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
+    """Fill a sheet with attributes as a file has them, numbers or text, and note what is wrong with them."""
+    missing = [name for name in NAMES if name not in found]
+    for name in missing:
+        sheet.add("missing-key", place, f"expected {name!r}, got none")
+    if missing:
+        return
+    for name in ("robot", "sortie"):
+        number = _whole(found[name])
+        if number is None or number < 1:
+            sheet.add("wrong-value", place, f"expected a whole number of 1 or more as {name!r}, got {_short(found[name])}")
+        else:
+            setattr(sheet, name, number)
+    for name, known in (("vehicle", CAPS), ("kind", ALTITUDES)):
+        if found[name] in known:
+            setattr(sheet, name, found[name])
+        else:
+            sheet.add("wrong-value", place, f"expected {' or '.join(map(repr, known))} as {name!r}, got {_short(found[name])}")
+    sheet.altitudes = [_real(sheet, place, "altitude_m", found)]
+    sheet.speed = _real(sheet, place, "speed_m_s", found)
+
+
+def _whole(value: Any) -> int | None:
+    if isinstance(value, bool):
+        return None
+    try:
+        return int(str(value))
+    except ValueError:
+        return None
+
+
+def _real(sheet: Sheet, place: str, name: str, found: Mapping[str, Any]) -> float:
+    value = found[name]
+    if not isinstance(value, bool):
+        try:
+            return float(value)
+        except (TypeError, ValueError):
+            pass
+    sheet.add("wrong-value", place, f"expected a number as {name!r}, got {_short(value)}")
+    return math.nan
+
+
+def _short(value: Any) -> str:
+    return repr(value)[:60]

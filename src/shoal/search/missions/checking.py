@@ -1,0 +1,155 @@
+"""What the missions in a folder would see of a region, from the files alone."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shoal.errors import InvalidInputError
+from shoal.files import atomic
+from shoal.search.coverage import Coverage, coverage_check
+from shoal.search.missions.files import FORMATS, format_of
+from shoal.search.missions.findings import Finding
+from shoal.search.missions.lint import examine
+from shoal.search.missions.rules import ROUNDING, metres_of
+from shoal.search.region import SearchRegion
+
+
+@dataclass(frozen=True, eq=False)
+class MissionCheck:
+    """The result of `check_missions`.
+
+    Parameters
+    ----------
+    region : SearchRegion
+    format : str
+        The format whose files were flown.
+    files : tuple of str
+        Those that were flown: all of the format that can be read.
+    findings : tuple of Finding
+        Of all mission files in the folder.
+    coverage : Coverage or None
+        None if no footprint was given.
+    n_waypoints : int
+    footprint : float or None
+        Metres.
+    """
+
+    region: SearchRegion
+    format: str
+    files: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    coverage: Coverage | None
+    n_waypoints: int
+    footprint: float | None
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """The findings that are no warnings."""
+        return tuple(finding for finding in self.findings if finding.severity == "error")
+
+    def report(self) -> dict[str, Any]:
+        """Return all of it for JSON, without shapes."""
+        seen = self.coverage
+        return {
+            "region": self.region.name,
+            "area_m2": self.region.area_m2,
+            "format": self.format,
+            "files": list(self.files),
+            "waypoints": self.n_waypoints,
+            "footprint_m": self.footprint,
+            "length_m": None if seen is None else seen.length_m,
+            "covered_fraction": None if seen is None else seen.covered_fraction,
+            "uncovered_m2": None if seen is None else seen.uncovered_m2,
+            "outside_m": None if seen is None else seen.outside_m,
+            "errors": len(self.errors),
+            "warnings": len(self.findings) - len(self.errors),
+            "findings": [finding.report() for finding in self.findings],
+        }
+
+    def write_uncovered(self, path: str | os.PathLike[str]) -> None:
+        """Write what nobody sees as GeoJSON, a polygon a feature with its ``area_m2``, largest first.
+
+        In degrees; in metres, and so no GeoJSON that a map could place, if the region is.
+
+        Raises
+        ------
+        InvalidInputError
+            If no footprint was given.
+        OutputError
+        """
+        import shapely
+
+        if self.coverage is None:
+            raise InvalidInputError("uncovered area: expected a check with a footprint, got one without")
+        parts = [part for part in shapely.get_parts(self.coverage.uncovered) if part.geom_type == "Polygon" and part.area > 0]
+        features = []
+        for part in sorted(parts, key=lambda part: (-part.area, part.bounds)):
+            shape = part if self.region.frame is None else shapely.transform(part, self.region.frame.to_degrees)
+            geometry = json.loads(shapely.to_geojson(shapely.orient_polygons(shape)))
+            features.append({"type": "Feature", "properties": {"area_m2": part.area}, "geometry": geometry})
+        with atomic(path) as temporary:
+            temporary.write_text(json.dumps({"type": "FeatureCollection", "features": features}) + "\n", encoding="utf-8")
+
+
+def check_missions(
+    folder: str | os.PathLike[str],
+    region: SearchRegion,
+    footprint: float | None,
+    *,
+    format: str | None = None,  # noqa: A002  # what it is called everywhere else
+    cap: int | None = None,
+    vehicle: str | None = None,
+) -> MissionCheck:
+    """Read mission files back and measure what vehicles that follow them see of a region.
+
+    Nothing of the planner is asked: waypoints come from the files, the area from Shapely. What counts is seen between the first
+    waypoint and the last of each mission, not on the way from home and back.
+
+    Parameters
+    ----------
+    folder : path
+    region : SearchRegion
+    footprint : float or None
+        Metres: the side of the square that a vehicle sees. None looks for mistakes only.
+    format : str, optional
+        Whose files are flown; the first of ``FORMATS`` that is in the folder if not given.
+    cap, vehicle : optional
+        As for `lint`.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        If there are no mission files (of the format), or region and missions are not both in degrees or both in metres.
+    """
+    if not Path(folder).is_dir():
+        raise InvalidInputError(
+            f"{folder}: expected a folder of mission files, got {'a file' if Path(folder).exists() else 'none'}"
+        )
+    sheets = examine(folder, region, cap=cap, vehicle=vehicle)
+    present = [format_of(Path(sheet.file)) for sheet in sheets]
+    if format is not None:
+        FORMATS.get(format)
+    chosen = present[0] if format is None else format
+    if chosen not in present:
+        raise InvalidInputError(f"{folder}: expected files of the format {chosen!r}, got none")
+    flown = [sheet for sheet, name in zip(sheets, present, strict=True) if name == chosen and sheet.readable]
+    coverage = None
+    if footprint is not None:
+        ways = [metres_of(sheet, region)[1:] for sheet in flown]
+        ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region, and among the findings
+        coverage = coverage_check(region, ways, footprint, tolerance=ROUNDING)
+    return MissionCheck(
+        region=region,
+        format=chosen,
+        files=tuple(sheet.file for sheet in flown),
+        findings=tuple(finding for sheet in sheets for finding in sheet.findings),
+        coverage=coverage,
+        n_waypoints=sum(len(sheet.points) for sheet in flown),
+        footprint=footprint,
+    )

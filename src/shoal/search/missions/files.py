@@ -1,0 +1,202 @@
+"""Mission files: their formats, their names, how they are written and read."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from shoal.errors import InvalidInputError
+from shoal.files import atomic
+from shoal.registry import Registry
+from shoal.search.missions import geojson, gpx, kml, plan, table, wpl
+from shoal.search.missions.findings import RULES, Sheet
+from shoal.search.missions.mission import ALTITUDES, SPEEDS, Mission
+from shoal.search.missions.rules import check_coordinates
+
+UNCOVERED = "uncovered.geojson"  # no mission: what the check leaves
+
+_LARGEST_FILE = 200_000_000  # bytes
+_NAME = re.compile(r"robot-(\d+)(?:-(\d+))?")
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of mission files.
+
+    Parameters
+    ----------
+    suffix : str
+    write : callable
+        Takes a `Mission`, returns the text of a file.
+    scan : callable
+        Takes the text of a file and a `shoal.search.missions.findings.Sheet`, which it fills.
+    metres : bool
+        Whether it can hold missions in metres.
+    """
+
+    suffix: str
+    write: Callable[[Mission], str]
+    scan: Callable[[str, Sheet], None]
+    metres: bool = False
+
+
+FORMATS: Registry[Format] = Registry("mission format")
+FORMATS.add("plan", Format(plan.SUFFIX, plan.write, plan.scan))
+FORMATS.add("wpl", Format(wpl.SUFFIX, wpl.write, wpl.scan))
+FORMATS.add("geojson", Format(geojson.SUFFIX, geojson.write, geojson.scan))
+FORMATS.add("kml", Format(kml.SUFFIX, kml.write, kml.scan))
+FORMATS.add("gpx", Format(gpx.SUFFIX, gpx.write, gpx.scan))
+FORMATS.add("csv", Format(table.SUFFIX, table.write, table.scan, metres=True))
+
+
+def write_missions(
+    missions: Sequence[Mission], folder: str | os.PathLike[str], *, formats: Sequence[str] | None = None
+) -> list[Path]:
+    """Write missions, one file for each and each format: ``robot-01.plan``, ``robot-01-2.plan`` for its second sortie, and so on.
+
+    Mission files so called that an earlier call left in the folder are removed: who checks or loads a folder gets one search.
+
+    Parameters
+    ----------
+    missions : sequence of Mission
+    folder : path
+        Made if it is not there.
+    formats : sequence of str, optional
+        Some of "plan", "wpl", "geojson", "kml", "gpx" and "csv", or ``MODULE:ATTRIBUTE`` for a `Format` of your own. All of them if
+        not given; for missions in metres "csv", for the others say places on Earth.
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        Before anything is written.
+    OutputError
+        Nothing is left half-written then.
+    """
+    in_metres = any(not mission.geographic for mission in missions)
+    if formats is None:
+        formats = [name for name in FORMATS if FORMATS.get(name).metres or not in_metres]
+    if isinstance(formats, str) or len(formats) == 0:
+        raise InvalidInputError(f"formats: expected a sequence of names such as ('plan', 'gpx'), got {formats!r}")
+    if len(missions) == 0:
+        raise InvalidInputError("missions: expected some to write, got none")
+    texts: dict[Path, str] = {}
+    for name in dict.fromkeys(formats):
+        form = FORMATS.get(name)
+        for mission in missions:
+            if not mission.geographic and not form.metres:
+                raise InvalidInputError(
+                    f"format {name!r}: expected missions in degrees, got {mission.name} in metres: its region has no place on Earth"
+                )
+            path = Path(folder) / f"{mission.name}{form.suffix}"
+            if path in texts:
+                raise InvalidInputError(f"missions: expected each robot and sortie once, got {mission.name} again")
+            texts[path] = form.write(mission)
+    with ExitStack() as stack:
+        for path, text in texts.items():
+            stack.enter_context(atomic(path)).write_text(text, encoding="utf-8", newline="\n")
+    for path in mission_files(folder):
+        if path not in texts and _NAME.fullmatch(path.stem):
+            path.unlink()
+    return list(texts)
+
+
+def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the mission files in a folder, by format and name. ``uncovered.geojson`` is none."""
+    suffixes = [FORMATS.get(name).suffix for name in FORMATS]
+    order = {suffix: number for number, suffix in enumerate(suffixes)}
+    try:
+        found = [path for path in Path(folder).iterdir() if path.suffix.lower() in order and path.is_file()]
+    except OSError as error:
+        raise InvalidInputError(f"{folder}: expected a folder of mission files, got none: {error.strerror or error}") from None
+    found = [path for path in found if path.name != UNCOVERED and not path.name.startswith(".")]
+    return sorted(found, key=lambda path: (order[path.suffix.lower()], path.name))
+
+
+def format_of(path: Path) -> str:
+    """Return the name of a file's format.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    for name in FORMATS:
+        if FORMATS.get(name).suffix == path.suffix.lower():
+            return name
+    known = " ".join(FORMATS.get(name).suffix for name in FORMATS)
+    raise InvalidInputError(f"{path}: expected a mission file ({known}), got the suffix {path.suffix!r}")
+
+
+def open_sheet(path: str | os.PathLike[str]) -> Sheet:
+    """Return what a mission file says, with what is wrong with its form and its coordinates.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no such file, or none of a known format.
+    """
+    source = Path(path)
+    form = FORMATS.get(format_of(source))
+    sheet = Sheet(source.name)
+    try:
+        if source.stat().st_size > _LARGEST_FILE:
+            raise InvalidInputError(f"{source}: expected a file of at most {_LARGEST_FILE} bytes, got {source.stat().st_size}")
+        content = source.read_bytes()
+    except OSError as error:
+        raise InvalidInputError(
+            f"{source}: expected a mission file, got none that can be read: {error.strerror or error}"
+        ) from None
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        sheet.add("unreadable", f"line {line}", f"expected text in UTF-8, got byte 0x{content[error.start]:02x}")
+        return sheet
+    form.scan(text, sheet)
+    named = _NAME.fullmatch(source.stem)
+    if named is not None and sheet.robot is None:
+        sheet.robot, sheet.sortie = int(named[1]), int(named[2] or 1)
+    check_coordinates(sheet)
+    return sheet
+
+
+def read_mission(path: str | os.PathLike[str]) -> Mission:
+    """Return the mission in a file, in any of our formats.
+
+    ``.plan`` and WPL files do not say which robot and sortie they are for: their name does, else they are the first of robot 1. WPL
+    files do not say the autopilot, which is taken to be PX4, nor the kind of vehicle: it flies if a waypoint is above ground.
+
+    Raises
+    ------
+    InvalidInputError
+        In one sentence, with the place in the file.
+    """
+    sheet = open_sheet(path)
+    for finding in sheet.findings:
+        if RULES[finding.rule].fatal:
+            raise InvalidInputError(f"{path}{', ' * bool(finding.place)}{finding.place}: {finding.sentence}")
+    assert sheet.home is not None
+    kind = sheet.kind or "multirotor"
+    altitude = sheet.altitudes[0] if sheet.altitudes else ALTITUDES[kind]
+    speed = SPEEDS[kind] if sheet.speed is None else sheet.speed
+    try:
+        return Mission(
+            sheet.points,
+            sheet.home,
+            robot=sheet.robot or 1,
+            sortie=sheet.sortie or 1,
+            kind="rover" if kind == "rover" else "multirotor",
+            vehicle="ardupilot" if sheet.vehicle == "ardupilot" else "px4",
+            altitude=altitude,
+            speed=speed,
+            geographic=sheet.geographic,
+        )
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{path}: {error}") from None

@@ -1,0 +1,157 @@
+"""What can be wrong with a mission file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from shoal.search.rings import Points
+
+Severity = Literal["error", "warning"]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A kind of mistake.
+
+    Parameters
+    ----------
+    severity : "error" or "warning"
+    meaning : str
+    fatal : bool
+        Whether a file with it has no mission that could be read.
+    """
+
+    severity: Severity
+    meaning: str
+    fatal: bool = False
+
+
+RULES: dict[str, Rule] = {
+    "unreadable": Rule("error", "not text in UTF-8, not JSON, XML or a table", fatal=True),
+    "missing-key": Rule("error", "a key, a column or an element that the format needs is not there", fatal=True),
+    "wrong-value": Rule("error", "a value of another type or out of its set", fatal=True),
+    "wrong-header": Rule("error", "the first line is not `QGC WPL 110`", fatal=True),
+    "field-count": Rule("error", "a line with more or fewer fields", fatal=True),
+    "params-count": Rule("error", "an item with more or fewer than seven `params`", fatal=True),
+    "no-home": Rule("error", "no home position", fatal=True),
+    "zero-waypoints": Rule("error", "no waypoint", fatal=True),
+    "not-a-number": Rule("error", "a coordinate, altitude or speed that is NaN, infinite or null", fatal=True),
+    "out-of-range": Rule("error", "a longitude beyond ±180 or a latitude beyond ±90", fatal=True),
+    "axes-swapped": Rule("error", "latitude and longitude in the other's place", fatal=True),
+    "antimeridian": Rule("error", "a leg across the 180° meridian", fatal=True),
+    "sequence": Rule("error", "items not numbered one by one from 0"),
+    "do-jump-id": Rule("error", "`doJumpId` not counting from 1"),
+    "frame": Rule("error", "an item in another frame than relative altitude (a position) or mission (the rest)"),
+    "take-off": Rule("error", "a multirotor without a take-off before its first waypoint, or a rover with one"),
+    "no-return": Rule("error", "the last item is neither a return nor a landing"),
+    "autocontinue": Rule("warning", "an item at which the vehicle stops and waits"),
+    "current": Rule("warning", "another item than the first is marked as current"),
+    "unknown-command": Rule("warning", "a command that a search does not need; it is passed over"),
+    "firmware": Rule("error", "a mission for PX4 where one for ArduPilot is expected, or the reverse"),
+    "firmware-mixed": Rule("warning", "missions for PX4 and for ArduPilot in one folder"),
+    "cap": Rule("error", "more items than the autopilot stores"),
+    "cap-ardupilot": Rule("warning", "more items than ArduPilot stores, in a file that does not name its autopilot"),
+    "altitude": Rule("error", "a multirotor not above ground or above 10 km, a rover not on it"),
+    "altitude-high": Rule("warning", "above 120 m, which many countries forbid"),
+    "altitude-varies": Rule("warning", "waypoints at several altitudes; the check takes one footprint"),
+    "speed": Rule("error", "a speed of 0 or less, or above 100 m/s"),
+    "home-far": Rule("warning", "more than 5 km from home to the nearest waypoint"),
+    "few-decimals": Rule("warning", "coordinates with fewer than 7 decimals: 6 are 0.11 m"),
+    "duplicate": Rule("warning", "a waypoint where the one before is"),
+    "outside-region": Rule("error", "a waypoint outside the region"),
+    "no-go": Rule("error", "a waypoint in a no-go zone, or a leg through one"),
+    "leg-outside": Rule("error", "a rover's leg that leaves the region, from home and back included"),
+    "transit": Rule("warning", "a multirotor's leg that leaves the region"),
+    "formats-differ": Rule("error", "two files of one sortie that say different things"),
+    "sortie-missing": Rule("warning", "a robot's sorties not numbered one by one from 1"),
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One mistake.
+
+    Parameters
+    ----------
+    file : str
+    place : str
+        Line or item in the file; empty if it is the whole file.
+    rule : str
+        A key of `RULES`.
+    sentence : str
+        What was expected and what came.
+    """
+
+    file: str
+    place: str
+    rule: str
+    sentence: str
+
+    @property
+    def severity(self) -> Severity:
+        """Whether it is an error or a warning."""
+        return RULES[self.rule].severity
+
+    def __str__(self) -> str:
+        place = f", {self.place}" if self.place else ""
+        return f"{self.file}{place}: {self.severity}: {self.sentence} [{self.rule}]"
+
+    def report(self) -> dict[str, str]:
+        """Return it for JSON."""
+        return {
+            "severity": self.severity,
+            "file": self.file,
+            "place": self.place,
+            "rule": self.rule,
+            "sentence": self.sentence,
+        }
+
+
+@dataclass
+class Sheet:
+    """What a mission file says, before any of it is believed. Readers fill it; rules add findings.
+
+    ``points`` are (longitude, latitude), or (x, y) if not ``geographic``, whatever order the file has; ``places`` say where each
+    stands. What a file does not say is None.
+    """
+
+    file: str
+    points: Points = field(default_factory=lambda: np.zeros((0, 2)))
+    places: list[str] = field(default_factory=list)
+    altitudes: list[float] = field(default_factory=list)
+    home: tuple[float, float] | None = None
+    robot: int | None = None
+    sortie: int | None = None
+    kind: str | None = None
+    vehicle: str | None = None
+    speed: float | None = None
+    geographic: bool = True
+    decimals: int | None = None
+    n_items: int | None = None
+    findings: list[Finding] = field(default_factory=list)
+
+    def add(self, rule: str, place: str, sentence: str) -> None:
+        """Note a mistake."""
+        assert rule in RULES
+        self.findings.append(Finding(self.file, place, rule, sentence))
+
+    @property
+    def readable(self) -> bool:
+        """Whether nothing found so far keeps the mission from being read."""
+        return not any(RULES[finding.rule].fatal for finding in self.findings)
+
+
+def decimals_of(text: str) -> int:
+    """Return how many decimals a number in a text has.
+
+    Examples
+    --------
+    >>> [decimals_of(text) for text in ("8.12345678", "47", "1.5e-3", "12.")]
+    [8, 0, 4, 0]
+    """
+    mantissa, _, exponent = text.strip().lower().partition("e")
+    digits = len(mantissa.partition(".")[2])
+    return max(0, digits - (int(exponent) if exponent.lstrip("+-").isdigit() and len(exponent) < 5 else 0))

@@ -1,0 +1,149 @@
+"""The mission linter: reads files back and says what is wrong with them."""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from shoal.errors import InvalidInputError
+from shoal.search.missions.files import mission_files, open_sheet
+from shoal.search.missions.findings import Finding, Sheet
+from shoal.search.missions.mission import CAPS
+from shoal.search.missions.rules import check_elsewhere, check_place, check_sense
+from shoal.search.region import SearchRegion
+
+_SAME_PLACE = 1e-7  # degrees
+_SAME_METRES = 0.01
+
+
+def lint(
+    source: str | os.PathLike[str],
+    region: SearchRegion | None = None,
+    *,
+    cap: int | None = None,
+    vehicle: str | None = None,
+) -> list[Finding]:
+    """Return what is wrong with a mission file, or with those of a folder, one by one and together.
+
+    Parameters
+    ----------
+    source : path
+        A file or a folder.
+    region : SearchRegion, optional
+        Where the missions should be.
+    cap : int, optional
+        Most items that the vehicle stores, home included; what the autopilot stores if not given.
+    vehicle : "px4" or "ardupilot", optional
+        For which autopilot the missions should be.
+
+    Returns
+    -------
+    list of Finding
+        Empty if all is well. `shoal.search.missions.RULES` lists what is looked for.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no mission file, or region and mission are not both in degrees or both in metres.
+    """
+    return [finding for sheet in examine(source, region, cap=cap, vehicle=vehicle) for finding in sheet.findings]
+
+
+def examine(
+    source: str | os.PathLike[str], region: SearchRegion | None = None, *, cap: int | None = None, vehicle: str | None = None
+) -> list[Sheet]:
+    """Return what each mission file says, with all findings; as `lint`."""
+    if vehicle is not None and vehicle not in CAPS:
+        raise InvalidInputError(f"vehicle: expected 'px4' or 'ardupilot', got {vehicle!r}")
+    if cap is not None and (isinstance(cap, bool) or cap < 1):
+        raise InvalidInputError(f"cap: expected a number of items of 1 or more, got {cap!r}")
+    folder = Path(source).is_dir()
+    paths = mission_files(source) if folder else [Path(source)]
+    if not paths:
+        raise InvalidInputError(f"{source}: expected a folder with mission files, got one without")
+    sheets = [open_sheet(path) for path in paths]
+    for sheet in sheets:
+        if sheet.readable:
+            check_sense(sheet, cap=cap, vehicle=vehicle)
+            if region is not None:
+                check_place(sheet, region)
+    if folder:
+        _check_homes(sheets)
+        _check_vehicles(sheets)
+        _check_sorties(sheets)
+        _check_formats(sheets)
+    return sheets
+
+
+def _check_homes(sheets: list[Sheet]) -> None:
+    """Note a file whose axes are swapped against most others."""
+    readable = [sheet for sheet in sheets if sheet.readable and sheet.geographic]
+    if len(readable) < 3:
+        return
+    usual = np.median([sheet.home for sheet in readable if sheet.home is not None], axis=0)
+    for sheet in readable:
+        assert sheet.home is not None
+        check_elsewhere(sheet, sheet.home, usual, "the other missions' home", "home")
+
+
+def _check_vehicles(sheets: list[Sheet]) -> None:
+    """Note the rarer autopilot of two."""
+    by_vehicle: dict[str, list[Sheet]] = defaultdict(list)
+    for sheet in sheets:
+        if sheet.vehicle is not None:
+            by_vehicle[sheet.vehicle].append(sheet)
+    if len(by_vehicle) == 2:
+        (rare, few), (usual, _) = sorted(by_vehicle.items(), key=lambda entry: len(entry[1]))
+        for sheet in few:
+            sheet.add("firmware-mixed", "", f"expected a mission for {usual!r}, as most are here, got one for {rare!r}")
+
+
+def _check_sorties(sheets: list[Sheet]) -> None:
+    """Note robots whose sorties have gaps, format by format."""
+    numbers: dict[tuple[str, int], dict[int, Sheet]] = defaultdict(dict)
+    for sheet in sheets:
+        if sheet.robot is not None and sheet.sortie is not None:
+            numbers[Path(sheet.file).suffix, sheet.robot][sheet.sortie] = sheet
+    for (_, robot), found in numbers.items():
+        missing = sorted({*range(1, max(found))} - {*found})
+        if missing:
+            sheet = found[max(found)]
+            sheet.add(
+                "sortie-missing", "", f"expected sorties 1 to {max(found)} of robot {robot}, got none with number {missing[0]}"
+            )
+
+
+def _check_formats(sheets: list[Sheet]) -> None:
+    """Note files that say other things than the first of the same sortie."""
+    first: dict[tuple[int, int], Sheet] = {}
+    for sheet in sheets:
+        if not sheet.readable or sheet.robot is None or sheet.sortie is None:
+            continue
+        known = first.setdefault((sheet.robot, sheet.sortie), sheet)
+        what = _difference(known, sheet)
+        if what:
+            sheet.add("formats-differ", "", f"expected what {known.file} says, got {what}")
+
+
+def _difference(one: Sheet, other: Sheet) -> str:
+    """Return in words how two sheets of one sortie differ; nothing if they agree."""
+    same = _SAME_PLACE if one.geographic else _SAME_METRES
+    if one.geographic != other.geographic:
+        return "metres beside degrees"
+    if len(one.points) != len(other.points):
+        return f"{len(other.points)} waypoints instead of {len(one.points)}"
+    apart = np.abs(np.vstack([one.points, np.array([one.home])]) - np.vstack([other.points, np.array([other.home])])).max(axis=1)
+    if apart[-1] > same:
+        return "another home"
+    if (apart > same).any():
+        return f"another place at {other.places[int(np.argmax(apart > same))]}"
+    for name in ("vehicle", "kind", "speed"):
+        mine, theirs = getattr(one, name), getattr(other, name)
+        if None not in (mine, theirs) and mine != theirs:
+            return f"{theirs!r} as {name} instead of {mine!r}"
+    if one.altitudes and other.altitudes and abs(one.altitudes[0] - other.altitudes[0]) > 0.01:
+        return f"a height of {other.altitudes[0]:g} m instead of {one.altitudes[0]:g} m"
+    return ""

@@ -1,0 +1,75 @@
+"""Fewer waypoints on the same way."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from shoal.search.rings import Points
+
+
+def merged(points: Points, tolerance: float) -> Points:
+    """Return a way without the points that lie on its straight legs, in one pass.
+
+    From each waypoint kept, a cone holds the directions whose lines pass all points since within the tolerance; a point farther
+    than all before it and inside the cone can be the leg's end (R. Reumann, A. Witkam, 1974; the cone's exact form: C. M. Williams,
+    An efficient algorithm for the piecewise linear approximation of planar curves, 1978). Turns back are kept.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (k, 2)
+        Metres.
+    tolerance : float
+        Metres by which a point left out may lie beside the leg that passes it.
+
+    Returns
+    -------
+    ndarray of float64, shape (m, 2)
+        Some of the points, both ends included.
+
+    Examples
+    --------
+    >>> merged(np.array([(0, 0), (1, 0.0005), (2, 0), (2, 0), (1, 0), (1, 1.0)]), 0.001).tolist()
+    [[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
+    """
+    if len(points) < 2:
+        return points
+    way = points[np.concatenate([[True], np.any(np.diff(points, axis=0) != 0, axis=1)])]
+    kept = [0]
+    cone = _Cone(way[0], tolerance)
+    for index, (x, y) in enumerate(way.tolist()[1:], start=1):
+        if not cone.takes(x, y):
+            kept.append(index - 1)
+            cone = _Cone(way[index - 1], tolerance)
+            cone.takes(x, y)
+    if kept[-1] != len(way) - 1:
+        kept.append(len(way) - 1)
+    return np.asarray(way[kept])
+
+
+class _Cone:
+    """The directions from an apex in which a leg passes all points taken so far."""
+
+    def __init__(self, apex: Points, tolerance: float) -> None:
+        self.x, self.y = apex.tolist()
+        self.tolerance = tolerance
+        self.far = 0.0
+        self.along: tuple[float, float] | None = None
+        self.low, self.high = -math.pi, math.pi
+
+    def takes(self, x: float, y: float) -> bool:
+        """Take a point if the leg may end there; tell whether it was taken."""
+        east, north = x - self.x, y - self.y
+        distance = math.hypot(east, north)
+        if distance < self.far:
+            return False
+        if self.along is None:
+            self.along = (east, north)
+        angle = math.atan2(self.along[0] * north - self.along[1] * east, self.along[0] * east + self.along[1] * north)
+        if not self.low <= angle <= self.high:
+            return False
+        self.far = distance
+        width = math.asin(self.tolerance / distance) if distance > self.tolerance else math.pi
+        self.low, self.high = max(self.low, angle - width), min(self.high, angle + width)
+        return True

@@ -1,0 +1,78 @@
+"""Numbers in mission files: written with fixed decimals, read with what they were written with."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+import numpy as np
+
+from shoal.search.missions.findings import decimals_of
+
+DECIMALS = 8  # of a degree: 1.1 mm
+
+
+def degrees(value: float) -> str:
+    """Return a coordinate as files have it.
+
+    Examples
+    --------
+    >>> degrees(8.5), degrees(-0.000000001)
+    ('8.50000000', '0.00000000')
+    """
+    text = f"{value:.{DECIMALS}f}"
+    return text.lstrip("-") if float(text) == 0 else text
+
+
+def plain(value: float) -> str:
+    """Return another number, short and exact.
+
+    Examples
+    --------
+    >>> plain(30.0), plain(2.5), plain(1e-7)
+    ('30', '2.5', '0.0000001')
+    """
+    if value == int(value) and abs(value) < 1e15:
+        return str(int(value))
+    return np.format_float_positional(value, trim="-")
+
+
+class Number(float):
+    """A number of a JSON file that remembers its decimals."""
+
+    decimals = 0
+
+    def __new__(cls, text: str) -> Number:
+        """Return the number that a text says."""
+        made = super().__new__(cls, text)
+        made.decimals = decimals_of(text)
+        return made
+
+
+def load_json(text: str) -> Any:
+    """Return what JSON says, with fractions as `Number`.
+
+    Raises
+    ------
+    json.JSONDecodeError, RecursionError, ValueError
+    """
+    return json.loads(text, parse_float=Number)
+
+
+def dump_json(value: Any) -> str:
+    """Return JSON in which strings made by `raw` stand as the numbers they hold.
+
+    Examples
+    --------
+    >>> dump_json([raw("8.50000000"), 1.5])
+    '[8.50000000, 1.5]'
+    """
+    text = json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
+    text = re.sub(r'"\\u001f([-\d.]+)"', r"\1", text)
+    return re.sub(r"\[\s+([^\[\]{}]*?)\s+\]", lambda found: "[" + re.sub(r",\s+", ", ", found[1]) + "]", text)
+
+
+def raw(number: str) -> str:
+    """Mark a number's text to stand in JSON as it is."""
+    return f"\x1f{number}"

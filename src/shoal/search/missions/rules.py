@@ -1,0 +1,216 @@
+"""What must hold for every mission, whatever file it came in."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.search.missions.findings import Sheet
+from shoal.search.missions.mission import CAPS, OVERHEAD
+from shoal.search.projection import REACH
+from shoal.search.region import SearchRegion
+from shoal.search.rings import Points, text_of
+
+ROUNDING = 0.005  # metres by which a waypoint may lie beside where it was planned: 8 decimals are 1.1 mm
+
+_RADIUS = 6_371_000.0  # metres, of the Earth
+_FAR_HOME = 5_000.0
+_ELSEWHERE = 50_000.0  # metres: no search is that far from its home or its region
+_HIGHEST, _HIGH = 10_000.0, 120.0
+_FASTEST = 100.0
+_SAME = 1e-8  # degrees
+
+
+def check_coordinates(sheet: Sheet) -> None:
+    """Note what keeps waypoints from being places on Earth, or on the plane."""
+    if not sheet.readable:
+        return
+    if len(sheet.points) == 0:
+        sheet.add("zero-waypoints", "", "expected waypoints, got none")
+    if sheet.home is None:
+        sheet.add("no-home", "", "expected a home position, got none")
+    _check_numbers(sheet)
+    if not sheet.readable or not sheet.geographic or sheet.home is None:
+        return
+    for place, point in [("home", sheet.home), *zip(sheet.places, sheet.points.tolist(), strict=True)]:
+        longitude, latitude = point
+        if abs(longitude) <= 180 and abs(latitude) <= 90:
+            continue
+        swapped = abs(longitude) <= 90 and abs(latitude) <= 180
+        said = f"expected a longitude within ±180 and a latitude within ±90, got {longitude:.10g} and {latitude:.10g}"
+        sheet.add("axes-swapped" if swapped else "out-of-range", place, said)
+    if sheet.readable:
+        check_elsewhere(sheet, sheet.points[0], sheet.home, "home", sheet.places[0])
+        _check_meridian(sheet)
+
+
+def _check_numbers(sheet: Sheet) -> None:
+    """Note NaN and infinity."""
+    for place, point in zip(sheet.places, sheet.points.tolist(), strict=True):
+        if not all(map(math.isfinite, point)):
+            sheet.add("not-a-number", place, f"expected finite coordinates, got {text_of(point)}")
+    for place, altitude in zip(sheet.places, sheet.altitudes, strict=True):
+        if not math.isfinite(altitude):
+            sheet.add("not-a-number", place, f"expected a finite altitude, got {altitude}")
+    if sheet.home is not None and not all(map(math.isfinite, sheet.home)):
+        sheet.add("not-a-number", "home", f"expected finite coordinates, got {text_of(sheet.home)}")
+    if sheet.speed is not None and not math.isfinite(sheet.speed):
+        sheet.add("not-a-number", "", f"expected a finite speed, got {sheet.speed}")
+
+
+def check_elsewhere(sheet: Sheet, point: Any, known: Any, name: str, place: str) -> None:
+    """Note a point far from a known place that would be near it with its axes swapped."""
+    distance, other = _metres_between(point, known), _metres_between(point[::-1], known)
+    if distance > _ELSEWHERE and other < _ELSEWHERE:
+        sheet.add(
+            "axes-swapped",
+            place,
+            f"expected longitude and latitude near {name} {text_of(known)}, got {text_of(point)}, {distance / 1000:.0f} km away: "
+            "the two swapped are near it",
+        )
+
+
+def _check_meridian(sheet: Sheet) -> None:
+    assert sheet.home is not None
+    way = np.vstack([sheet.home, sheet.points])
+    for index in np.flatnonzero(np.abs(np.diff(way[:, 0])) > 180).tolist():
+        said = f"expected no leg across the 180° meridian, got one from {text_of(way[index])} to {text_of(way[index + 1])}"
+        sheet.add("antimeridian", sheet.places[index], said)
+
+
+def check_sense(sheet: Sheet, *, cap: int | None = None, vehicle: str | None = None) -> None:
+    """Note what a vehicle should not be told: heights, speeds, lengths of missions; another autopilot than expected."""
+    if vehicle is not None and sheet.vehicle is not None and sheet.vehicle != vehicle:
+        sheet.add("firmware", "", f"expected a mission for {vehicle!r}, got one for {sheet.vehicle!r}")
+    _check_cap(sheet, cap, vehicle)
+    _check_altitude(sheet)
+    if sheet.speed is not None and not 0 < sheet.speed <= _FASTEST:
+        sheet.add("speed", "", f"expected a speed above 0 and at most {_FASTEST:g} m/s, got {sheet.speed:g}")
+    if sheet.geographic and sheet.decimals is not None and sheet.decimals < 7:
+        sheet.add("few-decimals", "", f"expected coordinates with at least 7 decimals, got {sheet.decimals}")
+    for index in np.flatnonzero(np.all(np.abs(np.diff(sheet.points, axis=0)) <= _SAME, axis=1)).tolist():
+        sheet.add("duplicate", sheet.places[index + 1], f"expected a new place, got {text_of(sheet.points[index + 1])} again")
+    assert sheet.home is not None
+    nearest = float(_distances(sheet, sheet.home).min())
+    if nearest > _FAR_HOME:
+        sheet.add("home-far", "home", f"expected home within {_FAR_HOME / 1000:g} km of a waypoint, got {nearest / 1000:.1f} km")
+
+
+def _check_cap(sheet: Sheet, cap: int | None, vehicle: str | None) -> None:
+    items = sheet.n_items or len(sheet.points) + OVERHEAD[sheet.kind or "multirotor"]
+    known = sheet.vehicle or vehicle
+    most = cap if cap is not None else CAPS[known] if known is not None else max(CAPS.values())
+    if items > most:
+        sheet.add("cap", "", f"expected at most {most} items, home included, got {items}")
+    elif cap is None and known is None and items > CAPS["ardupilot"]:
+        sheet.add("cap-ardupilot", "", f"expected at most {CAPS['ardupilot']} items for ArduPilot, home included, got {items}")
+
+
+def _check_altitude(sheet: Sheet) -> None:
+    flies = sheet.kind != "rover"
+    for place, altitude in zip(sheet.places, sheet.altitudes, strict=True):
+        if flies and not 0 < altitude <= _HIGHEST:
+            sheet.add("altitude", place, f"expected a height above 0 and at most {_HIGHEST:g} m, got {altitude:g}")
+            return
+        if not flies and altitude != 0:
+            sheet.add("altitude", place, f"expected a height of 0 m for a rover, got {altitude:g}")
+            return
+        if flies and altitude > _HIGH:
+            sheet.add("altitude-high", place, f"expected a height of at most {_HIGH:g} m, got {altitude:g}")
+            return
+    if len({*sheet.altitudes}) > 1:
+        low, high = min(sheet.altitudes), max(sheet.altitudes)
+        sheet.add("altitude-varies", "", f"expected one height, got heights from {low:g} to {high:g} m")
+
+
+def _distances(sheet: Sheet, place: tuple[float, float]) -> NDArray[np.float64]:
+    """Return the metres from a place to each waypoint."""
+    if not sheet.geographic:
+        return np.asarray(np.hypot(*(sheet.points - place).T))
+    return np.array([_metres_between(point, place) for point in sheet.points.tolist()])
+
+
+def _metres_between(one: Any, other: Any) -> float:
+    """Return the metres between two places in degrees, on a sphere; infinity if one is no place."""
+    if max(abs(one[1]), abs(other[1])) > 90:
+        return math.inf
+    low, high = math.radians(one[1]), math.radians(other[1])
+    width = math.radians(other[0] - one[0])
+    chord = math.sin((high - low) / 2) ** 2 + math.cos(low) * math.cos(high) * math.sin(width / 2) ** 2
+    return 2 * _RADIUS * math.asin(min(1.0, math.sqrt(chord)))
+
+
+def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
+    """Return home and the waypoints in the metres of a region; what is too far for its frame stands at infinity.
+
+    Raises
+    ------
+    InvalidInputError
+        If one is in degrees and the other is not.
+    """
+    way = np.vstack([np.array([sheet.home]), sheet.points])
+    if sheet.geographic != (region.frame is not None):
+        units = ["metres", "degrees"]
+        raise InvalidInputError(
+            f"{sheet.file}: expected a mission in {units[region.frame is not None]}, as the region {region.name!r} is, "
+            f"got one in {units[sheet.geographic]}"
+        )
+    if region.frame is None:
+        return way
+    origin = (region.frame.longitude, region.frame.latitude)
+    near = np.array([_metres_between(point, origin) < 1.5 * REACH for point in way.tolist()])
+    metres = np.full(way.shape, np.inf)
+    metres[near] = region.frame.to_metres(way[near])
+    return metres
+
+
+def check_place(sheet: Sheet, region: SearchRegion) -> None:
+    """Note waypoints and legs outside of a region."""
+    way = metres_of(sheet, region)
+    if region.frame is not None:
+        check_elsewhere(sheet, sheet.points[0], (region.frame.longitude, region.frame.latitude), "the region", sheet.places[0])
+        if not sheet.readable:
+            return
+    import shapely
+
+    near = np.asarray(np.isfinite(way).all(axis=1))
+    allowed = region.area.buffer(ROUNDING)
+    forbidden = region.no_go.buffer(-ROUNDING)
+    shapely.prepare(allowed)
+    shapely.prepare(forbidden)
+    inside = near & np.asarray(shapely.intersects_xy(allowed, *np.where(near[:, None], way, 0).T))
+    barred = near & np.asarray(shapely.intersects_xy(forbidden, *np.where(near[:, None], way, 0).T))
+    for index in np.flatnonzero(~inside[1:] | barred[1:]).tolist():
+        point, place = text_of(sheet.points[index]), sheet.places[index]
+        if barred[index + 1]:
+            sheet.add("no-go", place, f"expected a waypoint outside the no-go zones, got {point}")
+        else:
+            away = float(shapely.distance(region.area, shapely.points(way[index + 1]))) if near[index + 1] else math.inf
+            sheet.add(
+                "outside-region", place, f"expected a waypoint in the region {region.name!r}, got {point}, {away:.3g} m outside"
+            )
+    _check_legs(sheet, np.vstack([way, way[:1]]), allowed, forbidden)
+
+
+def _check_legs(sheet: Sheet, way: Points, allowed: Any, forbidden: Any) -> None:
+    """Note legs that leave what is allowed; the ways from home and back count for rovers, and in no-go zones for all."""
+    import shapely
+
+    finite = np.asarray(np.isfinite(way).all(axis=1))
+    usable = np.asarray(finite[:-1] & finite[1:])
+    lines = shapely.linestrings(np.where(usable[:, None, None], np.stack([way[:-1], way[1:]], axis=1), 0.0))
+    outside = usable & ~np.asarray(shapely.covers(allowed, lines))
+    through = usable & np.asarray(shapely.intersects(forbidden, lines))
+    names = ["from home", *(f"to {place}" for place in sheet.places[1:]), "back home"]
+    for index in np.flatnonzero(outside | through).tolist():
+        place = sheet.places[min(index, len(sheet.places) - 1)]
+        if through[index]:
+            sheet.add("no-go", place, f"expected legs around the no-go zones, got one through them, {names[index]}")
+        elif sheet.kind == "rover":
+            sheet.add("leg-outside", place, f"expected legs inside the region, got one that leaves it, {names[index]}")
+        elif 0 < index < len(sheet.points):
+            sheet.add("transit", place, f"expected legs inside the region, got one that leaves it, {names[index]}")

@@ -1,0 +1,155 @@
+"""Random searches: every network, every fault, all invariants after every event; and bugs, planted, that they find.
+
+The number of searches is 2000, or that of the environment variable SHOAL_SOAK.
+"""
+
+from __future__ import annotations
+
+import os
+from math import inf
+
+import pytest
+
+from shoal.search import robot as robots
+from shoal.search import world as worlds
+from shoal.search.faults import Crash, Liar, Pause
+from shoal.search.invariants import Checker, InvariantError, check_outcome
+from shoal.search.robot import Declare, Sign
+from shoal.search.scenarios import random_scenario
+from shoal.search.world import World
+
+SEARCHES = int(os.environ.get("SHOAL_SOAK", "2000"))
+CHUNKS = 20
+
+
+def play(seed):
+    scenario = random_scenario(seed)
+    world = World(scenario, check=Checker(scenario))
+    outcome = world.run(until=60 * scenario.brief.course.whole * scenario.brief.fold + 1000)
+    check_outcome(scenario, outcome)
+    return scenario, outcome
+
+
+@pytest.mark.parametrize("chunk", range(CHUNKS))
+def test_random_searches_hold_all_invariants(chunk):
+    for seed in range(chunk, SEARCHES, CHUNKS):
+        play(seed)
+
+
+def test_scenarios_are_of_all_kinds():
+    scenarios = [random_scenario(seed) for seed in range(300)]
+    kinds = {type(fault).__name__ for scenario in scenarios for fault in scenario.faults}
+    media = {type(medium).__name__ for scenario in scenarios for medium in scenario.network.media}
+    assert kinds == {"Crash", "Pause", "Slow", "Battery", "WrongPosition", "Liar"}
+    assert media == {"Loss", "Bursts", "Range", "Partition", "Delay", "Duplicates", "Corruption"}
+    assert {len(scenario.starts) for scenario in scenarios} >= {1, 2, 5, 10}
+    assert any(not scenario.network.media for scenario in scenarios)
+    assert any(scenario.brief.energy < inf for scenario in scenarios)
+    assert {scenario.brief.fold for scenario in scenarios} == {1, 2, 3}
+
+
+def test_the_same_seed_gives_the_same_trace():
+    for seed in range(12):
+        traces = [World(random_scenario(seed), trace=True).run(until=2000).trace for _ in range(2)]
+        assert traces[0] == traces[1]
+        assert traces[0].count(b"\n") > 0
+
+
+def found_within(searches):
+    """Return whether an invariant breaks in one of so many searches; what it says must hold the seed."""
+    for seed in range(searches):
+        try:
+            play(seed)
+        except InvariantError as error:
+            return f"seed {seed}" in str(error)
+    return False
+
+
+def test_no_planted_bug_no_finding():
+    assert not found_within(60)
+
+
+def test_bug_1_done_when_the_own_part_is_done(monkeypatch):
+    true = robots.settled
+    monkeypatch.setattr(
+        robots,
+        "settled",
+        lambda robot, time: robot.brief.everything if robot.parts[robot.own].bits & ~robot.mine == 0 else true(robot, time),
+    )
+    assert found_within(60)
+
+
+def test_bug_2_a_silent_robot_counts_as_done(monkeypatch):
+    true = robots.heard
+
+    def heard(robot, beacon, time):
+        after = true(robot, beacon, time)
+        claimed = {part.robot: part.bits for part in robot.parts if part.robot in after.peers and part.robot != robot.number}
+        return after.but(searched={**after.searched, **claimed})
+
+    monkeypatch.setattr(robots, "heard", heard)
+    assert found_within(60)
+
+
+def test_bug_3_no_right_of_way(monkeypatch):
+    def enter(world, vehicle, cell):
+        vehicle.searching = vehicle.place = cell
+        world._post(world.time + 1.0 / world._rate(vehicle), vehicle.robot.number, "sense", cell)
+
+    monkeypatch.setattr(World, "_do_enter", enter)
+    assert found_within(60)
+
+
+def test_bug_4_nobody_takes_over(monkeypatch):
+    monkeypatch.setattr(robots, "_left_cell", lambda robot, wanted, time: (None, inf))
+    assert found_within(60)
+
+
+def test_bug_5_an_empty_battery_goes_on(monkeypatch):
+    def spend(world, vehicle, cost):
+        vehicle.energy -= cost
+        return True
+
+    monkeypatch.setattr(World, "_spend", spend)
+    assert found_within(200)
+
+
+def test_bug_6_waits_for_ever_for_a_live_robot(monkeypatch):
+    monkeypatch.setattr(robots, "cost_of_all", lambda course, wanted, here, fresh: -inf)
+    assert found_within(200)
+
+
+def test_liars_are_outvoted():
+    """With fold 2 and one liar all is searched by an honest robot before anybody declares; with fold 1 the liar is believed."""
+    believed = 0
+    for seed in range(40):
+        scenario = random_scenario(seed)
+        if len(scenario.starts) < 3:
+            continue
+        brief = robots.Brief(scenario.brief.course, scenario.brief.method, fold=2)
+        lying = worlds.Scenario(brief, scenario.starts, faults=(Liar(1),), seed=seed)
+        world = World(lying, check=Checker(lying))
+        check_outcome(lying, world.run(until=1e5))
+        single = worlds.Scenario(robots.Brief(brief.course, brief.method), scenario.starts, faults=(Liar(1),), seed=seed)
+        outcome = World(single).run(until=1e5)
+        believed += any(when < outcome.covered_at for when in outcome.declared.values())
+    assert believed > 5
+
+
+def test_declared_is_an_action_and_status():
+    scenario, outcome = play(1)
+    for number, when in outcome.declared.items():
+        assert when >= outcome.covered_at or any(isinstance(fault, Liar) for fault in scenario.faults)
+        assert outcome.vehicles[number].robot.status == "complete"
+    assert Declare() == Declare()
+    assert Sign(1, 2, 3, 1.0, "waiting").status == "waiting"
+
+
+def test_crashes_and_pauses_do_what_they_say():
+    scenario = random_scenario(2)
+    faulty = worlds.Scenario(robots.Brief(scenario.brief.course), (0, 0, 0), faults=(Crash(1, 3.0), Pause(2, 2.0, 30.0)), seed=1)
+    outcome = World(faulty).run(until=1e4)
+    assert outcome.vehicles[1].states[-1] == (3.0, "dead")
+    assert all(when <= 3.0 for when, _ in outcome.vehicles[1].visits)
+    assert not any(2.0 < when < 30.0 for when, _ in outcome.vehicles[2].visits)
+    assert outcome.covered_at < inf

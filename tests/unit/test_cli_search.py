@@ -1,0 +1,133 @@
+"""shoal search: the JSON contract, what it writes, what it refuses."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from shoal.cli import run
+
+FIELDS = ["region", "robots", "tour", "allocation", "makespan_cells", "makespan_s", "planned_cells", "lower_bound_cells"]
+FIELDS += [
+    "covered_fraction",
+    "uncovered_m2",
+    "outside_m",
+    "complete",
+    "simulated",
+    "live",
+    "messages",
+    "takeovers",
+    "findings",
+    "routes",
+]
+FIELDS += ["seed", "seconds"]
+FIELD = {"type": "Polygon", "coordinates": [[[7.0, 50.0], [7.003, 50.0], [7.003, 50.002], [7.0, 50.002], [7.0, 50.0]]]}
+
+
+def test_json_of_search(capsys):
+    arguments = [
+        "search",
+        "square:100",
+        "--robots",
+        "4",
+        "--footprint",
+        "10",
+        "--loss",
+        "0.2",
+        "--kill",
+        "2@5",
+        "--seed",
+        "3",
+        "--json",
+    ]
+    assert run(arguments) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert list(result) == FIELDS
+    assert result["region"] == {"name": "square:100", "cells": 100, "area_m2": 10000.0, "cell_m": 10.0}
+    assert result["complete"] is True
+    assert result["messages"]["lost"] > 0
+    assert [route["status"] for route in result["routes"]] == ["complete", "dead", "complete", "complete"]
+    assert result["makespan_s"] == pytest.approx(10 * result["makespan_cells"])
+    assert result["lower_bound_cells"] == 25
+    assert result["covered_fraction"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("tour", ["spanning-tree", "comb", "hilbert-rectangle", "hilbert", "moore"])
+def test_every_tour_searches_a_region_with_a_hole(tour, capsys):
+    assert run(["search", "ring:80x60", "--robots", "3", "--footprint", "10", "--tour", tour, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["tour"] == tour
+    assert result["covered_fraction"] > 0.999
+    assert result["outside_m"] == 0
+
+
+def test_missions_and_files(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "field.json").write_text(json.dumps(FIELD))
+    arguments = ["search", "field.json", "--robots", "3", "--footprint", "20", "--missions", "missions", "--format", "plan,wpl"]
+    assert run([*arguments, "--vehicle", "ardupilot", "--speed", "5", "--out", "found"]) == 0
+    assert sorted(path.name for path in (tmp_path / "found").iterdir()) == [
+        "episode.json",
+        "region.png",
+        "summary.json",
+        "timeline.png",
+    ]
+    assert len(list((tmp_path / "missions").iterdir())) == 6
+    assert run(["missions", "check", "missions", "field.json", "--footprint", "20", "--json"]) == 0
+    capsys.readouterr()
+    assert run(["replay", "found/episode.json", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["verified"] is True
+    episode = json.loads((tmp_path / "found" / "episode.json").read_text())
+    episode["covered_at"] += 1
+    (tmp_path / "found" / "episode.json").write_text(json.dumps(episode))
+    assert run(["replay", "found/episode.json"]) == 1
+
+
+def test_a_search_that_nobody_survives_fails(capsys):
+    assert run(["search", "square:100", "--robots", "2", "--footprint", "10", "--kill", "1@3", "--kill", "2@4", "--json"]) == 1
+    result = json.loads(capsys.readouterr().out)
+    assert result["complete"] is False
+    assert result["makespan_cells"] is None
+    assert result["uncovered_m2"] > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("square:100 --robots 0 --footprint 10", "robots: expected a whole number, 1 or more, got 0"),
+        ("square:100 --robots 2 --footprint -1", "footprint"),
+        ("square:100 --robots 2 --footprint 10 --kill 3@1", "--kill: expected ROBOT@TIME with a robot from 1 to 2"),
+        ("square:100 --robots 2 --footprint 10 --loss 2", "loss: expected a probability"),
+        ("square:100 --robots 2 --footprint 10 --network wifi", "network: expected perfect or some of"),
+        ("square:100 --robots 2 --footprint 10 --rates 1,x", "--rates: expected numbers"),
+        ("square:100 --robots 2 --footprint 10 --rates 1", "rates: expected 2 speeds"),
+        (
+            "square:100 --robots 2 --footprint 10 --starts nowhere.csv",
+            "nowhere.csv: expected a table of starts file, got no such file",
+        ),
+        ("square:100 --robots 2 --footprint 10 --missions m --vehicle dji", "--vehicle: expected px4 or ardupilot, got 'dji'"),
+        ("square:100 --robots 2 --footprint 10 --missions m --format docx", "docx"),
+        ("squire:100 --robots 2 --footprint 10", "square"),
+        ("square:100 --robots 2 --footprint 10 --tour hilbrt", "hilbert"),
+        ("square:100 --robots 2 --footprint 10 --allocation hope", "hop"),
+        ("square:100 --robots 2 --footprint 10 --film film.avi", "film.avi"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments, words, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run(["search", *arguments.split()]) == 2
+    captured = capsys.readouterr()
+    assert words in captured.err
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_demo(tmp_path, capsys):
+    assert run(["demo", "search", "--out", str(tmp_path / "demo"), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["complete"]
+    assert result["covered_fraction"] > 0.9999
+    assert [route["robot"] for route in result["routes"] if route["status"] == "dead"] == [3, 7, 8]
+    assert {"region.png", "timeline.png", "search.html", "missions"} <= {path.name for path in (tmp_path / "demo").iterdir()}

@@ -1,0 +1,292 @@
+"""Allocation, course, networks, faults, the robot, and whole searches."""
+
+from __future__ import annotations
+
+import json
+from math import inf
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.search import Course, SearchEpisode, Sweep, allocate, make_tour, plan_search, search
+from shoal.search.bits import at_least, cells_of, next_in, run, runs, turned
+from shoal.search.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, crashes_of
+from shoal.search.messages import Beacon, Sign, decode, encode
+from shoal.search.network import Network, network_of
+from shoal.search.robot import Begin, Blocked, Brief, Declare, Go, Heard, Robot, Send, Sensed, Wake, WakeAt, advance
+from shoal.search.world import Scenario, World
+
+METHODS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
+
+
+def searched(allocation, n):
+    seen = np.zeros(n, dtype=int)
+    for sweeps in allocation.sweeps:
+        for sweep in sweeps:
+            seen[(sweep.first + sweep.step * np.arange(sweep.count)) % n] += 1
+    return seen
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("layout", ["random", "clustered", "line", "one cell", "unequal"])
+def test_every_cell_is_allotted_once(method, layout):
+    rng = np.random.default_rng(3)
+    for _ in range(8):
+        shape = tuple(int(side) for side in rng.integers(1, 14, size=2))
+        course = Course(make_tour("hilbert-rectangle", shape), turn_cost=float(rng.choice([0, 1])))
+        n, m = len(course), int(rng.integers(1, 25))
+        if layout == "random" or layout == "unequal":
+            starts = rng.integers(0, n, size=m)
+        elif layout == "clustered":
+            starts = (rng.integers(n) + rng.integers(0, 5, size=m)) % n
+        elif layout == "line":
+            starts = course.tour.position[np.arange(m) % shape[0], 0]
+        else:
+            starts = np.full(m, rng.integers(n))
+        rates = rng.uniform(0.3, 3, size=m) if layout == "unequal" else None
+        found = allocate(course, starts, method=method, rates=rates)
+        assert_array_equal(searched(found, n), 1)
+        assert found.makespan >= found.lower_bound - 1e-9
+
+
+def test_allocations_get_better():
+    course = Course(make_tour("moore", (32, 32)))
+    rng = np.random.default_rng(5)
+    means = {method: [] for method in METHODS}
+    for _ in range(30):
+        starts = rng.integers(0, 1024, size=20)
+        for method in METHODS:
+            means[method].append(allocate(course, starts, method=method).makespan / 1024)
+    mean = {method: np.mean(values) for method, values in means.items()}
+    assert mean["hop"] < mean["two-way"] < mean["individual-shift"] < mean["stay"]
+    assert mean["common-shift"] < mean["stay"]
+    assert mean["hop"] < 0.064 + 0.003  # the specification's
+
+
+def test_stay_is_the_largest_gap():
+    course = Course(make_tour("moore", (8, 8)))
+    found = allocate(course, [3, 10, 50], method="stay")
+    assert found.times.tolist() == [7, 40, 17]
+    assert found.sweeps[1] == (Sweep(10, 40),)
+    double = allocate(course, [10, 10, 50], method="stay")
+    assert [len(sweeps) for sweeps in double.sweeps] == [0, 1, 1]  # of two in a cell one is in reserve
+
+
+def test_faster_robots_search_more():
+    course = Course(make_tour("moore", (16, 16)))
+    found = allocate(course, [0, 64, 128, 192], method="hop", rates=[1, 1, 1, 3])
+    counts = [sum(sweep.count for sweep in sweeps) for sweeps in found.sweeps]
+    assert counts[3] > 2 * max(counts[:3])
+    assert found.lower_bound == pytest.approx(256 / 6)
+    assert found.makespan < 1.35 * found.lower_bound
+
+
+def test_turns_cost():
+    straight, bent = Course(make_tour("comb", (8, 8))), Course(make_tour("comb", (8, 8)), turn_cost=1.0)
+    assert straight.whole == 64
+    assert bent.whole == 64 + bent.turns.sum()
+    assert bent.turns.sum() == make_tour("comb", (8, 8)).metrics().turns
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda c: allocate(c, []), "starts: expected one or more numbers"),
+        (lambda c: allocate(c, [16]), "starts: expected one or more numbers of cells from 0 to 15"),
+        (lambda c: allocate(c, [1.5]), "starts"),
+        (lambda c: allocate(c, [1], rates=[0]), "rates: expected 1 speeds above 0"),
+        (lambda c: allocate(c, [1, 2], places=[[0, 0]]), "places: expected shape"),
+        (lambda c: Course(c.tour, turn_cost=-1), "turn cost"),
+        (lambda c: Course(c.tour, np.zeros((3, 2))), "points: expected finite numbers of shape"),
+        (lambda c: Scenario(Brief(c), ()), "starts: expected one or more cells"),
+        (lambda c: Scenario(Brief(c), (0,), (0.0,)), "rates: expected 1 speeds"),
+        (lambda c: Scenario(Brief(c), (0,), faults=(Crash(2, 1.0),)), "fault: expected a robot from 1 to 1"),
+        (lambda c: network_of("loud:3"), "network: expected perfect or some of"),
+        (lambda c: network_of("loss:2"), "network"),
+        (lambda c: network_of("bursts:0.5"), "network"),
+        (lambda c: network_of(loss=1.5), "loss: expected a probability"),
+        (lambda c: crashes_of(["3@1"], robots=2), "--kill: expected ROBOT@TIME"),
+        (lambda c: crashes_of(["1@x"], robots=2), "--kill"),
+        (lambda c: plan_search("square:100", robots=0, footprint=10), "robots: expected a whole number"),
+        (lambda c: plan_search("square:100", robots=2, footprint=10, starts=[(0, 0)]), "starts: expected 2 points"),
+        (lambda c: plan_search("square:100", robots=1, footprint=10, starts=[(999, 0)]), "starts"),
+        (lambda c: plan_search("square:100", robots=1, footprint=10, starts="no.csv"), "no.csv: expected a table of starts file"),
+        (lambda c: search("square:100", robots=1, footprint=10, fold=0), "fold: expected a whole number, 1 or more"),
+        (lambda c: search("square:100", robots=1, footprint=10, speed=-1), "speed: expected a number above 0"),
+        (lambda c: search("square:100", robots=1, footprint=10, detection=2), "detection: expected a probability"),
+        (lambda c: search("square:100", robots=1, footprint=10, targets=1000), "targets: expected a number from 0 to 100"),
+        (lambda c: search("square:100", robots=1, footprint=10, loss=0.5, simulate=False), "simulated"),
+    ],
+)
+def test_bad_input_is_refused_in_a_sentence(call, words):
+    with pytest.raises(InvalidInputError, match=words) as caught:
+        call(Course(make_tour("moore", (4, 4))))
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(UnknownNameError, match="hop"):
+        allocate(Course(make_tour("moore", (4, 4))), [0], method="hopp")
+
+
+def test_bits_against_sets():
+    rng = np.random.default_rng(8)
+    for _ in range(200):
+        n = int(rng.integers(1, 90))
+        cells = set(rng.integers(0, n, size=rng.integers(0, n + 1)).tolist())
+        bits, first = sum(1 << cell for cell in cells), int(rng.integers(n))
+        count = int(rng.integers(0, n + 1))
+        assert set(cells_of(bits)) == cells
+        assert set(cells_of(run(first, count, n))) == {(first + k) % n for k in range(count)}
+        order = [(first + k) % n for k in range(n)]
+        assert next_in(bits, first, n) == next((cell for cell in order if cell in cells), None)
+        stretches = list(runs(bits, first, n))
+        assert [(start + k) % n for start, length in stretches for k in range(length)] == [c for c in order if c in cells]
+        assert set(cells_of(turned(bits, first, n))) == {(cell - first) % n for cell in cells}
+        sets = [int(rng.integers(0, 1 << min(n, 60))) for _ in range(4)]
+        for k in (1, 2, 3):
+            assert set(cells_of(at_least(sets, k))) == {c for c in range(n) if sum(one >> c & 1 for one in sets) >= k}
+        for sweep in (Sweep(first, max(count, 1)), Sweep(first, max(count, 1), -1)):
+            way = [(first + sweep.step * k) % n for k in range(sweep.count)]
+            assert sweep.next_of(bits, n) == next((cell for cell in way if cell in cells), None)
+
+
+def test_messages_come_back_and_damage_is_noticed():
+    beacon = Beacon(3, (Sign(3, 9, 4, 1.5, "waiting"), Sign(1, 2, 7, 1.0, "searching")), ((3, 0b1011), (1, 1 << 200)), ((5, 2),))
+    data = encode(beacon)
+    assert decode(data) == beacon
+    for place in range(len(data)):
+        with pytest.raises(InvalidInputError, match="beacon: expected"):
+            decode(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+    with pytest.raises(InvalidInputError):
+        decode(b"")
+
+
+def test_a_robot_alone_searches_everything_in_the_time_of_one_round():
+    course = Course(make_tour("moore", (8, 8)))
+    outcome = World(Scenario(Brief(course), (5,))).run()
+    assert outcome.covered_at == 65.0  # one for listening
+    assert outcome.declared == {1: 65.0}
+
+
+def test_a_step_of_the_robot_does_not_change_its_state():
+    robot = Robot(1, Brief(Course(make_tour("moore", (4, 4)))), start=2)
+    before = dict(robot.__dict__)
+    for event in (Begin(0.0), Heard(0.0, Beacon(2, (Sign(2, 1, 9, 1.0, "listening"),), ((2, 1),))), Wake(1.0)):
+        advance(robot, event)
+        assert robot.__dict__ == before
+
+
+def test_a_robot_takes_over_from_a_silent_one():
+    course = Course(make_tour("moore", (4, 4)))
+    robot, _ = advance(Robot(1, Brief(course, "stay"), start=0), Begin(0.0))
+    robot, _ = advance(robot, Heard(0.5, Beacon(2, (Sign(2, 1, 2, 1.0, "listening"),), ())))
+    robot, actions = advance(robot, Wake(1.0))
+    assert Go(0) in actions
+    robot, actions = advance(robot, Sensed(2.0, 0))
+    robot, actions = advance(robot, Sensed(3.0, 1))
+    assert Go(2) in actions  # it has heard of no progress: waiting would cost more than a round
+    assert any(isinstance(action, WakeAt) for action in actions)
+
+
+def test_a_blocked_robot_goes_elsewhere_and_comes_back():
+    course = Course(make_tour("moore", (2, 2)))
+    robot, _ = advance(Robot(1, Brief(course), start=0), Begin(0.0))
+    robot, actions = advance(robot, Wake(1.0))
+    assert actions[0] == Go(0)
+    robot, actions = advance(robot, Blocked(3.0, 0))
+    order = []
+    time = 3.0
+    while not any(isinstance(action, Declare) for action in actions):
+        go = next(action for action in actions if isinstance(action, Go))
+        order.append(go.cell)
+        time += 1.0
+        robot, actions = advance(robot, Sensed(time, go.cell))
+    assert order == [1, 2, 3, 0]
+    assert any(isinstance(action, Send) for action in actions)
+
+
+def test_a_search_from_plan_to_file(tmp_path):
+    faults = [Crash(2, 20.0), Pause(3, 5, 40), Slow(4, 1.5), Battery(5, 60.0), WrongPosition(6, 3), Liar(1)]
+    episode = search("ring:120x80", robots=7, footprint=10, loss=0.3, faults=faults, targets=5, fold=2, seed=3, network="delay:0.5")
+    assert episode
+    assert episode.coverage.covered_fraction == pytest.approx(1.0)
+    assert episode.coverage.outside_m == 0
+    report = episode.report()
+    assert json.loads(json.dumps(report)) == report
+    assert report["routes"][1]["status"] == "dead"
+    assert {finding["x"] for finding in report["findings"]}
+    path = tmp_path / "episode.json"
+    episode.save(path)
+    again = SearchEpisode.load(path)
+    assert again.verify()
+    assert again.report() | {"seconds": 0} == report | {"seconds": 0}
+    data = json.loads(path.read_text())
+    data["robots"][0]["cells"][0] += 1
+    path.write_text(json.dumps(data))
+    assert not SearchEpisode.load(path).verify()
+    for damage in ('{"format": 1}', "{", ""):
+        path.write_text(damage)
+        with pytest.raises(InvalidInputError, match="episode"):
+            SearchEpisode.load(path)
+
+
+def test_findings_weigh_who_has_seen_what():
+    episode = search("square:100", robots=3, footprint=10, targets=3, fold=3, detection=0.7, false_alarm=0.02, seed=1)
+    assert episode
+    for finding in episode.findings:
+        assert set(finding.found_by) | set(finding.missed_by) == {1, 2, 3}
+    sure = {len(finding.found_by): finding.confidence for finding in episode.findings}
+    assert all(sure[many] > sure[few] for many in sure for few in sure if many > few)
+
+
+def test_robots_with_little_energy_come_home_in_between():
+    episode = search("circle:60", robots=3, footprint=10, energy=250.0, recharge=20.0, seed=2)
+    assert episode
+    for robot, route in enumerate(episode.routes):
+        assert len(episode.robots[robot].cells)
+        assert route.length > 0
+    assert episode.covered_at > episode.plan.allocation.makespan
+
+
+def test_parts_of_a_region_need_robots_that_fly():
+    from shapely import box, union_all
+
+    from shoal.search import region_of
+
+    region = region_of(union_all([box(0, 0, 50, 50), box(100, 0, 150, 50)]))
+    with pytest.raises(InvalidInputError, match="expected one part"):
+        plan_search(region, robots=2, footprint=10)
+    episode = search(region, robots=2, footprint=10, transit=True, seed=1)
+    assert episode
+    assert episode.coverage.covered_fraction == pytest.approx(1.0)
+
+
+def test_starts_from_a_file(tmp_path):
+    table = tmp_path / "starts.csv"
+    table.write_text("x,y\n20,20\n 20 , 80\n")
+    plan = plan_search("square:100", robots=2, footprint=10, starts=table)
+    assert plan.places.tolist() == [[20, 20], [20, 80]]
+    table.write_text("x,y\n1,2\n3\n")
+    with pytest.raises(InvalidInputError, match=r"starts.csv, line 3: expected two numbers, got '3'"):
+        plan_search("square:100", robots=2, footprint=10, starts=table)
+
+
+def test_a_plan_without_a_simulation():
+    plan = plan_search("square:300", robots=5, footprint=10, seed=4, turn_cost=0.5)
+    one = search("square:300", robots=5, footprint=10, seed=4, turn_cost=0.5, simulate=False)
+    assert not one.simulated
+    assert one.covered_at == plan.allocation.makespan
+    ends = [float(log.times[-1]) for log in one.robots]
+    assert ends == pytest.approx(plan.allocation.times.tolist())
+    assert one.coverage.covered_fraction == pytest.approx(1.0)
+
+
+def test_nothing_is_lost_on_a_perfect_network():
+    course = Course(make_tour("moore", (8, 8)))
+    outcome = World(Scenario(Brief(course), (0, 20, 40), network=Network())).run()
+    assert outcome.lost == 0
+    assert outcome.takeovers == 0
+    assert outcome.covered_at < inf
