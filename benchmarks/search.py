@@ -78,7 +78,7 @@ def turns(trials: int, seed: int) -> None:
 def figure_five() -> None:
     sides = (64, 256, 1024, 4096)
     print(
-        f"\nT_E/T_UB of stay, 10,000 trials, and H/m of those that live; cells:  " + "".join(f"{cells:>14}    " for cells in sides)
+        "\nT_E/T_UB of stay, 10,000 trials, and H/m of those that live; cells:  " + "".join(f"{cells:>14}    " for cells in sides)
     )
     began = time.perf_counter()
     for dead, robots in [(dead, robots) for dead in (0, 1, 5) for robots in (1, 2, 5, 10, 20, 50) if robots > dead]:
