@@ -77,12 +77,14 @@ def turns(trials: int, seed: int) -> None:
 
 def figure_five() -> None:
     sides = (64, 256, 1024, 4096)
-    print(f"\nT_E/T_UB of stay, 10,000 trials, and H/m; cells:{'':>8}" + "".join(f"{cells:>18}" for cells in sides))
+    print(
+        "\nT_E/T_UB of stay, 10,000 trials, and H/m of those that live; cells:  " + "".join(f"{cells:>14}    " for cells in sides)
+    )
     began = time.perf_counter()
     for dead, robots in [(dead, robots) for dead in (0, 1, 5) for robots in (1, 2, 5, 10, 20, 50) if robots > dead]:
         found = [expected_time(cells, robots, dead=dead, seed=robots) for cells in sides]
         words = "".join(f"{one.mean:>9.4f} ± {one.error:.4f}" for one in found)
-        print(f"  m = {robots:>2}, {dead} dead on arrival: H/m {stay_share(robots, dead=dead):.4f}{'':>16}{words}")
+        print(f"  m = {robots:>2}, {dead} dead on arrival: {stay_share(robots, dead=dead):.4f}{'':>16}{words}")
     print(f"  {time.perf_counter() - began:.1f} s in all")
 
 

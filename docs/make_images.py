@@ -1,6 +1,6 @@
-"""Draw the pictures of the documentation: mapping, the theory's figures, tours, steering and the figures of paper W.
+"""Draw the pictures of the documentation: mapping, the theory's figures, tours, searches, steering and the figures of paper W.
 
-Run: python docs/make_images.py [mapping] [theory] [tours] [steering], without a name for all.
+Run: python docs/make_images.py [mapping] [theory] [tours] [searches] [steering], without a name for all.
 (pareto.png takes longer: python -m benchmarks.scanning --trials 20 --pareto docs/images/pareto.png)
 """
 
@@ -16,13 +16,15 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from shoal import open_map, run
-from shoal.search import make_tour
+from shoal.search import make_tour, search
+from shoal.search.faults import Crash, Pause
 from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon, steer
 from shoal.steering.filling import disk_fractions, largest_two_move_fraction, polygon_filling
 from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes, sweep_goals
 from shoal.swarm.line import Line, sample
 from shoal.swarm.scanning import EveryStep, Hyperexponential, Powers
 from shoal.views.figures import frontier_plot, map_figure, save_figure
+from shoal.views.search import expected_time_figure, search_figure, timeline_figure
 from shoal.views.steering import plan_figure, reach_figure
 from shoal.views.steering_paper import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
 from shoal.views.theory import coverage_curve, gap_distributions, move_distributions, schedule_ratios, theorem_chart
@@ -35,7 +37,7 @@ TRIALS = 1_000_000
 
 
 def main() -> None:
-    parts = {"mapping": mapping, "theory": theory, "tours": tours, "steering": steering}
+    parts = {"mapping": mapping, "theory": theory, "tours": tours, "searches": searches, "steering": steering}
     for name in sys.argv[1:] or parts:
         parts[name]()
 
@@ -53,6 +55,15 @@ def tours() -> None:
     save("tour-rectangle.png", tour_figure(make_tour("hilbert-rectangle", (24, 32))))
     save("tour-spanning-tree.png", tour_figure(make_tour("spanning-tree", open_map("cave:64x48:1").free)))
     save("tour-space.png", tour_figure(make_tour("hilbert-rectangle", (6, 8, 10))))
+
+
+def searches() -> None:
+    """Draw a search in which a robot dies, what each robot did, and the expected time of paper H, Fig. 5."""
+    faults = [Crash(2, 20.0), Pause(3, 5, 40)]
+    episode = search("ring:200x150", robots=6, footprint=10, loss=0.3, faults=faults, targets=5, seed=3)
+    save("search-ring.png", search_figure(episode), colours=256)
+    save("search-timeline.png", timeline_figure(episode), colours=256)
+    save("search-expected-time.png", expected_time_figure())
 
 
 def theory() -> None:

@@ -1,4 +1,4 @@
-"""Paper H, Fig. 5: the expected time of robots that stay where they are, against theory, an exact count and the allocation itself."""
+"""Paper H, Fig. 5: the time of robots that stay where they are, against theory, an exact count and the allocation itself."""
 
 from __future__ import annotations
 
@@ -56,6 +56,10 @@ def exact_share(cells: int, robots: int) -> float:
 def test_exact_count_in_whole_cells(cells, robots):
     found = expected_time(cells, robots, trials=TRIALS, seed=1)
     assert abs(found.mean - exact_share(cells, robots)) <= SURE * found.error + 1e-12
+
+
+def test_whole_cells_are_hardly_slower():
+    assert exact_share(64, 50) / stay_share(50) == pytest.approx(1.0057, abs=1e-4)
 
 
 def test_it_is_the_time_of_the_allocation():

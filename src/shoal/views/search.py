@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import inf
 from typing import TYPE_CHECKING, Any
 
@@ -14,13 +14,16 @@ from shoal.search import SearchEpisode
 from shoal.search.expectation import expected_time, stay_share
 from shoal.views.charts import BLUE, INK, MUTED, ORANGE, new_figure, plain_axes, set_title
 from shoal.views.search_story import SearchStory, long_legs, rings_of, robot_colour
+from shoal.views.search_timeline import draw_heading, timeline_figure
 from shoal.views.steering import bare_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-NOT_SEEN, WAITING, LISTENING = "#d81b1b", "#d5dae0", "#eceff2"
+__all__ = ["cell_colours", "expected_time_figure", "search_figure", "spread_out", "timeline_figure"]
+
+NOT_SEEN = "#d81b1b"
 _OUTSIDE, _EDGE, _LINES = "#eef0f3", "#39424e", "#e1e5ea"
 _OWN, _TAKEN = 0.16, 0.36  # how much of a robot's colour its cells have
 _GRID = 3000  # cells whose sides are still drawn
@@ -31,9 +34,9 @@ _ARROWS = 14  # on a route, at the most
 def search_figure(episode: SearchEpisode) -> Figure:
     """Return the figure of a search: the region, and the way of each robot in its colour.
 
-    A square with its number is where a robot started, a cross where it died, a diamond a finding with how sure it is. Cells have the
-    colour of the robot that first searched them, those of another's part a darker one and an outline, and the way through them is
-    thicker. Ways to cells farther off are thin. What nobody saw is red.
+    A square with its number is where a robot started, a cross where it died, a diamond a finding with how sure it is. Cells have
+    the colour of the robot that first searched them; those of another's part have a darker one and an outline, and the way through
+    them is thicker. Ways to cells farther off are thin and dashed. What nobody saw is red.
     """
     story = SearchStory(episode)
     left, right, bottom, top = story.extent
@@ -51,15 +54,12 @@ def search_figure(episode: SearchEpisode) -> Figure:
     axes.set_xlabel("metres", color=MUTED, fontsize=8)
     bare_axes(axes)
     axes.set_title(_summary(episode), fontsize=9, color=MUTED, loc="left", parse_math=False)
-    _draw_heading(figure, f"{episode.plan.grid.region.name}, {_robots(story.n_robots)}")
+    draw_heading(figure, f"{episode.plan.grid.region.name}, {_robots(story.n_robots)}")
     _draw_legend(figure, story)
     figure.draw_without_rendering()  # settles where the axes are, so that numbers can be kept apart on paper
+    figure.set_layout_engine("none")
     _draw_robots(axes, story)
     return figure
-
-
-def _draw_heading(figure: Figure, words: str) -> None:
-    figure.suptitle(words, fontsize=11, color=INK, x=0.012, ha="left", fontweight="bold", parse_math=False)
 
 
 def _robots(count: int) -> str:
@@ -220,8 +220,9 @@ def _draw_robots(axes: Axes, story: SearchStory) -> None:
             axes.plot(*np.stack([place, label]).T, color=colour, lw=0.9, zorder=6.2)
             axes.plot(*place, "s", color=colour, ms=3, zorder=6.2)
         axes.plot(*label, "s", mfc=colour, mec="white", mew=0.9, ms=side, zorder=6.5, clip_on=False)
+        x, y = (float(part) for part in label)
         axes.text(
-            *label, str(robot + 1), color="white", fontsize=font, fontweight="bold", ha="center", va="center_baseline", zorder=7
+            x, y, str(robot + 1), color="white", fontsize=font, fontweight="bold", ha="center", va="center_baseline", zorder=7
         )
     for robot in range(story.n_robots):
         if story.death(robot) < inf:
@@ -272,102 +273,6 @@ def _draw_legend(figure: Figure, story: SearchStory) -> None:
     )  # fmt: skip
 
 
-def timeline_figure(episode: SearchEpisode) -> Figure:
-    """Return the figure of what each robot did: a row a robot, in the time of a cell.
-
-    Full colour: it searched its own part. Hatched: another's, whose number is written in it. Grey: it waited; pale: it listened;
-    dotted: it was paused; a cross: it died; a dot: it declared the search complete.
-    """
-    story = SearchStory(episode)
-    rows = story.n_robots
-    pitch = float(np.clip(9.0 / rows, 0.2, 0.34))
-    figure = new_figure(8.0, 1.35 + pitch * max(rows, 2))
-    axes = figure.add_subplot()
-    for robot, stretches in enumerate(story.stretches):
-        for stretch in stretches:
-            _draw_stretch(axes, robot, stretch, story.end, pitch)
-    _draw_moments(axes, story)
-    axes.set(xlim=(0, 1.015 * story.end), ylim=(rows - 0.4, -0.6), xlabel="time, in cells", ylabel="robot")
-    axes.set_yticks(range(rows), [str(robot + 1) for robot in range(rows)], fontsize=8 if pitch > 0.26 else 6.5)
-    plain_axes(axes)
-    axes.grid(visible=False, axis="y")
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
-    _draw_heading(figure, f"{episode.plan.grid.region.name}: what each robot did")
-    _draw_kinds(figure, story)
-    return figure
-
-
-def _draw_stretch(axes: Axes, robot: int, stretch: Any, end: float, pitch: float) -> None:
-    from matplotlib.colors import to_rgb
-
-    colour, length = robot_colour(robot), stretch.end - stretch.begin
-    span = (stretch.begin, length)
-    match stretch.kind:
-        case "own":
-            axes.broken_barh([span], (robot - 0.32, 0.64), facecolors=colour, linewidth=0, zorder=2)
-        case "taken":
-            pale = tuple(1 - 0.3 * (1 - part) for part in to_rgb(colour))
-            axes.broken_barh(
-                [span], (robot - 0.32, 0.64), facecolors=[pale], edgecolors=colour, linewidth=0.9, hatch="/////", zorder=2.2
-            )
-            if length > 0.028 * end:
-                axes.text(
-                    stretch.begin + length / 2, robot, str(stretch.other), fontsize=7 if pitch > 0.26 else 5.5, fontweight="bold",
-                    color=INK, ha="center", va="center_baseline", zorder=4,
-                    bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8, "boxstyle": "round,pad=0.12"},
-                )  # fmt: skip
-        case "waiting" | "listening":
-            shade = WAITING if stretch.kind == "waiting" else LISTENING
-            axes.broken_barh([span], (robot - 0.32, 0.64), facecolors=shade, linewidth=0, zorder=1.8)
-        case "paused":
-            axes.plot([stretch.begin, stretch.end], [robot, robot], color=colour, lw=1.6, ls=(0, (1, 1.6)), zorder=2)
-        case "dead":
-            axes.plot(stretch.begin, robot, "x", color="white", ms=8, mew=4, zorder=5, clip_on=False)
-            axes.plot(stretch.begin, robot, "x", color=INK, ms=7, mew=2, zorder=5.1, clip_on=False)
-        case _:
-            axes.plot(stretch.begin, robot, "o", mfc="white", mec=INK, mew=1.3, ms=5, zorder=5, clip_on=False)
-
-
-def _draw_moments(axes: Axes, story: SearchStory) -> None:
-    """Draw when all was searched, and when the last robot knew it."""
-    episode = story.episode
-    marks = []
-    if episode.covered_at < inf:
-        marks.append((episode.covered_at, "all searched", "solid"))
-    if episode.declared:
-        marks.append((max(episode.declared.values()), "all who live know it", (0, (3, 2))))
-    if len(marks) == 2 and abs(marks[0][0] - marks[1][0]) < 0.005 * story.end:
-        marks = [(marks[1][0], f"all searched, {marks[1][1]}", "solid")]
-    for row, (moment, words, style) in enumerate(reversed(marks)):
-        axes.axvline(moment, color=INK, lw=1.1, ls=style, zorder=3)
-        axes.annotate(
-            f"{words}: {moment:.4g}", (moment, 1), xycoords=("data", "axes fraction"), xytext=(0, 4 + 11 * row),
-            textcoords="offset points", fontsize=8, color=INK, ha="right" if moment > 0.35 * story.end else "left",
-        )  # fmt: skip
-
-
-def _draw_kinds(figure: Figure, story: SearchStory) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    first = robot_colour(0)
-    known: Mapping[str, Any] = {
-        "listening": Patch(facecolor=LISTENING, label="listening"),
-        "own": Patch(facecolor=first, label="its own part"),
-        "taken": Patch(facecolor="#b3d5e8", edgecolor=first, hatch="/////", label="part of robot …"),
-        "waiting": Patch(facecolor=WAITING, label="waiting"),
-        "paused": Line2D([], [], color=first, lw=1.6, ls=(0, (1, 1.6)), label="paused"),
-        "dead": Line2D([], [], ls="", marker="x", color=INK, ms=7, mew=2, label="died"),
-        "complete": Line2D([], [], ls="", marker="o", mfc="white", mec=INK, mew=1.3, ms=5, label="knows that all is searched"),
-    }
-    kinds = {stretch.kind for stretches in story.stretches for stretch in stretches}
-    figure.legend(
-        handles=[handle for kind, handle in known.items() if kind in kinds], loc="outside lower center", ncols=7, frameon=False,
-        fontsize=8, labelcolor=INK, handletextpad=0.5, columnspacing=1.2,
-    )  # fmt: skip
-
-
 def expected_time_figure(
     *,
     robots: Sequence[int] = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50),
@@ -401,15 +306,15 @@ def expected_time_figure(
     numbers = np.arange(1, max(robots) + 1)
     cases = [(0, BLUE, "o", "all live: H$_m$/m")]
     if 0 < dead < max(robots):
-        cases.append((dead, ORANGE, "s", f"{dead} dead on arrival: H$_{{m-{dead}}}$/(m−{dead})"))
+        cases.append((dead, ORANGE, "s", f"{dead} dead on arrival: H$_{{m-{dead}}}$/(m-{dead})"))
     for lost, colour, marker, words in cases:
         shown = [count for count in robots if count > lost]
         found = [expected_time(cells, count, dead=lost, trials=trials, seed=seed) for count in shown]
         curve = [(count, 100 * stay_share(int(count), dead=lost)) for count in numbers if count > lost]
         axes.plot(*np.array(curve).T, color=colour, lw=1.5, label=words)
         axes.errorbar(
-            shown, [100 * one.mean for one in found], [200 * one.error for one in found], fmt=marker, mfc="white", mec=colour, ecolor=colour,
-            mew=1.5, ms=5.5, capsize=2.5, lw=1.2,
+            shown, [100 * one.mean for one in found], [200 * one.error for one in found], fmt=marker, mfc="white", mec=colour,
+            ecolor=colour, mew=1.5, ms=5.5, capsize=2.5, lw=1.2,
         )  # fmt: skip
     axes.plot(numbers, 100 / numbers, color=MUTED, lw=1.3, ls=(0, (4, 2)), label="no search is faster: 1/m")
     if max(robots) >= 20:

@@ -188,7 +188,7 @@ class SearchFilm:
             for width, shade in ((5.5 * unit, "#ffffff"), (2.6 * unit, INK)):
                 for sign in (1, -1):
                     canvas.line(place + 0.62 * radius * np.array([(-1, -sign), (1, sign)]), shade, width)
-            canvas.text(place + (0.9 * radius, 1.3 * radius), str(robot + 1), INK, 11 * unit, bold=True)
+            canvas.text(place + radius * np.array((0.9, 1.3)), str(robot + 1), INK, 11 * unit, bold=True)
             return
         if stretch.kind == "taken":
             since = (time - stretch.begin) / (self.story.end / _FLASH)
@@ -200,7 +200,7 @@ class SearchFilm:
             place, radius, "#ffffff" if idle else colour, edge=colour if idle else "#ffffff", width=(2.4 if idle else 1.4) * unit
         )
         size = 1.05 * radius
-        canvas.text(place + (0, 0.37 * size), str(robot + 1), colour if idle else "#ffffff", size, bold=True, align=0.5)
+        canvas.text(place + np.array((0, 0.37 * size)), str(robot + 1), colour if idle else "#ffffff", size, bold=True, align=0.5)
 
     def _draw_foot(self, time: float, now: list[Stretch]) -> None:
         """Draw the clock, the share searched, and what robots are doing."""

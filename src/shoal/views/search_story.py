@@ -98,7 +98,7 @@ class SearchStory:
 
     @cached_property
     def owners(self) -> tuple[Numbers, dict[int, int]]:
-        """The robot to which each cell was allotted, by number on the tour (0 for none), and the order of the robots round the tour."""
+        """Whose each cell was to search, by number on the tour (0: nobody's), and the order of the robots round the tour."""
         episode, course = self.episode, self.episode.plan.course
         owner = np.zeros(self.n_cells, dtype=np.int64)
         if not episode.simulated:
@@ -223,7 +223,34 @@ class SearchStory:
         points = np.insert(route.points, ends[:-1] + 1, route.points[ends[:-1]], axis=0)
         times = np.maximum.accumulate(times)
         new = np.concatenate([[True], (np.diff(times) > 1e-9) | (np.abs(np.diff(points, axis=0)).max(axis=1) > 0)])
-        return Motion(times[new], points[new])
+        return self._with_ways_home(robot, Motion(times[new], points[new]))
+
+    def _with_ways_home(self, robot: int, motion: Motion) -> Motion:
+        """Lay in the ways to the start and back where a robot recharged: so long was it away between two cells."""
+        plan, log, brief = self.episode.plan, self.episode.robots[robot], self.episode.scenario.brief
+        if brief.energy == inf:
+            return motion
+        start, rates, size = int(plan.starts[robot]), self._rate(robot, log.times), plan.grid.size
+        times, points, home = motion.times, motion.points, plan.places[robot][None]
+        for k in range(len(log.cells) - 1, 0, -1):
+            one, other = int(log.cells[k - 1]), int(log.cells[k])
+            there, back = plan.course.between(one, start) / rates[k], plan.course.between(start, other) / rates[k]
+            if abs(log.times[k] - log.times[k - 1] - there - brief.recharge - back - 1 / rates[k]) > 1e-6:
+                continue
+            first, last = np.searchsorted(times, log.times[k - 1], side="right"), np.searchsorted(times, log.times[k], side="left")
+            left = log.times[k - 1]
+            ways = [
+                plan.paths.legs(np.concatenate(ends)).points
+                for ends in ((points[first - 1 : first], home), (home, points[last : last + 1]))
+            ]
+            moments = [
+                begin
+                + span * np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))]) / max(_length(way), size * 1e-9)
+                for way, begin, span in zip(ways, (left, left + there + brief.recharge), (there, back), strict=True)
+            ]
+            times = np.concatenate([times[:first], *moments, times[last:]])
+            points = np.concatenate([points[:first], *ways, points[last:]])
+        return Motion(times, points)
 
     def _first_leg(self, robot: int) -> Motion:
         """Return the motion of a robot that searched nothing: as far as it came on the way to its part."""
@@ -257,7 +284,7 @@ class SearchStory:
         return left, left + width * grid.size, top - height * grid.size, top
 
     def outline(self, robot: int) -> Floats:
-        """Return the sides around the cells that a robot was the first to search, having taken them over; shape (k, 2, 2), metres."""
+        """Return the sides around the cells that a robot was first to search for another one; shape (k, 2, 2), metres."""
         mask = self.raster((self.first[1] == robot + 1) & self.taken, False)
         left, _, _, top = self.extent
         size = self.episode.plan.grid.size
@@ -285,6 +312,10 @@ def long_legs(route: Route, size: float) -> NDArray[np.bool_]:
     far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route.points, axis=0).T))])
     stops = np.diff(far[route.stops], prepend=0.0)
     return np.asarray(stops[between] > 1.6 * size) | route.transit
+
+
+def _length(way: Floats) -> float:
+    return float(np.hypot(*np.diff(way, axis=0).T).sum())
 
 
 def _earliest(log: RobotLog) -> tuple[Numbers, Floats]:

@@ -3,8 +3,7 @@
 
 (() => {
   const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
-  const SECONDS = 30; // that a long search takes at speed 1
-  const FASTEST = 16; // cells a second at speed 1, of short ones
+  const PACE = 8, SHORTEST = 4, LONGEST = 30; // cells a second at speed 1, but so many seconds in all
   const COLOURS = 12; // of robots; then they come again
 
   const { $, fail, fillRows, number, plural } = ShoalDesk;
@@ -77,7 +76,7 @@
 
   function play(story) {
     const scene = new ShoalSearch.Scene($("picture"), story), rows = new ShoalSearch.Rows($("chart"), story), { view } = scene;
-    const rate = Math.min(Math.max(story.end / SECONDS, 1), Math.max(FASTEST, story.end / SECONDS)); // cells a second
+    const rate = story.end / ShoalTrack.clamp(story.end / PACE, SHORTEST, LONGEST); // cells a second
     let time = 0, playing = false, clock = 0, speed = 1, pending = 0, colours = {};
 
     function redraw() {

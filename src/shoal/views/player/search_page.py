@@ -36,15 +36,15 @@ def search_data(episode: SearchEpisode) -> dict[str, object]:
     Returns
     -------
     dict
-        - ``title``, ``tour``, ``allocation``, ``version`` : str; ``seed``, ``takeovers``, ``cells`` : int; ``cellTime`` : float, seconds.
-        - ``end``, ``covered``, ``known`` : when the last thing happened, all was searched, and all who live knew it, in the time of a
-          cell; None for never.
+        - ``title``, ``tour``, ``allocation``, ``version`` : str; ``seed``, ``takeovers``, ``cells`` : int; ``cellTime`` : float,
+          seconds.
+        - ``end``, ``covered`` : when the last thing happened and when all was searched (None for never), in the time of a cell.
         - ``box`` : left, bottom, right and top of the grid; ``shape`` : its rows and columns; ``size`` : the side of a cell.
         - ``parts`` : polygons, each a list of rings.
         - ``first`` : when each searched cell was first searched, float32, rising; ``by``, ``where``, ``taken`` : by which robot
           (uint16), at row * columns + column (uint32), and whether it was another's part (uint8).
-        - ``robots`` : for each its ``times`` (float32) and ``places`` (uint16, x and y in turn, in 65,535ths of the box from the left and
-          from the bottom) between which it moves straight, ``visits`` (float32), ``stretches`` [begin, end, kind, other], ``outline``
+        - ``robots`` : for each its ``times`` (float32) and ``places`` between which it moves straight (uint16, x and y in turn, in
+          65,535ths of the box from its lower left), ``visits`` (float32), ``stretches`` [begin, end, kind, other], ``outline``
           (sides around what it took over, uint16: column, row, column, row), ``liar``.
         - ``findings`` : list of x, y, when the cell was first searched, and confidence.
 
@@ -73,7 +73,6 @@ def search_data(episode: SearchEpisode) -> dict[str, object]:
         "cellTime": episode.cell_time,
         "end": story.end,
         "covered": episode.covered_at if episode.covered_at < inf else None,
-        "known": max(episode.declared.values()) if episode.declared else None,
         "box": [left, bottom, right, top],
         "shape": list(plan.grid.shape),
         "size": plan.grid.size,

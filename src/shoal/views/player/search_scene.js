@@ -169,7 +169,7 @@ const ShoalSearch = (() => {
         }
         pen.strokeStyle = colours.robotText(k);
         pen.globalAlpha = this.chosen >= 0 && this.chosen !== k ? 0.3 : 1;
-        pen.lineWidth = 3 * unit;
+        pen.lineWidth = 2.2 * unit;
         pen.stroke();
         pen.globalAlpha = 1;
       });
