@@ -36,8 +36,8 @@ def demo(
 
     Writes the vessel map, the picture at the end, the frontier by move, films (GIF, MP4), the HTML player and the episode.
     'shoal demo steer' brings two particles to two goals in a square, a hexagon, a disk, a prism and a noisy field instead, and
-    writes figures, episodes and two players. 'shoal demo search' sends 12 robots through a marsh around a lake; three of them die; it
-    writes figures, the player, the episode and missions.
+    writes figures, episodes and two players. 'shoal demo search' sends 12 robots through a marsh around a lake; three of them die;
+    it writes figures, the player, the episode and missions.
     """
     if what == "steer":
         from shoal.cli.steering import demo_steer

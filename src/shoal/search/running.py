@@ -83,8 +83,8 @@ def search(
     simulate : bool, optional
         Whether robots and messages are simulated; by default if cells times robots are at most a million.
     live : float, optional
-        Cells a second: instead of a simulation, one process a robot over real UDP (`shoal.search.live`). Of the faults only `Crash`,
-        by killing the process, of the networks only ``loss``.
+        Cells a second: instead of a simulation, one process a robot over real UDP (`shoal.search.live`). Of the faults only
+        `Crash`, by killing the process, of the networks only ``loss``.
     seed : int
 
     Returns
