@@ -16,6 +16,7 @@ from shoal.search.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.search.messages import Beacon, Sign, decode, encode
 from shoal.search.network import Network, network_of
 from shoal.search.robot import Begin, Blocked, Brief, Declare, Go, Heard, Robot, Send, Sensed, Wake, WakeAt, advance
+from shoal.search.sharing import cost_of_all
 from shoal.search.world import Scenario, World
 
 METHODS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
@@ -63,6 +64,30 @@ def test_allocations_get_better():
     assert mean["hop"] < mean["two-way"] < mean["individual-shift"] < mean["stay"]
     assert mean["common-shift"] < mean["stay"]
     assert mean["hop"] < 0.064 + 0.003  # the specification's
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_more_robots_than_cells(method):
+    rng = np.random.default_rng(22)
+    for _ in range(60):
+        course = Course(make_tour("hilbert-rectangle", (int(rng.integers(1, 4)), int(rng.integers(1, 5)))))
+        n, m = len(course), int(rng.integers(1, 40))
+        starts = (rng.integers(n) + rng.integers(0, 3, size=m)) % n
+        found = allocate(course, starts, method=method)
+        assert_array_equal(searched(found, n), 1)
+        assert found.makespan >= found.lower_bound
+
+
+def test_leaving_a_cell_out_never_costs_more():
+    """The bound of the protocol rests on that: what others have searched makes the rest no longer."""
+    rng = np.random.default_rng(23)
+    for number in range(60):
+        tour = make_tour(("comb", "hilbert", "spanning-tree")[number % 3], (5, 4))
+        course = Course(tour, turn_cost=float(rng.choice([0, 0.5, 2])))
+        wanted, here, fresh = int(rng.integers(1, 1 << 20)), int(rng.integers(20)), bool(rng.integers(2))
+        whole = cost_of_all(course, wanted, here, fresh)
+        for cell in cells_of(wanted):
+            assert cost_of_all(course, wanted & ~(1 << cell), here, fresh) <= whole + 1e-9
 
 
 def test_stay_is_the_largest_gap():

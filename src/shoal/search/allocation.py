@@ -136,12 +136,13 @@ def allocate(
 
 def work_time(course: Course, sweeps: Sequence[Sweep], place: Floats) -> float:
     """Return what sweeps cost a robot at a place; it goes straight to each."""
-    total, here, searched = 0.0, place, False
+    total, n = 0.0, len(course)
+    here: int | None = None
     for sweep in sweeps:
-        away = float(np.linalg.norm(course.points[sweep.first % len(course)] - here))
-        total += max(away - 1.0, 0.0) if searched else away  # the step to a neighbour is part of its cost
+        first = sweep.first % n
+        total += float(np.linalg.norm(course.points[first] - place)) if here is None else course.way(here, first)
         total += course.search_cost(sweep.first, sweep.count, sweep.step)
-        here, searched = course.points[(sweep.first + sweep.step * (sweep.count - 1)) % len(course)], True
+        here = (sweep.first + sweep.step * (sweep.count - 1)) % n
     return total
 
 
@@ -212,6 +213,10 @@ def hop(course: Course, starts: Indices, rates: Floats, places: Floats) -> list[
         row, turn = np.unravel_index(int(number), latest.shape)
         low, high = n / float(rates.sum()), float(min(latest[row, turn], best)) + 1.0
         trial = np.empty(m + 1, dtype=np.int64)
+        while best == np.inf:  # with fewer cells than robots no equal arcs are whole cells
+            if shares.hop_pass(course.ahead, course.points, places, rates, high, firsts[row], turn, trial):
+                best, borders, chosen = high, np.minimum(trial, firsts[row] + n), int(turn)
+            high *= 2
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
             done = shares.hop_pass(course.ahead, course.points, places, rates, middle, firsts[row], turn, trial)

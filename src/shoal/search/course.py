@@ -104,6 +104,25 @@ class Course:
     def _places(self) -> list[tuple[float, ...]]:
         return [tuple(point) for point in self.points.tolist()]
 
+    def way(self, here: int, cell: int, *, fresh: bool = False) -> float:
+        """Return what it costs, beyond the one cell, to come from a cell to another to search it: straight or along the tour.
+
+        ``fresh`` if the first one was not searched just now, so that not even a step to a neighbour is part of what a cell costs.
+        """
+        if here == cell:
+            return 0.0
+        n, free = self.n, 0.0 if fresh else 1.0
+        ahead, behind = (cell - here) % n, (here - cell) % n
+        levels = self._levels
+        straight = max(self.between(here, cell) - free, 0.0) + self.turn_cost
+        onwards = levels[here + ahead + 1] - levels[here + 1] - free
+        backwards = levels[cell + behind + 1] - levels[cell + 1] - free
+        return min(straight, onwards, backwards)
+
+    @cached_property
+    def _levels(self) -> list[float]:
+        return [float(level) for level in self.ahead[: 2 * self.n + 2]]
+
     def between(self, one: int, other: int) -> float:
         """Return the straight distance between two cells given by their numbers on the tour, in sides of a cell."""
         return dist(self._places[one], self._places[other])

@@ -375,11 +375,7 @@ def _sweeps(robot: Robot) -> list[Sweep]:
 
 def step_cost(course: Course, here: int, cell: int, fresh: bool) -> float:
     """Return what it costs to go from a cell to another and search it; ``fresh`` if the first one was not searched just now."""
-    n = len(course)
-    if cell == (here + 1) % n and not fresh:
-        return float(course.costs[cell])
-    away = course.between(here, cell)
-    return away + 1.0 + (course.turn_cost if away else 0.0) if fresh else max(away, 1.0) + course.turn_cost
+    return 1.0 + course.way(here, cell, fresh=fresh)
 
 
 def move_cost(robot: Robot, cell: int) -> float:

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from math import inf
 
 import numpy as np
@@ -353,8 +354,7 @@ def _planned(plan: SearchPlan) -> tuple[RobotLog, ...]:
         cells = plan.numbers(sweeps)
         times = np.zeros(0)
         if len(cells):
-            ways = np.linalg.norm(np.diff(course.points[cells], axis=0), axis=1)
-            steps = np.where(np.diff(cells) % len(course) == 1, course.costs[cells[1:]], np.maximum(ways, 1.0) + course.turn_cost)
+            steps = np.array([1.0 + course.way(here, cell) for here, cell in pairwise(cells.tolist())])
             first = float(np.linalg.norm(course.points[cells[0]] - plan.places[robot] / plan.grid.size)) + 1.0
             times = np.cumsum(np.concatenate([[first], steps])) / plan.rates[robot]
         logs.append(RobotLog(cells, times, ((0.0, "searching"), (float(times[-1]) if len(times) else 0.0, "complete")), ()))

@@ -61,13 +61,7 @@ def cost_of_all(course: Course, wanted: int, here: int, fresh: bool) -> float:
     """Return what it costs to search all cells of a set, as bits, round the tour from ``here`` on, with straight ways between."""
     total, n = 0.0, len(course)
     for first, count in runs(wanted, here, n):
-        away = course.between(here, first)
-        if fresh:
-            total += away + (course.turn_cost if away else 0.0)
-        elif first == (here + 1) % n:
-            total += float(course.costs[first]) - 1.0
-        else:
-            total += max(away - 1.0, 0.0) + course.turn_cost
+        total += course.way(here, first, fresh=fresh)
         total += course.search_cost(first, count)
         here, fresh = (first + count - 1) % n, False
     return total
