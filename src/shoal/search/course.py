@@ -114,8 +114,10 @@ class Course:
         n, free = self.n, 0.0 if fresh else 1.0
         ahead, behind = (cell - here) % n, (here - cell) % n
         levels = self._levels
-        straight = max(self.between(here, cell) - free, 0.0) + self.turn_cost
         onwards = levels[here + ahead + 1] - levels[here + 1] - free
+        if ahead == 1:
+            return onwards  # the way inside the region is known
+        straight = max(self.between(here, cell) - free, 0.0) + self.turn_cost
         backwards = levels[cell + behind + 1] - levels[cell + 1] - free
         return min(straight, onwards, backwards)
 
