@@ -28,14 +28,15 @@ $(BIN)/python:
 	  echo 'installing python3-venv ...'; $(APT) update -qq && $(APT) install -y -qq python3-venv >/dev/null; \
 	  $(PYTHON) -m venv $(VENV); }
 
+# --no-compile: what is used is compiled to byte code when first imported; doing it for all takes half of the set-up.
 $(VENV)/.run-installed: pyproject.toml requirements.lock | $(BIN)/python
 	@echo 'installing Shoal into $(VENV) ...'
-	@$(PIP) install -e '.[imaging]'
+	@$(PIP) install --no-compile -e '.[imaging]'
 	@touch $@
 
 $(VENV)/.dev-installed: pyproject.toml requirements.lock | $(BIN)/python
 	@echo 'installing Shoal and its tools into $(VENV) ...'
-	@$(PIP) install -e '.[imaging,dev]'
+	@$(PIP) install --no-compile -e '.[imaging,dev]'
 	@touch $@ $(VENV)/.run-installed
 
 install: $(VENV)/.run-installed
