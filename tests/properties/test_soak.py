@@ -14,7 +14,6 @@ from shoal.search import robot as robots
 from shoal.search import world as worlds
 from shoal.search.faults import Crash, Liar, Pause
 from shoal.search.invariants import Checker, InvariantError, check_outcome
-from shoal.search.robot import Declare, Sign
 from shoal.search.scenarios import random_scenario
 from shoal.search.world import World
 
@@ -136,13 +135,11 @@ def test_liars_are_outvoted():
     assert believed > 5
 
 
-def test_declared_is_an_action_and_status():
+def test_who_declares_is_right_and_complete():
     scenario, outcome = play(1)
     for number, when in outcome.declared.items():
         assert when >= outcome.covered_at or any(isinstance(fault, Liar) for fault in scenario.faults)
         assert outcome.vehicles[number].robot.status == "complete"
-    assert Declare() == Declare()
-    assert Sign(1, 2, 3, 1.0, "waiting").status == "waiting"
 
 
 def test_crashes_and_pauses_do_what_they_say():

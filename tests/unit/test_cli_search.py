@@ -18,6 +18,7 @@ FIELDS += [
     "live",
     "messages",
     "takeovers",
+    "obstacles",
     "findings",
     "routes",
 ]

@@ -19,12 +19,13 @@ import pytest
 
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.search import Course, make_tour
+from shoal.search.events import Begin, Declare, Heard, Wake
 from shoal.search.faults import Crash, Pause
 from shoal.search.live import LiveEvent, LiveOutcome, fleet, presence, process, radio, run_live, running
 from shoal.search.live.outcome import covered_share, searched_by
 from shoal.search.live.vehicle import Vehicle
 from shoal.search.messages import Beacon, Sign, decode, encode
-from shoal.search.robot import Begin, Brief, Declare, Heard, Robot, Wake, advance
+from shoal.search.robot import Brief, Robot, advance
 
 
 def brief_of(rows: int, columns: int, **options: object) -> Brief:

@@ -7,16 +7,20 @@ from math import inf
 
 import numpy as np
 import pytest
+import shapely
 from numpy.testing import assert_array_equal
 
 from shoal.errors import InvalidInputError, UnknownNameError
 from shoal.search import Course, SearchEpisode, Sweep, allocate, make_tour, plan_search, search
 from shoal.search.bits import at_least, cells_of, next_in, run, runs, turned
+from shoal.search.events import Begin, Blocked, Declare, Go, Heard, Send, Sensed, Wake, WakeAt
 from shoal.search.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, crashes_of
+from shoal.search.invariants import Checker, check_outcome
 from shoal.search.messages import Beacon, Sign, decode, encode
 from shoal.search.network import Network, network_of
-from shoal.search.robot import Begin, Blocked, Brief, Declare, Go, Heard, Robot, Send, Sensed, Wake, WakeAt, advance
+from shoal.search.robot import Brief, Robot, advance
 from shoal.search.sharing import cost_of_all
+from shoal.search.ways import CellWays
 from shoal.search.world import Scenario, World
 
 METHODS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
@@ -315,3 +319,107 @@ def test_nothing_is_lost_on_a_perfect_network():
     assert outcome.lost == 0
     assert outcome.takeovers == 0
     assert outcome.covered_at < inf
+
+
+def corridor(obstacles, *, starts=(0,), fold=1, **more):
+    """Return a scenario in which robots go from cell to cell: rows of 5, a comb tour, (row, col) as numbers on it."""
+    tour = make_tour("comb", (4, 5))
+    course = Course(tour, ways=CellWays(tour))
+    cells = tuple(int(tour.position[cell]) for cell in obstacles)
+    return tour, Scenario(Brief(course, fold=fold), starts, obstacles=cells, **more)
+
+
+def test_an_obstacle_is_met_told_and_gone_round():
+    _, scenario = corridor([(1, 2), (2, 2)], starts=(0, 9))
+    world = World(scenario, check=Checker(scenario))
+    outcome = world.run(until=1e4)
+    check_outcome(scenario, outcome)
+    assert outcome.covered == scenario.brief.everything & ~scenario.blocked
+    assert set(outcome.declared) == {1, 2}
+    for vehicle in outcome.vehicles.values():
+        assert {cell for _, cell in vehicle.obstructed} <= set(scenario.obstacles)
+        assert at_least(list(vehicle.robot.closed.values()), 1) == scenario.blocked  # each knows both
+    met = [cell for vehicle in outcome.vehicles.values() for _, cell in vehicle.obstructed]
+    assert sorted(set(met)) == sorted(scenario.obstacles)
+
+
+def test_what_is_walled_in_is_left_out_and_not_declared_searched():
+    _, scenario = corridor([(0, 3), (1, 3), (1, 4)], starts=(0,))
+    outcome = World(scenario, check=Checker(scenario)).run(until=1e4)
+    walled = scenario.brief.everything & ~scenario.blocked & ~scenario.reach(1)
+    assert walled.bit_count() == 1
+    assert outcome.covered == scenario.reach(1)
+    assert 1 in outcome.declared
+
+
+def test_nobody_cuts_the_corner_of_an_obstacle():
+    tour, scenario = corridor([(1, 1), (2, 2)], starts=(0,))
+    ways = scenario.brief.course.ways
+    here, cell = int(tour.position[1, 2]), int(tour.position[2, 1])
+    assert scenario.obstacle_on(here, (cell,)) == (int(tour.position[1, 1]), 0)
+    assert ways.length(here, cell) == pytest.approx(2**0.5)
+    assert ways.length(here, cell, scenario.blocked) > 2
+
+
+def test_a_robot_with_little_energy_comes_home_round_obstacles():
+    tour = make_tour("comb", (4, 5))
+    brief = Brief(Course(tour, ways=CellWays(tour)), energy=24.0, recharge=2.0)
+    scenario = Scenario(brief, (0,), obstacles=(int(tour.position[1, 2]), int(tour.position[2, 2])))
+    outcome = World(scenario, check=Checker(scenario)).run(until=1e4)
+    check_outcome(scenario, outcome)
+    assert outcome.vehicles[1].alive
+    assert outcome.vehicles[1].travelled > 24.0  # it has recharged
+    assert outcome.covered_at < inf
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"obstacles": (0,)}, "none where a robot starts"),
+        ({"obstacles": (99,)}, "expected cells from 0 to 19"),
+        ({"obstacles": (3,), "faults": (WrongPosition(1, 2),)}, "no wrong positions"),
+    ],
+)
+def test_bad_obstacles(more, message):
+    tour = make_tour("comb", (4, 5))
+    with pytest.raises(InvalidInputError, match=message):
+        Scenario(Brief(Course(tour, ways=CellWays(tour))), (0,), **more)
+    with pytest.raises(InvalidInputError, match="ways from cell to cell"):
+        Scenario(Brief(Course(tour)), (0,), obstacles=(3,))
+
+
+def test_a_search_with_obstacles_is_saved_and_verified(tmp_path):
+    points = tmp_path / "obstacles.csv"
+    points.write_text("x,y\n25,35\n35,35\n35,45\n")
+    episode = search("square:100", robots=3, footprint=10, obstacles=points, seed=4, loss=0.3)
+    assert episode.complete
+    assert len(episode.obstacles) == 3
+    assert 0 < episode.coverage.uncovered_m2 <= 300
+    assert episode.coverage.outside_m == 0
+    inside = shapely.union_all([shapely.box(20, 30, 30, 40), shapely.box(30, 30, 40, 50)]).buffer(-1e-6)
+    assert not any(shapely.LineString(route.points).intersects(inside) for route in episode.routes if len(route.points) > 1)
+    episode.save(tmp_path / "e.json")
+    assert SearchEpisode.load(tmp_path / "e.json").verify()
+    with pytest.raises(InvalidInputError, match="none where a robot starts"):
+        search("square:20", robots=1, footprint=10, obstacles=4)
+    with pytest.raises(InvalidInputError, match="no obstacles"):
+        search("square:100", robots=3, footprint=10, obstacles=2, live=20.0)
+
+
+def test_two_robots_share_the_part_of_a_dead_one():
+    tour = make_tour("moore", (8, 8))
+    scenario = Scenario(Brief(Course(tour), "stay"), (0, 20, 21), faults=(Crash(1, 0.0),))
+    outcome = World(scenario, check=Checker(scenario)).run(until=1e4)
+    check_outcome(scenario, outcome)
+    whose = {number: {cell for _, cell in vehicle.visits} for number, vehicle in outcome.vehicles.items()}
+    assert len(whose[2] & set(range(20))) > 4  # from behind
+    assert len(whose[3] & set(range(20))) > 4
+
+
+def test_ways_round_a_hole_are_as_long_as_those_that_robots_take():
+    plan = plan_search("ring:200x150", robots=2, footprint=10)
+    rng = np.random.default_rng(5)
+    for here, cell in rng.integers(0, len(plan.course), size=(25, 2)).tolist():
+        ends = plan.course.points[[here, cell]] * plan.grid.size
+        exact = plan.paths.legs(ends).length / plan.grid.size
+        assert exact - 1e-9 <= plan.course.length(here, cell) <= 1.06 * exact + 1e-9

@@ -88,6 +88,14 @@ def search(
     targets: Annotated[int, typer.Option("--targets", help="How many things to find there are, in random cells.")] = 0,
     detection: Annotated[float, typer.Option("--detection", help="Probability that a robot finds what is in a cell.")] = 1.0,
     false_alarm: Annotated[float, typer.Option("--false-alarm", help="Probability that it finds what is not there.")] = 0.0,
+    obstacles: Annotated[
+        str,
+        typer.Option(
+            "--obstacles",
+            metavar="N|FILE",
+            help="Cells that cannot be entered, as robots find out on the way: a number of random ones, or a CSV file of points.",
+        ),
+    ] = "0",
     missions: Annotated[
         Path | None, typer.Option("--missions", metavar="DIR", help="Write a mission for each robot there.", show_default=False)
     ] = None,
@@ -168,6 +176,7 @@ def search(
             energy=energy,
             recharge=recharge,
             targets=targets,
+            obstacles=int(obstacles) if obstacles.lstrip("-").isdecimal() else obstacles,
             detection=detection,
             false_alarm=false_alarm,
             speed=speed,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.search.tours import Tour
+from shoal.search.ways import Ways
 
 Floats = NDArray[np.float64]
 
@@ -29,6 +30,8 @@ class Course:
         What a change of direction costs, in cells.
     steps : array_like of float64, shape (N,), optional
         The length of the way from each cell to the next, where it is not the straight one; the last back to the first cell.
+    ways : Ways, optional
+        How far it is between any two cells; straight if not given.
 
     Raises
     ------
@@ -39,6 +42,7 @@ class Course:
     points: Floats = None  # type: ignore[assignment]  # settled below
     turn_cost: float = 0.0
     steps: Floats = None  # type: ignore[assignment]  # settled below
+    ways: Ways | None = None
 
     def __post_init__(self) -> None:
         cells = self.tour.cells.astype(np.float64)
@@ -104,10 +108,16 @@ class Course:
     def _places(self) -> list[tuple[float, ...]]:
         return [tuple(point) for point in self.points.tolist()]
 
-    def way(self, here: int, cell: int, *, fresh: bool = False) -> float:
-        """Return what it costs, beyond the one cell, to come from a cell to another to search it: straight or along the tour.
+    @property
+    def stepwise(self) -> bool:
+        """Whether robots go from cell to cell and find obstacles on the way."""
+        return self.ways is not None and self.ways.stepwise
+
+    def way(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> float:
+        """Return what it costs, beyond the one cell, to come from a cell to another to search it: directly or along the tour.
 
         ``fresh`` if the first one was not searched just now, so that not even a step to a neighbour is part of what a cell costs.
+        ``closed`` are the cells, as bits, that are known to be obstructed; infinite if there is no way round them.
         """
         if here == cell:
             return 0.0
@@ -115,11 +125,19 @@ class Course:
         ahead, behind = (cell - here) % n, (here - cell) % n
         levels = self._levels
         onwards = levels[here + ahead + 1] - levels[here + 1] - free
+        if self.stepwise:
+            direct = self.length(here, cell, closed)
+            return onwards if ahead == 1 and direct <= 1.0 else max(direct - free, 0.0) + self.turn_cost
         if ahead == 1:
             return onwards  # the way inside the region is known
-        straight = max(self.between(here, cell) - free, 0.0) + self.turn_cost
-        backwards = levels[cell + behind + 1] - levels[cell + 1] - free
-        return min(straight, onwards, backwards)
+        known = min(onwards, levels[cell + behind + 1] - levels[cell + 1] - free)
+        if known <= max(self.between(here, cell) - free, 0.0) + self.turn_cost:
+            return known  # nothing is shorter than straight
+        return min(known, max(self.length(here, cell) - free, 0.0) + self.turn_cost)
+
+    def length(self, here: int, cell: int, closed: int = 0) -> float:
+        """Return the length of the way between two cells given by their numbers on the tour, in sides of a cell."""
+        return self.between(here, cell) if self.ways is None else self.ways.length(here, cell, closed)
 
     @cached_property
     def _levels(self) -> list[float]:

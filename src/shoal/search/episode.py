@@ -55,12 +55,18 @@ class RobotLog:
         When it began to be "listening", "searching", "waiting", "complete", "paused" or "dead".
     found : tuple of (int, tuple of int)
         What it knew at the end: cells, and the robots that have found something there.
+    detours : tuple of tuple of int
+        Cells that it passed on the way to each that it searched, where robots go from cell to cell; else empty.
+    obstructed : tuple of (float, int)
+        When it came upon which obstacle.
     """
 
     cells: NDArray[np.int64]
     times: NDArray[np.float64]
     states: tuple[tuple[float, str], ...]
     found: tuple[tuple[int, tuple[int, ...]], ...]
+    detours: tuple[tuple[int, ...], ...] = ()
+    obstructed: tuple[tuple[float, int], ...] = ()
 
     @property
     def status(self) -> str:
@@ -70,7 +76,7 @@ class RobotLog:
 
 @dataclass(frozen=True, eq=False)
 class SearchEpisode:
-    """A search. True as a bool if all was searched and every robot that lived knew it.
+    """A search. True as a bool if all that can be reached was searched and every robot that lived knew it.
 
     Parameters
     ----------
@@ -86,7 +92,7 @@ class SearchEpisode:
         Cells a second, if robots were processes.
     robots : tuple of RobotLog
     covered_at : float
-        When the last cell was searched, in the time of a cell; infinite if some never were.
+        When the last cell that some robot can reach was searched, in the time of a cell; infinite if some never were.
     declared : dict of int to float
         When each robot, counted from 1 on, declared the search complete.
     sent, lost : int
@@ -122,7 +128,7 @@ class SearchEpisode:
 
     @cached_property
     def complete(self) -> bool:
-        """Whether all cells were searched and every robot that lives has found that out."""
+        """Whether all cells that some robot can reach were searched and every robot that lives has found that out."""
         living = [number for number, log in enumerate(self.robots, start=1) if log.status not in ("dead", "paused")]
         planned = not self.simulated and self.live is None
         return self.covered_at < inf and (planned or (bool(self.declared) and set(living) <= set(self.declared)))
@@ -135,7 +141,7 @@ class SearchEpisode:
     @cached_property
     def routes(self) -> tuple[Route, ...]:
         """The way of each robot, metres."""
-        return tuple(self.plan.route(robot, log.cells) for robot, log in enumerate(self.robots))
+        return tuple(self.plan.route(robot, log.cells, log.detours) for robot, log in enumerate(self.robots))
 
     @cached_property
     def coverage(self) -> Coverage:
@@ -164,6 +170,22 @@ class SearchEpisode:
             searched[number] = bits
         return merged(self.scenario, reports, searched)
 
+    @cached_property
+    def obstacles(self) -> dict[int, float]:
+        """When each cell that cannot be entered was found to be one, in the time of a cell; in the order of the tour."""
+        found: dict[int, float] = {}
+        for moment, cell in sorted(entry for log in self.robots for entry in log.obstructed):
+            found.setdefault(cell, moment)
+        return dict(sorted(found.items()))
+
+    @property
+    def unreachable(self) -> int:
+        """How many cells without an obstacle no robot could reach."""
+        goal = self.scenario.blocked
+        for number in range(1, len(self.robots) + 1):
+            goal |= self.scenario.reach(number)
+        return len(self.plan.course) - goal.bit_count()
+
     def report(self) -> dict[str, Any]:
         """Return the JSON object of ``shoal search``."""
         grid, frame = self.plan.grid, self.plan.grid.region.frame
@@ -185,6 +207,7 @@ class SearchEpisode:
             "live": self.live is not None,
             "messages": {"sent": self.sent, "lost": self.lost},
             "takeovers": self.takeovers,
+            "obstacles": {"found": len(self.obstacles), "unreachable_cells": self.unreachable},
             "findings": [self._told(finding, frame) for finding in self.findings],
             "routes": [self._route(robot) for robot in range(len(self.robots))],
             "seed": self.seed,
@@ -257,6 +280,8 @@ class SearchEpisode:
             energy=None if brief.energy == inf else brief.energy * self.plan.grid.size,
             recharge=brief.recharge * self.cell_time,
             targets=list(scenario.targets),
+            obstacles=list(scenario.obstacles),
+            stepwise=self.plan.course.stepwise,
             detection=scenario.detection,
             false_alarm=scenario.false_alarm,
             speed=self.speed,
@@ -265,7 +290,14 @@ class SearchEpisode:
             seed=self.seed,
             seconds=self.seconds,
             robots=[
-                LogForm(cells=log.cells.tolist(), times=log.times.tolist(), states=list(log.states), found=list(log.found))
+                LogForm(
+                    cells=log.cells.tolist(),
+                    times=log.times.tolist(),
+                    states=list(log.states),
+                    found=list(log.found),
+                    detours=list(log.detours),
+                    obstructed=list(log.obstructed),
+                )
                 for log in self.robots
             ],
             covered_at=None if self.covered_at == inf else self.covered_at,
@@ -316,7 +348,7 @@ class SearchEpisode:
             and all(
                 np.array_equal(one.cells, two.cells)
                 and np.allclose(one.times, two.times, rtol=0, atol=1e-9)
-                and one.states == two.states
+                and (one.states, one.detours, one.obstructed) == (two.states, two.detours, two.obstructed)
                 for one, two in zip(self.robots, other.robots, strict=True)
             )
             and (other.covered_at, other.declared, other.sent, other.lost) == (self.covered_at, self.declared, self.sent, self.lost)
@@ -342,6 +374,8 @@ class LogForm(BaseModel):
     times: list[FiniteFloat]
     states: list[tuple[FiniteFloat, str]]
     found: list[tuple[NonNegativeInt, tuple[NonNegativeInt, ...]]]
+    detours: list[tuple[NonNegativeInt, ...]] = []
+    obstructed: list[tuple[FiniteFloat, NonNegativeInt]] = []
 
 
 class EpisodeForm(BaseModel):
@@ -367,6 +401,8 @@ class EpisodeForm(BaseModel):
     energy: PositiveFloat | None
     recharge: NonNegativeFloat
     targets: list[NonNegativeInt]
+    obstacles: list[NonNegativeInt] = []
+    stepwise: bool = False
     detection: NonNegativeFloat
     false_alarm: NonNegativeFloat
     speed: PositiveFloat

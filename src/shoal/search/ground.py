@@ -17,7 +17,7 @@ from shoal.search.rings import Points, text_of
 _MARGINS = (1.0, 4.0, 16.0)  # cells around a leg within which corners are looked at
 _MOST_CORNERS = 1000
 
-__all__ = ["GroundPaths", "Route", "merge_collinear"]
+__all__ = ["GroundPaths", "Route", "length_of", "merge_collinear"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Route:
     @property
     def length(self) -> float:
         """Metres."""
-        return _length(self.points)
+        return length_of(self.points)
 
     def waypoints(self) -> Points:
         """Return the points at which the way bends, both ends included; float64, shape (m, 2)."""
@@ -168,7 +168,7 @@ class GroundPaths:
             if found is not None:
                 best = found
                 # A way by corners farther off goes there and comes back.
-                if _length(found) <= np.hypot(*(end - start)) + 2 * room:
+                if length_of(found) <= np.hypot(*(end - start)) + 2 * room:
                     return found
         return best
 
@@ -196,7 +196,7 @@ class GroundPaths:
         among = self._corners_beside(way)
         if len(among) <= _MOST_CORNERS:
             tight = around(region, start, end, among)
-            if tight is not None and _length(tight) < _length(way):
+            if tight is not None and length_of(tight) < length_of(way):
                 return tight
         return way
 
@@ -234,5 +234,6 @@ class GroundPaths:
         return Passages(self.grid)
 
 
-def _length(way: Points) -> float:
+def length_of(way: Points) -> float:
+    """Return the length of a way, metres."""
     return float(np.hypot(*np.diff(way, axis=0).T).sum())

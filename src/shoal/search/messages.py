@@ -39,12 +39,15 @@ class Beacon:
         By robot, the cells that it says it has searched, as bits.
     found : tuple of (int, int)
         By cell, the robots that have found something there, as bits.
+    closed : tuple of (int, int)
+        By robot, the cells that it says cannot be entered, as bits.
     """
 
     sender: int
     signs: tuple[Sign, ...]
     searched: tuple[tuple[int, int], ...]
     found: tuple[tuple[int, int], ...] = ()
+    closed: tuple[tuple[int, int], ...] = ()
 
 
 Bits = Annotated[str, StringConstraints(pattern="^[0-9a-f]+$")]
@@ -72,6 +75,7 @@ class BeaconForm(BaseModel):
     signs: list[SignForm]
     searched: dict[NonNegativeInt, Bits]
     found: dict[NonNegativeInt, Bits]
+    closed: dict[NonNegativeInt, Bits] = {}
 
 
 def encode(beacon: Beacon) -> bytes:
@@ -89,6 +93,8 @@ def encode(beacon: Beacon) -> bytes:
         "searched": {robot: f"{bits:x}" for robot, bits in beacon.searched},
         "found": {cell: f"{bits:x}" for cell, bits in beacon.found},
     }
+    if beacon.closed:
+        body["closed"] = {robot: f"{bits:x}" for robot, bits in beacon.closed}
     text = json.dumps(body, separators=(",", ":")).encode()
     return f"{crc32(text):08x}".encode() + text
 
@@ -107,7 +113,8 @@ def decode(data: bytes) -> Beacon:
         form = BeaconForm.model_validate_json(data[8:])
         searched = tuple((robot, int(bits, 16)) for robot, bits in form.searched.items())
         found = tuple((cell, int(bits, 16)) for cell, bits in form.found.items())
+        closed = tuple((robot, int(bits, 16)) for robot, bits in form.closed.items())
     except (ValidationError, ValueError) as error:
         raise InvalidInputError(f"beacon: expected a beacon of version {VERSION}, got {str(error).splitlines()[0]}") from None
     signs = tuple(Sign(sign.robot, sign.count, sign.start, sign.rate, sign.status) for sign in form.signs)
-    return Beacon(form.sender, signs, searched, found)
+    return Beacon(form.sender, signs, searched, found, closed)

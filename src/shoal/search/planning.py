@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -20,9 +21,11 @@ from shoal.search.formats.text import check_file, read_text
 from shoal.search.ground import GroundPaths, Route
 from shoal.search.region import SearchRegion, open_region
 from shoal.search.tours import Tour, TourMaker, make_tour
+from shoal.search.ways import CellWays, RegionWays, Ways
 
 Points = NDArray[np.float64]
 LAYOUTS = ("random", "clustered", "line")
+_HOLLOW = 1e-9  # of its area: what a convex region may lack because of rounding
 _CLUSTER = 0.05  # of the larger side: the spread of clustered starts
 
 
@@ -69,8 +72,13 @@ class SearchPlan:
         found = [(sweep.first + sweep.step * np.arange(sweep.count)) % len(self.course) for sweep in sweeps]
         return np.concatenate([np.zeros(0, dtype=np.int64), *found])
 
-    def route(self, robot: int, numbers: ArrayLike) -> Route:
-        """Return the way of a robot from its start through cells given by their numbers on the tour."""
+    def route(self, robot: int, numbers: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> Route:
+        """Return the way of a robot from its start through cells given by their numbers on the tour.
+
+        ``detours`` are the cells that it passes before each of them, without searching.
+        """
+        if any(detours):
+            return self._route_round(robot, np.asarray(numbers, dtype=np.int64), detours)
         cells = self.tour.cells[np.asarray(numbers, dtype=np.int64)]
         home = self.places[robot]
         if not len(cells):
@@ -82,6 +90,15 @@ class SearchPlan:
             np.concatenate([[0], searched.stops + len(first.points) - 1]),
             np.concatenate([first.transit, searched.transit]),
         )
+
+    def _route_round(self, robot: int, numbers: NDArray[np.int64], detours: Sequence[Sequence[int]]) -> Route:
+        grid = self.grid
+        index = grid.ordinals(self.tour.cells)
+        begins, ends = grid.stand_starts[index], grid.stand_starts[index + 1]
+        stops = [self.places[robot][None]]
+        for cell, passed in zip(numbers.tolist(), detours, strict=True):
+            stops += [grid.stand_points[begins[list(passed)]], grid.stand_points[begins[cell] : ends[cell]]]
+        return self.paths.legs(np.concatenate(stops))
 
 
 def plan_search(
@@ -95,6 +112,7 @@ def plan_search(
     turn_cost: float = 0.0,
     rates: ArrayLike | None = None,
     transit: bool = False,
+    stepwise: bool = False,
     seed: int = 0,
 ) -> SearchPlan:
     """Plan a search.
@@ -118,6 +136,8 @@ def plan_search(
         Speeds of the robots, as multiples of the common one.
     transit : bool
         Whether ways may lead from one part of the region to another, outside, for robots that fly.
+    stepwise : bool
+        Whether robots go from cell to cell, as they must where they may come upon obstacles, instead of straight.
     seed : int
         For starts.
 
@@ -143,7 +163,9 @@ def plan_search(
             "may cross what lies between, or search each part by itself"
         )
     made = make_tour(tour, grid.mask)
-    course = _course(made, GroundPaths(grid, transit=transit), turn_cost)
+    if stepwise and len(area.parts) > 1:
+        raise InvalidInputError(f"obstacles: expected a region of one part, as robots go round them, got {len(area.parts)}")
+    course = _course(made, GroundPaths(grid, transit=transit), turn_cost, stepwise=stepwise)
     places = start_points(grid, starts, robots, np.random.default_rng(seed))
     numbers = made.position[tuple(grid.cell_of(places).T)]
     speeds = np.ones(robots) if rates is None else np.asarray(rates, dtype=np.float64)
@@ -151,7 +173,7 @@ def plan_search(
     return SearchPlan(grid, course, places, numbers, speeds, given, transit)
 
 
-def _course(tour: Tour, paths: GroundPaths, turn_cost: float) -> Course:
+def _course(tour: Tour, paths: GroundPaths, turn_cost: float, *, stepwise: bool) -> Course:
     """Return a tour with the lengths of its ways inside the region."""
     grid = paths.grid
     index = grid.ordinals(tour.cells)
@@ -160,13 +182,22 @@ def _course(tour: Tour, paths: GroundPaths, turn_cost: float) -> Course:
     far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(whole.points, axis=0).T))])[whole.stops]
     begins = np.concatenate([[0], np.cumsum(np.diff(grid.stand_starts)[index])])
     steps = np.diff(far[begins])
-    return Course(tour, firsts / grid.size, turn_cost=turn_cost, steps=steps / grid.size)
+    ways: Ways | None = None
+    if stepwise or not _is_convex(grid.region.area):
+        cellwise = CellWays(tour, doors_east=grid.doors_east, doors_south=grid.doors_south, steps=steps / grid.size)
+        ways = cellwise if stepwise else RegionWays(paths, tour, cellwise)
+    return Course(tour, firsts / grid.size, turn_cost=turn_cost, steps=steps / grid.size, ways=ways)
+
+
+def _is_convex(area: Any) -> bool:
+    """Tell whether all ways inside an area are straight."""
+    return bool(area.convex_hull.area - area.area <= _HOLLOW * area.area)
 
 
 def start_points(grid: CellGrid, starts: str | ArrayLike | os.PathLike[str], robots: int, rng: Generator) -> Points:
     """Return where robots start, metres; float64, shape (robots, 2); see `plan_search`."""
     if isinstance(starts, str | os.PathLike) and str(starts) not in LAYOUTS:
-        return grid.region.check_inside(_read_points(Path(starts), grid.region, robots), what=str(starts))
+        return grid.region.check_inside(read_points(Path(starts), grid.region, what="starts", count=robots), what=str(starts))
     if not isinstance(starts, str | os.PathLike):
         points = grid.region.check_inside(starts, what="starts")
         if len(points) != robots:
@@ -187,10 +218,10 @@ def start_points(grid: CellGrid, starts: str | ArrayLike | os.PathLike[str], rob
     return np.asarray(stands[shapely.STRtree(shapely.points(stands)).nearest(shapely.points(wanted))])
 
 
-def _read_points(path: Path, region: SearchRegion, robots: int) -> Points:
-    """Read starts from a CSV file; a first line without numbers is a heading."""
+def read_points(path: Path, region: SearchRegion, *, what: str, count: int | None = None) -> Points:
+    """Read points from a CSV file; a first line without numbers is a heading. Metres; float64, shape (k, 2)."""
     found: list[tuple[float, float]] = []
-    check_file(path, what="table of starts")
+    check_file(path, what=f"table of {what}")
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         words = [word.strip() for word in line.replace(";", ",").split(",")]
         if not line.strip() or line.lstrip().startswith("#"):
@@ -202,7 +233,7 @@ def _read_points(path: Path, region: SearchRegion, robots: int) -> Points:
                 continue
             raise InvalidInputError(f"{path}, line {number}: expected two numbers, got {line.strip()[:60]!r}") from None
         found.append((x, y))
-    if len(found) != robots:
-        raise InvalidInputError(f"{path}: expected {robots} starts, one a robot, got {len(found)}")
-    points = np.array(found)
+    if count is not None and len(found) != count:
+        raise InvalidInputError(f"{path}: expected {count} {what}, one a robot, got {len(found)}")
+    points = np.array(found).reshape(-1, 2)
     return points if region.frame is None else region.frame.to_metres(points)

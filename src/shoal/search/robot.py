@@ -3,243 +3,48 @@
 The same machine runs in the deterministic simulation (`shoal.search.world`) and as a process with a radio (`shoal.search.live`).
 
 It listens, allots the tour to all that it has heard of, searches its own part, and then what those ahead of it that have fallen
-silent leave, as far as the next live robot's part. While others are at work it waits, but never longer than would let it search all
-that it does not know to be searched before it would have gone once round alone. So whatever is lost or dies, one robot that lives
-searches everything in that time (paper H, p. 4 to 7: "As long as at least one robot remains alive, the search should complete").
+silent leave, as far as the next live robot's part; that one comes to meet it if it has nothing else to do. While others are at
+work it waits, but never longer than would let it search all that it does not know to be searched before it would have gone once
+round alone. So whatever is lost or dies, one robot that lives searches everything in that time (paper H, p. 4 to 7: "As long as at
+least one robot remains alive, the search should complete").
+
+On a course with ways from cell to cell it may come upon a cell that cannot be entered. It tells the others, all go round, and what
+no robot can reach then is left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from math import inf, log
-from typing import Any
+from math import inf
 
 from shoal.search.allocation import Sweep
-from shoal.search.bits import at_least, next_in
-from shoal.search.course import Course
-from shoal.search.messages import Beacon, Sign, Status
-from shoal.search.sharing import Part, cost_of_all, parts_of, previous_in
+from shoal.search.bits import last_in, next_in
+from shoal.search.events import (
+    Action,
+    Begin,
+    Blocked,
+    Declare,
+    Event,
+    Go,
+    GoHome,
+    Heard,
+    Obstructed,
+    Recharged,
+    Send,
+    Sensed,
+    WakeAt,
+)
+from shoal.search.judgement import is_live, known_free, obstacles, patience, reachable, settled, step_cost
+from shoal.search.messages import Beacon, Sign
+from shoal.search.sharing import cost_of_all, parts_of, previous_in
+from shoal.search.state import Brief, Peer, Robot
+from shoal.search.ways import CellWays
 
-_SURE = 0.01  # a live robot is taken for dead by as large a share of silences
-_BEATS = (3.0, 40.0)  # silences that are always and never taken for death
-_LINGER = 12  # beacons that a robot sends when all is done
+__all__ = ["LOOK", "Brief", "Robot", "advance"]
+
 _HELLOS = 8  # beacons while robots listen
 _AVOIDED = 3.0  # cells: how long a robot goes elsewhere after its way was blocked
-
-
-@dataclass(frozen=True, slots=True)
-class Brief:
-    """What every robot knows from the beginning.
-
-    Parameters
-    ----------
-    course : Course
-    method : str
-        How the tour is allotted; see `allocate`.
-    fold : int
-        How many robots must search each cell.
-    hello : float
-        How long robots listen before they go; all times are those that a robot of speed 1 takes for a cell.
-    beat : float
-        Between beacons.
-    energy : float
-        How long a robot can move before it must be back at its start to recharge.
-    recharge : float
-        How long that takes.
-    """
-
-    course: Course
-    method: str = "hop"
-    fold: int = 1
-    hello: float = 1.0
-    beat: float = 1.0
-    energy: float = inf
-    recharge: float = 0.0
-
-    @property
-    def everything(self) -> int:
-        """All cells, as bits."""
-        return (1 << len(self.course)) - 1
-
-
-@dataclass(frozen=True, slots=True)
-class Peer:
-    """What a robot knows of another one: its latest sign of life, and when it came."""
-
-    sign: Sign
-    heard: float
-
-
-@dataclass(frozen=True)
-class Robot:
-    """The state of a robot.
-
-    Parameters
-    ----------
-    number : int
-        Its own, different from all others'.
-    brief : Brief
-    start : int
-        The number on the tour of the cell in which it starts.
-    rate : float
-        How fast it moves and searches.
-    status : str
-        "listening", "searching", "waiting", "complete".
-    cell : int
-        Where it has been last, the number on the tour.
-    fresh : bool
-        Whether it has searched nothing since it was in ``cell`` without searching it.
-    target : int or None
-        The cell that it is on the way to.
-    parts : tuple of Part
-        Who is to search what, in the order of the tour.
-    own : int
-        Which of them is its own; -1 before it listens no more.
-    peers : mapping of int to Peer
-    searched : mapping of int to int
-        By robot, the cells that it is said to have searched, as bits.
-    found : mapping of int to int
-        By cell, the robots that have found something there, as bits.
-    avoided : int
-        Cells where its way was blocked, until ``avoided_until``.
-    count : int
-        Beacons sent.
-    next_beat : float
-        When the next beacon is due.
-    allotted_to : int
-        How many robots the tour was last allotted to.
-    began : float
-        When it was switched on.
-    deadline : float
-        When it would have searched everything alone.
-    left : float
-        Energy.
-    lost, got : int
-        Messages that it knows to have missed, and others.
-    lingering : int
-        How many beacons it will still send when all is done.
-    """
-
-    number: int
-    brief: Brief
-    start: int
-    rate: float = 1.0
-    status: Status = "listening"
-    cell: int = 0
-    fresh: bool = True
-    target: int | None = None
-    parts: tuple[Part, ...] = ()
-    own: int = -1
-    peers: Mapping[int, Peer] = field(default_factory=dict)
-    searched: Mapping[int, int] = field(default_factory=dict)
-    found: Mapping[int, int] = field(default_factory=dict)
-    avoided: int = 0
-    avoided_until: float = 0.0
-    count: int = 0
-    next_beat: float = 0.0
-    allotted_to: int = 0
-    began: float = 0.0
-    deadline: float = inf
-    left: float = inf
-    lost: int = 0
-    got: int = 0
-    lingering: int = _LINGER
-
-    @property
-    def mine(self) -> int:
-        """The cells that it has searched itself, as bits."""
-        return self.searched.get(self.number, 0)
-
-    def but(self, **changes: Any) -> Robot:
-        """Return the same with other values: `dataclasses.replace`, but quick, as it happens at every message."""
-        other = object.__new__(Robot)
-        other.__dict__.update(self.__dict__)
-        other.__dict__.update(changes)
-        return other
-
-
-@dataclass(frozen=True, slots=True)
-class Begin:
-    """The robot is switched on."""
-
-    time: float
-
-
-@dataclass(frozen=True, slots=True)
-class Wake:
-    """The time has come for which the robot has asked to be woken."""
-
-    time: float
-
-
-@dataclass(frozen=True, slots=True)
-class Heard:
-    """A beacon has come."""
-
-    time: float
-    beacon: Beacon
-
-
-@dataclass(frozen=True, slots=True)
-class Sensed:
-    """The robot has come to the cell that it wanted to search and has searched it; ``found`` if there is something."""
-
-    time: float
-    cell: int
-    found: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Blocked:
-    """Another robot is in the cell that it wanted to enter; the robot stands before it."""
-
-    time: float
-    cell: int
-
-
-@dataclass(frozen=True, slots=True)
-class Recharged:
-    """The robot is at its start with all its energy."""
-
-    time: float
-
-
-Event = Begin | Wake | Heard | Sensed | Blocked | Recharged
-
-
-@dataclass(frozen=True, slots=True)
-class Go:
-    """Go to a cell and search it."""
-
-    cell: int
-
-
-@dataclass(frozen=True, slots=True)
-class GoHome:
-    """Go to the start and recharge."""
-
-
-@dataclass(frozen=True, slots=True)
-class Send:
-    """Broadcast."""
-
-    beacon: Beacon
-
-
-@dataclass(frozen=True, slots=True)
-class WakeAt:
-    """Be woken at a time; it takes the place of the time asked for before."""
-
-    time: float
-
-
-@dataclass(frozen=True, slots=True)
-class Declare:
-    """All is searched."""
-
-
-Action = Go | GoHome | Send | WakeAt | Declare
+LOOK = 1.0  # cells: what it costs to come up to an obstacle from the middle of the cell before it, and back
 
 
 def advance(robot: Robot, event: Event) -> tuple[Robot, list[Action]]:
@@ -260,13 +65,15 @@ def advance(robot: Robot, event: Event) -> tuple[Robot, list[Action]]:
     time = event.time
     match event:
         case Begin():
-            robot = robot.but(began=time, next_beat=time, cell=robot.start, left=robot.brief.energy)
+            robot = robot.but(began=time, next_beat=time, cell=robot.start, left=robot.brief.energy, passed=1 << robot.start)
         case Heard():
             robot = heard(robot, event.beacon, time)
         case Sensed():
             robot = _sensed(robot, event.cell, event.found)
         case Blocked():
             robot = _blocked(robot, event.cell, time)
+        case Obstructed():
+            robot = _obstructed(robot, event.cell, event.at)
         case Recharged():
             robot = robot.but(cell=robot.start, fresh=True, target=None, left=robot.brief.energy)
     if robot.status == "listening" and time >= robot.began + robot.brief.hello - 1e-9:
@@ -295,7 +102,8 @@ def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
         robot = robot.but(lingering=robot.lingering - 1)
     own = Sign(robot.number, robot.count, robot.start, robot.rate, robot.status)
     signs = (own, *(peer.sign for peer in robot.peers.values()))
-    actions.append(Send(Beacon(robot.number, signs, tuple(robot.searched.items()), tuple(robot.found.items()))))
+    closed = tuple(robot.closed.items())
+    actions.append(Send(Beacon(robot.number, signs, tuple(robot.searched.items()), tuple(robot.found.items()), closed)))
     return robot
 
 
@@ -310,32 +118,59 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
         if sign.robot == beacon.sender and known is not None:
             lost, got = lost + sign.count - known.sign.count - 1, got + 1
         peers[sign.robot] = Peer(sign, time)
-    searched = robot.searched
-    for other, told in beacon.searched:
-        known_bits = searched.get(other, 0)
-        if told != known_bits and other != number:
-            more = told & robot.brief.everything & ~known_bits  # what is no cell would never be settled
-            if more:
-                searched = {**searched, other: known_bits | more}
+    searched = _told(robot, robot.searched, beacon.searched)
+    closed = _told(robot, robot.closed, beacon.closed) if beacon.closed else robot.closed
     found = robot.found
     for cell, witnesses in beacon.found:
         if cell < len(robot.brief.course) and witnesses & ~found.get(cell, 0):
             found = {**found, cell: found.get(cell, 0) | witnesses}
-    return robot.but(peers=peers, lost=lost, got=got, searched=searched, found=found)
+    return robot.but(peers=peers, lost=lost, got=got, searched=searched, found=found, closed=closed)
+
+
+def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], ...]) -> Mapping[int, int]:
+    """Return sets of cells by robot with what another one tells of them."""
+    for other, told in news:
+        bits = known.get(other, 0)
+        if told != bits and other != robot.number:
+            more = told & robot.brief.everything & ~bits  # what is no cell would never be settled
+            if more:
+                known = {**known, other: bits | more}
+    return known
 
 
 def _sensed(robot: Robot, cell: int, something: bool) -> Robot:
-    cost = move_cost(robot, cell)
+    cost = robot.cost
     searched = {**robot.searched, robot.number: robot.mine | 1 << cell}
     found = robot.found
     if something:
         found = {**found, cell: found.get(cell, 0) | 1 << robot.number}
-    return robot.but(searched=searched, found=found, cell=cell, fresh=False, target=None, left=robot.left - cost)
+    passed = robot.passed | _bits_of(robot.through) if robot.through else robot.passed
+    left = robot.left - cost
+    return robot.but(searched=searched, found=found, cell=cell, fresh=False, target=None, through=(), passed=passed, left=left)
 
 
 def _blocked(robot: Robot, cell: int, time: float) -> Robot:
     """Go elsewhere for a while: two robots that want to pass one another would stand there for ever."""
-    return robot.but(target=None, avoided=robot.avoided | 1 << cell, avoided_until=time + _AVOIDED)
+    at = robot.but(cell=cell, fresh=True, target=None, through=(), left=robot.left - robot.cost)
+    passed = robot.passed | _bits_of(robot.through)
+    return at.but(passed=passed, avoided=robot.avoided | 1 << cell, avoided_until=time + _AVOIDED)
+
+
+def _obstructed(robot: Robot, cell: int, at: int) -> Robot:
+    """Stand before an obstacle, and tell of it."""
+    course = robot.brief.course
+    way = robot.through[: robot.through.index(at) + 1] if at in robot.through else ()
+    left = robot.left - course.length(robot.cell, at) - LOOK
+    closed = {**robot.closed, robot.number: robot.closed.get(robot.number, 0) | 1 << cell}
+    passed, fresh = robot.passed | _bits_of(way), robot.fresh or at != robot.cell
+    return robot.but(target=None, through=(), cell=at, fresh=fresh, closed=closed, passed=passed, left=left)
+
+
+def _bits_of(cells: tuple[int, ...]) -> int:
+    bits = 0
+    for cell in cells:
+        bits |= 1 << cell
+    return bits
 
 
 def _allotted(robot: Robot, time: float) -> Robot:
@@ -354,14 +189,15 @@ def _allotted(robot: Robot, time: float) -> Robot:
 
 def _alone(robot: Robot) -> float:
     """Return what it costs to search its own part, and then all the rest."""
-    course, everything = robot.brief.course, robot.brief.everything
-    rest = everything & ~(settled(robot, -inf) | robot.mine)
+    course = robot.brief.course
+    rest = reachable(robot, -inf)[0] & ~(settled(robot, -inf) | robot.mine)
+    closed = obstacles(robot)
     cost, here, fresh = 0.0, robot.cell, robot.fresh
     for sweep in _sweeps(robot):
         while (cell := sweep.next_of(rest, len(course))) is not None:
-            cost += step_cost(course, here, cell, fresh)
+            cost += step_cost(course, here, cell, fresh, closed)
             here, fresh, rest = cell, False, rest & ~(1 << cell)
-    return cost + cost_of_all(course, rest, here, fresh)
+    return cost + cost_of_all(course, rest, here, fresh, closed)
 
 
 def _sweeps(robot: Robot) -> list[Sweep]:
@@ -373,50 +209,15 @@ def _sweeps(robot: Robot) -> list[Sweep]:
     ]
 
 
-def step_cost(course: Course, here: int, cell: int, fresh: bool) -> float:
-    """Return what it costs to go from a cell to another and search it; ``fresh`` if the first one was not searched just now."""
-    return 1.0 + course.way(here, cell, fresh=fresh)
-
-
-def move_cost(robot: Robot, cell: int) -> float:
-    """Return what it costs a robot to go to a cell and search it."""
-    return step_cost(robot.brief.course, robot.cell, cell, robot.fresh)
-
-
-def patience(robot: Robot) -> float:
-    """Return after how long a silence a robot is taken for dead: longer where many messages are lost."""
-    share = robot.lost / (robot.lost + robot.got) if robot.got else 0.5
-    beats = log(_SURE) / log(share) if 0 < share < 1 else 0.0
-    return robot.brief.beat * (min(max(_BEATS[0], beats), _BEATS[1]) + 0.5)
-
-
-def is_live(robot: Robot, number: int, time: float) -> bool:
-    """Tell whether a robot takes another one for alive."""
-    peer = robot.peers.get(number)
-    return number == robot.number or (peer is not None and time - peer.heard <= patience(robot))
-
-
-def settled(robot: Robot, time: float) -> int:
-    """Return the cells that need no more searching, as bits."""
-    everyone = list(robot.searched.values())
-    if robot.brief.fold == 1:
-        return at_least(everyone, 1)
-    mine = robot.mine
-    for number in robot.peers:  # what all live ones have searched cannot be searched by more
-        if is_live(robot, number, time) and time < 3 * robot.deadline:
-            mine &= robot.searched.get(number, 0)
-    return at_least(everyone, robot.brief.fold) | mine
-
-
 def decided(robot: Robot, time: float) -> tuple[Robot, Action | None, float]:
     """Return what to do next, and until when to wait if it is nothing."""
-    brief = robot.brief
     if robot.allotted_to <= len(robot.peers):  # it has heard of another one
         robot = _allotted(robot, time)
     done = settled(robot, time)
-    if done == brief.everything:
+    own, anyone = reachable(robot, time)
+    if anyone & ~done == 0:
         return robot.but(status="complete", next_beat=time), Declare(), inf
-    wanted = brief.everything & ~done & ~robot.mine
+    wanted = own & ~done & ~robot.mine
     if time < robot.avoided_until and wanted & ~robot.avoided:
         wanted &= ~robot.avoided
     elif robot.avoided:
@@ -427,10 +228,27 @@ def decided(robot: Robot, time: float) -> tuple[Robot, Action | None, float]:
         cell, wake = _left_cell(robot, wanted, time)
     if cell is None:
         return robot.but(status="waiting"), None, wake
-    need = move_cost(robot, cell) + brief.course.between(cell, robot.start)
-    if need > robot.left and not (robot.fresh and robot.cell == robot.start):
-        return robot.but(status="searching", target=-1), GoHome(), inf
-    return robot.but(status="searching", target=cell), Go(cell), inf
+    return _on_the_way(robot, cell)
+
+
+def _on_the_way(robot: Robot, cell: int) -> tuple[Robot, Action, float]:
+    """Go to a cell, or home if the energy would not last for both."""
+    course, ways = robot.brief.course, robot.brief.course.ways
+    through: tuple[int, ...] = ()
+    home: tuple[int, ...] = ()
+    if isinstance(ways, CellWays):
+        closed = obstacles(robot)
+        cost = step_cost(course, robot.cell, cell, robot.fresh, closed)
+        through = ways.cells(robot.cell, cell, closed)
+        unsure = robot.brief.everything & ~known_free(robot)
+        home = ways.cells(robot.cell, robot.start, unsure)
+        need = 2 * cost + LOOK + ways.length(robot.cell, robot.start, unsure)  # it may have to come back by the way that it went
+    else:
+        cost = step_cost(course, robot.cell, cell, robot.fresh)
+        need = cost + (course.length(cell, robot.start) if robot.left < inf else 0.0)
+    if need > robot.left and robot.left < robot.brief.energy:
+        return robot.but(status="searching", target=-1), GoHome(home), inf
+    return robot.but(status="searching", target=cell, through=through, cost=cost), Go(cell, through), inf
 
 
 def _own_cell(robot: Robot, wanted: int) -> int | None:
@@ -442,18 +260,48 @@ def _own_cell(robot: Robot, wanted: int) -> int | None:
     return None
 
 
+def _comes(robot: Robot, number: int, own: int, time: float) -> bool:
+    """Tell whether another robot lives and can reach what this one can."""
+    peer = robot.peers.get(number)
+    return is_live(robot, number, time) and (peer is None or bool(own >> peer.sign.start % len(robot.brief.course) & 1))
+
+
+def _last_left(robot: Robot, wanted: int, own: int, time: float) -> int | None:
+    """Return the last cell of a dead robot's part before its own: it comes to meet the one that searches that from the front.
+
+    None if then it could not search all the rest alone in time.
+    """
+    course, n = robot.brief.course, len(robot.brief.course)
+    if robot.brief.fold > 1:
+        return None
+    for back in range(1, len(robot.parts)):
+        part = robot.parts[robot.own - back]
+        if _comes(robot, part.robot, own, time):
+            return None
+        if not part.bits & wanted:
+            continue
+        cell = last_in(part.bits & wanted, part.first, n)
+        closed = obstacles(robot)
+        need = step_cost(course, robot.cell, cell, robot.fresh, closed)
+        need += cost_of_all(course, wanted & ~(1 << cell), cell, False, closed)
+        return cell if time + need / robot.rate <= robot.deadline else None
+    return None
+
+
 def _left_cell(robot: Robot, wanted: int, time: float) -> tuple[int | None, float]:
     """Return the next cell that others have left, or until when to wait for them."""
     course = robot.brief.course
-    left = 0
+    left, own = 0, reachable(robot, time)[0]
     for index, part in enumerate(robot.parts):
         if part.bits & wanted:
-            takers = previous_in(robot.parts, index, lambda number: is_live(robot, number, time), robot.brief.fold)
+            takers = previous_in(robot.parts, index, lambda number: _comes(robot, number, own, time), robot.brief.fold)
             if robot.number in takers:
                 left |= part.bits & wanted
     if left:
         return next_in(left, robot.cell, len(course)), inf
-    last = robot.deadline - cost_of_all(course, wanted, robot.cell, robot.fresh) / robot.rate
+    if (cell := _last_left(robot, wanted, own, time)) is not None:
+        return cell, inf
+    last = robot.deadline - cost_of_all(course, wanted, robot.cell, robot.fresh, obstacles(robot)) / robot.rate
     if wanted and time >= last - 1e-9:
         return next_in(wanted, robot.cell, len(course)), inf
     silences = [peer.heard + patience(robot) + 1e-6 for peer in robot.peers.values()]

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import inf
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +17,7 @@ from shoal.errors import InvalidInputError
 from shoal.search.episode import EpisodeForm, RobotLog, SearchEpisode, fault_of
 from shoal.search.faults import Crash, Fault
 from shoal.search.network import network_of
-from shoal.search.planning import SearchPlan, plan_search
+from shoal.search.planning import SearchPlan, plan_search, read_points
 from shoal.search.projection import LocalFrame
 from shoal.search.region import SearchRegion, region_of
 from shoal.search.robot import Brief
@@ -54,6 +55,7 @@ def search(
     targets: ArrayLike | int = 0,
     detection: float = 1.0,
     false_alarm: float = 0.0,
+    obstacles: ArrayLike | int | str | os.PathLike[str] = 0,
     speed: float = 1.0,
     simulate: bool | None = None,
     live: float | None = None,
@@ -79,6 +81,10 @@ def search(
         How many things to find there are in random cells, or where they are, metres.
     detection, false_alarm : float
         Probability that a robot finds what is in a cell, and what is not.
+    obstacles : int, array_like of float, shape (k, 2), or path
+        How many random cells cannot be entered, or where such are, metres, or a CSV file of that as for ``starts``. Robots do not
+        know it until they come to them; then they go round, and tell the others. With any, robots go from cell to cell, never
+        straight.
     speed : float
         Metres a second.
     simulate : bool, optional
@@ -116,6 +122,7 @@ def search(
         turn_cost=turn_cost,
         rates=rates,
         transit=transit,
+        stepwise=isinstance(obstacles, str | os.PathLike) or np.size(obstacles) > 1 or bool(np.any(obstacles)),
         seed=seed,
     )
     cell_time = plan.grid.size / speed
@@ -129,15 +136,16 @@ def search(
         targets=_target_cells(plan, targets, seed),
         detection=detection,
         false_alarm=false_alarm,
+        obstacles=_obstacle_cells(plan, obstacles, seed),
         seed=seed,
     )
     if live is not None:
         return _lived(plan, scenario, live=live, network=network, loss=loss, speed=speed, began=began)
     wanted = len(plan.course) * robots <= SIMULATED if simulate is None else simulate
-    if not wanted and (faults or loss or network or fold > 1 or energy < inf):
+    if not wanted and (faults or loss or network or fold > 1 or energy < inf or plan.course.stepwise):
         raise InvalidInputError(
-            f"search: expected at most {SIMULATED} cells times robots for loss, networks, faults, energy and fold, which are "
-            f"simulated, got {len(plan.course)} times {robots}; ask for the simulation to have it anyway"
+            f"search: expected at most {SIMULATED} cells times robots for loss, networks, faults, energy, fold and "
+            f"obstacles, which are simulated, got {len(plan.course)} times {robots}; ask for the simulation to have it anyway"
         )
     return _played(plan, scenario, network=network, loss=loss, speed=speed, simulated=wanted, began=began)
 
@@ -173,8 +181,8 @@ def _lived(
     from shoal.search.live import run_live
 
     kill = [fault for fault in scenario.faults if isinstance(fault, Crash)]
-    if network or len(kill) < len(scenario.faults):
-        raise InvalidInputError("live: expected no network but a share of lost messages, and no fault but crashes")
+    if network or scenario.obstacles or len(kill) < len(scenario.faults):
+        raise InvalidInputError("live: expected no network but a share of lost messages, no fault but crashes, and no obstacles")
     brief = replace(scenario.brief, hello=max(scenario.brief.hello, _HELLO * live), beat=max(scenario.brief.beat, _BEAT * live))
     outcome = run_live(
         brief,
@@ -237,6 +245,7 @@ def _prepared(form: EpisodeForm) -> tuple[SearchPlan, Scenario]:
         turn_cost=form.turn_cost,
         rates=form.rates,
         transit=form.transit,
+        stepwise=form.stepwise,
         seed=form.seed,
     )
     energy = inf if form.energy is None else form.energy / plan.grid.size
@@ -250,6 +259,7 @@ def _prepared(form: EpisodeForm) -> tuple[SearchPlan, Scenario]:
         targets=tuple(form.targets),
         detection=form.detection,
         false_alarm=form.false_alarm,
+        obstacles=tuple(form.obstacles),
         seed=form.seed,
     )
     return plan, scenario
@@ -278,7 +288,14 @@ def replayed(form: EpisodeForm) -> SearchEpisode:
     ):
         raise InvalidInputError(f"robots: expected cells below {n} and their times for {len(form.starts)} robots")
     logs = tuple(
-        RobotLog(np.array(log.cells, dtype=np.int64), np.array(log.times, dtype=np.float64), tuple(log.states), tuple(log.found))
+        RobotLog(
+            np.array(log.cells, dtype=np.int64),
+            np.array(log.times, dtype=np.float64),
+            tuple(log.states),
+            tuple(log.found),
+            tuple(log.detours),
+            tuple(log.obstructed),
+        )
         for log in form.robots
     )
     return SearchEpisode(
@@ -324,8 +341,25 @@ def _target_cells(plan: SearchPlan, targets: ArrayLike | int, seed: int) -> tupl
             raise InvalidInputError(f"targets: expected a number from 0 to {n}, one a cell, got {targets}")
         chosen = np.random.default_rng([seed, 1]).choice(n, size=int(targets), replace=False)
         return tuple(sorted(int(cell) for cell in chosen))
-    points = plan.grid.region.check_inside(targets, what="targets")
-    return tuple(sorted({int(number) for number in plan.tour.position[tuple(plan.grid.cell_of(points).T)]}))
+    return _cells_at(plan, targets, "targets")
+
+
+def _obstacle_cells(plan: SearchPlan, obstacles: ArrayLike | int | str | os.PathLike[str], seed: int) -> tuple[int, ...]:
+    """Return the numbers on the tour of the cells that cannot be entered."""
+    if isinstance(obstacles, str | os.PathLike):
+        return _cells_at(plan, read_points(Path(obstacles), plan.grid.region, what="obstacles"), str(obstacles))
+    if not isinstance(obstacles, int | np.integer):
+        return _cells_at(plan, obstacles, "obstacles")
+    free = np.setdiff1d(np.arange(len(plan.course)), plan.starts)
+    if obstacles < 0 or obstacles > len(free):
+        raise InvalidInputError(f"obstacles: expected a number from 0 to {len(free)}, none where a robot starts, got {obstacles}")
+    chosen = np.random.default_rng([seed, 2]).choice(free, size=int(obstacles), replace=False)
+    return tuple(sorted(int(cell) for cell in chosen))
+
+
+def _cells_at(plan: SearchPlan, points: ArrayLike, what: str) -> tuple[int, ...]:
+    inside = plan.grid.region.check_inside(points, what=what)
+    return tuple(sorted({int(number) for number in plan.tour.position[tuple(plan.grid.cell_of(inside).T)]}))
 
 
 def _simulated(plan: SearchPlan, scenario: Scenario) -> tuple[tuple[RobotLog, ...], Outcome]:
@@ -337,6 +371,8 @@ def _simulated(plan: SearchPlan, scenario: Scenario) -> tuple[tuple[RobotLog, ..
             times=np.array([moment for moment, _ in vehicle.visits]),
             states=tuple(vehicle.states),
             found=tuple(sorted((cell, tuple(_witnesses(bits))) for cell, bits in vehicle.robot.found.items())),
+            detours=tuple(vehicle.detours) if any(vehicle.detours) else (),
+            obstructed=tuple(vehicle.obstructed),
         )
         for vehicle in outcome.vehicles.values()
     )
@@ -355,7 +391,7 @@ def _planned(plan: SearchPlan) -> tuple[RobotLog, ...]:
         times = np.zeros(0)
         if len(cells):
             steps = np.array([1.0 + course.way(here, cell) for here, cell in pairwise(cells.tolist())])
-            first = float(np.linalg.norm(course.points[cells[0]] - plan.places[robot] / plan.grid.size)) + 1.0
+            first = plan.route(robot, cells[:1]).length / plan.grid.size + 1.0
             times = np.cumsum(np.concatenate([[first], steps])) / plan.rates[robot]
         logs.append(RobotLog(cells, times, ((0.0, "searching"), (float(times[-1]) if len(times) else 0.0, "complete")), ()))
     return tuple(logs)

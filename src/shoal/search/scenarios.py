@@ -13,10 +13,12 @@ from shoal.search.faults import Battery, Crash, Fault, Liar, Pause, Slow, WrongP
 from shoal.search.network import Network, network_of
 from shoal.search.robot import Brief
 from shoal.search.tours import make_tour
+from shoal.search.ways import CellWays
 from shoal.search.world import Scenario
 
 TOURS = ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree", "open-hilbert")
 METHODS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
+_STEPWISE = 0.3  # share of scenarios in which robots go from cell to cell and meet obstacles
 _LARGEST = 10  # rows and columns
 _MOST_ROBOTS = 30
 
@@ -30,7 +32,9 @@ def random_scenario(seed: int) -> Scenario:
     True
     """
     rng = np.random.default_rng(seed)
-    course = Course(make_tour(str(rng.choice(TOURS)), random_mask(rng)), turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])))
+    tour = make_tour(str(rng.choice(TOURS)), random_mask(rng))
+    ways = CellWays(tour) if rng.random() < _STEPWISE else None
+    course = Course(tour, turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])), ways=ways)
     n, m = len(course), int(rng.integers(1, _MOST_ROBOTS + 1) if rng.random() < 0.1 else min(rng.geometric(0.18), _MOST_ROBOTS))
     whole = course.whole
     fold = int(rng.choice([1, 1, 1, 2, 3]))
@@ -51,10 +55,11 @@ def random_scenario(seed: int) -> Scenario:
         starts,
         rates,
         network=random_network(rng, whole),
-        faults=random_faults(rng, m, whole, liars=fold - 1, energy=energy),
+        faults=random_faults(rng, m, whole, liars=fold - 1, energy=energy, lost=ways is None),
         targets=tuple(int(cell) for cell in rng.integers(0, n, size=rng.integers(0, 4))),
         detection=float(rng.choice([1.0, 0.8])),
         false_alarm=float(rng.choice([0.0, 0.02])),
+        obstacles=() if ways is None else random_obstacles(rng, n, starts),
         seed=seed,
     )
 
@@ -96,8 +101,14 @@ def random_network(rng: Generator, whole: float) -> Network:
     return network_of(",".join(rng.choice(models, size=rng.integers(1, 4), replace=False)))
 
 
-def random_faults(rng: Generator, robots: int, whole: float, *, liars: int, energy: float) -> tuple[Fault, ...]:
-    """Return random faults; at most so many liars, and every fourth time all robots but one die."""
+def random_obstacles(rng: Generator, n: int, starts: tuple[int, ...]) -> tuple[int, ...]:
+    """Return cells that cannot be entered: none to two fifths of all, but no starts."""
+    drawn = rng.permutation(n)[: int(rng.uniform(0, 0.4) * n)]
+    return tuple(int(cell) for cell in drawn if cell not in starts)
+
+
+def random_faults(rng: Generator, robots: int, whole: float, *, liars: int, energy: float, lost: bool) -> tuple[Fault, ...]:
+    """Return random faults; at most so many liars, wrong positions if ``lost``, and every fourth time all robots but one die."""
     found: list[Fault] = []
     numbers = [int(number) for number in 1 + rng.permutation(robots)]
     if rng.random() < 0.25:
@@ -114,7 +125,7 @@ def random_faults(rng: Generator, robots: int, whole: float, *, liars: int, ener
             found.append(Slow(number, float(rng.uniform(1.5, 5)), time))
         elif kind == 4:
             found.append(Battery(number, float(rng.random()) * min(energy, whole)))
-        elif kind == 5:
+        elif kind == 5 and lost:
             found.append(WrongPosition(number, int(rng.integers(1, 50))))
         elif kind == 6 and liars > 0:
             found.append(Liar(number))

@@ -13,9 +13,10 @@ from shoal.search.course import Course
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one robot is to search: its sweeps, and the same cells as bits; none for a robot in reserve."""
+    """What one robot is to search: its sweeps, and the same cells as bits; none for one in reserve. It begins at ``first``."""
 
     robot: int
+    first: int
     sweeps: tuple[Sweep, ...]
     bits: int
 
@@ -41,7 +42,8 @@ def parts_of(course: Course, method: str, robots: tuple[tuple[int, int, float], 
             bits |= run(low, sweep.count, n)
         # Two sweeps meet at the start; the part begins where nothing of it comes before.
         lows = [first for first, _ in runs(bits, start, n) if not bits >> ((first - 1) % n) & 1]
-        parts.append((lows[0] if lows else start, bool(bits), number, Part(number, sweeps, bits)))
+        first = lows[0] if lows else start
+        parts.append((first, bool(bits), number, Part(number, first, sweeps, bits)))
     return tuple(part for *_, part in sorted(parts, key=lambda entry: entry[:3]))
 
 
@@ -57,11 +59,11 @@ def previous_in(parts: tuple[Part, ...], index: int, live: Callable[[int], bool]
     return found
 
 
-def cost_of_all(course: Course, wanted: int, here: int, fresh: bool) -> float:
-    """Return what it costs to search all cells of a set, as bits, round the tour from ``here`` on, with straight ways between."""
+def cost_of_all(course: Course, wanted: int, here: int, fresh: bool, closed: int = 0) -> float:
+    """Return what it costs to search all cells of a set, as bits, round the tour from ``here`` on, ``closed`` ones left out."""
     total, n = 0.0, len(course)
     for first, count in runs(wanted, here, n):
-        total += course.way(here, first, fresh=fresh)
+        total += course.way(here, first, fresh=fresh, closed=closed)
         total += course.search_cost(first, count)
         here, fresh = (first + count - 1) % n, False
     return total

@@ -6,83 +6,40 @@ import heapq
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import inf
 from typing import Any
 
 import numpy as np
 
 from shoal.errors import InvalidInputError
-from shoal.search.faults import Battery, Crash, Fault, Liar, Pause, Slow, WrongPosition
-from shoal.search.messages import Beacon, decode, encode
-from shoal.search.network import Link, Network, damage
-from shoal.search.robot import (
+from shoal.search.events import (
     Action,
     Begin,
     Blocked,
-    Brief,
     Declare,
     Event,
     Go,
     GoHome,
     Heard,
+    Obstructed,
     Recharged,
-    Robot,
     Send,
     Sensed,
     Wake,
     WakeAt,
-    advance,
-    is_live,
-    step_cost,
 )
+from shoal.search.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
+from shoal.search.judgement import is_live, step_cost
+from shoal.search.messages import Beacon, decode, encode
+from shoal.search.network import Link, damage
+from shoal.search.robot import LOOK, Robot, advance
+from shoal.search.scenario import Scenario
+
+__all__ = ["Outcome", "Scenario", "Vehicle", "World"]
 
 _TRIES = 8  # how often a robot knocks at a cell that another one is in, before it goes elsewhere
 _KNOCK = 0.25  # cells, in time, between
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """All that a simulation depends on.
-
-    Parameters
-    ----------
-    brief : Brief
-    starts : tuple of int
-        The number on the tour of the cell in which each robot starts; robots are numbered from 1 on.
-    rates : tuple of float
-        Their speeds.
-    network : Network
-    faults : tuple of Fault
-    targets : tuple of int
-        Cells with something to find.
-    detection : float
-        Probability that a robot that searches a cell finds what is there.
-    false_alarm : float
-        Probability that it finds something where nothing is.
-    seed : int
-    """
-
-    brief: Brief
-    starts: tuple[int, ...]
-    rates: tuple[float, ...] = ()
-    network: Network = field(default_factory=Network)
-    faults: tuple[Fault, ...] = ()
-    targets: tuple[int, ...] = ()
-    detection: float = 1.0
-    false_alarm: float = 0.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        m, n = len(self.starts), len(self.brief.course)
-        if not m or any(not 0 <= start < n for start in self.starts):
-            raise InvalidInputError(f"starts: expected one or more cells from 0 to {n - 1}, got {list(self.starts)!r:.200}")
-        if not self.rates:
-            object.__setattr__(self, "rates", (1.0,) * m)
-        if len(self.rates) != m or any(not 0 < rate < inf for rate in self.rates):
-            raise InvalidInputError(f"rates: expected {m} speeds above 0, got {list(self.rates)!r:.200}")
-        for fault in self.faults:
-            if not 1 <= fault.robot <= m:
-                raise InvalidInputError(f"fault: expected a robot from 1 to {m}, got {fault}")
 
 
 @dataclass
@@ -103,6 +60,9 @@ class Vehicle:
     travelled: float = 0.0
     waited: float = 0.0  # for others to leave a cell
     visits: list[tuple[float, int]] = field(default_factory=list)  # when it had searched which cell
+    passing: tuple[int, ...] = ()  # the cells that it has passed since
+    detours: list[tuple[int, ...]] = field(default_factory=list)  # the same before each visit
+    obstructed: list[tuple[float, int]] = field(default_factory=list)  # when it met which obstacle
     states: list[tuple[float, str]] = field(default_factory=list)
 
 
@@ -112,8 +72,10 @@ class Outcome:
 
     Parameters
     ----------
+    covered : int
+        The cells searched by robots that do not lie, as bits.
     covered_at : float
-        When the last cell was searched by a robot that does not lie; infinite if some never were.
+        When the last cell that some robot can reach was searched by one that does not lie; infinite if some never were.
     declared : dict of int to float
         When each robot declared the search complete.
     vehicles : dict of int to Vehicle
@@ -127,6 +89,7 @@ class Outcome:
         One line of JSON an event, if a trace was asked for.
     """
 
+    covered: int
     covered_at: float
     declared: dict[int, float]
     vehicles: dict[int, Vehicle]
@@ -154,6 +117,9 @@ class World:
         self.rng = np.random.default_rng(scenario.seed)
         self.time = 0.0
         self.covered = 0  # by robots that do not lie, as bits
+        self.goal = 0  # what can be searched
+        for number in range(1, len(scenario.starts) + 1):
+            self.goal |= scenario.reach(number)
         self.searched: dict[int, int] = {}  # by robot, what it has searched in truth
         self.covered_at = inf
         self.declared: dict[int, float] = {}
@@ -208,6 +174,7 @@ class World:
             if self.check is not None:
                 self.check(self, number)
         return Outcome(
+            self.covered,
             self.covered_at,
             self.declared,
             self.vehicles,
@@ -274,6 +241,7 @@ class World:
                 self._post(self.time + _KNOCK / rate, vehicle.robot.number, "enter", cell)
             else:
                 vehicle.place, vehicle.going = cell, None
+                vehicle.passing += vehicle.robot.through
                 self._write(vehicle, "blocked", cell=cell)
                 self._do_event(vehicle, Blocked(self.time, cell))
             return
@@ -291,12 +259,21 @@ class World:
             self.searched[number] |= 1 << cell
             if not self.covered >> cell & 1:
                 self.covered |= 1 << cell
-                if self.covered == scenario.brief.everything:
+                if self.covered == self.goal:
                     self.covered_at = self.time
         vehicle.visits.append((self.time, cell))
+        vehicle.detours.append(vehicle.passing + vehicle.robot.through[:-1])
+        vehicle.passing = ()
         vehicle.going = None
         self._write(vehicle, "searched", cell=cell, found=found)
         self._do_event(vehicle, Sensed(self.time, cell, found))
+
+    def _do_obstructed(self, vehicle: Vehicle, found: tuple[int, int]) -> None:
+        cell, vehicle.place = found
+        vehicle.going = None
+        vehicle.obstructed.append((self.time, cell))
+        self._write(vehicle, "obstructed", cell=cell)
+        self._do_event(vehicle, Obstructed(self.time, cell, vehicle.place))
 
     def _do_home(self, vehicle: Vehicle, _: None) -> None:
         vehicle.place, vehicle.energy = vehicle.robot.start, self._full(vehicle.robot.number)
@@ -308,11 +285,12 @@ class World:
     def _act(self, vehicle: Vehicle, action: Action) -> None:
         number = vehicle.robot.number
         match action:
-            case Go(cell):
-                self._go(vehicle, cell)
-            case GoHome():
-                away = self.scenario.brief.course.between(vehicle.place, vehicle.robot.start)
+            case Go(cell, through):
+                self._go(vehicle, cell, through)
+            case GoHome(through):
+                away = self._length(vehicle.place, through or (vehicle.robot.start,))
                 vehicle.searching = None
+                vehicle.passing += through
                 if self._spend(vehicle, away):
                     self._write(vehicle, "home")
                     self._post(self.time + away / self._rate(vehicle) + self.scenario.brief.recharge, number, "home", None)
@@ -326,18 +304,35 @@ class World:
                 self.declared[number] = self.time
                 self._write(vehicle, "declared")
 
-    def _go(self, vehicle: Vehicle, cell: int) -> None:
+    def _length(self, here: int, through: tuple[int, ...]) -> float:
+        """Return the length of a way by some cells."""
+        course = self.scenario.brief.course
+        return sum(course.length(one, other) for one, other in pairwise((here, *through)))
+
+    def _go(self, vehicle: Vehicle, cell: int, through: tuple[int, ...]) -> None:
         robot, course = vehicle.robot, self.scenario.brief.course
-        cost = step_cost(course, vehicle.place, cell, robot.fresh)
         if self._takes_over(vehicle, cell):
             self.takeovers += 1
             self._write(vehicle, "takes over", cell=cell)
+        vehicle.going, vehicle.tries = cell, 0
+        obstacle, free = self.scenario.obstacle_on(vehicle.place, through)
+        if obstacle is not None:
+            self._stop_before(vehicle, obstacle, through[:free])
+            return
+        cost = robot.cost if through else step_cost(course, vehicle.place, cell, robot.fresh)
         if not self._spend(vehicle, cost):
             return
-        vehicle.going, vehicle.tries = cell, 0
         if cost > 1.0 + 1e-12:
             vehicle.searching = None  # on the way it is in no cell to search it
         self._post(self.time + (cost - 1.0) / self._rate(vehicle), robot.number, "enter", cell)
+
+    def _stop_before(self, vehicle: Vehicle, obstacle: int, way: tuple[int, ...]) -> None:
+        cost = self._length(vehicle.place, way) + LOOK
+        vehicle.searching = None
+        if self._spend(vehicle, cost):
+            at = way[-1] if way else vehicle.place
+            vehicle.passing += way
+            self._post(self.time + cost / self._rate(vehicle), vehicle.robot.number, "obstructed", (obstacle, at))
 
     def _takes_over(self, vehicle: Vehicle, cell: int) -> bool:
         """Tell whether a robot begins with the part of another one that it takes for dead."""

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["cell_colours", "expected_time_figure", "search_figure", "spread_out", "timeline_figure"]
 
 NOT_SEEN = "#d81b1b"
+OBSTACLE = "#5b6470"
 _OUTSIDE, _EDGE, _LINES = "#eef0f3", "#39424e", "#e1e5ea"
 _OWN, _TAKEN = 0.16, 0.36  # how much of a robot's colour its cells have
 _GRID = 3000  # cells whose sides are still drawn
@@ -115,13 +116,18 @@ def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
 
 
 def cell_colours(story: SearchStory, time: float = inf) -> NDArray[np.float64]:
-    """Return the colour of each cell at a time, white if nobody had searched it; float64, shape (n, 3), by number on the tour."""
+    """Return the colour of each cell at a time, white if nobody had searched it; float64, shape (n, 3), by number on the tour.
+
+    That of an obstacle once it was found.
+    """
     from matplotlib.colors import to_rgb
 
     times, by = story.first
     palette = np.array([(1.0, 1.0, 1.0), *(to_rgb(robot_colour(robot)) for robot in range(story.n_robots))])
     part = np.where(story.taken, _TAKEN, _OWN) * ((times <= time) & (by > 0))
-    return np.asarray(1.0 - part[:, None] * (1.0 - palette[by]))
+    colours = 1.0 - part[:, None] * (1.0 - palette[by])
+    colours[[cell for cell, moment in story.episode.obstacles.items() if moment <= time]] = to_rgb(OBSTACLE)
+    return np.asarray(colours)
 
 
 def _draw_route(axes: Axes, story: SearchStory, robot: int, side: float) -> None:
@@ -181,7 +187,7 @@ def _draw_arrows(axes: Axes, pieces: NDArray[np.float64], colour: str, size: flo
 
 
 def _draw_not_seen(axes: Axes, episode: SearchEpisode) -> None:
-    for rings in rings_of(episode.coverage.uncovered):
+    for rings in rings_of(_not_seen(episode)):
         from matplotlib.patches import PathPatch
 
         axes.add_patch(PathPatch(_even_odd(rings), facecolor=NOT_SEEN, alpha=0.55, edgecolor=NOT_SEEN, lw=0.8, zorder=2.5))
@@ -253,6 +259,19 @@ def spread_out(places: NDArray[np.float64], least: float) -> NDArray[np.float64]
     return np.asarray(moved)
 
 
+def _not_seen(episode: SearchEpisode) -> Any:
+    """Return what was not seen, but for obstacles."""
+    import shapely
+
+    if not episode.obstacles:
+        return episode.coverage.uncovered
+    grid = episode.plan.grid
+    left, top = grid.corner
+    rows, cols = episode.plan.tour.cells[[*episode.obstacles]].T
+    x, y = left + cols * grid.size, top - rows * grid.size
+    return episode.coverage.uncovered - shapely.union_all(shapely.box(x, y - grid.size, x + grid.size, y))
+
+
 def _draw_legend(figure: Figure, story: SearchStory) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -265,8 +284,11 @@ def _draw_legend(figure: Figure, story: SearchStory) -> None:
         handles.append(Patch(facecolor="#c9ced6", edgecolor=MUTED, lw=1.5, label="searched for another robot"))
     if episode.findings:
         handles.append(Line2D([], [], ls="", marker="D", mfc="#ffd54a", mec=INK, ms=6, label="finding, and how sure"))
-    if episode.coverage.uncovered_m2 > 1e-6 * episode.plan.grid.region.area_m2:
-        handles.append(Patch(facecolor=NOT_SEEN, alpha=0.55, label=f"not seen: {episode.coverage.uncovered_m2:.4g} m²"))
+    if episode.obstacles:
+        handles.append(Patch(facecolor=OBSTACLE, label="obstacle, found on the way"))
+    left = _not_seen(episode).area
+    if left > 1e-6 * episode.plan.grid.region.area_m2:
+        handles.append(Patch(facecolor=NOT_SEEN, alpha=0.55, label=f"not seen: {left:.4g} m²"))
     figure.legend(
         handles=handles, loc="outside lower center", ncols=3 if len(handles) > 4 or figure.get_figwidth() < 6 else 4, frameon=False,
         fontsize=8, labelcolor=INK, handletextpad=0.5, columnspacing=1.4,

@@ -191,6 +191,8 @@ class SearchStory:
             return np.zeros(1, dtype=np.int64)
         index = grid.ordinals(cells)
         counts = grid.stand_starts[index + 1] - grid.stand_starts[index]
+        if any(detours := self.episode.robots[robot].detours):
+            counts = counts + np.array([len(passed) for passed in detours], dtype=np.int64)
         return np.asarray(self.episode.routes[robot].stops[np.concatenate([[0], np.cumsum(counts)])])
 
     def _rate(self, robot: int, times: Floats) -> Floats:
@@ -228,13 +230,13 @@ class SearchStory:
     def _with_ways_home(self, robot: int, motion: Motion) -> Motion:
         """Lay in the ways to the start and back where a robot recharged: so long was it away between two cells."""
         plan, log, brief = self.episode.plan, self.episode.robots[robot], self.episode.scenario.brief
-        if brief.energy == inf:
+        if brief.energy == inf or plan.course.stepwise:  # the latter's ways home are a part of the route
             return motion
         start, rates, size = int(plan.starts[robot]), self._rate(robot, log.times), plan.grid.size
         times, points, home = motion.times, motion.points, plan.places[robot][None]
         for k in range(len(log.cells) - 1, 0, -1):
             one, other = int(log.cells[k - 1]), int(log.cells[k])
-            there, back = plan.course.between(one, start) / rates[k], plan.course.between(start, other) / rates[k]
+            there, back = plan.course.length(one, start) / rates[k], plan.course.length(start, other) / rates[k]
             if abs(log.times[k] - log.times[k - 1] - there - brief.recharge - back - 1 / rates[k]) > 1e-6:
                 continue
             first, last = np.searchsorted(times, log.times[k - 1], side="right"), np.searchsorted(times, log.times[k], side="left")

@@ -10,12 +10,7 @@ from math import dist, inf
 from typing import Any
 
 from shoal.errors import InvalidInputError
-from shoal.search.live import presence
-from shoal.search.live.radio import Radio
-from shoal.search.live.task import LiveTask
-from shoal.search.live.vehicle import Vehicle
-from shoal.search.messages import decode, encode
-from shoal.search.robot import (
+from shoal.search.events import (
     Action,
     Begin,
     Blocked,
@@ -25,14 +20,18 @@ from shoal.search.robot import (
     GoHome,
     Heard,
     Recharged,
-    Robot,
     Send,
     Sensed,
     Wake,
     WakeAt,
-    advance,
-    step_cost,
 )
+from shoal.search.judgement import step_cost
+from shoal.search.live import presence
+from shoal.search.live.radio import Radio
+from shoal.search.live.task import LiveTask
+from shoal.search.live.vehicle import Vehicle
+from shoal.search.messages import decode, encode
+from shoal.search.robot import Robot, advance
 
 _TRIES = 8  # how often a robot knocks at a cell that another one is in, before it goes elsewhere
 _KNOCK = 0.25  # cells, in time, between

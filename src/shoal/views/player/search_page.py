@@ -46,6 +46,7 @@ def search_data(episode: SearchEpisode) -> dict[str, object]:
         - ``robots`` : for each its ``times`` (float32) and ``places`` between which it moves straight (uint16, x and y in turn, in
           65,535ths of the box from its lower left), ``visits`` (float32), ``stretches`` [begin, end, kind, other], ``outline``
           (sides around what it took over, uint16: column, row, column, row), ``liar``.
+        - ``obstacles`` : list of row * columns + column and when it was found.
         - ``findings`` : list of x, y, when the cell was first searched, and confidence.
 
     Raises
@@ -82,6 +83,10 @@ def search_data(episode: SearchEpisode) -> dict[str, object]:
         "where": _text(cells[:, 0] * plan.grid.shape[1] + cells[:, 1], "<u4"),
         "taken": _text(story.taken[order], "<u1"),
         "robots": [_robot(story, robot) for robot in range(count)],
+        "obstacles": [
+            [int(row * plan.grid.shape[1] + col), moment]
+            for (row, col), moment in zip(plan.tour.cells[[*episode.obstacles]], episode.obstacles.values(), strict=True)
+        ],
         "findings": [
             [*(plan.course.points[one.cell] * plan.grid.size).tolist(), min(float(times[one.cell]), story.end), one.confidence]
             for one in episode.findings

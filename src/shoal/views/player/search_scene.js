@@ -143,6 +143,7 @@ const ShoalSearch = (() => {
       const [x, y] = view.at([story.box[0], story.box[3]]), side = story.size * view.scale;
       pen.imageSmoothingEnabled = false;
       pen.drawImage(this.cells, x, y, side * story.shape[1], side * story.shape[0]);
+      this.drawObstacles(time, colours, x, y, side);
       this.drawOutlines(time, colours, x, y, side);
       pen.restore();
       pen.beginPath();
@@ -156,6 +157,17 @@ const ShoalSearch = (() => {
       for (const [fx, fy, when] of story.findings) if (when <= time + EARLY) this.drawFinding([fx, fy], colours);
       story.robots.forEach((robot, k) => { if (k !== this.chosen) this.drawRobot(robot, k, time, colours); });
       if (this.chosen >= 0) this.drawRobot(story.robots[this.chosen], this.chosen, time, colours);
+    }
+
+    /** Cells that cannot be entered, once that was found. */
+    drawObstacles(time, colours, x, y, side) {
+      const { pen, story } = this, columns = story.shape[1];
+      pen.fillStyle = colours.wall;
+      pen.globalAlpha = 0.75;
+      for (const [cell, found] of story.obstacles) {
+        if (found <= time + EARLY) pen.fillRect(x + side * (cell % columns), y + side * Math.floor(cell / columns), side, side);
+      }
+      pen.globalAlpha = 1;
     }
 
     drawOutlines(time, colours, x, y, side) {

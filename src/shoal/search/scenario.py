@@ -1,0 +1,96 @@
+"""Scenario: all that a simulation depends on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from math import inf
+
+from shoal.errors import InvalidInputError
+from shoal.search.faults import Fault, WrongPosition
+from shoal.search.network import Network
+from shoal.search.robot import Brief
+from shoal.search.ways import CellWays
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """All that a simulation depends on.
+
+    Parameters
+    ----------
+    brief : Brief
+    starts : tuple of int
+        The number on the tour of the cell in which each robot starts; robots are numbered from 1 on.
+    rates : tuple of float
+        Their speeds.
+    network : Network
+    faults : tuple of Fault
+    targets : tuple of int
+        Cells with something to find.
+    detection : float
+        Probability that a robot that searches a cell finds what is there.
+    false_alarm : float
+        Probability that it finds something where nothing is.
+    obstacles : tuple of int
+        Cells that cannot be entered, which robots find out when they come to them; on courses with ways from cell to cell.
+    seed : int
+    """
+
+    brief: Brief
+    starts: tuple[int, ...]
+    rates: tuple[float, ...] = ()
+    network: Network = field(default_factory=Network)
+    faults: tuple[Fault, ...] = ()
+    targets: tuple[int, ...] = ()
+    detection: float = 1.0
+    false_alarm: float = 0.0
+    obstacles: tuple[int, ...] = ()
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        m, n = len(self.starts), len(self.brief.course)
+        if not m or any(not 0 <= start < n for start in self.starts):
+            raise InvalidInputError(f"starts: expected one or more cells from 0 to {n - 1}, got {list(self.starts)!r:.200}")
+        if not self.rates:
+            object.__setattr__(self, "rates", (1.0,) * m)
+        if len(self.rates) != m or any(not 0 < rate < inf for rate in self.rates):
+            raise InvalidInputError(f"rates: expected {m} speeds above 0, got {list(self.rates)!r:.200}")
+        for fault in self.faults:
+            if not 1 <= fault.robot <= m:
+                raise InvalidInputError(f"fault: expected a robot from 1 to {m}, got {fault}")
+        self._check_obstacles(n)
+
+    def _check_obstacles(self, n: int) -> None:
+        if self.obstacles and not self.brief.course.stepwise:
+            raise InvalidInputError("obstacles: expected a course with ways from cell to cell, got one with straight ways")
+        if any(not 0 <= cell < n for cell in self.obstacles):
+            raise InvalidInputError(f"obstacles: expected cells from 0 to {n - 1}, got {list(self.obstacles)!r:.200}")
+        for number, start in enumerate(self.starts, start=1):
+            if start in self.obstacles:
+                raise InvalidInputError(f"obstacles: expected none where a robot starts, got cell {start}, of robot {number}")
+        if self.brief.course.stepwise and any(isinstance(fault, WrongPosition) for fault in self.faults):
+            raise InvalidInputError("fault: expected no wrong positions where robots go from cell to cell")
+
+    @cached_property
+    def blocked(self) -> int:
+        """The obstacles, as bits."""
+        return sum(1 << cell for cell in set(self.obstacles))
+
+    def obstacle_on(self, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
+        """Return the first obstacle that a robot meets on a way, and how many cells of the way are before it."""
+        ways = self.brief.course.ways
+        if self.blocked and isinstance(ways, CellWays):
+            for index, (one, other) in enumerate(pairwise((here, *through))):
+                for cell in (other, *ways.beside(one, other)):
+                    if self.blocked >> cell & 1:
+                        return cell, index
+        return None, len(through)
+
+    def reach(self, number: int) -> int:
+        """Return the cells, as bits, that a robot can reach."""
+        ways = self.brief.course.ways
+        if not isinstance(ways, CellWays):
+            return self.brief.everything
+        return ways.reach(self.starts[number - 1], self.blocked)
