@@ -323,7 +323,7 @@ class SearchEpisode:
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"])
             raise InvalidInputError(f"{source}: not a search episode: {where or 'the file'}: {first['msg']}") from None
-        from shoal.search.running import replayed
+        from shoal.search.replaying import replayed
 
         try:
             return replayed(form)
@@ -335,7 +335,7 @@ class SearchEpisode:
 
         What processes did cannot be played again: then only whether it fits what the episode says was searched, and when.
         """
-        from shoal.search.running import played_again
+        from shoal.search.replaying import played_again
 
         if self.live is not None:
             first = np.full(len(self.plan.course), inf)
