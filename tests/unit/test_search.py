@@ -13,11 +13,13 @@ from numpy.testing import assert_array_equal
 from shoal.errors import InvalidInputError, UnknownNameError
 from shoal.search import Course, SearchEpisode, Sweep, allocate, make_tour, plan_search, search
 from shoal.search.bits import at_least, cells_of, next_in, run, runs, turned
+from shoal.search.episode import RobotLog
 from shoal.search.events import Begin, Blocked, Declare, Go, Heard, Send, Sensed, Wake, WakeAt
 from shoal.search.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, crashes_of
 from shoal.search.invariants import Checker, check_outcome
 from shoal.search.messages import Beacon, Sign, decode, encode
 from shoal.search.network import Network, network_of
+from shoal.search.played import takeovers_of
 from shoal.search.robot import Brief, Robot, advance
 from shoal.search.sharing import cost_of_all
 from shoal.search.ways import CellWays
@@ -246,7 +248,8 @@ def test_a_search_from_plan_to_file(tmp_path):
     report = episode.report()
     assert json.loads(json.dumps(report)) == report
     assert report["routes"][1]["status"] == "dead"
-    assert {finding["x"] for finding in report["findings"]}
+    told = {(finding["x"], finding["y"]) for finding in report["findings"]}
+    assert {tuple((episode.plan.course.points[cell] * 10).tolist()) for cell in episode.scenario.targets} <= told
     path = tmp_path / "episode.json"
     episode.save(path)
     again = SearchEpisode.load(path)
@@ -423,3 +426,19 @@ def test_ways_round_a_hole_are_as_long_as_those_that_robots_take():
         ends = plan.course.points[[here, cell]] * plan.grid.size
         exact = plan.paths.legs(ends).length / plan.grid.size
         assert exact - 1e-9 <= plan.course.length(here, cell) <= 1.06 * exact + 1e-9
+
+
+def test_takeovers_of_live_robots_are_counted_from_what_they_searched():
+    tour = make_tour("moore", (4, 4))
+    scenario = Scenario(Brief(Course(tour), "stay"), (0, 4, 10))
+    rows = (
+        [(1.0, 0), (2.0, 1)],
+        [(1.0, k) for k in range(4, 10)],
+        [(1.0, k) for k in range(10, 16)] + [(9.0, 2), (10.0, 3), (11.0, 4)],
+    )
+    dead = ((3.0, "dead"),)
+    logs = [
+        RobotLog(np.array([cell for _, cell in row]), np.array([time for time, _ in row]), dead if k == 0 else (), ())
+        for k, row in enumerate(rows)
+    ]
+    assert takeovers_of(scenario, logs) == 1  # cells 2 and 3 at one go; cell 4 was a live robot's

@@ -97,11 +97,8 @@ def lived(scenario: Scenario, *, live: float, loss: float) -> tuple[Scenario, Pl
         speed=live,
         seed=scenario.seed,
     )
-    searched = [
-        (event.time, event.robot, int(event.cell))
-        for event in outcome.events
-        if event.kind == "searched" and event.cell is not None
-    ]
+    done = [event for event in outcome.events if event.kind == "searched"]
+    searched = [(event.time, event.robot, int(event.cell)) for event in done if event.cell is not None]
     covered, covered_at = 0, inf
     for moment, _, cell in searched:
         if covered != brief.everything:
@@ -113,31 +110,21 @@ def lived(scenario: Scenario, *, live: float, loss: float) -> tuple[Scenario, Pl
         found = tuple((int(event.cell), (number,)) for event in own if event.found and event.cell is not None)
         cells = np.array([cell for _, robot, cell in searched if robot == number], dtype=np.int64)
         times = np.array([moment for moment, robot, _ in searched if robot == number])
-        logs.append(
-            RobotLog(cells, times, tuple((event.time, _STATES[event.kind]) for event in own if event.kind in _STATES), found)
-        )
+        states = tuple((event.time, _STATES[event.kind]) for event in own if event.kind in _STATES)
+        logs.append(RobotLog(cells, times, states, found))
     scenario = replace(scenario, brief=brief)
-    return scenario, Played(tuple(logs), covered_at, outcome.declared, outcome.heard, outcome.lost, _takeovers(scenario, logs))
+    return scenario, Played(tuple(logs), covered_at, outcome.declared, outcome.heard, outcome.lost, takeovers_of(scenario, logs))
 
 
-def _takeovers(scenario: Scenario, logs: list[RobotLog]) -> int:
+def takeovers_of(scenario: Scenario, logs: list[RobotLog]) -> int:
     """Count how often a robot began with the part of one that had died."""
     brief = scenario.brief
-    known = tuple(
-        (number, start, rate) for number, (start, rate) in enumerate(zip(scenario.starts, scenario.rates, strict=True), start=1)
-    )
-    owner = {
-        cell: part.robot
-        for part in parts_of(brief.course, brief.method, known)
-        for cell in range(len(brief.course))
-        if part.bits >> cell & 1
-    }
-    deaths = {
-        number: next((time for time, state in log.states if state == "dead"), inf) for number, log in enumerate(logs, start=1)
-    }
+    numbers = range(1, len(logs) + 1)
+    parts = parts_of(brief.course, brief.method, tuple(zip(numbers, scenario.starts, scenario.rates, strict=True)))
+    deaths = [next((time for time, state in log.states if state == "dead"), inf) for log in logs]
     count = 0
-    for number, log in enumerate(logs, start=1):
-        whose = [owner[cell] for cell in log.cells.tolist()]
+    for number, log in zip(numbers, logs, strict=True):
+        whose = [next(part.robot for part in parts if part.bits >> cell & 1) for cell in log.cells.tolist()]
         for before, other, time in zip([number, *whose], whose, log.times.tolist(), strict=False):
-            count += other not in (before, number) and deaths[other] < time
+            count += other not in (before, number) and deaths[other - 1] < time
     return count
