@@ -199,8 +199,8 @@ def open_region(
     Returns
     -------
     SearchRegion
-        Sides are straight in the local frame: a side of 1 km at 45 degrees of latitude is then 2 cm off the line that is straight
-        in degrees, one of 10 km 2 m.
+        Sides are straight in the local frame; from the line that is straight in degrees they differ by an amount that grows with
+        the square of their length.
 
     Raises
     ------

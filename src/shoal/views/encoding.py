@@ -49,7 +49,8 @@ def film_size(height: int, width: int, side: int) -> tuple[int, int]:
     """
     largest = max(height, width)
     factor = side // largest if largest <= side else side / largest
-    return tuple(max(2, round(length * factor / 2) * 2) for length in (width, height))  # type: ignore[return-value]
+    columns, rows = (max(2, round(length * factor / 2) * 2) for length in (width, height))
+    return columns, rows
 
 
 def counted(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> Iterator[Frame]:
