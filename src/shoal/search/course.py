@@ -57,8 +57,16 @@ class Course:
         steps = np.linalg.norm(np.roll(given, -1, axis=0) - given, axis=1) if self.steps is None else np.asarray(self.steps)
         if steps.shape != (len(cells),) or not (steps >= 0).all():
             raise InvalidInputError(f"steps: expected {len(cells)} lengths, 0 or more, got shape {steps.shape}")
+        if self.stepwise:
+            steps = np.maximum(steps, self._lengths())
         object.__setattr__(self, "points", given)
         object.__setattr__(self, "steps", steps.astype(np.float64))
+
+    def _lengths(self) -> Floats:
+        """Return how far it is from cell to cell from each to the next on the tour; 0 where there is no way."""
+        n = len(self.tour)
+        found = [0.0 if self.ways is None else self.ways.length(cell, (cell + 1) % n) for cell in range(n)]
+        return np.where(np.isfinite(found), found, 0.0)
 
     def __len__(self) -> int:
         return self.n
@@ -127,7 +135,7 @@ class Course:
         onwards = levels[here + ahead + 1] - levels[here + 1] - free
         if self.stepwise:
             direct = self.length(here, cell, closed)
-            return onwards if ahead == 1 and direct <= 1.0 else max(direct - free, 0.0) + self.turn_cost
+            return onwards if ahead == 1 and direct <= self.steps[here] + 1e-9 else max(direct - free, 0.0) + self.turn_cost
         if ahead == 1:
             return onwards  # the way inside the region is known
         known = min(onwards, levels[cell + behind + 1] - levels[cell + 1] - free)
