@@ -67,6 +67,7 @@ def test_steer_writes_and_prints(tmp_path, capsys):
     assert episode.verify()
     assert episode.report() == json.loads((out / "summary.json").read_text())
     assert not replace(episode, states=episode.states + 0.01).verify()
+    assert not replace(episode, status="limit").verify()
     assert not replace(episode, moves=episode.moves * 1.01).verify()
 
 

@@ -39,7 +39,7 @@ def with_heights(task: Task, flat: Points) -> Points | None:
 
     Notes
     -----
-    Ours. That the correction of heights rides in the adjusting move is paper W, section VI.
+    Ours. Paper W, section IV.G, corrects heights by moves of their own while one particle is held; here they ride in the others.
     """
     room = task.world.room
     states = ContactWorld(room.base).play(task.start[:, :2], flat)

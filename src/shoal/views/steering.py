@@ -32,8 +32,9 @@ def colour_of(particle: int) -> str:
 def plan_figure(episode: SteeringEpisode) -> Figure:
     """Return the figure of a plan: the workspace with the ways of the particles, and what became of Δ.
 
-    Moves are numbered where they end. In the Δ configuration space the set that the start reaches in two moves is shaded. A plan in
-    space is drawn as a camera sees it, with its shadow on the floor, and beside it the heights by move.
+    Moves are numbered where they end. In the Δ configuration space the set that the start reaches in two moves is shaded, if the
+    world is the ideal one. A plan in space is drawn as a camera sees it, with its shadow on the floor, and beside it the heights by
+    move.
     """
     problem = episode.problem
     plane = problem.workspace.dimensions == 2
@@ -125,13 +126,15 @@ def _draw_delta(axes: Axes, episode: SteeringEpisode) -> None:
     assert isinstance(workspace, ConvexWorkspace)
     draw_workspace(axes, delta_space(workspace))
     deltas = episode.states[:, 1] - episode.states[:, 0]
-    for piece in two_move_pieces(workspace, deltas[0]):
-        axes.fill(*piece.T, color="#9ecae1", alpha=0.9 if not workspace.round else 1.0, lw=0, zorder=1)
+    ideal = not episode.disturbance.random and not episode.disturbance.radius and np.isinf(episode.disturbance.friction)
+    if ideal:  # else the set is another one
+        for piece in two_move_pieces(workspace, deltas[0]):
+            axes.fill(*piece.T, color="#9ecae1", alpha=0.9 if not workspace.round else 1.0, lw=0, zorder=1)
+        axes.fill([], [], color="#9ecae1", label="reached in two moves")
     axes.plot(*deltas.T, "-", color=INK, lw=1.4, zorder=3)
     axes.plot(*deltas.T, ".", color=INK, ms=6, zorder=3)
     axes.plot(*deltas[0], "s", color=INK, ms=8, zorder=4, label="Δ at the start")
     axes.plot(*(episode.goal[1] - episode.goal[0]), "o", mfc="white", mec=INK, mew=2, ms=9, zorder=4, label="Δ at the goal")
-    axes.fill([], [], color="#9ecae1", label="reached in two moves")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=3, frameon=False, labelcolor=INK, handletextpad=0.3)
     set_title(axes, "Δ configuration space")
 
