@@ -26,3 +26,7 @@ class OutputError(ShoalError, OSError):
 
 class MissingExtraError(ShoalError, ImportError):
     """An optional dependency (an extra) is needed and not installed."""
+
+
+class PlantError(ShoalError, ConnectionError):
+    """A rig does not answer, has stopped, or does what no rig of its kind can do."""

@@ -11,7 +11,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from shoal.cli import demo, maps, missions, replay, search, searching, steering, swarm, theory
+from shoal.cli import demo, driving, maps, missions, replay, search, searching, steering, swarm, theory
 from shoal.cli.output import say
 from shoal.errors import ShoalError
 from shoal.version import __version__
@@ -27,6 +27,7 @@ app.command("map", epilog=swarm.MAP_EXAMPLE)(swarm.map_)
 app.command("cover", epilog=swarm.COVER_EXAMPLE)(swarm.cover)
 app.command("maps", epilog=maps.EXAMPLE)(maps.maps)
 app.command("replay", epilog=replay.EXAMPLE)(replay.replay)
+app.command("drive", epilog=driving.EXAMPLE)(driving.drive)
 app.command("line", epilog=theory.LINE_EXAMPLE)(theory.line)
 app.command("schedule", epilog=theory.SCHEDULE_EXAMPLE)(theory.schedule)
 app.command("steer", epilog=steering.STEER_EXAMPLE)(steering.steer)

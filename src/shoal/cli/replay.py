@@ -17,7 +17,9 @@ def replay(
     episode_file: Annotated[
         Path,
         typer.Argument(
-            metavar="EPISODE", help="An episode file: .npz of map and cover, .json of steer and search.", show_default=False
+            metavar="EPISODE",
+            help="An episode file: .npz of map and cover, .json of steer and search; or the .jsonl of drive.",
+            show_default=False,
         ),
     ],
     seed: Annotated[
@@ -42,6 +44,10 @@ def replay(
         from shoal.cli.searching import replay_search
 
         replay_search(episode_file, seed, out, film, json_)
+    elif episode_file.suffix.lower() == ".jsonl":
+        from shoal.cli.driving import replay_drive
+
+        replay_drive(episode_file, seed, out, film, json_)
     elif episode_file.suffix.lower() == ".json":
         from shoal.cli.steering import replay_steering
 

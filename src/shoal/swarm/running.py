@@ -98,7 +98,7 @@ def run(
     world, chosen, todo = GridWorld(workspace, rule), make_policy(policy), make_task(task)
     if not isinstance(chosen, Policy):
         raise InvalidInputError(f"policy: expected an object with a name and a method decide, got {chosen!r}")
-    _check_numbers(seed=seed, trial=trial, max_moves=max_moves)
+    check_numbers(seed=seed, trial=trial, max_moves=max_moves)
     scanning = ScanRule.parse(scan_every, scan_cost=scan_cost, move_cost=move_cost)
     if isinstance(chosen, Compiled):
         chosen.check(world.frame, rule)
@@ -135,7 +135,8 @@ def run(
     return replace(episode, seconds=time.perf_counter() - began)
 
 
-def _check_numbers(**numbers: Any) -> None:
+def check_numbers(**numbers: Any) -> None:
+    """Refuse what is no whole number, 0 or more."""
     for name, value in numbers.items():
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
             raise InvalidInputError(f"{name}: expected a whole number, 0 or more, got {value!r}")

@@ -44,7 +44,7 @@ def play_stepwise(
 
     Between two scans nothing is decided; what a run of commands did is worked out from the scan at its end.
     """
-    runs = _runs_of(blank.scanning, policy, task, world.rule, belief, rng, given)
+    runs = runs_of(blank.scanning, policy, task, world.rule, belief, rng, given)
     log, status, last = _Log(), "limit", (0, 0)
     while True:
         over = len(log.codes) >= max_moves
@@ -127,7 +127,7 @@ class _Log:
         )
 
 
-class _Runs(Protocol):
+class Runs(Protocol):
     """What chooses the runs of an episode."""
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
@@ -137,7 +137,7 @@ class _Runs(Protocol):
         """Tell whether to scan after the run that classified ``learnt`` cells."""
 
 
-def _runs_of(
+def runs_of(
     scanning: ScanRule,
     policy: Policy,
     task: Any,
@@ -145,7 +145,8 @@ def _runs_of(
     belief: Belief,
     rng: Generator,
     given: NDArray[np.bool_] | None,
-) -> _Runs:
+) -> Runs:
+    """Return what chooses the runs of a policy under a scan rule."""
     if scanning.kind != "adaptive" or given is not None:
         return PlannedRuns(scanning, policy, rng, given)
     from shoal.swarm.engine import AdaptiveRuns
@@ -166,7 +167,7 @@ class PlannedRuns:
         self.plan, self.at, self.sent, self.streak, self.last = "", 0, 0, 0, ""
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return the next run; see `_Runs`."""
+        """Return the next run; see `Runs`."""
         if self.at >= len(self.plan):
             (self.plan, self.memory), self.at = decided(self.policy, view, self.memory, self.rng), 0
             if not self.plan or idle >= PATIENCE:
@@ -185,7 +186,7 @@ class PlannedRuns:
         return limit if stretch == len(rest) and not isinstance(self.policy, Manual) else min(limit, stretch)
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Scan after every run, or as given; see `_Runs`."""
+        """Scan after every run, or as given; see `Runs`."""
         return True if self.given is None else bool(self.given[self.sent - 1])
 
 

@@ -1,0 +1,246 @@
+#!/usr/bin/env python3
+"""A reference rig: particles in a map, behind a line, in nothing but Python's standard library.
+
+It speaks version 1 of Shoal's plant protocol (docs/concepts/plant.md) and is meant to be read, and written again for a real rig
+in any language. In place of magnets and a camera it has a text map and its own thirty lines of physics.
+
+    python examples/rig.py MAP.txt --particles 30 --pty /tmp/rig        a pseudo-terminal, for shoal drive --plant serial:/tmp/rig
+    python examples/rig.py MAP.txt --particles 30 --tcp 4000            a TCP port, for --plant tcp:localhost:4000
+    shoal drive --plant "exec:python examples/rig.py MAP.txt"           standard input and output
+
+To see what a bad line does, it cuts it and damages messages: --cuts 10 --damage 0.05.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import random
+import select
+import socket
+import sys
+import time
+import zlib
+from pathlib import Path
+
+PROTOCOL = 1
+STEPS = {"l": (0, -1), "r": (0, 1), "u": (-1, 0), "d": (1, 0)}
+
+
+class Swarm:
+    """The physics: rule "block" in two dimensions."""
+
+    def __init__(self, free: set[tuple[int, int]], particles: int, seed: int) -> None:
+        self.free = free
+        self.cells = set(random.Random(seed).sample(sorted(free), particles))
+
+    def move(self, command: str) -> None:
+        """Move all particles one cell; those ahead first, so that trains move together and queues stay."""
+        down, right = STEPS[command]
+        for cell in sorted(self.cells, key=lambda cell: -(cell[0] * down + cell[1] * right)):
+            ahead = cell[0] + down, cell[1] + right
+            if ahead in self.free and ahead not in self.cells:
+                self.cells.remove(cell)
+                self.cells.add(ahead)
+
+
+class Rig:
+    """The protocol: what to answer to each line. It knows nothing of the kind of line."""
+
+    def __init__(self, swarm: Swarm, shape: tuple[int, int], *, name: str, duration: float = 0.0) -> None:
+        self.swarm, self.shape, self.name, self.duration = swarm, shape, name, duration
+        self.session, self.seq, self.answer, self.stopped = "", 0, b"", False
+        self.quiet = lambda seconds: True  # waits, and tells whether no stop command came meanwhile
+
+    def reply(self, line: bytes) -> bytes:
+        """Return the answer to one line, b"" if there is none."""
+        if not line.strip():
+            return b""
+        message = unseal(line)
+        if message is None:
+            return seal({"type": "again"})
+        if message["type"] == "stop":  # at any time, in any session, as often as it comes
+            self.stopped = True
+            return seal({"type": "stopped"})
+        if message["type"] == "hello":
+            return self.welcome(message)
+        return self.numbered(message)
+
+    def welcome(self, message: dict) -> bytes:
+        """Begin a new session, or go on with the one we know."""
+        if message["session"] != self.session:
+            self.session, self.seq, self.answer, self.stopped = message["session"], 0, b"", False
+        about = {"shape": list(self.shape), "rule": "block", "name": self.name}
+        return seal({"type": "welcome", "protocol": PROTOCOL, "session": self.session, "seq": self.seq, **about})
+
+    def numbered(self, message: dict) -> bytes:
+        """Carry out a request if its number is the next; if we have done so already, answer as before and do nothing."""
+        seq = message["seq"]
+        if seq == self.seq and self.answer:
+            return self.answer
+        if seq < self.seq:
+            return b""  # long done: a copy that was late
+        if seq != self.seq + 1:
+            return seal({"type": "error", "seq": seq, "text": f"expected request {self.seq + 1}, got {seq}"})
+        if message["type"] == "command":
+            if self.stopped:
+                return seal({"type": "error", "seq": seq, "text": "the rig has been stopped"})
+            if not self.quiet(self.duration):  # the time that magnets take; a stop command ends it
+                return seal({"type": "error", "seq": seq, "text": "the rig has been stopped"})
+            self.swarm.move(message["command"])
+            self.answer = seal({"type": "done", "seq": seq})
+        else:
+            self.answer = seal({"type": "positions", "seq": seq, "cells": sorted(self.swarm.cells)})
+        self.seq = seq
+        return self.answer
+
+
+def seal(message: dict) -> bytes:
+    """Return a line: JSON whose last member is the CRC-32 of all bytes before it."""
+    text = json.dumps(message, separators=(",", ":")).encode()[:-1]
+    return b'%s,"crc":"%08x"}\n' % (text, zlib.crc32(text))
+
+
+def unseal(line: bytes) -> dict | None:
+    """Return the message of a line, None if it is damaged."""
+    text, mark, rest = line.strip().rpartition(b',"crc":"')
+    if not mark or rest != b'%08x"}' % zlib.crc32(text):
+        return None
+    return json.loads(text + b"}")
+
+
+class BadLine:
+    """What wears on a line: some messages are damaged, and now and then it is cut."""
+
+    def __init__(self, *, cuts: int, damage: float, every: int, seed: int) -> None:
+        self.random, self.cuts, self.damage, self.every = random.Random(seed), cuts, damage, every
+        self.messages = self.damaged = self.cut = 0
+
+    def carry(self, data: bytes) -> bytes:
+        """Return what comes out at the other end."""
+        self.messages += 1
+        if self.random.random() >= self.damage:
+            return data
+        self.damaged += 1
+        where = self.random.randrange(len(data))
+        kind = self.random.choice(["changed", "lost", "cut short", "twice"])
+        if kind == "changed":
+            return data[:where] + bytes([data[where] ^ self.random.randint(1, 255)]) + data[where + 1 :]
+        return {"lost": b"", "cut short": data[:where] + b"\n", "twice": data + data}[kind]
+
+    def due(self) -> bool:
+        """Tell whether the line is to be cut now: before an answer goes out, which is the worst moment."""
+        if self.cut < self.cuts and self.messages >= self.every * (self.cut + 1):
+            self.cut += 1
+            return True
+        return False
+
+
+class Wire:
+    """Lines in and out of two descriptors."""
+
+    def __init__(self, reading: int, writing: int, bad: BadLine) -> None:
+        self.reading, self.writing, self.bad, self.pending = reading, writing, bad, b""
+
+    def more(self, seconds: float | None = None) -> bool:
+        """Read what there is, waiting for it as long as that; tell whether there was something."""
+        if not select.select([self.reading], [], [], seconds)[0]:
+            return False
+        data = os.read(self.reading, 65536)
+        if not data:
+            raise ConnectionResetError
+        self.pending += data
+        return True
+
+    def quiet(self, seconds: float) -> bool:
+        """Wait so long; return at once with False if a stop command comes."""
+        until = time.monotonic() + seconds
+        while not any((unseal(line) or {}).get("type") == "stop" for line in self.pending.split(b"\n")):
+            left = until - time.monotonic()
+            if left <= 0 or not self.more(left):
+                return True
+        return False
+
+    def send(self, data: bytes) -> None:
+        """Write all of it."""
+        while data:
+            select.select([], [self.writing], [])
+            data = data[os.write(self.writing, data) :]
+
+    def serve(self, rig: Rig) -> None:
+        """Answer every line until the other end goes or the line is cut."""
+        rig.quiet = self.quiet
+        with contextlib.suppress(ConnectionError):
+            while True:
+                while b"\n" not in self.pending:
+                    self.more()
+                line, _, self.pending = self.pending.partition(b"\n")
+                if not line.strip():
+                    continue
+                for heard in self.bad.carry(line + b"\n").split(b"\n"):
+                    answer = rig.reply(heard)
+                    if self.bad.due():
+                        return
+                    if answer:
+                        self.send(self.bad.carry(answer))
+
+
+def serve_pty(rig: Rig, link: Path, bad: BadLine, pause: float) -> None:
+    """Serve on a pseudo-terminal; after a cut on a new one, under the same name, as a plug that is put in again."""
+    import pty
+    import tty
+
+    while True:
+        here, there = pty.openpty()
+        tty.setraw(there)
+        link.unlink(missing_ok=True)
+        link.symlink_to(os.ttyname(there))
+        try:
+            Wire(here, here, bad).serve(rig)
+        finally:
+            link.unlink(missing_ok=True)
+            os.close(here)
+            os.close(there)
+        time.sleep(pause)
+
+
+def serve_tcp(rig: Rig, port: int, bad: BadLine) -> None:
+    """Serve one connection after another."""
+    with socket.create_server(("127.0.0.1", port)) as server:
+        while True:
+            connection, _ = server.accept()
+            with connection:
+                Wire(connection.fileno(), connection.fileno(), bad).serve(rig)
+
+
+def main() -> None:
+    """Read the map and the arguments, and serve."""
+    parser = argparse.ArgumentParser(description="A reference rig for shoal drive.")
+    parser.add_argument("map", type=Path, help="text map: . is free, # is wall")
+    parser.add_argument("--particles", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--duration", type=float, default=0.0, help="seconds that a command takes")
+    parser.add_argument("--pty", type=Path, help="make a pseudo-terminal under this name")
+    parser.add_argument("--tcp", type=int, help="listen on this port")
+    parser.add_argument("--cuts", type=int, default=0, help="how often to cut the line")
+    parser.add_argument("--every", type=int, default=20, help="messages between two cuts")
+    parser.add_argument("--pause", type=float, default=0.2, help="seconds that a cut lasts")
+    parser.add_argument("--damage", type=float, default=0.0, help="share of the messages that are damaged")
+    given = parser.parse_args()
+    rows = given.map.read_text().split()
+    free = {(row, column) for row, text in enumerate(rows) for column, letter in enumerate(text) if letter == "."}
+    rig = Rig(Swarm(free, given.particles, given.seed), (len(rows), len(rows[0])), name=given.map.stem, duration=given.duration)
+    bad = BadLine(cuts=given.cuts, damage=given.damage, every=given.every, seed=given.seed)
+    with contextlib.suppress(KeyboardInterrupt):
+        if given.pty:
+            serve_pty(rig, given.pty, bad, given.pause)
+        elif given.tcp:
+            serve_tcp(rig, given.tcp, bad)
+        else:
+            Wire(sys.stdin.fileno(), sys.stdout.fileno(), bad).serve(rig)
+
+
+if __name__ == "__main__":
+    main()

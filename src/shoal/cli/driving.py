@@ -1,0 +1,237 @@
+"""shoal drive: map what a rig moves in, in a closed loop; and the replay of its log."""
+
+from __future__ import annotations
+
+import re
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from shoal.cli import options
+from shoal.cli.output import check_outputs, check_seed, moves_told, patience, print_json, print_table, say
+from shoal.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from shoal.swarm import GridWorkspace
+    from shoal.swarm.plant import Drive, Plant, RemotePlant
+
+EXAMPLE = "Example: shoal drive maze:9x7 --plant simulated --particles 4 --log drive.jsonl"
+
+
+def drive(
+    map_name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[MAP]",
+            help="The true map: what a simulated plant moves in; for a rig what its map is compared with, if it is known.",
+            show_default=False,
+        ),
+    ] = None,
+    plant: Annotated[
+        str,
+        typer.Option(
+            "--plant",
+            metavar="PLANT",
+            help="simulated, serial:DEVICE[@BAUD], tcp:HOST:PORT, or exec:COMMAND (a program that speaks the protocol on its "
+            "standard input and output).",
+        ),
+    ] = "simulated",
+    size: Annotated[
+        str | None,
+        typer.Option(
+            "--size", metavar="SIZE", help="Refuse a rig that sees another number of cells, such as 40x60.", show_default=False
+        ),
+    ] = None,
+    particles: options.Particles = 100,
+    policy: options.PolicyName = "closest-frontier",
+    rule: options.Rule = "block",
+    seed: options.Seed = 0,
+    max_moves: options.MaxMoves = 1_000_000,
+    scan_every: options.ScanEvery = "1",
+    timeout: Annotated[float, typer.Option("--timeout", help="Seconds to wait for an answer before asking again.")] = 5.0,
+    patience_: Annotated[float, typer.Option("--patience", help="Seconds without any answer before the rig is given up.")] = 60.0,
+    log: Annotated[
+        Path | None,
+        typer.Option("--log", metavar="FILE", help="Write everything there as it happens (JSON lines).", show_default=False),
+    ] = None,
+    out: options.Out = None,
+    film: options.Film = None,
+    json_: options.Json = False,
+) -> None:
+    """Map what a rig moves in: commands out, positions in. However it ends, by Ctrl-C too, the rig is stopped.
+
+    --particles and --rule are those of a simulated plant; a rig says its own. The protocol is in docs/concepts/plant.md.
+    """
+    from shoal.swarm.maps import open_map
+    from shoal.swarm.plant import DriveLog
+    from shoal.swarm.plant import drive as drive_plant
+
+    check_outputs(out, film)
+    truth = None if map_name is None else open_map(map_name)
+    shape = None if size is None else _size(size)
+    book = None if log is None else DriveLog(log)
+    problem: dict[str, Any] = {"policy": policy, "seed": seed, "max_moves": max_moves, "scan_every": scan_every}
+    with _terminated_as_interrupted():
+        opened = _opened(plant, truth, particles, rule, seed, timeout, patience_, None if book is None else book.event)
+        try:
+            _check_shape(opened, shape, truth)
+            with patience("compiling kernels: once after an installation, half a minute ..."):
+                _load_kernels()
+            result = drive_plant(opened, log=book, on_moves=moves_told(opened.name), **problem)
+        finally:
+            close: Callable[[], None] = getattr(opened, "close", lambda: None)
+            close()
+    _report(result, opened, truth, log, out, film, json_, seed=seed)
+
+
+def _opened(
+    plant: str,
+    truth: GridWorkspace | None,
+    particles: int,
+    rule: str,
+    seed: int,
+    timeout: float,
+    patience_: float,
+    on_event: Any,
+) -> Plant | RemotePlant:
+    from shoal.swarm.placement import place
+    from shoal.swarm.plant import SimulatedPlant, open_plant
+    from shoal.swarm.running import check_numbers, trial_rng
+
+    if plant != "simulated":
+        return open_plant(plant, timeout=timeout, patience=patience_, on_event=on_event)
+    if truth is None:
+        raise InvalidInputError("plant simulated: expected a map to move in, such as vessels:500, got none")
+    check_numbers(seed=seed)
+    return SimulatedPlant(truth, place(truth, particles, "uniform", trial_rng(seed)), rule=rule)
+
+
+def _load_kernels() -> None:
+    from shoal.swarm.engine import load_kernels
+
+    load_kernels()
+
+
+def _size(text: str) -> tuple[int, ...]:
+    if not re.fullmatch("[1-9][0-9]{0,8}([xX][1-9][0-9]{0,8}){1,2}", text):
+        raise InvalidInputError(f"size: expected ROWSxCOLUMNS or LAYERSxROWSxCOLUMNS, got {text[:60]!r}")
+    return tuple(int(part) for part in re.split("[xX]", text))
+
+
+def _check_shape(plant: Plant, shape: tuple[int, ...] | None, truth: GridWorkspace | None) -> None:
+    for expected, what in ((shape, "size"), (None if truth is None else truth.shape, "map")):
+        if expected is not None and expected != plant.shape:
+            sizes = ["x".join(map(str, size)) for size in (expected, plant.shape)]
+            raise InvalidInputError(f"{what}: expected a rig of {sizes[0]} cells, got {plant.name}, which sees {sizes[1]}")
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Let a request to end the program (SIGTERM, a closed terminal) do what Ctrl-C does: the rig has to be stopped."""
+    names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread():
+        names = []
+    before = {name: signal.signal(getattr(signal, name), signal.default_int_handler) for name in names}
+    try:
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(getattr(signal, name), handler)
+
+
+def summary(result: Drive, plant: Any, truth: GridWorkspace | None, *, seed: int) -> dict[str, Any]:
+    """Return the JSON object of drive."""
+    link = result.link
+    return {
+        "plant": plant.name,
+        "shape": list(plant.shape),
+        "rule": plant.rule,
+        "policy": result.policy,
+        "particles": len(result.cells),
+        "seed": seed,
+        "status": result.status,
+        "moves": result.moves,
+        "scans": result.scans,
+        "free_cells": len(result.belief.open),
+        "obstacles": len(result.belief.obstacles),
+        "link": None if link is None else dict(vars(link)),
+        "wrong": None if truth is None else result.compared(truth),
+        "seconds": round(result.seconds, 4),
+        "commands": result.commands,
+    }
+
+
+def _report(
+    result: Drive,
+    plant: Any,
+    truth: GridWorkspace | None,
+    log: Path | None,
+    out: Path | None,
+    film: list[Path] | None,
+    json_: bool,
+    *,
+    seed: int,
+    verified: tuple[str, str] | None = None,
+) -> None:
+    from shoal.cli.swarm import write_outputs
+
+    about = summary(result, plant, truth, seed=seed)
+    written = [] if log is None else [log]
+    if result.episode is not None:
+        written += write_outputs([result.episode], about, out, film)
+    if json_:
+        print_json(about if verified is None else about | {"verified": verified[0] == "yes", "message": verified[1]})
+        return
+    size = "x".join(map(str, plant.shape))
+    rows = [
+        ("plant", f"{plant.name}, {size} cells, {about['particles']} particles, rule {plant.rule}"),
+        ("policy", result.policy),
+        ("result", result.sentence),
+        ("found", f"{about['free_cells']} free cells and {about['obstacles']} wall cells around them"),
+        ("scans", str(result.scans)),
+    ]
+    if result.link is not None:
+        link = result.link
+        rows.append(
+            (
+                "line",
+                f"{link.requests} requests, {link.resent} sent again, {link.damaged} lines damaged, {link.reconnects} cuts mended",
+            )
+        )
+    if truth is not None:
+        wrong = about["wrong"]
+        rows.append(("compared", f"{wrong['false_free']} walls taken for free, {wrong['false_obstacles']} free cells for walls"))
+    if verified is not None:
+        rows.append(("verified", f"{verified[0]}: {verified[1]}"))
+    print_table(
+        [*rows, ("time", f"{result.seconds:.2f} s"), *(("written", str(path)) for path in written)], title=f"drive of {plant.name}"
+    )
+
+
+def replay_drive(log: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:
+    """Replay the log of a drive: ``shoal replay LOG.jsonl``."""
+    from shoal.swarm.plant import read_log, replay_log
+
+    plant = read_log(log)
+    check_seed(log, seed, plant.header["seed"])
+    result, verified = replay_log(log)
+    about = ("yes" if verified else "NO", verified.message)
+    _report(
+        result,
+        plant,
+        None,
+        None,
+        out if verified else None,
+        film if verified else None,
+        json_,
+        seed=plant.header["seed"],
+        verified=about,
+    )
+    if not verified:
+        say(f"shoal: {log}: {verified.message}")
+        raise typer.Exit(1)

@@ -1,0 +1,351 @@
+"""drive(): any policy on any plant, in a closed loop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.files import interruption_held
+from shoal.swarm.belief import Belief
+from shoal.swarm.boards import Board, Frame
+from shoal.swarm.commands import encode
+from shoal.swarm.episode import STATUSES, Episode
+from shoal.swarm.plant.log import DriveLog, RecordedPlant
+from shoal.swarm.plant.protocol import Plant, check_cells
+from shoal.swarm.plant.remote import LinkCounts
+from shoal.swarm.plant.tracking import ExactTracker
+from shoal.swarm.policies import Compiled, Policy, View, make_policy
+from shoal.swarm.policies.compiled import check_scanning
+from shoal.swarm.running import MAX_MOVES, check_numbers, trial_rng
+from shoal.swarm.scanning.runs import MOVE_COST, SCAN_COST, ScanRule
+from shoal.swarm.state import SwarmState
+from shoal.swarm.stepwise import OnMoves, Runs, runs_of
+from shoal.swarm.tasks import Mapping
+from shoal.swarm.workspace import GridWorkspace
+from shoal.version import __version__
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What came of driving a plant; true if the map is complete.
+
+    Parameters
+    ----------
+    policy : str
+    status : str
+        "complete", "stalled" or "limit".
+    commands : str
+        What was sent.
+    scanned : ndarray of bool, shape (moves,)
+        Whether a scan followed each command. There was one more before the first.
+    belief : Belief
+        The map at the end.
+    cells : ndarray of int64, shape (n, ndim)
+        Where the particles are believed to be at the end.
+    episode : Episode or None
+        The run as an episode, in a workspace of the free cells that were found: to film, draw and verify.
+    link : LinkCounts or None
+        What happened on the line of a remote plant.
+    seconds : float
+    """
+
+    policy: str
+    status: str
+    commands: str
+    scanned: NDArray[np.bool_]
+    belief: Belief
+    cells: NDArray[np.int64]
+    episode: Episode | None
+    link: LinkCounts | None
+    seconds: float
+
+    def __bool__(self) -> bool:
+        return self.status == "complete"
+
+    @property
+    def moves(self) -> int:
+        """Number of commands sent."""
+        return len(self.commands)
+
+    @property
+    def scans(self) -> int:
+        """Number of scans, the one at the start included."""
+        return 1 + int(np.count_nonzero(self.scanned))
+
+    def compared(self, truth: GridWorkspace) -> dict[str, int]:
+        """Return how many cells were classified wrongly, given the true map: walls taken for free, and free cells for walls.
+
+        Raises
+        ------
+        InvalidInputError
+            If the map has another shape.
+        """
+        if truth.shape != self.belief.open.frame.shape:
+            raise InvalidInputError(f"map: expected one of shape {self.belief.open.frame.shape}, got {truth.shape}")
+        free = Board.of_mask(truth.free)
+        return {"false_free": len(self.belief.open - free), "false_obstacles": len(self.belief.obstacles & free)}
+
+    @property
+    def sentence(self) -> str:
+        """The status for people."""
+        rest = "" if self else f"; {len(self.belief.frontier)} frontier cells left"
+        return f"{self.status} after {self.moves} moves: {STATUSES[self.status]}{rest}"
+
+
+class Tracker(Protocol):
+    """What makes a belief of positions."""
+
+    belief: Belief
+    state: SwarmState
+
+    def foreseen(self, command: str, steps: int) -> NDArray[np.int64] | None:
+        """Return where the particles will be after ``steps`` equal commands if that is certain and tells nothing, else None."""
+
+    def update(self, command: str, steps: int, cells: NDArray[np.int64], moves: int) -> list[tuple[int, int, int]]:
+        """Take in a scan after ``steps`` equal commands; return (done, frontier, travelled) of each."""
+
+
+@dataclass
+class _Course:
+    """What was sent, and what it brought."""
+
+    codes: list[int] = field(default_factory=list)
+    rows: list[tuple[int, int, int]] = field(default_factory=list)
+    scanned: list[bool] = field(default_factory=list)
+    idle: int = 0
+    last: tuple[int, int] = (0, 0)  # (travelled, done) of the last run
+
+    def add(self, code: int, rows: list[tuple[int, int, int]], *, scanned: bool) -> None:
+        self.codes += [code] * len(rows)
+        self.rows += rows
+        self.scanned += [False] * (len(rows) - 1) + [scanned]
+        self.last = sum(row[2] for row in rows), sum(row[0] for row in rows)
+        self.idle = 0 if any(self.last) else self.idle + 1
+
+
+def drive(
+    plant: Plant,
+    *,
+    policy: str | Policy = "closest-frontier",
+    seed: int = 0,
+    max_moves: int = MAX_MOVES,
+    scan_every: str | int = 1,
+    scan_cost: float = SCAN_COST,
+    move_cost: float = MOVE_COST,
+    log: DriveLog | None = None,
+    on_moves: OnMoves | None = None,
+) -> Drive:
+    """Map the workspace of a plant: the policy sees positions and nothing else.
+
+    However it ends, with an error and by Ctrl-C too, the plant is sent a stop command.
+
+    Parameters
+    ----------
+    plant : Plant
+    policy : str or Policy
+        See `shoal.swarm.policies.make_policy`.
+    seed : int
+        For policies that draw.
+    max_moves : int
+    scan_every, scan_cost, move_cost
+        See `shoal.swarm.scanning.ScanRule`.
+    log : DriveLog, optional
+        Everything is written there, as it happens.
+    on_moves : callable, optional
+        Told the progress.
+
+    Returns
+    -------
+    Drive
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        For arguments that do not fit.
+    PlantError
+        If the plant does not answer, or moves as none under its rule can.
+
+    Examples
+    --------
+    >>> from shoal.swarm.plant import SimulatedPlant
+    >>> result = drive(SimulatedPlant(GridWorkspace([[1, 1, 1, 1]]), [(0, 0)]))
+    >>> result.status, result.commands, result.episode.verify().ok
+    ('complete', 'lururururdldldld', True)
+    """
+    chosen, scanning = make_policy(policy), ScanRule.parse(scan_every, scan_cost=scan_cost, move_cost=move_cost)
+    check_numbers(seed=seed, max_moves=max_moves)
+    if not isinstance(plant, Plant):
+        raise InvalidInputError(f"plant: expected an object with name, shape, rule, send, observe and stop, got {plant!r}")
+    if isinstance(chosen, Compiled):
+        chosen.check(Frame(plant.shape), plant.rule)
+    check_scanning(scanning, chosen, plant.rule)
+    runs = partial(runs_of, scanning, chosen, Mapping(), plant.rule, rng=trial_rng(seed), given=None)
+    known = scanning.kind == "adaptive"
+    return _driven(plant, runs, lambda _move: known, max_moves, log, on_moves, policy=chosen.name, seed=seed, scanning=scanning)
+
+
+def redrive(plant: RecordedPlant) -> Drive:
+    """Drive a recorded plant with the commands and scans that it has recorded.
+
+    Raises
+    ------
+    InvalidInputError, PlantError
+        If they do not fit together.
+    """
+    header = plant.header
+    about = {"policy": header["policy"], "seed": header["seed"], "scanning": ScanRule.parse(header["scan_every"])}
+    known = lambda move: move not in plant.scans  # noqa: E731  # as short as what it says
+    return _driven(plant, lambda _belief: _RecordedRuns(plant), known, len(plant.commands), None, None, **about)
+
+
+def _driven(
+    plant: Plant,
+    make_runs: Callable[[Belief], Runs],
+    may_skip: Callable[[int], bool],
+    max_moves: int,
+    log: DriveLog | None,
+    on_moves: OnMoves | None,
+    *,
+    policy: str,
+    seed: int,
+    scanning: ScanRule,
+) -> Drive:
+    began = time.perf_counter()
+    status, course = "interrupted", _Course()
+    try:
+        first = check_cells(plant.observe(), plant.shape, what="positions")
+        tracker = ExactTracker(plant.shape, plant.rule, first)
+        if log is not None:
+            log.begin(plant, policy=policy, seed=seed, scan_every=scanning.every)
+            log.scan(0, first)
+        status = _loop(plant, make_runs(tracker.belief), may_skip, tracker, course, max_moves, log, on_moves)
+    finally:
+        try:
+            with interruption_held():
+                plant.stop()
+        finally:
+            if log is not None and status == "interrupted":
+                log.end(status)
+    seconds = time.perf_counter() - began
+    if log is not None:
+        log.end(status, moves=len(course.codes), belief=tracker.belief)
+    episode = _episode(plant, policy, seed, scanning, tracker, course, status, seconds)
+    return Drive(
+        policy,
+        status,
+        episode.commands,
+        episode.scanned,
+        tracker.belief,
+        tracker.state.cells,
+        episode,
+        getattr(plant, "counts", None),
+        seconds,
+    )
+
+
+class _RecordedRuns:
+    """The runs of a log: equal commands up to the next scan."""
+
+    def __init__(self, plant: RecordedPlant) -> None:
+        self._plant, self._at = plant, 0
+
+    def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
+        """Return the next run; see `Runs`."""
+        commands, first = self._plant.commands, self._at
+        if first == len(commands):
+            return None
+        self._at += 1
+        while (
+            self._plant.rule != "tilt"
+            and self._at not in self._plant.scans
+            and commands[self._at : self._at + 1] == commands[first]
+        ):
+            self._at += 1
+        return commands[first], self._at - first
+
+    def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
+        """Do not ask: scans are where they were."""
+        return True
+
+
+def _loop(
+    plant: Plant,
+    runs: Runs,
+    may_skip: Callable[[int], bool],
+    tracker: Tracker,
+    course: _Course,
+    max_moves: int,
+    log: DriveLog | None,
+    on_moves: OnMoves | None,
+) -> str:
+    """Play until nothing is left to do; return the status."""
+    while True:
+        if tracker.belief.complete:
+            return "complete"
+        if len(course.codes) >= max_moves:
+            return "limit"
+        view = View(tracker.belief, tracker.state.occupied, plant.rule, True, len(course.codes), *course.last)
+        run = runs.next(view, tracker.state, course.idle)
+        if run is None:
+            return "stalled"
+        command, planned = run
+        steps, known = min(planned, max_moves - len(course.codes)), len(tracker.belief.known)
+        for step in range(steps):
+            if log is not None:
+                log.command(len(course.codes) + step + 1, command)
+            plant.send(command)
+        moves = len(course.codes) + steps
+        cells = tracker.foreseen(command, steps) if may_skip(moves) else None
+        scanned = cells is None
+        if cells is None:
+            cells = check_cells(plant.observe(), plant.shape, what="positions")
+            if log is not None:
+                log.scan(moves, cells)
+        code = int(encode(command, ndim=len(plant.shape))[0])
+        course.add(code, tracker.update(command, steps, cells, moves), scanned=scanned)
+        runs.scan_after(tracker.belief, tracker.state, len(tracker.belief.known) - known)  # told, so that it learns
+        if on_moves is not None:
+            on_moves(moves, len(tracker.belief.frontier))
+
+
+def _episode(
+    plant: Plant,
+    policy: str,
+    seed: int,
+    scanning: ScanRule,
+    tracker: ExactTracker,
+    course: _Course,
+    status: str,
+    seconds: float,
+) -> Episode:
+    """Return the run as an episode in the map that was found: there every particle moves as it did."""
+    columns: Any = np.array(course.rows, dtype=np.int64).reshape(-1, 3)
+    here = SwarmState.of_cells(tracker.frame, tracker.start, shared=plant.rule == "merge").occupied
+    return Episode(
+        workspace=GridWorkspace(tracker.belief.open.inner, name=plant.name),
+        start=tracker.start,
+        codes=np.array(course.codes, dtype=np.int8),
+        rule=plant.rule,
+        task="mapping",
+        policy=policy,
+        placement="given",
+        targets=None,
+        seed=seed,
+        trial=0,
+        status=status,
+        first_frontier=len(here.dilated() - here),
+        done=columns[:, 0].astype(np.int32),
+        frontier=columns[:, 1].astype(np.int32),
+        travelled=columns[:, 2].copy(),
+        seconds=seconds,
+        version=__version__,
+        scanning=scanning,
+        scanned=np.array(course.scanned, dtype=np.bool_),
+    )

@@ -1,0 +1,104 @@
+"""What the positions of a plant without fault tell: the belief, and whether the plant does what its rule says."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError, PlantError
+from shoal.swarm.belief import Belief
+from shoal.swarm.boards import Frame
+from shoal.swarm.commands import encode
+from shoal.swarm.scanning.runs import states_of_run
+from shoal.swarm.state import SwarmState
+from shoal.swarm.stepwise import distance_of_push, settled
+from shoal.swarm.tasks import Mapping
+
+NOISY = "if it slips or is seen wrongly, say how often (slip, misplace, miss)"
+
+
+class ExactTracker:
+    """State and belief of a mapping, from positions that are always right.
+
+    Parameters
+    ----------
+    shape : tuple of int
+    rule : str
+    cells : ndarray of int64, shape (n, ndim)
+        The first positions.
+
+    Raises
+    ------
+    PlantError
+        If there are none, or one is where no particle can be.
+    """
+
+    def __init__(self, shape: tuple[int, ...], rule: str, cells: NDArray[np.int64]) -> None:
+        self.frame, self.rule = Frame(shape), rule
+        self.start = cells
+        self.state = self._state(cells, 0)
+        here = self.state.occupied
+        self.belief = Belief(open=here, known=here, frontier=here.dilated() - here)
+
+    def foreseen(self, command: str, steps: int) -> NDArray[np.int64] | None:
+        """Return where the particles will be after ``steps`` equal commands if no unknown cell is tried, else None."""
+        from shoal.swarm.engine import pushed
+
+        state, code = self.state, int(encode(command, ndim=self.frame.ndim)[0])
+        for _ in range(steps if self.rule != "tilt" else max(self.frame.window)):
+            if state.occupied.shifted(command) - self.belief.known:
+                return None
+            before, state = state, pushed(self.frame, self.belief.open.words, state, code, self.rule)
+            if state == before:
+                break
+        return state.cells
+
+    def update(self, command: str, steps: int, cells: NDArray[np.int64], moves: int) -> list[tuple[int, int, int]]:
+        """Take in what a scan after ``steps`` equal commands shows; return (done, frontier, travelled) of each command.
+
+        Raises
+        ------
+        PlantError
+            If no swarm can have got there by them.
+        """
+        after = self._state(cells, moves)
+        code = int(encode(command, ndim=self.frame.ndim)[0])
+        start, rows = self.state, []
+        pushes = steps if self.rule != "tilt" else max(self.frame.window)
+        try:
+            states = list(states_of_run(start, after, command, pushes))
+        except InvalidInputError as error:
+            raise PlantError(f"the rig, move {moves}: {error}; {NOISY}") from None
+        for state in states:
+            updated = Mapping().update(self.belief, command, self.state.occupied, state.occupied)
+            self._check(updated, code, state, moves)
+            rows.append((settled(self.belief, updated), len(updated.frontier), distance_of_push(self.state, state, command)))
+            self.state, self.belief = state, updated
+        if self.rule == "tilt":  # one command
+            return [(sum(row[0] for row in rows), rows[-1][1], sum(row[2] for row in rows))]
+        return rows
+
+    def _state(self, cells: NDArray[np.int64], moves: int) -> SwarmState:
+        if len(cells) == 0:
+            raise PlantError(f"the rig, after {moves} moves: expected the cells of particles, got none")
+        outside = ((cells < 0) | (cells >= np.array(self.frame.shape))).any(axis=1)
+        twice = (cells[1:] == cells[:-1]).all(axis=1)  # they are sorted
+        for wrong, at, what in ((outside, cells, f"inside {self.frame.shape}"), (twice, cells[1:], "of one particle each")):
+            if wrong.any() and not (wrong is twice and self.rule == "merge"):
+                cell = tuple(int(i) for i in at[wrong][0])
+                raise PlantError(f"the rig, after {moves} moves: expected cells {what}, got {cell}; {NOISY}")
+        return SwarmState.of_cells(self.frame, cells, shared=self.rule == "merge")
+
+    def _check(self, updated: Belief, code: int, after: SwarmState, moves: int) -> None:
+        """Refuse positions that do not follow from those before, in a map that has just the cells known to be free."""
+        from shoal.swarm.engine import pushed
+
+        should = pushed(self.frame, updated.open.words, self.state, code, self.rule)
+        wrong = should.occupied ^ after.occupied
+        if wrong or should != after:
+            cell = tuple(int(i) for i in wrong.cells[0]) if wrong else ()
+            there = "one there" if not wrong or cell in after.occupied else "none there"
+            raise PlantError(
+                f"the rig, move {moves}: expected every particle to move unless something is in its way, got {there}, "
+                f"{cell}, against rule {self.rule}; {NOISY}"
+            )
