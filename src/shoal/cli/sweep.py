@@ -58,7 +58,7 @@ def run(
     dask: Annotated[
         str | None,
         typer.Option(
-            "--dask", metavar="ADDRESS", help="Use the workers of the Dask scheduler tcp://HOST:PORT.", show_default=False
+            "--dask", metavar="ADDRESS", help="Use the workers of the Dask scheduler at HOST:PORT.", show_default=False
         ),
     ] = None,
     trials: Annotated[
@@ -285,7 +285,8 @@ def summary(
     result = {
         "sweep": chosen, "measure": wanted, "level": level, "method": method,
         "points": [
-            {"axes": row.values, "missing": row.missing, "estimate": row.estimate and _numbers(asdict(row.estimate))} for row in rows
+            {"axes": row.values, "missing": row.missing, "estimate": row.estimate and _numbers(asdict(row.estimate))}
+            for row in rows
         ],
         "comparisons": [
             {"axes": others, compare: [first, second], "comparison": None if found is None else _numbers(asdict(found))}

@@ -10,6 +10,7 @@ import socket
 import time
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -144,15 +145,13 @@ def lost_batch(batch: Batch, why: str) -> Answer:
 @cache
 def versions() -> dict[str, str]:
     """Return what results may depend on: versions, and a digest of Shoal's own code."""
-    import numba
-    import numpy as np
-
     digest, root = hashlib.blake2b(digest_size=8), Path(__file__).parents[1]
     for folder in ("swarm", "steering", "search", "lab"):
         for file in sorted((root / folder).rglob("*.py")):
             digest.update(file.relative_to(root).as_posix().encode() + file.read_bytes())
     python = ".".join(platform.python_version_tuple()[:2])
-    return {"shoal": __version__, "code": digest.hexdigest(), "python": python, "numpy": np.__version__, "numba": numba.__version__}
+    ours = {"shoal": __version__, "code": digest.hexdigest(), "python": python}
+    return ours | {"numpy": version("numpy"), "numba": version("numba")}
 
 
 def check_versions(theirs: dict[str, str], *, worker: str) -> None:

@@ -6,6 +6,7 @@ import csv
 import importlib
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,8 +57,8 @@ def _write_csv(store: Store, name: str, columns: list[str], path: Path) -> int:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         for chunk in store.chunks(name):
-            writer.writerows(chunk)
-            count += len(chunk)
+            writer.writerows(zip(*chunk, strict=True))
+            count += len(chunk[-1])
     return count
 
 
@@ -66,15 +67,13 @@ def _write_parquet(store: Store, name: str, columns: list[str], path: Path) -> i
     count, writer, schema = 0, None, None
     try:
         for chunk in store.chunks(name):
-            arrays = [
-                _array(arrow, list(column), schema and schema.field(i).type) for i, column in enumerate(zip(*chunk, strict=True))
-            ]
+            arrays = [_array(arrow, column, schema and schema.field(i).type) for i, column in enumerate(chunk)]
             table = arrow.Table.from_arrays(arrays, names=columns)
             if writer is None:
                 schema = _schema(arrow, store, name, table)
                 writer = parquet.ParquetWriter(path, schema)
             writer.write_table(table.cast(schema))
-            count += len(chunk)
+            count += len(chunk[-1])
         if writer is None:  # nothing is done yet: the columns all the same
             empty = arrow.schema([(column, arrow.null()) for column in columns])
             parquet.write_table(empty.empty_table(), path)
@@ -95,7 +94,7 @@ def _schema(arrow: Any, store: Store, name: str, table: Any) -> Any:
     return arrow.schema(fields, metadata={"shoal": json.dumps(sweep.describe())})
 
 
-def _array(arrow: Any, values: list[Any], kind: Any) -> Any:
+def _array(arrow: Any, values: Sequence[Any], kind: Any) -> Any:
     try:
         return arrow.array(values, type=kind)
     except (arrow.ArrowInvalid, arrow.ArrowTypeError):  # texts and numbers in one column
@@ -113,5 +112,5 @@ def frame(store: Store, name: str) -> Any:
     """
     pandas = _needed("pandas", "a data frame")
     columns = store.columns(name)
-    parts = [pandas.DataFrame.from_records(chunk, columns=columns) for chunk in store.chunks(name)]
+    parts = [pandas.DataFrame(dict(zip(columns, chunk, strict=True))) for chunk in store.chunks(name)]
     return pandas.concat(parts, ignore_index=True) if parts else pandas.DataFrame(columns=columns)

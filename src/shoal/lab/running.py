@@ -15,9 +15,9 @@ from shoal.errors import InvalidInputError, ShoalError
 from shoal.lab.batches import Answer, Batch, Piece, check_versions, lost_batch, opened_for, play_batch
 from shoal.lab.claim import claim
 from shoal.lab.crews import Crew, make_crew
-from shoal.lab.problems import SwarmProblem, fingerprint, is_file
+from shoal.lab.problems import SwarmProblem
 from shoal.lab.store import Gap, Status, Store
-from shoal.lab.sweep import Sweep, distinct_sources
+from shoal.lab.sweep import Sweep, digest_of, distinct_sources
 
 BATCH_SECONDS = 0.5
 _LARGEST = 20_000  # trials in a batch
@@ -142,9 +142,9 @@ def prepare(sweep: Sweep) -> dict[str, str]:
     inputs: dict[str, str] = {}
     for point in distinct_sources(sweep.points):
         opened = opened_for(point.problem)
-        digest = fingerprint(point.problem, opened)
-        if digest is not None:
-            inputs[point.problem.source() or ""] = digest
+        source = point.problem.source()
+        if source is not None:
+            inputs[source] = digest_of(point.problem.digest(opened))
     for point in sweep.points:
         try:
             point.problem.check(opened_for(point.problem))
@@ -272,7 +272,7 @@ class _Run:
 
     def _piece(self, gap: Gap, first: int, stop: int) -> Piece:
         problem = gap.point.problem
-        opened: Any = opened_for(problem) if is_file(problem) else None
+        opened: Any = opened_for(problem) if problem.is_file() else None
         return Piece(gap.id, problem, gap.point.seeds, first, stop, opened)
 
 

@@ -98,7 +98,7 @@ def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "t", se
     Examples
     --------
     >>> print(estimate([2, 4, 4, 6]))
-    4 [1.40153, 6.59847]
+    4 [1.40154, 6.59846]
     """
     array = _checked(values, level)
     mean, count = float(array.mean()), len(array)

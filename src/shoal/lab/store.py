@@ -19,7 +19,7 @@ from shoal.lab.sweep import Point, Sweep, differences, digest_of, sweep_of, tria
 from shoal.version import __version__
 
 _RECENT = 60.0  # seconds over which the rate is measured
-_AT_ONCE = 50_000  # rows read at once
+_AT_ONCE = 10_000  # rows read at once
 
 
 @dataclass(frozen=True)
@@ -294,23 +294,37 @@ class Store:
         return [f"axis_{axis}" if axis in taken else axis for axis in axes] + taken
 
     def chunks(self, name: str) -> Iterator[list[Sequence[Any]]]:
-        """Yield the rows of a sweep's table, ordered by point and trial, some ten thousand at a time."""
-        number = self._row(name)[0]
-        axes = {key: json.loads(values) for key, values in self._ask("SELECT id, axes FROM points WHERE sweep = ?", number)}
-        with told(self.path):
-            cursor = self._connection.execute(
-                "SELECT t.point, t.trial, t.seed, t.result FROM points p CROSS JOIN trials t ON t.point = p.id WHERE p.sweep = ? "
-                "ORDER BY p.number, t.trial",
-                (number,),
-            )
-            while rows := cursor.fetchmany(_AT_ONCE):
-                results = json.loads(f"[{','.join([row[3] for row in rows])}]")
-                yield [(*axes[point], trial, seed, *result) for (point, trial, seed, _), result in zip(rows, results, strict=True)]
+        """Yield the columns of a sweep's table, some ten thousand rows at a time, ordered by point and trial."""
+        number, _, _, measures, most, _ = self._row(name)
+        width = len(json.loads(measures))
+        axes: list[tuple[list[Any], int]] = []
+        waiting = 0
+        parts: tuple[list[str], ...] = ([], [], [])
+        for point, values in self._ask("SELECT id, axes FROM points WHERE sweep = ? ORDER BY number", number):
+            for first in range(0, most, _AT_ONCE):
+                # Joined by SQLite: two and a half times as fast as a tuple for each row.
+                ((count, *texts),) = self._ask(
+                    "SELECT count(*), group_concat(trial), group_concat(seed), group_concat(result) FROM (SELECT * FROM trials "
+                    "WHERE point = ? AND trial >= ? AND trial < ? ORDER BY trial)",
+                    point,
+                    first,
+                    first + _AT_ONCE,
+                )
+                if count:
+                    axes.append((json.loads(values), count))
+                    waiting += count
+                    for part, text in zip(parts, texts, strict=True):
+                        part.append(text)
+                if waiting >= _AT_ONCE:
+                    yield _columns(axes, parts, width)
+                    axes, parts, waiting = [], ([], [], []), 0
+        if axes:
+            yield _columns(axes, parts, width)
 
-    def rows(self, name: str) -> Iterator[Sequence[Any]]:
+    def rows(self, name: str) -> Iterator[tuple[Any, ...]]:
         """Yield the rows of a sweep's table, ordered by point and trial."""
         for chunk in self.chunks(name):
-            yield from chunk
+            yield from zip(*chunk, strict=True)
 
     def check(self) -> list[str]:
         """Return what is wrong with the file, one sentence each; nothing if all is well.
@@ -325,11 +339,21 @@ class Store:
         return faults
 
 
+def _columns(axes: list[tuple[list[Any], int]], parts: tuple[list[str], ...], width: int) -> list[Sequence[Any]]:
+    """Return the columns of a chunk; axes come as (values, how many rows)."""
+    first: list[list[Any]] = [[] for _ in axes[0][0]]
+    for values, count in axes:
+        for column, value in zip(first, values, strict=True):
+            column.extend([value] * count)
+    trials, seeds, results = (json.loads(f"[{','.join(part)}]") for part in parts)
+    return [*first, trials, seeds, *(zip(*results, strict=True) if width else ())]
+
+
 def _faults_of(store: Store, name: str) -> Iterator[str]:
     sweep, (number, _, _, measures, *_) = store.sweep(name), store._row(name)
     points = {point.key: point for point in sweep.points}
     width = len(json.loads(measures))
-    stored = store._ask("SELECT id, key FROM points WHERE sweep = ?", number)
+    stored = store._ask("SELECT id, key FROM points WHERE sweep = ? ORDER BY number", number)
     if {key for _, key in stored} != {*points}:
         yield f"sweep {name}: its points are not those of its spec"
         return

@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 from shoal.errors import InvalidInputError
 from shoal.lab.problems import FunctionProblem, Problem, problem_of, said
 
-MAX_POINTS = 1_000_000
+MAX_POINTS = 100_000
 MAX_TRIALS = 1_000_000_000
 
 
@@ -300,9 +300,9 @@ def _words(values: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} = {value}" for name, value in values.items())
 
 
-def digest_of(text: str) -> str:
-    """Return a short digest of a text."""
-    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+def digest_of(content: str | bytes) -> str:
+    """Return a short digest of a text, or of bytes."""
+    return hashlib.blake2b(content.encode() if isinstance(content, str) else content, digest_size=16).hexdigest()
 
 
 def trial_seed(sweep_seed: int, seeds: str, trial: int) -> int:
