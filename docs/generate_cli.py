@@ -25,6 +25,11 @@ COMMANDS = (
     "search",
     "tour",
     "missions check",
+    "sweep run",
+    "sweep status",
+    "sweep summary",
+    "sweep export",
+    "sweep check",
     "demo",
 )
 WIDTH = "84"  # what fits the page

@@ -26,6 +26,11 @@ COMMANDS = [
     "search",
     "tour",
     "missions check",
+    "sweep run",
+    "sweep status",
+    "sweep summary",
+    "sweep export",
+    "sweep check",
     "demo",
 ]
 

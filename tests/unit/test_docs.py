@@ -41,6 +41,11 @@ MODULES = [
     "search.missions.lint",
     "search.missions.mission",
     "search.tours",
+    "lab.export",
+    "lab.running",
+    "lab.statistics",
+    "lab.store",
+    "lab.sweep",
     "lab.trials",
     "swarm.belief",
     "swarm.boards",
@@ -83,6 +88,8 @@ def write_files_of(text: str) -> list[str]:
     shown = re.findall(r'```python title="(\w+)\.py"\n(.*?)```', text, re.S)
     for name, content in shown:
         Path(f"{name}.py").write_text(content)
+    for name, content in re.findall(r'```toml title="(\w+\.toml)"\n(.*?)```', text, re.S):
+        Path(name).write_text(content)
     for name, content in re.findall(r'```json title="(\w+\.json)"\n(.*?)```', text, re.S):
         Path(name).write_text(content)
     for script in re.findall(r"<!-- runs: (\S+) -->", text):
@@ -112,6 +119,7 @@ def test_examples_of_help_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run(["map", "maze:9x7", "-n", "3", "--out", "result"]) == 0  # what replay's example replays
     write_files_of((ROOT / "docs" / "concepts" / "steering.md").read_text())  # steer's problem.json
+    write_files_of((ROOT / "docs" / "how-to" / "sweeps.md").read_text())  # sweep run's sweep.toml
     write_files_of((ROOT / "docs" / "concepts" / "missions.md").read_text())  # the missions that missions check looks over
     grouped = [
         (f"{group.name} ", command) for group in app.registered_groups for command in group.typer_instance.registered_commands

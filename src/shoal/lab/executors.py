@@ -29,10 +29,10 @@ def make_executor(workers: int, *, compiled: bool) -> Executor:
         raise InvalidInputError(f"workers: expected 1 or more, got {workers}")
     if compiled:
         return ThreadPoolExecutor(workers, thread_name_prefix="shoal")
-    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interruptions_to_us)
+    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=leave_interruptions_to_us)
 
 
-def _leave_interruptions_to_us() -> None:
+def leave_interruptions_to_us() -> None:
     """Ignore Ctrl-C in a worker: a terminal sends it to all processes, and each would print a traceback."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

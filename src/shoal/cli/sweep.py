@@ -1,0 +1,371 @@
+"""shoal sweep: many trials into a store, and what is in it."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from shoal.cli import options
+from shoal.cli.output import check_folder, patience, print_json, print_table, quiet, say
+from shoal.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from shoal.lab import Progress, Status, Store
+
+RUN_EXAMPLE = "Example: shoal sweep run sweep.toml --store results.sqlite"
+STATUS_EXAMPLE = "Example: shoal sweep status results.sqlite"
+SUMMARY_EXAMPLE = "Example: shoal sweep summary results.sqlite --measure moves --compare policy"
+EXPORT_EXAMPLE = "Example: shoal sweep export results.sqlite --out results.csv"
+CHECK_EXAMPLE = "Example: shoal sweep check results.sqlite"
+
+_EVERY = 2.0  # seconds between two looks of --watch
+
+app = typer.Typer(no_args_is_help=True, help="Run sweeps of trials that survive anything, and look at their results.")
+
+StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="The file with the results.", show_default=False)]
+SweepName = Annotated[
+    str | None, typer.Option("--sweep", metavar="NAME", help="Which sweep, if there are several.", show_default=False)
+]
+Unused = Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")]
+
+
+@app.callback()
+def _sweep() -> None:
+    """Run sweeps of trials that survive anything, and look at their results."""
+
+
+@app.command("run", epilog=RUN_EXAMPLE)
+def run(
+    spec: Annotated[Path, typer.Argument(metavar="SPEC", help="What to run: a TOML file.", show_default=False)],
+    store: Annotated[
+        Path, typer.Option("--store", metavar="FILE", help="Where results go; made if it is not there.", show_default=False)
+    ],
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", help="Worker processes; default: one a processor. 0: all in this one.", show_default=False),
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            "--dask", metavar="ADDRESS", help="Use the workers of the Dask scheduler at HOST:PORT.", show_default=False
+        ),
+    ] = None,
+    trials: Annotated[
+        int | None, typer.Option("--trials", help="Trials a point, instead of the file's.", show_default=False)
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Seed, instead of the file's.", show_default=False)] = None,
+    extend: Annotated[
+        bool, typer.Option("--extend", help="The sweep is there already, and this one adds trials or points to it.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="Then write the table: .csv or .parquet.", show_default=False),
+    ] = None,
+    json_: options.Json = False,
+) -> None:
+    """Run a sweep, or what is missing of it: stopped at any moment, the same command goes on.
+
+    Exit code 1 if trials failed.
+    """
+    from shoal.lab import Store, Sweep, run_sweep
+
+    sweep = Sweep.load(spec)
+    changes: dict[str, Any] = {name: value for name, value in (("trials", trials), ("seed", seed)) if value is not None}
+    sweep = replace(sweep, **changes)
+    if out is not None:
+        _check_table(out)
+    with patience("compiling kernels: once after an installation, half a minute ..."), quiet():
+        from shoal.lab.running import prepare
+
+        prepare(sweep)
+    with live(sweep.name) as tell:
+        status = run_sweep(sweep, store, workers=workers, dask=dask, extend=extend, on_progress=tell)
+    written = None
+    with Store(store) as opened:
+        if out is not None:
+            from shoal.lab.export import export
+
+            export(opened, sweep.name, out)
+            written = out
+        failed = opened.failures(sweep.name, limit=3)
+    if json_:
+        print_json(_described(status) | {"store": str(store), "out": None if written is None else str(written)})
+    else:
+        rows = [*_rows(status), ("store", str(store))]
+        print_table([*rows, *([("written", str(written))] if written else [])], title=f"sweep {sweep.name}")
+    if status.failures:
+        for values, trial, number, error in failed:
+            where = "".join(f"{name} = {value}, " for name, value in values.items())
+            say(f"shoal: {where}trial {trial}, seed {number}: {error}")
+        say(f"shoal: {status.failures} trials failed; the same command tries them again")
+        raise typer.Exit(1)
+
+
+def _check_table(out: Path) -> None:
+    from shoal.lab.export import SUFFIXES
+
+    if out.suffix not in SUFFIXES:
+        raise InvalidInputError(f"{out}: expected the suffix {' or '.join(SUFFIXES)}, got {out.suffix!r}")
+    check_folder(out.parent)
+
+
+@contextmanager
+def live(name: str) -> Iterator[Callable[[Progress], None] | None]:
+    """Show one line on the terminal while the block runs: done, rate, time left, failures; nothing where stderr is none."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[pace]}"),
+        TimeElapsedColumn(), TextColumn("{task.fields[trouble]}", style="red"),
+    )  # fmt: skip
+    with Bar(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(name, total=None, pace="starting workers", trouble="")
+
+        def tell(progress: Progress) -> None:
+            left = (progress.total - progress.done) / progress.rate if progress.rate else None
+            trouble = [f"{progress.failures} failures"] * bool(progress.failures) + [f"{progress.deaths} workers died"] * bool(
+                progress.deaths
+            )
+            bar.update(
+                task, total=progress.total, completed=progress.done, trouble=", ".join(trouble), pace=_pace(progress.rate, left)
+            )
+
+        yield tell
+
+
+def _pace(rate: float, left: float | None) -> str:
+    if not rate:
+        return "starting workers"
+    return f"{rate:.3g} a second" + (f", {_duration(left)} left" if left else "")
+
+
+def _duration(seconds: float) -> str:
+    whole = round(seconds)
+    return f"{whole} s" if whole < 120 else f"{whole // 60} min" if whole < 7200 else f"{whole / 3600:.1f} h"
+
+
+def _described(status: Status) -> dict[str, Any]:
+    return asdict(status) | {"complete": status.complete, "left": status.left}
+
+
+def _rows(status: Status) -> list[tuple[str, str]]:
+    state = "complete" if status.complete else "running" if status.running else "stopped: the same command goes on"
+    rows = [
+        ("done", f"{status.done} of {status.total} trials at {status.points} points"),
+        ("state", state),
+        ("failures", str(status.failures)),
+        ("work", f"{_duration(status.seconds)} of all workers together"),
+    ]
+    if not status.complete and status.rate:
+        rows.append(("pace", _pace(status.rate, status.left)))
+    return rows
+
+
+@app.command("status", epilog=STATUS_EXAMPLE)
+def status(
+    store: StoreFile,
+    watch: Annotated[bool, typer.Option("--watch", help="Look again every two seconds until nothing is running.")] = False,
+    seed: Unused = 0,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it as JSON, too.", show_default=False)] = None,
+    json_: options.Json = False,
+) -> None:
+    """Show how far the sweeps in a store are; also while another process runs them."""
+    from shoal.lab import Store
+
+    if watch and json_:
+        raise InvalidInputError("--watch: expected it without --json, which prints one object, got both")
+    if out is not None:
+        check_folder(out.parent)
+    with Store(store) as opened:
+        if watch:
+            _watch(opened)
+        found = [opened.status(name) for name in opened.names]
+    result = {"store": str(store), "sweeps": [_described(one) for one in found]}
+    if out is not None:
+        _write_json(out, result)
+    if json_:
+        print_json(result)
+    elif not watch or not sys.stdout.isatty():
+        _print_drawn(_table(found))
+
+
+def _write_json(path: Path, result: dict[str, Any]) -> None:
+    from shoal.files import atomic
+
+    with atomic(path) as temporary:
+        temporary.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _table(found: list[Status]) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for column in ("sweep", "done", "of", "failures", "state", "pace"):
+        table.add_column(column, justify="right" if column in {"done", "of", "failures"} else "left", header_style="bold")
+    for one in found:
+        state = "complete" if one.complete else "running" if one.running else "stopped"
+        pace = _pace(one.rate, one.left) if one.rate and not one.complete else ""
+        table.add_row(escape(one.name), str(one.done), str(one.total), str(one.failures), state, pace)
+    return table
+
+
+def _print_drawn(drawn: Any) -> None:
+    from rich.console import Console
+
+    console = Console(soft_wrap=False)
+    with console.capture() as captured:
+        console.print(drawn)
+    print(captured.get(), end="")
+
+
+def _watch(store: Store) -> None:
+    """Show the table until no sweep is running."""
+    found = [store.status(name) for name in store.names]
+    if not sys.stdout.isatty():
+        while any(one.running for one in found):
+            time.sleep(_EVERY)
+            found = [store.status(name) for name in store.names]
+        return
+    from rich.live import Live
+
+    with Live(_table(found), auto_refresh=False) as shown:
+        while any(one.running for one in found):
+            time.sleep(_EVERY)
+            found = [store.status(name) for name in store.names]
+            shown.update(_table(found), refresh=True)
+
+
+@app.command("summary", epilog=SUMMARY_EXAMPLE)
+def summary(
+    store: StoreFile,
+    name: SweepName = None,
+    measure: Annotated[str | None, typer.Option("--measure", help="What to look at, such as moves.", show_default=False)] = None,
+    compare: Annotated[
+        str | None,
+        typer.Option(
+            "--compare", metavar="AXIS", help="Compare the values of this paired axis with its first.", show_default=False
+        ),
+    ] = None,
+    level: Annotated[float, typer.Option("--level", help="Of confidence.")] = 0.95,
+    bootstrap: Annotated[bool, typer.Option("--bootstrap", help="Intervals by the bootstrap instead of Student's t.")] = False,
+    seed: Annotated[int, typer.Option("--seed", help="Not used: the bootstrap draws the same numbers each time.")] = 0,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it as JSON, too.", show_default=False)] = None,
+    json_: options.Json = False,
+) -> None:
+    """Show means with confidence intervals, and what differs along a paired axis."""
+    from shoal.lab import Store
+    from shoal.lab.statistics import compare_along, summarise
+
+    if out is not None:
+        check_folder(out.parent)
+    method: Any = "bootstrap" if bootstrap else "t"
+    with Store(store) as opened:
+        chosen = opened.only(name)
+        sweep = opened.sweep(chosen)
+        wanted = measure or next((column for column in ("moves", "share") if column in sweep.measures), sweep.measures[0])
+        rows = summarise(opened, chosen, wanted, level=level, method=method)
+        pairs = compare_along(opened, chosen, wanted, compare, level=level, method=method) if compare else []
+    result = {
+        "sweep": chosen, "measure": wanted, "level": level, "method": method,
+        "points": [
+            {"axes": row.values, "missing": row.missing, "estimate": row.estimate and _numbers(asdict(row.estimate))}
+            for row in rows
+        ],
+        "comparisons": [
+            {"axes": others, compare: [first, second], "comparison": None if found is None else _numbers(asdict(found))}
+            for others, first, second, found in pairs
+        ],
+    }  # fmt: skip
+    if out is not None:
+        _write_json(out, result)
+    if json_:
+        print_json(result)
+        return
+    print_table(
+        [(_words(row.values), "no trial yet" if row.estimate is None else str(row.estimate)) for row in rows],
+        title=f"{wanted} of {chosen}: mean [{100 * level:g} % interval]",
+    )
+    if pairs:
+        lines = [
+            (_words(others | {compare: f"{second} less {first}"}), "fewer than two pairs" if found is None else str(found))
+            for others, first, second, found in pairs
+        ]
+        print_table(lines, title=f"{wanted} along {compare}, on the same seeds")
+
+
+def _words(values: dict[Any, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in values.items()) or "all"
+
+
+def _numbers(found: Any) -> Any:
+    """Return what JSON can hold: None for what is not a number."""
+    if isinstance(found, dict):
+        return {name: _numbers(value) for name, value in found.items()}
+    return None if isinstance(found, float) and not isfinite(found) else found
+
+
+@app.command("export", epilog=EXPORT_EXAMPLE)
+def export_(
+    store: StoreFile,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The table: .csv or .parquet.", show_default=False)],
+    name: SweepName = None,
+    seed: Unused = 0,
+    json_: options.Json = False,
+) -> None:
+    """Write the table of a sweep: its axes, trial, seed and what was measured."""
+    from shoal.lab import Store
+    from shoal.lab.export import export
+
+    _check_table(out)
+    with Store(store) as opened:
+        chosen = opened.only(name)
+        count = export(opened, chosen, out)
+    if json_:
+        print_json({"sweep": chosen, "rows": count, "out": str(out)})
+    else:
+        print_table([("rows", str(count)), ("written", str(out))], title=f"sweep {chosen}")
+
+
+@app.command("check", epilog=CHECK_EXAMPLE)
+def check(
+    store: StoreFile,
+    seed: Unused = 0,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it as JSON, too.", show_default=False)] = None,
+    json_: options.Json = False,
+) -> None:
+    """Check that a store is whole: its structure, keys, seeds and rows. Exit code 1 if it is not."""
+    from shoal.lab import Store
+
+    if out is not None:
+        check_folder(out.parent)
+    with Store(store) as opened:
+        faults, names = opened.check(), opened.names
+    result = {"store": str(store), "sweeps": names, "faults": faults, "whole": not faults}
+    if out is not None:
+        _write_json(out, result)
+    if json_:
+        print_json(result)
+    else:
+        print_table(
+            [("sweeps", ", ".join(names) or "none"), ("faults", "none" if not faults else "; ".join(faults))], title=str(store)
+        )
+    if faults:
+        say(f"shoal: {store}: {len(faults)} faults")
+        raise typer.Exit(1)

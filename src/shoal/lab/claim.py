@@ -1,0 +1,83 @@
+"""One coordinator a sweep: a lock that ends with the process that holds it, however that ends."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from shoal.errors import InvalidInputError, OutputError
+
+_TRIES = 5
+
+
+def _lock_file(store: Path, name: str) -> Path:
+    return store.with_name(f".{store.name}.{name}.lock")
+
+
+@contextmanager
+def claim(store: Path, name: str) -> Iterator[None]:
+    """Hold a sweep of a store while the block runs.
+
+    Raises
+    ------
+    InvalidInputError
+        If another process holds it; the sentence says which.
+    OutputError
+        If the folder cannot be written.
+    """
+    path, tries = _lock_file(store, name), 0
+    while True:
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        except OSError as error:
+            raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            holder = os.read(descriptor, 200).decode(errors="replace").strip() or "another process"
+            os.close(descriptor)
+            tries += 1
+            if tries < _TRIES:  # it may be somebody who only asks whether the sweep is held
+                time.sleep(0.02)
+                continue
+            raise InvalidInputError(
+                f"{store}: expected the sweep {name} to be free, got one that {holder} is running; wait for it, or watch it with "
+                f"'shoal sweep status {store} --watch'"
+            ) from None
+        if _is_still(descriptor, path):
+            break
+        os.close(descriptor)  # its last holder removed it between our two calls
+    try:
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()} since {time.strftime('%F %T')}".encode())
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+def _is_still(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def is_claimed(store: Path, name: str) -> bool:
+    """Tell whether a process runs a sweep of a store now."""
+    try:
+        descriptor = os.open(_lock_file(store, name), os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False

@@ -1,0 +1,203 @@
+"""Workers of a sweep: processes here, a Dask cluster elsewhere, both as `concurrent.futures.Executor`; a death is survived."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
+from dataclasses import dataclass, field
+from multiprocessing.connection import wait
+from typing import Any, Protocol
+
+from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.lab.batches import check_versions, versions
+from shoal.lab.executors import default_workers, give_up, leave_interruptions_to_us
+
+
+class Crew(Protocol):
+    """Workers of a sweep: an executor that is made anew when a worker's death has broken it."""
+
+    @property
+    def workers(self) -> int:
+        """How many there are now."""
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Let a worker call a function."""
+
+    def lost(self, error: BaseException) -> bool:
+        """Tell whether an error means that a worker died; make the executor anew if that has broken it."""
+
+    def close(self, *, at_once: bool) -> None:
+        """Let the workers go."""
+
+
+class Here:
+    """No worker: all is done in this process, one after another."""
+
+    workers = 1
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Call a function now."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(function(*arguments))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    def lost(self, error: BaseException) -> bool:
+        """Tell that nobody died."""
+        return False
+
+    def close(self, *, at_once: bool) -> None:
+        """Do nothing."""
+
+
+@dataclass
+class Processes:
+    """Worker processes on this machine; they end with the coordinator, however that ends.
+
+    Parameters
+    ----------
+    workers : int
+    """
+
+    workers: int
+    _pool: ProcessPoolExecutor | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        if self.workers < 1:
+            raise InvalidInputError(f"workers: expected 1 or more, got {self.workers}")
+        check_versions(self.submit(versions).result(), worker="of this machine")
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Let a worker call a function."""
+        if self._pool is None:
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(self.workers, mp_context=context, initializer=_end_with_parent)
+        try:
+            return self._pool.submit(function, *arguments)
+        except BrokenExecutor as error:  # a worker died since the last one: said as the others say it
+            future: Future[Any] = Future()
+            future.set_exception(error)
+            return future
+
+    def lost(self, error: BaseException) -> bool:
+        """Tell whether a worker died; then the pool is broken, and the next call makes another."""
+        if not isinstance(error, BrokenExecutor):
+            return False
+        self.close(at_once=True)
+        return True
+
+    def close(self, *, at_once: bool) -> None:
+        """Let the workers end, or end them in the middle of what they do."""
+        pool, self._pool = self._pool, None
+        if pool is not None:
+            if at_once:
+                give_up(pool)
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _end_with_parent() -> None:
+    """End this worker when its coordinator is gone: else it would wait for work for ever."""
+    leave_interruptions_to_us()
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_watch_parent, args=(parent.sentinel,), daemon=True).start()
+
+
+def _watch_parent(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)
+
+
+class Cluster:
+    """The workers of a Dask cluster.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, "tcp://HOST:PORT".
+
+    Raises
+    ------
+    InvalidInputError
+        If nobody answers there, there are no workers, or one has other versions than this process.
+    MissingExtraError
+    """
+
+    def __init__(self, address: str) -> None:
+        try:
+            from distributed import Client
+            from distributed.scheduler import KilledWorker
+        except ImportError as error:
+            raise MissingExtraError(f"--dask needs Dask, which is not installed ({error}): pip install 'shoal[cluster]'") from error
+        self._killed = KilledWorker
+        try:
+            self._client = Client(address, timeout=10, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            what = " ".join(str(error).split()) or type(error).__name__
+            raise InvalidInputError(f"dask: expected a scheduler at {address}, got {what[:200]}") from None
+        try:
+            self._check_workers(address)
+        except BaseException:
+            self._client.close()
+            raise
+        self._executor = self._client.get_executor(pure=False, retries=0)
+
+    def _check_workers(self, address: str) -> None:
+        """Compare what workers have with what is here, before any work."""
+        if not self.workers:
+            raise InvalidInputError(f"dask: expected workers at {address}, got none (start some: dask worker {address})")
+        for worker, theirs in self._client.run(_versions_of_worker, on_error="return").items():
+            if not isinstance(theirs, dict):
+                raise InvalidInputError(f"worker {worker}: expected one that has Shoal, got {' '.join(str(theirs).split())[:200]}")
+            check_versions(theirs, worker=worker)
+
+    @property
+    def workers(self) -> int:
+        """How many threads all workers together have now."""
+        return sum(self._client.nthreads().values())
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Let a worker call a function."""
+        future: Future[Any] = self._executor.submit(function, *arguments)
+        return future
+
+    def lost(self, error: BaseException) -> bool:
+        """Tell whether Dask has given a batch up because workers died with it; it tries others by itself."""
+        return isinstance(error, self._killed)
+
+    def close(self, *, at_once: bool) -> None:
+        """Leave the cluster; it goes on without us."""
+        self._executor.shutdown(wait=not at_once)
+        self._client.close()
+
+
+def _versions_of_worker() -> dict[str, str]:
+    return versions()
+
+
+def make_crew(workers: int | None, dask: str | None) -> Crew:
+    """Return the workers of a sweep.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Processes on this machine; default one a processor, 0 none: all is done in this process.
+    dask : str, optional
+        The address of a Dask scheduler, instead.
+
+    Raises
+    ------
+    InvalidInputError, MissingExtraError
+    """
+    if dask is not None:
+        if workers is not None:
+            raise InvalidInputError(f"workers: expected none with a Dask cluster, which has its own, got {workers}")
+        return Cluster(dask)
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 0):
+        raise InvalidInputError(f"workers: expected a whole number, 0 or more, got {workers!r}")
+    return Here() if workers == 0 else Processes(default_workers() if workers is None else workers)

@@ -1,0 +1,116 @@
+"""A sweep's table for other programs: CSV, Parquet, a data frame."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.files import atomic
+from shoal.lab.store import Store
+
+SUFFIXES = (".csv", ".parquet")
+
+
+def _needed(module: str, what: str) -> Any:
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        package = module.partition(".")[0]
+        raise MissingExtraError(f"{what} needs {package}, which is not installed ({error}): pip install 'shoal[lab]'") from error
+
+
+def export(store: Store, name: str, path: str | os.PathLike[str]) -> int:
+    """Write the table of a sweep: axes, trial, seed and what was measured, ordered by point and trial; return the number of rows.
+
+    Parameters
+    ----------
+    store : Store
+    name : str
+        Of the sweep.
+    path : path
+        ``.csv`` or ``.parquet`` (with the sweep as JSON in its metadata, under "shoal").
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError, OutputError
+    MissingExtraError
+        For Parquet without ``shoal[lab]``.
+    """
+    target = Path(path)
+    if target.suffix not in SUFFIXES:
+        raise InvalidInputError(f"{target}: expected the suffix {' or '.join(SUFFIXES)}, got {target.suffix!r}")
+    columns = store.columns(name)
+    write = _write_csv if target.suffix == ".csv" else _write_parquet
+    with atomic(target) as temporary:
+        return write(store, name, columns, temporary)
+
+
+def _write_csv(store: Store, name: str, columns: list[str], path: Path) -> int:
+    count = 0
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        for chunk in store.chunks(name):
+            writer.writerows(zip(*chunk, strict=True))
+            count += len(chunk[-1])
+    return count
+
+
+def _write_parquet(store: Store, name: str, columns: list[str], path: Path) -> int:
+    arrow, parquet = _needed("pyarrow", "Parquet"), _needed("pyarrow.parquet", "Parquet")
+    count, writer, schema = 0, None, None
+    try:
+        for chunk in store.chunks(name):
+            arrays = [_array(arrow, column, schema and schema.field(i).type) for i, column in enumerate(chunk)]
+            table = arrow.Table.from_arrays(arrays, names=columns)
+            if writer is None:
+                schema = _schema(arrow, store, name, table)
+                writer = parquet.ParquetWriter(path, schema)
+            writer.write_table(table.cast(schema))
+            count += len(chunk[-1])
+        if writer is None:  # nothing is done yet: the columns all the same
+            empty = arrow.schema([(column, arrow.null()) for column in columns])
+            parquet.write_table(empty.empty_table(), path)
+    finally:
+        if writer is not None:
+            writer.close()
+    return count
+
+
+def _schema(arrow: Any, store: Store, name: str, table: Any) -> Any:
+    """Return the types of a table, as all of its parts must have them: whole numbers in one may be broken ones in the next."""
+    fields = []
+    sweep = store.sweep(name)
+    whole = {"trial", "seed", *(axis for axis, values in sweep.axes.items() if all(isinstance(value, int) for value in values))}
+    for entry in table.schema:
+        number = arrow.types.is_integer(entry.type) and entry.name not in whole
+        fields.append(arrow.field(entry.name, arrow.float64() if number or arrow.types.is_null(entry.type) else entry.type))
+    return arrow.schema(fields, metadata={"shoal": json.dumps(sweep.describe())})
+
+
+def _array(arrow: Any, values: Sequence[Any], kind: Any) -> Any:
+    try:
+        return arrow.array(values, type=kind)
+    except (arrow.ArrowInvalid, arrow.ArrowTypeError):  # texts and numbers in one column
+        return arrow.array([None if value is None else str(value) for value in values])
+
+
+def frame(store: Store, name: str) -> Any:
+    """Return the table of a sweep as a pandas data frame.
+
+    Raises
+    ------
+    UnknownNameError
+    MissingExtraError
+        Without ``shoal[lab]``.
+    """
+    pandas = _needed("pandas", "a data frame")
+    columns = store.columns(name)
+    parts = [pandas.DataFrame(dict(zip(columns, chunk, strict=True))) for chunk in store.chunks(name)]
+    return pandas.concat(parts, ignore_index=True) if parts else pandas.DataFrame(columns=columns)

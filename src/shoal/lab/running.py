@@ -1,0 +1,283 @@
+"""run_sweep(): give out what is missing, commit what comes back, survive what dies."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from shoal.errors import InvalidInputError, ShoalError
+from shoal.lab.batches import Answer, Batch, Piece, check_versions, lost_batch, opened_for, play_batch
+from shoal.lab.claim import claim
+from shoal.lab.crews import Crew, make_crew
+from shoal.lab.problems import SwarmProblem
+from shoal.lab.store import Gap, Status, Store
+from shoal.lab.sweep import Sweep, digest_of, distinct_sources
+
+BATCH_SECONDS = 0.5
+_LARGEST = 20_000  # trials in a batch
+_PIECES = 2_000  # points in a batch
+_DEATHS = 3  # of workers with the same batch, before it is tried alone
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a running sweep is.
+
+    Parameters
+    ----------
+    done, total : int
+        Trials; those done before this run are among them.
+    fresh : int
+        Trials done by this run.
+    failures : int
+        Of this run.
+    deaths : int
+        Workers that died.
+    seconds : float
+        Since this run began.
+    """
+
+    done: int
+    total: int
+    fresh: int
+    failures: int
+    deaths: int
+    seconds: float
+
+    @property
+    def rate(self) -> float:
+        """Trials a second in this run."""
+        return self.fresh / self.seconds if self.seconds > 0 else 0.0
+
+
+OnProgress = Callable[[Progress], None]
+
+
+def run_sweep(
+    sweep: Sweep,
+    store: str | os.PathLike[str],
+    *,
+    workers: int | None = None,
+    dask: str | None = None,
+    extend: bool = False,
+    on_progress: OnProgress | None = None,
+    batch_seconds: float = BATCH_SECONDS,
+) -> Status:
+    """Run a sweep, or what is missing of it, into a store.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    store : path
+        A file; made if it is not there. Other sweeps may be in it.
+    workers : int, optional
+        Processes on this machine; default one a processor; 0: all in this process.
+    dask : str, optional
+        The address of a Dask scheduler, instead of processes here.
+    extend : bool
+        Take a sweep that only adds trials or points to the one of that name.
+    on_progress : callable, optional
+        Told a `Progress` after every batch.
+    batch_seconds : float
+        How long a worker should be busy with one batch; each is committed whole. No result depends on it.
+
+    Returns
+    -------
+    Status
+
+    Raises
+    ------
+    InvalidInputError
+        If the sweep of that name is another one, another process runs it, no trial of a point could be played, or a worker has
+        other versions. Errors within trials are kept as their failures.
+    OutputError
+        If the store cannot be written; what was committed is kept.
+    MissingExtraError
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> sweep = Sweep(name="corridor", problem={"kind": "swarm", "map": "line:50"}, axes={"particles": [5, 50]}, trials=3)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     status = run_sweep(sweep, f"{folder}/results.sqlite", workers=0)
+    >>> status.done, status.complete
+    (6, True)
+    """
+    path = Path(store)
+    inputs = prepare(sweep)
+    with Store(path, write=True) as opened:
+        with claim(path, sweep.name):
+            opened.add(sweep, inputs, extend=extend)
+            gaps = opened.missing(sweep)
+            if gaps:
+                _run(sweep, opened, gaps, make_crew(workers, dask), batch_seconds, on_progress)
+            elif on_progress is not None:
+                on_progress(Progress(sweep.total, sweep.total, 0, 0, 0, 0.0))
+        return opened.status(sweep.name)
+
+
+def _run(sweep: Sweep, store: Store, gaps: list[Gap], crew: Crew, batch_seconds: float, on_progress: OnProgress | None) -> None:
+    finished = False
+    try:
+        _Run(sweep, store, crew, batch_seconds, on_progress).all(gaps)
+        finished = True
+    finally:
+        crew.close(at_once=not finished)
+
+
+def prepare(sweep: Sweep) -> dict[str, str]:
+    """See that every point can be played, compile what it needs, and return the digests of what it opens.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        With the values of the first point that cannot.
+    """
+    inputs: dict[str, str] = {}
+    for point in distinct_sources(sweep.points):
+        opened = opened_for(point.problem)
+        source = point.problem.source()
+        if source is not None:
+            inputs[source] = digest_of(point.problem.digest(opened))
+    for point in sweep.points:
+        try:
+            point.problem.check(opened_for(point.problem))
+        except ShoalError as error:
+            where = ", ".join(f"{name} = {value}" for name, value in point.values.items())
+            raise InvalidInputError(f"sweep {sweep.name}{', at ' * bool(where)}{where}: {error}") from None
+    if any(isinstance(point.problem, SwarmProblem) for point in sweep.points):
+        from shoal.swarm.engine import load_kernels
+
+        load_kernels()  # before workers do, all at once
+    return inputs
+
+
+@dataclass
+class _Job:
+    """A batch that has been given out."""
+
+    batch: Batch
+    deaths: int = 0
+
+
+@dataclass
+class _Run:
+    """One run of a sweep: what is given out, and what is known of how long trials take."""
+
+    sweep: Sweep
+    store: Store
+    crew: Crew
+    batch_seconds: float
+    on_progress: OnProgress | None
+    paces: dict[int, float] = field(default_factory=dict)
+    pace: float | None = None
+    fresh: int = 0
+    failures: int = 0
+    deaths: int = 0
+    done: int = 0
+    began: float = field(default_factory=time.monotonic)
+
+    def all(self, gaps: list[Gap]) -> None:
+        """Run everything that is missing."""
+        self.done = self.sweep.total - sum(gap.stop - gap.first for gap in gaps)
+        self._tell()
+        suspects = self._give_out(self._batches(gaps), at_once=2)
+        # What workers died with three times: one trial at a time, alone, so that a death tells whose it is.
+        for single in [single for job in suspects for single in _singles(job.batch)]:
+            for again in self._give_out(iter([single]), at_once=0, most=1):
+                self._take(lost_batch(again.batch, f"the worker died {_DEATHS + 1} times"))
+
+    def _give_out(self, batches: Iterator[Batch], *, at_once: int, most: int = _DEATHS) -> list[_Job]:
+        """Play batches, ``at_once`` for each worker (0: one in all); return those with which workers died too often."""
+        pending: dict[Future[Answer], _Job] = {}
+        again: deque[_Job] = deque()
+        suspects: list[_Job] = []
+        exhausted = False
+        while True:
+            room = max(1, at_once * self.crew.workers) - len(pending)
+            while room > 0 and not (exhausted and not again):
+                job = again.popleft() if again else None
+                if job is None:
+                    batch = next(batches, None)
+                    if batch is None:
+                        exhausted = True
+                        break
+                    job = _Job(batch)
+                pending[self.crew.submit(play_batch, job.batch)] = job
+                room -= 1
+            if not pending:
+                return suspects
+            ready = wait(pending, return_when=FIRST_COMPLETED).done
+            for job in self._collect(pending, ready):
+                (suspects if job.deaths >= most else again).append(job)
+
+    def _collect(self, pending: dict[Future[Answer], _Job], ready: Iterable[Future[Answer]]) -> Iterator[_Job]:
+        """Commit what is done; yield what was lost with a worker."""
+        broken = False
+        for future in ready:
+            job = pending.pop(future)
+            error = future.exception()
+            if error is None:
+                answer = future.result()
+                check_versions(answer.versions, worker=answer.worker)  # a cluster's workers come and go
+                self._take(answer)
+            elif broken or self.crew.lost(error):
+                broken = True
+                job.deaths += 1
+                yield job
+            else:
+                raise error
+        if broken:
+            self.deaths += 1
+            self._tell()
+
+    def _take(self, answer: Answer) -> None:
+        self.store.commit(self.sweep, answer)
+        for point, pace in answer.paces:
+            self.paces[point] = self.pace = pace
+        self.fresh += len(answer.rows)
+        self.done += len(answer.rows)
+        self.failures += len(answer.failures)
+        self._tell()
+
+    def _tell(self) -> None:
+        if self.on_progress is not None:
+            seconds = time.monotonic() - self.began
+            self.on_progress(Progress(self.done, self.sweep.total, self.fresh, self.failures, self.deaths, seconds))
+
+    def _batches(self, gaps: list[Gap]) -> Iterator[Batch]:
+        """Cut what is missing into batches of about the wanted time, by what trials have taken so far."""
+        pieces: list[Piece] = []
+        expected, trials = 0.0, 0
+        for gap in gaps:
+            first = gap.first
+            while first < gap.stop:
+                pace = self.paces.get(gap.id, self.pace)
+                fitting = 1 if pace is None else max(1, int((self.batch_seconds - expected) / max(pace, 1e-7)))
+                stop = min(gap.stop, first + min(fitting, _LARGEST - trials))
+                pieces.append(self._piece(gap, first, stop))
+                expected += (stop - first) * (self.batch_seconds if pace is None else pace)
+                trials, first = trials + stop - first, stop
+                if expected >= 0.8 * self.batch_seconds or trials >= _LARGEST or len(pieces) >= _PIECES:
+                    yield Batch(self.sweep.seed, tuple(pieces))
+                    pieces, expected, trials = [], 0.0, 0
+        if pieces:
+            yield Batch(self.sweep.seed, tuple(pieces))
+
+    def _piece(self, gap: Gap, first: int, stop: int) -> Piece:
+        problem = gap.point.problem
+        opened: Any = opened_for(problem) if problem.is_file() else None
+        return Piece(gap.id, problem, gap.point.seeds, first, stop, opened)
+
+
+def _singles(batch: Batch) -> Iterator[Batch]:
+    """Yield a batch for each trial of a batch."""
+    for piece in batch.pieces:
+        for trial in range(piece.first, piece.stop):
+            yield Batch(batch.sweep_seed, (Piece(piece.point, piece.problem, piece.seeds, trial, trial + 1, piece.opened),))

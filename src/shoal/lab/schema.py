@@ -1,0 +1,163 @@
+"""The file of a store: its tables, how it is opened, and what its faults are called."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from shoal.errors import InvalidInputError, OutputError
+from shoal.version import __version__
+
+APPLICATION = 0x53484F41  # "SHOA"
+FORMAT = 1
+_WAIT = 30.0  # seconds for another process to finish its commit
+
+TABLES = """
+CREATE TABLE sweeps (
+  id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, spec TEXT NOT NULL, inputs TEXT NOT NULL, measures TEXT NOT NULL,
+  trials INTEGER NOT NULL, points INTEGER NOT NULL, created REAL NOT NULL, version TEXT NOT NULL
+);
+CREATE TABLE points (
+  id INTEGER PRIMARY KEY, sweep INTEGER NOT NULL REFERENCES sweeps (id), number INTEGER NOT NULL, key TEXT NOT NULL,
+  axes TEXT NOT NULL, UNIQUE (sweep, key)
+);
+CREATE TABLE batches (
+  id INTEGER PRIMARY KEY, sweep INTEGER NOT NULL REFERENCES sweeps (id), spec TEXT NOT NULL, seed INTEGER NOT NULL,
+  version TEXT NOT NULL, worker TEXT NOT NULL, trials INTEGER NOT NULL, failures INTEGER NOT NULL, seconds REAL NOT NULL,
+  finished REAL NOT NULL
+);
+CREATE TABLE trials (
+  point INTEGER NOT NULL REFERENCES points (id), trial INTEGER NOT NULL, seed INTEGER NOT NULL,
+  batch INTEGER NOT NULL REFERENCES batches (id), result TEXT NOT NULL, PRIMARY KEY (point, trial)
+) WITHOUT ROWID;
+CREATE TABLE failures (
+  point INTEGER NOT NULL REFERENCES points (id), trial INTEGER NOT NULL, seed INTEGER NOT NULL,
+  batch INTEGER NOT NULL REFERENCES batches (id), error TEXT NOT NULL, PRIMARY KEY (point, trial)
+) WITHOUT ROWID;
+CREATE INDEX batches_of_sweep ON batches (sweep, finished);
+"""
+
+
+def connect(path: Path, *, write: bool) -> sqlite3.Connection:
+    """Open a store; make it if it is to be written and is not there.
+
+    Raises
+    ------
+    InvalidInputError
+        If the file is no store, is damaged, or comes from a newer version.
+    OutputError
+        If it cannot be written.
+    """
+    existing = path.exists()
+    if path.is_dir():
+        raise InvalidInputError(f"{path}: expected a store, got a folder")
+    if not existing and not write:
+        raise InvalidInputError(f"{path}: expected a store, got nothing there")
+    if existing and path.stat().st_size == 0:
+        raise InvalidInputError(f"{path}: expected a store or a new name, got an empty file (remove it to start anew)")
+    if write and existing and not os.access(path, os.W_OK):
+        raise OutputError(f"cannot write {path}: it is read-only; nothing was changed")
+    with told(path):
+        connection = _opened(path, write=write)
+        try:
+            _check(connection, path)
+            if write:
+                _prepare(connection)
+        except BaseException:
+            connection.close()
+            raise
+    return connection
+
+
+def _opened(path: Path, *, write: bool) -> sqlite3.Connection:
+    if write:
+        return sqlite3.connect(path, timeout=_WAIT, isolation_level=None, check_same_thread=False)
+    uri = path.resolve().as_uri()
+    connection = sqlite3.connect(f"{uri}?mode=ro", uri=True, timeout=_WAIT, isolation_level=None, check_same_thread=False)
+    try:
+        connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except sqlite3.OperationalError as error:
+        connection.close()
+        if error.sqlite_errorcode & 0xFF not in {sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY}:
+            raise
+        # In a folder that cannot be written no shared memory can be made beside the file; then nobody writes it either.
+        connection = sqlite3.connect(f"{uri}?immutable=1", uri=True, isolation_level=None, check_same_thread=False)
+    return connection
+
+
+def _check(connection: sqlite3.Connection, path: Path) -> None:
+    """Refuse what is no store, or one that this version cannot read."""
+    application, number = (connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version"))
+    tables = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+    if application != APPLICATION:
+        if tables or application:
+            raise InvalidInputError(f"{path}: expected a store of Shoal, got another SQLite database")
+        return  # new
+    if number > FORMAT:
+        raise InvalidInputError(
+            f"{path}: expected a store of format {FORMAT} or below, got format {number}: it was written by a newer Shoal than "
+            f"{__version__}; upgrade, nothing was changed"
+        )
+    connection.execute("SELECT max(id) FROM points").fetchone()  # reads a page: a truncated file shows here
+
+
+def _prepare(connection: sqlite3.Connection) -> None:
+    """Make the tables if the file is new; let every commit reach the disk."""
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = FULL")  # with NORMAL a power cut would take the last commits
+    connection.execute("PRAGMA foreign_keys = ON")
+    with transaction(connection):
+        if connection.execute("PRAGMA application_id").fetchone()[0] == APPLICATION:
+            return
+        for statement in TABLES.split(";"):
+            connection.execute(statement)
+        connection.execute(f"PRAGMA application_id = {APPLICATION}")
+        connection.execute(f"PRAGMA user_version = {FORMAT}")
+
+
+@contextmanager
+def transaction(connection: sqlite3.Connection) -> Iterator[None]:
+    """Write all or nothing of what the block does."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        connection.execute("COMMIT")
+    except BaseException:
+        with suppress(sqlite3.Error):  # SQLite has rolled back itself after some errors
+            connection.execute("ROLLBACK")
+        raise
+
+
+@contextmanager
+def told(path: Path) -> Iterator[None]:
+    """Say SQLite's errors in one sentence each."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise _said(path, error) from error
+
+
+def _said(path: Path, error: sqlite3.Error) -> Exception:
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    kept = "every batch that was committed is kept, and the same command goes on from there"
+    if code == sqlite3.SQLITE_FULL or getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_IOERR_WRITE:
+        return OutputError(f"cannot write {path}: the disk is full; {kept}")
+    if code == sqlite3.SQLITE_READONLY:
+        return OutputError(f"cannot write {path}: it is read-only; nothing was changed")
+    if code == sqlite3.SQLITE_CANTOPEN:
+        return OutputError(f"cannot open {path}: its folder is missing or cannot be written")
+    if code == sqlite3.SQLITE_BUSY:
+        return OutputError(f"cannot write {path}: another process has been writing it for {_WAIT:g} seconds; {kept}")
+    if code == sqlite3.SQLITE_IOERR:
+        return OutputError(f"cannot read or write {path}: {error}; {kept}")
+    if code == sqlite3.SQLITE_NOTADB:
+        return InvalidInputError(f"{path}: expected a store (an SQLite database), got another kind of file")
+    if code == sqlite3.SQLITE_CORRUPT:
+        return InvalidInputError(
+            f"{path}: expected a whole store, got a damaged or truncated one ({error}); it was not changed: restore a "
+            "copy, or keep it and start a new one"
+        )
+    return InvalidInputError(f"{path}: expected a store, got {error}")

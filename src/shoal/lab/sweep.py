@@ -1,0 +1,349 @@
+"""Sweep: what to run, as a declaration; its points, their keys and the seeds of their trials."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from decimal import Decimal
+from functools import cached_property
+from itertools import product
+from math import exp, isfinite, log, prod
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
+
+from shoal.errors import InvalidInputError
+from shoal.lab.problems import FunctionProblem, Problem, problem_of, said
+
+MAX_POINTS = 100_000
+MAX_TRIALS = 1_000_000_000
+
+
+class RangeForm(BaseModel):
+    """An axis as a range: from, to and step, or from, to and count; the end belongs to it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    start: StrictInt | float = Field(alias="from")
+    stop: StrictInt | float = Field(alias="to")
+    step: StrictInt | float | None = None
+    count: StrictInt | None = Field(default=None, ge=1, le=MAX_POINTS)
+    scale: Literal["linear", "log"] = "linear"
+
+
+class SweepForm(BaseModel):
+    """A sweep file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str
+    problem: dict[str, Any]
+    axes: dict[str, list[Any] | dict[str, Any]] = Field(default_factory=dict)
+    trials: StrictInt = 1
+    seed: StrictInt = 0
+    paired: list[str] = Field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point of a sweep: a problem, played ``trials`` times.
+
+    Parameters
+    ----------
+    number : int
+        Its place in the sweep.
+    values : dict
+        By axis.
+    problem : Problem
+    key : str
+        A digest of the problem: what its trials are stored under.
+    seeds : str
+        What the seeds of its trials are made of, besides the seed of the sweep: the problem without the paired axes.
+    """
+
+    number: int
+    values: Mapping[str, Any]
+    problem: Problem
+    key: str
+    seeds: str
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Trials of one problem at every combination of values on some axes.
+
+    Parameters
+    ----------
+    name : str
+        Letters, digits, ``.``, ``_`` and ``-``.
+    problem : dict
+        ``kind`` ("swarm", "line", "schedule", "steering", "search" or "function") and the fields of that kind
+        (`shoal.lab.problems`).
+    axes : dict
+        Field -> list of values, or a range ``{"from": 100, "to": 5000, "step": 100}``; ``count`` instead of ``step``, with
+        ``"scale": "log"`` if wished. Of a function its arguments.
+    trials : int
+        At each point.
+    seed : int
+        Trial k of a point has a seed that depends on this one, the point's problem and k, and on nothing else.
+    paired : sequence of str
+        Axes that have no part in the seeds: points that differ in these only play trial k with the same seed.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+
+    Examples
+    --------
+    >>> sweep = Sweep(name="corridor", problem={"kind": "swarm", "map": "line:50"}, axes={"particles": [5, 10]}, trials=3)
+    >>> [point.problem.particles for point in sweep.points], sweep.total
+    ([5, 10], 6)
+    """
+
+    name: str
+    problem: Mapping[str, Any]
+    axes: Mapping[str, Any] = field(default_factory=dict)
+    trials: int = 1
+    seed: int = 0
+    paired: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        usable = isinstance(self.name, str) and 0 < len(self.name) <= 80 and self.name[0] not in ".-"
+        if not usable or not all(c.isascii() and (c.isalnum() or c in "._-") for c in self.name):
+            raise InvalidInputError(f"name: expected letters, digits and ._- (at most 80), got {self.name!r:.100}")
+        for name, value, least, most in (("trials", self.trials, 1, MAX_TRIALS), ("seed", self.seed, 0, 2**63 - 1)):
+            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+                raise InvalidInputError(f"{name}: expected a whole number from {least} to {most}, got {value!r}")
+        for name, given in (("problem", self.problem), ("axes", self.axes)):
+            if not isinstance(given, Mapping):
+                raise InvalidInputError(f"{name}: expected fields with values, got {given!r:.80}")
+        object.__setattr__(self, "problem", dict(self.problem))
+        object.__setattr__(self, "axes", {name: axis_values(name, values) for name, values in self.axes.items()})
+        object.__setattr__(self, "paired", tuple(self.paired))
+        for name in self.paired:
+            if name not in self.axes:
+                raise InvalidInputError(f"paired: expected names of axes ({', '.join(self.axes) or 'none'}), got {name!r}")
+        if self.n_points > MAX_POINTS:
+            raise InvalidInputError(f"axes: expected at most {MAX_POINTS} points, got {self.n_points}")
+        _ = self.points
+
+    @property
+    def n_points(self) -> int:
+        """Number of points."""
+        return prod(len(values) for values in self.axes.values())
+
+    @property
+    def total(self) -> int:
+        """Number of trials."""
+        return self.n_points * self.trials
+
+    @cached_property
+    def points(self) -> tuple[Point, ...]:
+        """All points, the last axis running fastest."""
+        kind = self.problem.get("kind")
+        made = tuple(
+            self._point(number, dict(zip(self.axes, values, strict=True)), function=kind == "function")
+            for number, values in enumerate(product(*self.axes.values()))
+        )
+        seen: dict[str, Point] = {}
+        for point in made:
+            other = seen.setdefault(point.key, point)
+            if other is not point:
+                raise InvalidInputError(f"axes: expected points that differ, got {_words(other.values)} and {_words(point.values)}")
+        return made
+
+    def _point(self, number: int, values: dict[str, Any], *, function: bool) -> Point:
+        fields = dict(self.problem)
+        if function:  # its axes are its arguments
+            fields["arguments"] = dict(fields.get("arguments", {})) | values
+        else:
+            fields |= values
+        problem = problem_of(fields, where=f"problem at {_words(values)}" if values else "problem")
+        if isinstance(problem, FunctionProblem):
+            kept = problem.model_copy(
+                update={"arguments": {name: value for name, value in problem.arguments.items() if name not in self.paired}}
+            )
+            seeds = kept.canonical()
+        else:
+            seeds = problem.canonical(without=self.paired)
+        return Point(number, values, problem, digest_of(problem.canonical()), seeds)
+
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """What a trial measures."""
+        return self.points[0].problem.columns
+
+    def describe(self) -> dict[str, Any]:
+        """Return the sweep as JSON can hold it, one way for equal sweeps."""
+        return {
+            "name": self.name,
+            "problem": self.problem,
+            "axes": {name: list(values) for name, values in self.axes.items()},
+            "trials": self.trials,
+            "seed": self.seed,
+            "paired": list(self.paired),
+        }
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Sweep:
+        """Read a sweep file (TOML).
+
+        Raises
+        ------
+        InvalidInputError
+            With the file and the line or field.
+        """
+        source = Path(path)
+        try:
+            data = tomllib.loads(source.read_text(encoding="utf-8-sig"))
+        except OSError as error:
+            raise InvalidInputError(f"cannot read {source}: {error.strerror or error}") from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise InvalidInputError(f"{source}: expected TOML in UTF-8, got something else: {error}") from None
+        return sweep_of(data, where=str(source))
+
+
+def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:
+    """Return the sweep that parsed TOML or JSON describes.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    try:
+        form = SweepForm.model_validate(data)
+    except ValidationError as error:
+        raise InvalidInputError(said(error, where=where)) from None
+    try:
+        return Sweep(form.name, form.problem, form.axes, form.trials, form.seed, tuple(form.paired))
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{where}: {error}") from None
+
+
+def axis_values(name: str, given: Any) -> tuple[Any, ...]:
+    """Return the values of an axis: a list as it is, a range written out.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> axis_values("particles", {"from": 100, "to": 500, "step": 200})
+    (100, 300, 500)
+    >>> axis_values("loss", {"from": 0, "to": 0.3, "step": 0.1})
+    (0.0, 0.1, 0.2, 0.3)
+    >>> axis_values("particles", {"from": 1, "to": 1000, "count": 4, "scale": "log"})
+    (1, 10, 100, 1000)
+    """
+    where = f"axes.{name}"
+    if isinstance(given, Mapping):
+        try:
+            values = _range(RangeForm.model_validate(given), where)
+        except ValidationError as error:
+            raise InvalidInputError(said(error, where=where)) from None
+    elif isinstance(given, list | tuple | range):
+        values = tuple(given)
+    else:
+        raise InvalidInputError(f"{where}: expected a list of values or a range, got {given!r:.80}")
+    if not values:
+        raise InvalidInputError(f"{where}: expected one value or more, got none")
+    for value in values:
+        if isinstance(value, float) and not isfinite(value):
+            raise InvalidInputError(f"{where}: expected finite numbers, got {value!r}")
+        try:
+            json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError):
+            raise InvalidInputError(
+                f"{where}: expected texts, numbers, truth values or lists of these, got {value!r:.80}"
+            ) from None
+    return values
+
+
+def _range(form: RangeForm, where: str) -> tuple[Any, ...]:
+    if (form.step is None) == (form.count is None):
+        raise InvalidInputError(f"{where}: expected either step or count, got {'neither' if form.step is None else 'both'}")
+    whole = isinstance(form.start, int) and isinstance(form.stop, int)
+    if form.count is not None:
+        return _spaced(form, whole=whole, where=where)
+    assert form.step is not None  # one of the two is given
+    if form.scale == "log" or form.step == 0 or (form.stop - form.start) / form.step < 0:
+        raise InvalidInputError(f"{where}: expected a step that leads from {form.start} to {form.stop}, got {form.step}")
+    # In decimals, so that 0.1, 0.2, 0.3 are these and not 0.30000000000000004.
+    start, stop, step = (Decimal(str(number)) for number in (form.start, form.stop, form.step))
+    steps = int((stop - start) / step)
+    if steps > MAX_POINTS:
+        raise InvalidInputError(f"{where}: expected at most {MAX_POINTS} values, got {steps + 1}")
+    values = [start + step * k for k in range(steps + 1)]
+    return tuple(int(value) if whole and isinstance(form.step, int) else float(value) for value in values)
+
+
+def _spaced(form: RangeForm, *, whole: bool, where: str) -> tuple[Any, ...]:
+    """Return ``count`` values; between whole numbers the nearest whole ones, each once."""
+    count = form.count or 1
+    if form.scale == "log" and not (form.start > 0 and form.stop > 0):
+        raise InvalidInputError(f"{where}: expected a logarithmic range between numbers above 0, got {form.start} to {form.stop}")
+    low, high = (log(form.start), log(form.stop)) if form.scale == "log" else (form.start, form.stop)
+    raw = [low + (high - low) * k / max(1, count - 1) for k in range(count)]
+    values = [exp(value) for value in raw] if form.scale == "log" else raw
+    if whole:
+        return tuple(dict.fromkeys(round(value) for value in values))
+    return tuple(float(f"{value:.12g}") for value in values)
+
+
+def _words(values: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in values.items())
+
+
+def digest_of(content: str | bytes) -> str:
+    """Return a short digest of a text, or of bytes."""
+    return hashlib.blake2b(content.encode() if isinstance(content, str) else content, digest_size=16).hexdigest()
+
+
+def trial_seed(sweep_seed: int, seeds: str, trial: int) -> int:
+    """Return the seed of a trial: 63 bits of a digest of (seed of the sweep, problem without paired axes, trial).
+
+    Examples
+    --------
+    >>> trial_seed(0, "{}", 0) == trial_seed(0, "{}", 0) != trial_seed(0, "{}", 1)
+    True
+    """
+    digest = hashlib.blake2b(f"{sweep_seed}\n{seeds}\n{trial}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "big") >> 1
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any], *, path: str = "") -> Iterator[str]:
+    """Yield what differs between two descriptions, as "trials: 10 -> 20".
+
+    Examples
+    --------
+    >>> list(differences({"trials": 10, "axes": {"n": [1]}}, {"trials": 20, "axes": {"n": [1, 2]}}))
+    ['trials: 10 -> 20', 'axes.n: [1] -> [1, 2]']
+    """
+    for name in dict.fromkeys([*old, *new]):
+        here = f"{path}.{name}" if path else name
+        before, after = old.get(name), new.get(name)
+        if isinstance(before, Mapping) and isinstance(after, Mapping):
+            yield from differences(before, after, path=here)
+        elif before != after:
+            said_as = [("none" if value is None else _shortened(json.dumps(value))) for value in (before, after)]
+            yield f"{here}: {said_as[0]} -> {said_as[1]}"
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= 60 else f"{text[:40]} ... {text[-15:]}"
+
+
+def distinct_sources(points: tuple[Point, ...]) -> Iterator[Point]:
+    """Yield the first point of each thing that points open."""
+    seen: set[tuple[str, str | None]] = set()
+    for point in points:
+        source = (point.problem.kind, point.problem.source())
+        if source not in seen:
+            seen.add(source)
+            yield point

@@ -1,0 +1,48 @@
+"""Functions that sweeps of the tests play: quick ones, ones that fail, ones that kill the worker that plays them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+
+def number(*, seed: int, factor: int = 1, pause: float = 0.0) -> dict[str, object]:
+    """Return something that depends on the seed and an argument."""
+    time.sleep(pause)
+    return {"value": seed % 1000 * factor, "half": seed % 7 / 2, "word": "even" if seed % 2 == 0 else "odd"}
+
+
+number.measures = ("value", "half", "word")
+
+
+def picky(*, seed: int, limit: int) -> dict[str, object]:
+    """Fail for some seeds."""
+    if seed % 10 < limit:
+        raise RuntimeError(f"seed {seed}\nis one that I do not like")
+    return {"value": seed}
+
+
+picky.measures = ("value",)
+
+
+def deadly(*, seed: int, folder: str, times: int) -> dict[str, object]:
+    """Kill the worker that plays it, so many times for each seed that ends with a 3."""
+    mark = Path(folder) / str(seed)
+    deaths = len(mark.read_text()) if mark.exists() else 0
+    if seed % 10 == 3 and deaths < times:
+        mark.write_text("x" * (deaths + 1))
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"value": seed}
+
+
+deadly.measures = ("value",)
+
+
+def endless(*, seed: int) -> dict[str, object]:
+    """Return what JSON cannot hold."""
+    return {"value": float("inf")}
+
+
+endless.measures = ("value",)

@@ -1,0 +1,104 @@
+"""A Dask cluster gives what processes give, also when a worker is killed."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import warnings
+from pathlib import Path
+
+import pytest
+
+from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.lab import Store, Sweep, run_sweep
+
+distributed = pytest.importorskip("distributed")
+
+PROBLEM = {"kind": "function", "function": "tests.unit.sweep_functions:number", "arguments": {"pause": 0.01}}
+
+
+def sweep(trials=60):
+    return Sweep(name="numbers", problem=PROBLEM, axes={"factor": [1, 2, 3, 4]}, trials=trials, seed=8)
+
+
+@pytest.fixture
+def cluster(monkeypatch):
+    """Four worker processes on this machine, without a page to watch them."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2]))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        made = distributed.LocalCluster(
+            n_workers=4, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50, memory_limit=None
+        )
+        yield made
+        made.close()
+
+
+def rows_of(path):
+    with Store(path) as store:
+        assert store.check() == []
+        return [*store.rows("numbers")]
+
+
+@pytest.mark.filterwarnings("ignore")  # of Dask's own, when a worker is killed
+def test_a_cluster_with_a_killed_worker_gives_the_same_rows(cluster, tmp_path):
+    processes = {worker.process.process.pid for worker in cluster.workers.values()}
+    assert len(processes) == 4
+    victim = sorted(processes)[0]
+
+    def kill_midway(progress):
+        if progress.done > 60 and not killed.is_set():
+            killed.set()
+            os.kill(victim, signal.SIGKILL)
+
+    killed = threading.Event()
+    status = run_sweep(sweep(), tmp_path / "dask", dask=cluster.scheduler_address, on_progress=kill_midway, batch_seconds=0.05)
+    assert killed.is_set()
+    assert status.complete
+    run_sweep(sweep(), tmp_path / "two", workers=2, batch_seconds=0.05)
+    run_sweep(sweep(), tmp_path / "one", workers=0)
+    assert rows_of(tmp_path / "dask") == rows_of(tmp_path / "two") == rows_of(tmp_path / "one")
+    with Store(tmp_path / "dask") as store:
+        workers = {worker for (worker,) in store._ask("SELECT DISTINCT worker FROM batches")}
+    assert len(workers) >= 4
+
+
+def test_nobody_at_the_address(tmp_path):
+    with pytest.raises(InvalidInputError, match="expected a scheduler at"):
+        run_sweep(sweep(), tmp_path / "s", dask="nonsense address")
+    with pytest.raises(InvalidInputError, match="expected none with a Dask cluster, which has its own, got 3"):
+        run_sweep(sweep(), tmp_path / "s", dask="tcp://127.0.0.1:1", workers=3)
+
+
+def test_without_dask_the_sentence_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'shoal\[cluster\]'"):
+        run_sweep(sweep(), tmp_path / "s", dask="tcp://127.0.0.1:1")
+
+
+def test_workers_end_with_their_coordinator():
+    """As after kill -9 of it: a worker watches its parent, and does not wait for work for ever."""
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    coordinator = context.Process(target=coordinate, args=(theirs,))
+    coordinator.start()
+    worker = ours.recv()
+    coordinator.kill()
+    coordinator.join()
+    theirs.close()
+    for _ in range(500):
+        if not Path(f"/proc/{worker}").exists() or ") Z " in Path(f"/proc/{worker}/stat").read_text():
+            return
+        threading.Event().wait(0.02)
+    raise AssertionError("the worker is still there")
+
+
+def coordinate(pipe):
+    from shoal.lab.crews import Processes
+
+    crew = Processes(1)
+    pipe.send(crew.submit(os.getpid).result())
+    threading.Event().wait()
