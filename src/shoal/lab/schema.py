@@ -51,7 +51,10 @@ def connect(path: Path, *, write: bool) -> sqlite3.Connection:
     OutputError
         If it cannot be written.
     """
-    existing = path.exists()
+    try:
+        existing = path.exists()
+    except OSError as error:
+        raise InvalidInputError(f"{path}: expected a store that can be looked at, got {error.strerror}") from None
     if path.is_dir():
         raise InvalidInputError(f"{path}: expected a store, got a folder")
     if not existing and not write:
