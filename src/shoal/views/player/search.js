@@ -41,6 +41,7 @@
     }
     fillRows($("details"), [
       ["Findings", number(story.findings.length)],
+      ...(story.obstacles.length ? [["Obstacles met", number(story.obstacles.length)]] : []),
       ["Side of a cell", `${Number(story.size.toPrecision(4))} m`],
       ["Allocation", story.allocation],
       ["Seed", String(story.seed)],
