@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,9 @@ SIDE = {".gif": 480, ".mp4": 960}
 OnFrame = Callable[[int, int], None]
 """Called with (frames done, frames in all)."""
 Frame = NDArray[np.uint8]
+At = TypeVar("At")
+At_contra = TypeVar("At_contra", contravariant=True)
+_SAMPLES = 6  # frames that the colours of a GIF are taken from
 _KEPT = 32  # colours that are most frequent and so stay exactly as they are
 _APART = 9  # least difference of two colours of a palette: Pillow looks colours up to the next lower multiple of 4
 
@@ -59,6 +63,28 @@ def counted(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> It
         yield frame
         if on_frame is not None:
             on_frame(done, total)
+
+
+class Drawn(Protocol[At_contra]):
+    """A film that can be drawn at any moment."""
+
+    width: int
+    height: int
+
+    def frames(self, moments: Sequence[At_contra], /) -> Iterator[Frame]:
+        """Yield the frames at some moments."""
+
+
+def encode(
+    path: Path, film: Drawn[At], moments: Sequence[At], *, rate: float, quality: int, gif: bool, on_frame: OnFrame | None
+) -> None:
+    """Write the frames of a film at some moments: a GIF, whose colours are taken from a few of them, or H.264 of a quality."""
+    frames, side = counted(film.frames(moments), len(moments), on_frame), max(film.width, film.height)
+    if gif:
+        sample = [moments[k] for k in np.linspace(0, len(moments) - 1, _SAMPLES).astype(int)]
+        write_gif(path, frames, rate, palette=palette_of(list(film.frames(sample))), side=side)
+    else:
+        write_mp4(path, frames, rate, side=side, quality=quality)
 
 
 def palette_of(frames: list[Frame]) -> bytes:

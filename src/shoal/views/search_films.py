@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shoal.files import atomic
 from shoal.search import SearchEpisode
 from shoal.views.charts import INK, MUTED
-from shoal.views.encoding import LONGEST, OnFrame, check_film, counted, palette_of, write_gif, write_mp4
+from shoal.views.encoding import LONGEST, OnFrame, check_film, encode
 from shoal.views.search import cell_colours
 from shoal.views.search_story import SearchStory, Stretch, rings_of, robot_colour
 
@@ -25,7 +25,6 @@ HEIGHT = {".gif": 432, ".mp4": 720}
 SECONDS = 24.0
 _SHORTEST = 4.0
 _REST = 1.2  # seconds for which the end stays
-_SAMPLES = 6  # frames that the colours of a GIF are taken from
 _GROUND, _EDGE, _BAR = "#f1f3f5", "#39424e", "#dfe3e8"
 _FLASH = 40  # rings of a takeover grow for so large a part of the film: 1/40
 
@@ -58,13 +57,7 @@ def write_search_film(episode: SearchEpisode, path: str | os.PathLike[str], *, o
             return
         film = SearchFilm(episode, height=HEIGHT[suffix])
         times = film.times(RATE[suffix], LONGEST[suffix])
-        frames = counted(film.frames(times), len(times), on_frame)
-        if suffix == ".gif":
-            sample = times[np.linspace(0, len(times) - 1, _SAMPLES).astype(int)]
-            palette = palette_of(list(film.frames(sample)))
-            write_gif(temporary, frames, RATE[suffix], palette=palette, side=max(film.width, film.height))
-        else:
-            write_mp4(temporary, frames, RATE[suffix], side=max(film.width, film.height), quality=22)
+        encode(temporary, film, times, rate=RATE[suffix], quality=22, gif=suffix == ".gif", on_frame=on_frame)
 
 
 class SearchFilm:
@@ -96,18 +89,18 @@ class SearchFilm:
         self._rings = [[self._at(ring) for ring in part] for part in rings_of(episode.plan.grid.region.area)]
         self._outlines = [list(self._at(self.story.outline(robot))) for robot in range(self.story.n_robots)]
 
-    def times(self, rate: float, longest: int) -> NDArray[np.float64]:
+    def times(self, rate: float, longest: int) -> list[float]:
         """Return when the frames are, in the time of a cell; the end stays for a while."""
         seconds = float(np.clip(self.story.end / 8, _SHORTEST, SECONDS))
         rest = round(_REST * rate)
         count = min(round(seconds * rate), longest - rest)
-        return np.concatenate([np.linspace(0, self.story.end, count), np.full(rest, self.story.end)])
+        return [*np.linspace(0, self.story.end, count).tolist(), *[self.story.end] * rest]
 
-    def frames(self, times: NDArray[np.float64]) -> Iterator[NDArray[np.uint8]]:
+    def frames(self, times: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
         """Yield the picture at each time; uint8, shape (height, width, 3)."""
         self._draw_background()
         drawn = -1.0
-        for time in times.tolist():
+        for time in times:
             if time < drawn or self.story.searched(time) != self.story.searched(drawn):
                 self._draw_cells(time)
             drawn = time

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import pi, sin
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shoal.files import atomic
 from shoal.steering import SteeringEpisode
 from shoal.views.charts import INK, MUTED
-from shoal.views.encoding import LONGEST, OnFrame, check_film, counted, palette_of, write_gif, write_mp4
+from shoal.views.encoding import LONGEST, OnFrame, check_film, encode
 from shoal.views.steering_motion import Leg, Moment, Schedule, has_delta, legs_of
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 RATE = {".gif": 20, ".mp4": 30}  # frames a second
 HEIGHT = {".gif": 432, ".mp4": 720}
-_SAMPLES = 5  # frames that the colours of a GIF are taken from
 _TURN = 0.5  # radians to both sides by which a camera turns in a film
 _LINE, _BAR = "#dfe3e8", "#0072b2"
 
@@ -57,13 +56,7 @@ def write_steering_film(episode: SteeringEpisode, path: str | os.PathLike[str], 
         schedule = Schedule(legs, size=episode.problem.workspace.size)
         moments, rate = schedule.moments(RATE[suffix], LONGEST[suffix])
         film = SteeringFilm(episode, legs, height=HEIGHT[suffix])
-        frames = counted(film.frames(moments), len(moments), on_frame)
-        if suffix == ".gif":
-            sample = [moments[k] for k in np.linspace(0, len(moments) - 1, _SAMPLES).astype(int)]
-            palette = palette_of(list(film.frames(sample)))
-            write_gif(temporary, frames, rate, palette=palette, side=max(film.width, film.height))
-        else:
-            write_mp4(temporary, frames, rate, side=max(film.width, film.height), quality=20)
+        encode(temporary, film, moments, rate=rate, quality=20, gif=suffix == ".gif", on_frame=on_frame)
 
 
 class SteeringFilm:
@@ -103,7 +96,7 @@ class SteeringFilm:
             scene.draw_background()
         self._canvas.keep()
 
-    def frames(self, moments: list[Moment]) -> Iterator[NDArray[np.uint8]]:
+    def frames(self, moments: Sequence[Moment]) -> Iterator[NDArray[np.uint8]]:
         """Yield the picture of each moment; uint8, shape (height, width, 3)."""
         for number, moment in enumerate(moments):
             self._canvas.clear()
