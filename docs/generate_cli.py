@@ -12,7 +12,7 @@ from pathlib import Path
 
 TARGET = Path(__file__).parent / "cli.md"
 COMMANDS = ("", "map", "cover", "maps", "replay", "line", "schedule", "steer", "reach", "search", "tour", "missions check")
-COMMANDS += ("sweep run", "sweep status", "sweep summary", "sweep export", "sweep check", "demo")
+COMMANDS += ("sweep run", "sweep status", "sweep summary", "sweep export", "sweep check", "reproduce", "demo")
 WIDTH = "84"  # what fits the page
 COLOURED = ("FORCE_COLOR", "PY_COLORS", "GITHUB_ACTIONS", "TTY_COMPATIBLE")  # each would put escape codes into the text
 INTRO = """# Commands

@@ -14,7 +14,7 @@ from shoal.version import __version__
 FIELDS = ["task", "policy", "map", "particles", "placement", "rule", "seed", "trials", "moves", "status", "mean", "std"]
 FIELDS += ["scan_every", "scan_cost", "move_cost", "scans", "cost", "mean_cost"]
 COMMANDS = ["map", "cover", "maps", "replay", "line", "schedule", "steer", "reach", "search", "tour", "missions check", "demo"]
-COMMANDS += ["sweep run", "sweep status", "sweep summary", "sweep export", "sweep check"]
+COMMANDS += ["sweep run", "sweep status", "sweep summary", "sweep export", "sweep check", "reproduce"]
 
 
 def names_of(typer_app):

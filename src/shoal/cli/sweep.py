@@ -57,9 +57,7 @@ def run(
     ] = None,
     dask: Annotated[
         str | None,
-        typer.Option(
-            "--dask", metavar="ADDRESS", help="Use the workers of the Dask scheduler at HOST:PORT.", show_default=False
-        ),
+        typer.Option("--dask", metavar="ADDRESS", help="Use the workers of the Dask scheduler at HOST:PORT.", show_default=False),
     ] = None,
     trials: Annotated[
         int | None, typer.Option("--trials", help="Trials a point, instead of the file's.", show_default=False)
