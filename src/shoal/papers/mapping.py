@@ -120,11 +120,10 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         counted += [[name, int(value), int(count)] for value, count in zip(values, times, strict=True)]
     sentence = (
         f"First and last particle: {first:.2f} exact, 90.94 and 90.98 printed, which is the paper's Monte Carlo. The largest gap "
-        f"is {largest:.1f} exact; the paper's 273.9 takes gaps as differences of positions, one too many where particles bound "
-        "them."
+        f"is {largest:.1f} exact; the printed 273.9 fits gaps taken as differences of positions, one too many between particles."
     )
     histogram = Table("placements by value", ["quantity", "value", "placements"], counted, shown=False)
-    return Outcome(gap_distributions(line, drawn), sentence, (table, histogram), fits)
+    return Outcome(gap_distributions(line, drawn), sentence, (table, histogram), fits, f"{NO_DATA} but means in the text")
 
 
 def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
@@ -155,7 +154,7 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         f"gives {published:.2f}, the printed 60.7."
     )
     histogram = Table("placements by moves", ["quantity", "moves", "placements"], counted, shown=False)
-    return Outcome(move_distributions(line, drawn), sentence, (table, histogram), fits)
+    return Outcome(move_distributions(line, drawn), sentence, (table, histogram), fits, f"{NO_DATA} but means in the text")
 
 
 # Fig. 7: four maps, and one dimension

@@ -78,12 +78,15 @@ class Outcome:
     tables : tuple of Table
     ok : bool
         Whether what the recipe promises holds.
+    note : str
+        What is to be written below the figure, if its drawing has not done so: that nothing is published, or what is.
     """
 
     figure: Figure
     sentence: str
     tables: tuple[Table, ...]
     ok: bool = True
+    note: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +169,7 @@ def counts_of(n_free: int, parts: int = 50) -> list[int]:
 
 def near(x: NDArray[np.float64], mean: NDArray[np.float64], at: float) -> float:
     """Return a curve's value at a number of particles, between its points on logarithmic scales."""
-    return float(np.exp(np.interp(np.log(at), np.log(x), np.log(mean))))
+    return float(np.exp(np.interp(np.log(at), np.log(x), np.log(np.maximum(mean, 1e-9)))))
 
 
 def estimates(store: Store, sweep: Sweep, measure: str) -> list[Row]:

@@ -126,9 +126,11 @@ def _no_fewer(path: Path, sweep: Sweep) -> Sweep:
 
 
 def _write(folder: Path, recipe: Recipe, outcome: Outcome, sweeps: Sequence[Sweep]) -> tuple[Path, ...]:
+    from shoal.views.curves import add_note
     from shoal.views.figures import save_figure
 
     files = [folder / f"{recipe.name}.png"]
+    add_note(outcome.figure, outcome.note)
     save_figure(outcome.figure, files[0])
     for k, table in enumerate(outcome.tables):
         path = folder / f"{recipe.name}{f'-{k + 1}' * bool(k)}.csv"

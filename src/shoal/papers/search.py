@@ -8,7 +8,7 @@ from shoal.lab.store import Store
 from shoal.lab.sweep import Sweep
 from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, curve_of, estimates
 from shoal.search.expectation import stay_share
-from shoal.views.curves import Curve, Labels, mean_curves
+from shoal.views.curves import Curve, Labels, Published, mean_curves
 
 ROBOTS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 40, 50)
 CELLS = 1024  # 32 a side, of 10 m
@@ -24,12 +24,19 @@ def _fig5_sweeps(settings: Settings) -> list[Sweep]:
 def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     rows = estimates(store, sweeps[0], "planned")
     found = curve_of("", rows, "robots")
-    share = Curve("robots that stay, T_E", found.x, 100 * found.mean / CELLS, 100 * found.low / CELLS, 100 * found.high / CELLS)
+    share = Curve(
+        "robots that stay: T$_E$",
+        found.x,
+        100 * found.mean / CELLS,
+        100 * found.low / CELLS,
+        100 * found.high / CELLS,
+        Published(np.array([20.0]), np.array([20.0]), points=True),
+    )
     theory = np.array([100 * stay_share(int(m)) for m in ROBOTS])
     least = 100 / np.array(ROBOTS)
     flat = [
         Curve(label, found.x, values, values, values)
-        for label, values in (("theory, H_m/m", theory), ("no search is faster, 1/m", least))
+        for label, values in (("theory: H$_m$/m", theory), ("no search is faster: 1/m", least))
     ]
     at = ROBOTS.index(20)
     table = Table(
@@ -49,9 +56,13 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         f"does. {NO_DATA.capitalize()} but the words about 20 robots."
     )
     labels = Labels(
-        "Searching from random starts", "robots m", "% of one robot's time", note=f"{CELLS} cells, Moore's tour; {NO_DATA}"
+        "Searching from random starts",
+        "robots m",
+        "% of one robot's time",
+        "printed: less than that",
+        note=f"{CELLS} cells, Moore's tour; {NO_DATA}",
     )
-    figure = mean_curves([share, *flat], labels, log_y=True, log_x=True)
+    figure = mean_curves([share, *flat], labels, log_y=False)
     return Outcome(figure, sentence, (table,), bool(share.mean[at] < 20 and growth > 1))
 
 

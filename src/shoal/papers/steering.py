@@ -97,7 +97,9 @@ def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         for x, y in outline[::16]
     ]
     data = Table("outlines, every 16th corner", ["sides", "moves", "x", "y"], outlines, shown=False)
-    return Outcome(reachable_sets(fillings), sentence, (Table("moves that fill", columns, rows), data), enough[5] == enough[6] == 1)
+    return Outcome(
+        reachable_sets(fillings), sentence, (Table("moves that fill", columns, rows), data), enough[5] == enough[6] == 1, NO_DATA
+    )
 
 
 def _distances(settings: Settings) -> list[float]:
@@ -127,7 +129,13 @@ def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     )
     columns = ["distance", "moves", "ours, %", "printed, %", "difference"]
     every = Table("all shares", ["distance", *(f"{m} moves" for m in CYCLES)], np.round(table, 6).tolist(), shown=False)
-    return Outcome(fraction_curves(data), sentence, (Table("shares reached", columns, rows), every), worst <= 1.0)
+    return Outcome(
+        fraction_curves(data),
+        sentence,
+        (Table("shares reached", columns, rows), every),
+        worst <= 1.0,
+        f"{NO_DATA} but the numbers in the text, circles",
+    )
 
 
 def _fig9_sweeps(settings: Settings) -> list[Sweep]:
@@ -145,11 +153,11 @@ def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     shares = [float(row[-1]) for row in rows]
     sentence = (
         f"After fourteen moves {shares[0]} and {shares[1]} % of all differences are reached from {EXAMPLES[0]} and {EXAMPLES[1]} "
-        f"diameters. The sets are drawn from the corrected formulas (errata 3 to 8 of paper W); {NO_DATA}."
+        f"diameters. The sets are drawn from the corrected formulas; {NO_DATA}."
     )
     shown = Table("reached, %", ["distance", *(f"{m} moves" for m in CYCLES)], rows)
     data = Table("outlines, every 8th corner", ["distance", "moves", "x", "y"], outlines, shown=False)
-    return Outcome(disk_sets(), sentence, (shown, data))
+    return Outcome(disk_sets(), sentence, (shown, data), note=NO_DATA)
 
 
 def _goals(name: str, workspace: str, start: Any, fixed: Any, varied: int, settings: Settings, *, either: bool = False) -> Sweep:
@@ -229,7 +237,7 @@ def _fig14(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     )
     figure = goal_maps([[(sweep, "moves"), (sweep, "length")] for sweep in made])
     shown = (_goal_table(names, made), _goal_data(names, made))
-    return Outcome(figure, sentence, shown, not any(sweep.unsolved for sweep in made))
+    return Outcome(figure, sentence, shown, not any(sweep.unsolved for sweep in made), NO_DATA)
 
 
 def _fig15_sweeps(settings: Settings) -> list[Sweep]:
@@ -262,7 +270,7 @@ def _fig15(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     ]
     data = Table("error by length", ["toucher", "cycles", "length", "error"], points, shown=False)
     figure = antipode_errors(second, nearer, (across, "the nearer touches, Δ at the start across"))
-    return Outcome(figure, sentence, (table, data), same and abs(exponent - 3) < 0.2)
+    return Outcome(figure, sentence, (table, data), same and abs(exponent - 3) < 0.2, f"{NO_DATA} but the law of its fit")
 
 
 def _fig16_sweeps(settings: Settings) -> list[Sweep]:
@@ -289,7 +297,7 @@ def _fig16(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     names = [f"case {k + 1}{', interchangeable' * flag}" for flag in (0, 1) for k in range(len(SQUARE_CASES))]
     figure = goal_maps([[(s, "length") for s in alone], [(s, "moves") for s in alone], [(s, "length") for s in either]])
     columns = ["case", "longest", "interchangeable", "less, %", "printed less, %", "most moves"]
-    return Outcome(figure, sentence, (Table("longest plans", columns, rows), _goal_data(names, made)), not worse)
+    return Outcome(figure, sentence, (Table("longest plans", columns, rows), _goal_data(names, made)), not worse, NO_DATA)
 
 
 RECIPES = (

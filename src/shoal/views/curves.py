@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,9 +93,17 @@ def mean_curves(curves: Sequence[Curve], labels: Labels, *, log_x: bool = False,
     _key(axes, curves, labels)
     set_title(axes, labels.title)
     plain_axes(axes)
-    if labels.note:
-        figure.supxlabel(labels.note, fontsize=8, color=MUTED, x=0.01, ha="left")
+    add_note(figure, labels.note)
     return figure
+
+
+def add_note(figure: Figure, note: str) -> None:
+    """Write a note below a figure, or above it where a legend stands below."""
+    note = fill(note, width=int(17 * figure.get_figwidth()))
+    if note and figure.legends:
+        figure.suptitle(note, fontsize=8, color=MUTED, x=0.01, ha="left")
+    elif note:
+        figure.supxlabel(note, fontsize=8, color=MUTED, x=0.01, ha="left")
 
 
 def _behind(axes: Axes, published: Published | None, colour: str) -> None:
@@ -111,7 +120,7 @@ def _behind(axes: Axes, published: Published | None, colour: str) -> None:
     if published.std is not None:
         below = np.maximum(published.mean - published.std, published.mean / 5)
         axes.fill_between(published.x, below, published.mean + published.std, color=MUTED, alpha=0.16, lw=0, zorder=1)
-    axes.plot(published.x, published.mean, color=MUTED, lw=3.2, alpha=0.55, zorder=2, solid_capstyle="round")
+    axes.plot(published.x, published.mean, color=MUTED, lw=5, alpha=0.5, zorder=2, solid_capstyle="round")
 
 
 def _above_zero(mean: Numbers, errors: Numbers | None) -> Numbers | None:
@@ -132,7 +141,7 @@ def _key(axes: Axes, curves: Sequence[Curve], labels: Labels) -> None:
     ]
     lines = [curve.published for curve in curves if curve.published is not None and not curve.published.points]
     if lines:
-        handles.append(Line2D([], [], color=MUTED, lw=3.2, alpha=0.55, label=labels.published))
+        handles.append(Line2D([], [], color=MUTED, lw=5, alpha=0.5, label=labels.published))
         if any(line.std is not None for line in lines):
             handles.append(Patch(facecolor=MUTED, alpha=0.16, label="± one standard deviation"))
     if any(curve.published is not None and curve.published.points for curve in curves):

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.views.charts import INK, MUTED, new_figure, plain_axes, set_title
-from shoal.views.curves import COLOURS
+from shoal.views.charts import INK, new_figure, plain_axes, set_title
+from shoal.views.curves import COLOURS, add_note
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,6 +47,5 @@ def frontier_curves(groups: Mapping[str, Sequence[NDArray[np.int32]]], *, title:
     axes.legend(frameon=False, fontsize=9, labelcolor=INK)
     set_title(axes, title)
     plain_axes(axes)
-    if note:
-        figure.supxlabel(note, fontsize=8, color=MUTED, x=0.01, ha="left")
+    add_note(figure, note)
     return figure
