@@ -30,6 +30,7 @@ COMMANDS = (
     "sweep summary",
     "sweep export",
     "sweep check",
+    "reproduce",
     "demo",
 )
 WIDTH = "84"  # what fits the page

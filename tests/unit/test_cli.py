@@ -31,6 +31,7 @@ COMMANDS = [
     "sweep summary",
     "sweep export",
     "sweep check",
+    "reproduce",
     "demo",
 ]
 

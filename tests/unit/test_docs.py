@@ -47,6 +47,7 @@ MODULES = [
     "lab.store",
     "lab.sweep",
     "lab.trials",
+    "papers.reproduce",
     "swarm.belief",
     "swarm.boards",
     "swarm.commands",

@@ -11,7 +11,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from shoal.cli import demo, driving, maps, missions, replay, search, searching, steering, swarm, sweep, theory
+from shoal.cli import demo, driving, maps, missions, replay, reproduce, search, searching, steering, swarm, sweep, theory
 from shoal.cli.output import say
 from shoal.errors import ShoalError
 from shoal.version import __version__
@@ -36,6 +36,7 @@ app.command("search", epilog=searching.SEARCH_EXAMPLE)(searching.search)
 app.command("tour", epilog=search.TOUR_EXAMPLE)(search.tour)
 app.add_typer(missions.app, name="missions")
 app.add_typer(sweep.app, name="sweep")
+app.command("reproduce", epilog=reproduce.EXAMPLE)(reproduce.reproduce)
 app.command("demo", epilog=demo.EXAMPLE)(demo.demo)
 
 

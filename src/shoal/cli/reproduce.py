@@ -1,0 +1,115 @@
+"""shoal reproduce: the papers' figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from shoal.cli import options
+from shoal.cli.output import check_folder, print_json, print_table, quiet, say
+from shoal.cli.sweep import live
+from shoal.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from shoal.papers import Result
+
+EXAMPLE = "Example: shoal reproduce h-fig5 --quick --trials 20 --out figures"
+
+
+def reproduce(
+    figure: Annotated[
+        str | None, typer.Argument(metavar="[FIGURE]", help="Such as m-fig7; without one all are listed.", show_default=False)
+    ] = None,
+    all_: Annotated[bool, typer.Option("--all", help="Every figure, the checks of all errata, and a page of results.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer trials and coarser maps.")] = False,
+    trials: Annotated[
+        int | None, typer.Option("--trials", help="Trials a point, instead of the figure's.", show_default=False)
+    ] = None,
+    map_: Annotated[
+        str | None,
+        typer.Option("--map", metavar="PATH", help='A picture or a map\'s name instead of the "complex" map.', show_default=False),
+    ] = None,
+    seed: options.Seed = 0,
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", help="Worker processes; default: one a processor. 0: all in this one.", show_default=False),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FOLDER", help="Figures, data and results.sqlite; a later call goes on.")
+    ] = Path("figures"),
+    json_: options.Json = False,
+) -> None:
+    """Reproduce figures of the papers, with the published curve behind ours and how far ours is from it.
+
+    Exit code 1 if a figure does not hold what the paper says of it.
+    """
+    from shoal.papers import recipes
+    from shoal.papers import reproduce as reproduce_one
+
+    if figure is not None and all_:
+        raise InvalidInputError(f"--all: expected it without a figure, got {figure!r}, too")
+    if figure is None and not all_:
+        _list(json_)
+        return
+    check_folder(out)
+    chosen: dict[str, Any] = {"quick": quick, "trials": trials, "on_map": map_, "seed": seed, "workers": workers}
+    found: list[Result] = []
+    page: Path | None = None
+    with quiet():
+        if figure is not None:
+            with live(figure) as tell:
+                found.append(reproduce_one(figure, out, on_progress=lambda _name: tell, **chosen))
+        else:
+            page = _all(out, chosen, found)
+    if json_:
+        print_json({"figures": [_described(result) for result in found], "page": None if page is None else str(page)})
+    else:
+        for result in found:
+            rows = [("figure", f"{result.recipe.source}: {result.recipe.title}"), ("finding", result.outcome.sentence)]
+            rows += [("work", f"{result.trials} trials, {result.seconds:.0f} s"), ("written", ", ".join(map(str, result.files)))]
+            print_table(rows, title=f"{result.recipe.name}{'' if result.outcome.ok else ': DOES NOT HOLD'}")
+        if page is not None:
+            print_table([("written", str(page))], title=f"all {len(recipes_of(recipes()))} figures")
+    wrong = [result.recipe.name for result in found if not result.outcome.ok]
+    if wrong:
+        say(f"shoal: {', '.join(wrong)}: not as the paper says")
+        raise typer.Exit(1)
+
+
+def _all(out: Path, chosen: dict[str, Any], found: list[Result]) -> Path:
+    from shoal.papers import reproduce_all
+
+    with live("figures") as tell:
+
+        def done(result: Result) -> None:
+            found.append(result)
+            if tell is None:
+                say(f"{result.recipe.name}: {result.seconds:.0f} s")
+
+        return reproduce_all(out, on_result=done, on_progress=lambda _name: tell, **chosen)
+
+
+def recipes_of(registry: Any) -> list[Any]:
+    """Return all recipes."""
+    return [registry.get(name) for name in registry]
+
+
+def _list(json_: bool) -> None:
+    from shoal.papers import recipes
+
+    known = recipes_of(recipes())
+    if json_:
+        print_json({"figures": [{"name": r.name, "source": r.source, "title": r.title, "takes_a_map": r.on_map} for r in known]})
+        return
+    print_table(
+        [(r.name, f"{r.source}{'; also ' * bool(r.also)}{r.also}. {r.title}") for r in known], title="Figures of the papers"
+    )
+
+
+def _described(result: Result) -> dict[str, Any]:
+    return {
+        "name": result.recipe.name, "source": result.recipe.source, "sentence": result.outcome.sentence, "holds": result.outcome.ok,
+        "trials": result.trials, "seconds": result.seconds, "files": [str(path) for path in result.files],
+    }  # fmt: skip

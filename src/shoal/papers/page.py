@@ -1,0 +1,140 @@
+"""The page of results: every figure with numbers side by side, and the errata with their checks, in one file without a network."""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from shoal.files import atomic
+from shoal.lab.batches import versions
+from shoal.papers.errata import Finding
+from shoal.papers.recipe import Table
+
+if TYPE_CHECKING:
+    from shoal.papers.reproduce import Result
+
+_STYLE = """
+:root { --ink: #22262c; --muted: #6b7280; --line: #e5e7eb; --blue: #0072b2; --good: #00734f; --bad: #b3470a; --soft: #f7f8fa; }
+* { box-sizing: border-box; }
+body { margin: 0; color: var(--ink); background: #fff; font: 16px/1.5 system-ui, "DejaVu Sans", sans-serif; }
+main { max-width: 62rem; margin: 0 auto; padding: 2rem 1.25rem 5rem; }
+h1 { font-size: 1.9rem; margin: 0 0 .25rem; letter-spacing: -.01em; }
+h2 { font-size: 1.25rem; margin: 0 0 .5rem; }
+p { margin: .5rem 0; max-width: 46rem; }
+.lead, .source, .files { color: var(--muted); }
+nav { display: grid; grid-template-columns: repeat(auto-fill, minmax(17rem, 1fr)); gap: .2rem 1.5rem; margin: 1.5rem 0 2.5rem;
+  padding: 1rem 1.25rem; background: var(--soft); border-radius: .5rem; font-size: .92rem; }
+nav a { color: var(--ink); text-decoration: none; }
+nav a:hover, nav a:focus { text-decoration: underline; }
+section { padding: 2rem 0; border-top: 1px solid var(--line); }
+section img { display: block; max-width: 100%; width: 46rem; height: auto; margin: 1rem 0; }
+.mark { display: inline-block; min-width: 1.1em; font-weight: 700; }
+.good { color: var(--good); } .bad { color: var(--bad); }
+.scroll { overflow-x: auto;
+  max-height: 30rem; overflow-y: auto; margin: .75rem 0; border: 1px solid var(--line); border-radius: .4rem; }
+table { border-collapse: collapse; font-size: .85rem; width: 100%; }
+caption { text-align: left; padding: .5rem .7rem; color: var(--muted); font-size: .85rem; }
+th, td { padding: .3rem .7rem; text-align: right; white-space: nowrap;
+  border-top: 1px solid var(--line); font-variant-numeric: tabular-nums; }
+th { background: var(--soft); font-weight: 600; position: sticky; top: 0; }
+th:first-child, td:first-child { text-align: left; }
+.errata td { white-space: normal; text-align: left; vertical-align: top; min-width: 8rem; }
+.errata th { text-align: left; }
+.errata .scroll { max-height: none; }
+details summary { cursor: pointer; color: var(--muted); font-size: .9rem; margin-top: .5rem; }
+.files { font-size: .85rem; overflow-wrap: anywhere; }
+.files a { color: var(--blue); }
+@media print { .scroll { max-height: none; } section { break-inside: avoid; } }
+"""
+_LONG = 14  # rows of a table that are shown without asking
+
+
+def write_page(results: Sequence[Result], findings: Sequence[Finding], path: str | os.PathLike[str]) -> Path:
+    """Write the page; return its path.
+
+    Raises
+    ------
+    OutputError
+    """
+    target = Path(path)
+    held = sum(result.outcome.ok for result in results)
+    shown = sum(finding.shown for finding in findings)
+    trials, seconds = sum(result.trials for result in results), sum(result.seconds for result in results)
+    made = ", ".join(f"{name} {value}" for name, value in versions().items() if name != "code")
+    parts = [
+        "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
+        "<meta name='viewport' content='width=device-width, initial-scale=1'>",
+        f"<title>Shoal: the papers' figures</title><style>{_STYLE}</style></head><body><main>",
+        "<h1>The papers' figures, reproduced</h1>",
+        f"<p class='lead'>{held} of {len(results)} figures hold what the papers say of them; "
+        f"{shown} of {len(findings)} errata are shown by their checks. "
+        f"{trials:,} trials; {seconds / 60:.1f} minutes where they were run last; {escape(made)}.</p>",
+        _contents(results),
+        *(_figure(result) for result in results),
+        _errata(findings),
+        "</main></body></html>",
+    ]
+    with atomic(target) as temporary:
+        temporary.write_text("\n".join(parts), encoding="utf-8")
+    return target
+
+
+def _mark(good: bool) -> str:
+    name, title, sign = ("good", "holds", "✓") if good else ("bad", "does not hold", "✗")
+    return f"<span class='mark {name}' title='{title}'>{sign}</span>"
+
+
+def _contents(results: Sequence[Result]) -> str:
+    links = [
+        f"<a href='#{result.recipe.name}'>{_mark(result.outcome.ok)} "
+        f"{escape(result.recipe.source)}: {escape(result.recipe.title)}</a>"
+        for result in results
+    ]
+    return f"<nav>{''.join(links)}<a href='#errata'>Errata, with their checks</a></nav>"
+
+
+def _figure(result: Result) -> str:
+    recipe, outcome = result.recipe, result.outcome
+    picture = base64.b64encode(result.files[0].read_bytes()).decode()
+    also = f"; also {escape(recipe.also)}" if recipe.also else ""
+    files = ", ".join(f"<a href='{escape(path.name)}'>{escape(path.name)}</a>" for path in result.files)
+    return (
+        f"<section id='{recipe.name}'><h2>{_mark(outcome.ok)} {escape(recipe.title)}</h2>"
+        f"<p class='source'>{escape(recipe.source)}{also} · {result.trials:,} trials · shoal reproduce {recipe.name}</p>"
+        f"<img alt='{escape(recipe.title)}' src='data:image/png;base64,{picture}'>"
+        f"<p>{escape(outcome.sentence)}</p>"
+        f"{''.join(_table(table) for table in outcome.tables if table.shown and table.rows)}"
+        f"<p class='files'>Beside this page: {files}</p></section>"
+    )
+
+
+def _table(table: Table) -> str:
+    head = "".join(f"<th>{escape(str(column))}</th>" for column in table.columns)
+    rows = "".join(f"<tr>{''.join(f'<td>{escape(_cell(value))}</td>' for value in row)}</tr>" for row in table.rows)
+    drawn = f"<div class='scroll'><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
+    title = escape(table.title)
+    if len(table.rows) > _LONG:
+        return f"<details open><summary>{title}, {len(table.rows)} rows</summary>{drawn}</details>"
+    return f"<details open><summary>{title}</summary>{drawn}</details>"
+
+
+def _cell(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) and value == round(value) else str(value)
+
+
+def _errata(findings: Sequence[Finding]) -> str:
+    rows = "".join(
+        f"<tr><td>{_mark(finding.shown)} "
+        f"{escape(finding.source)}</td><td>{escape(finding.printed)}</td><td>{escape(finding.holds)}</td><td>{escape(finding.check)}</td><td>{escape(finding.found)}</td></tr>"
+        for finding in findings
+    )
+    head = "".join(f"<th>{column}</th>" for column in ("source", "printed", "holds", "check", "found by it, just now"))
+    return (
+        "<section id='errata' class='errata'><h2>Errata, with their checks</h2><p>What the papers print and does not hold, or "
+        "needs saying. The last column was computed when this page was written.</p><div "
+        f"class='scroll'><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div></section>"
+    )

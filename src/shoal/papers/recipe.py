@@ -1,0 +1,177 @@
+"""Recipe: a figure of a paper as sweeps, a view of their results, published data, and a sentence on how far ours is."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.lab.statistics import Estimate, Row, summarise
+from shoal.views.curves import Curve, Published
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from shoal.lab.store import Store
+    from shoal.lab.sweep import Sweep
+
+NO_DATA = "no data are published for this figure"
+COMPLEX = "vessels:5000"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a user may choose.
+
+    Parameters
+    ----------
+    quick : bool
+        Fewer trials, coarser maps.
+    trials : int, optional
+        Trials a point, instead of the recipe's.
+    map : str, optional
+        A picture or the name of a map, for figures on the "complex" map.
+    seed : int
+    """
+
+    quick: bool = False
+    trials: int | None = None
+    map: str | None = None
+    seed: int = 0
+
+    def of(self, whole: int, quick: int) -> int:
+        """Return the number of trials: what was asked for, else the recipe's."""
+        return self.trials if self.trials is not None else quick if self.quick else whole
+
+    @property
+    def complex(self) -> str:
+        """The map of the "complex" figures."""
+        return self.map or COMPLEX
+
+
+@dataclass(frozen=True)
+class Table:
+    """Numbers side by side; they are stored as CSV, too."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    shown: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What came of a recipe.
+
+    Parameters
+    ----------
+    figure : Figure
+    sentence : str
+        How far ours is from what is published, and why; its numbers are computed.
+    tables : tuple of Table
+    ok : bool
+        Whether what the recipe promises holds.
+    note : str
+        What is to be written below the figure, if its drawing has not done so: that nothing is published, or what is.
+    """
+
+    figure: Figure
+    sentence: str
+    tables: tuple[Table, ...]
+    ok: bool = True
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """A figure of a paper.
+
+    Parameters
+    ----------
+    name : str
+        As typed: "m-fig7".
+    source : str
+        Paper and figure.
+    title : str
+        What it shows.
+    sweeps : callable
+        (Settings) -> list of Sweep.
+    view : callable
+        (Store, list of Sweep, Settings) -> Outcome.
+    on_map : bool
+        Whether it takes a user's own map.
+    also : str
+        Where else the papers have it.
+    """
+
+    name: str
+    source: str
+    title: str
+    sweeps: Callable[[Settings], list[Sweep]]
+    view: Callable[[Store, list[Sweep], Settings], Outcome]
+    on_map: bool = False
+    also: str = ""
+    published: str = field(default="")
+
+
+@cache
+def published_table(name: str) -> tuple[dict[str, str], ...]:
+    """Return the rows of a published file that ships with Shoal."""
+    text = resources.files("shoal.papers").joinpath("published", name).read_text(encoding="utf-8")
+    return tuple(csv.DictReader(io.StringIO(text)))
+
+
+def published_curve(name: str, *, points: bool = False, **only: str) -> Published:
+    """Return a published curve: columns n, mean_moves, std_moves."""
+    rows = [row for row in published_table(name) if all(row[key] == value for key, value in only.items())]
+    numbers = np.array([[float(row[key] or "nan") for key in ("n", "mean_moves", "std_moves")] for row in rows]).reshape(-1, 3)
+    return Published(numbers[:, 0], numbers[:, 1], numbers[:, 2], points)
+
+
+def curve_of(label: str, rows: Sequence[Row], axis: str, *, published: Published | None = None, **others: Any) -> Curve:
+    """Return the curve of the rows with the given values on other axes."""
+    kept = [(row.values[axis], row.estimate) for row in rows if all(row.values[key] == value for key, value in others.items())]
+    found = [(float(x), e.mean, *ends(e)) for x, e in kept if e is not None]
+    x, mean, low, high = np.array(found, dtype=np.float64).reshape(-1, 4).T
+    return Curve(label, x, mean, low, high, published)
+
+
+def ends(found: Estimate) -> tuple[float, float]:
+    """Return the ends of an interval; the mean itself where nothing is known of it."""
+    return (found.mean, found.mean) if found.count < 2 else (found.low, found.high)
+
+
+def table_of(title: str, rows: Sequence[Row], *, shown: bool = True) -> Table:
+    """Return a table of estimates."""
+    axes = [*rows[0].values] if rows else []
+    lines = [
+        [*row.values.values(), *(("", "", "", "", 0) if row.estimate is None else _line(row.estimate)), row.missing] for row in rows
+    ]
+    return Table(title, [*axes, "mean", "low", "high", "std", "trials", "missing"], lines, shown)
+
+
+def _line(found: Estimate) -> tuple[Any, ...]:
+    low, high = ends(found)
+    return round(found.mean, 4), round(low, 4), round(high, 4), "" if found.count < 2 else round(found.std, 4), found.count
+
+
+def counts_of(n_free: int, parts: int = 50) -> list[int]:
+    """Return numbers of particles: equal steps up to one in each free cell."""
+    return sorted({max(1, round(n_free * k / parts)) for k in range(1, parts + 1)})
+
+
+def near(x: NDArray[np.float64], mean: NDArray[np.float64], at: float) -> float:
+    """Return a curve's value at a number of particles, between its points on logarithmic scales."""
+    return float(np.exp(np.interp(np.log(at), np.log(x), np.log(np.maximum(mean, 1e-9)))))
+
+
+def estimates(store: Store, sweep: Sweep, measure: str) -> list[Row]:
+    """Return the means of a measure at the points of a sweep."""
+    return summarise(store, sweep.name, measure)

@@ -1,0 +1,178 @@
+"""reproduce(): run a recipe's sweeps, draw its figure, store its data beside it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from shoal.errors import InvalidInputError
+from shoal.files import atomic
+from shoal.lab.running import OnProgress, run_sweep
+from shoal.lab.store import Store
+from shoal.lab.sweep import Sweep
+from shoal.papers.recipe import Outcome, Recipe, Settings
+from shoal.registry import Registry
+
+STORE = "results.sqlite"
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A figure that was reproduced.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    outcome : Outcome
+    files : tuple of Path
+        The figure, its tables and a summary.
+    seconds : float
+    trials : int
+        Of all its sweeps.
+    """
+
+    recipe: Recipe
+    outcome: Outcome
+    files: tuple[Path, ...]
+    seconds: float
+    trials: int
+
+
+@cache
+def recipes() -> Registry[Recipe]:
+    """Return all recipes by name, in the order of the papers."""
+    from shoal.papers import mapping, search, steering
+
+    found: Registry[Recipe] = Registry("figure")
+    for recipe in (*mapping.RECIPES, *steering.RECIPES, *search.RECIPES):
+        found.add(recipe.name, recipe)
+    return found
+
+
+def reproduce(
+    name: str,
+    out: str | os.PathLike[str],
+    *,
+    quick: bool = False,
+    trials: int | None = None,
+    on_map: str | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    on_progress: Callable[[str], OnProgress | None] | None = None,
+) -> Result:
+    """Reproduce one figure.
+
+    Parameters
+    ----------
+    name : str
+        "m-fig7", ...; see `recipes`.
+    out : path
+        A folder: NAME.png, NAME.json, the data as NAME*.csv, and results.sqlite, from which a later call goes on.
+    quick : bool
+        Fewer trials, coarser maps.
+    trials : int, optional
+        Trials a point.
+    on_map : str, optional
+        A picture or the name of a map, instead of the "complex" map.
+    seed, workers
+        As of `shoal.lab.run_sweep`.
+    on_progress : callable, optional
+        Given the name of a sweep, returns what is told its progress.
+
+    Raises
+    ------
+    UnknownNameError, InvalidInputError, OutputError
+    """
+    recipe, folder = recipes().get(name), Path(out)
+    if on_map is not None and not recipe.on_map:
+        raise InvalidInputError(f"map: expected it with a figure on the complex map, got {name}, which is none")
+    if trials is not None and (isinstance(trials, bool) or not isinstance(trials, int) or trials < 1):
+        raise InvalidInputError(f"trials: expected a whole number, 1 or more, got {trials!r}")
+    settings = Settings(quick, trials, on_map, seed)
+    began = time.perf_counter()
+    folder.mkdir(parents=True, exist_ok=True)
+    sweeps = []
+    for sweep in recipe.sweeps(settings):
+        kept = _no_fewer(folder / STORE, sweep)
+        status = run_sweep(
+            kept, folder / STORE, workers=workers, extend=True, on_progress=None if on_progress is None else on_progress(kept.name)
+        )
+        if status.failures:
+            raise InvalidInputError(
+                f"{name}: expected every trial to end, got {status.failures} failures; see 'shoal sweep status'"
+            )
+        sweeps.append(kept)
+    with Store(folder / STORE) as store:
+        outcome = recipe.view(store, sweeps, settings)
+    seconds = time.perf_counter() - began
+    files = _write(folder, recipe, outcome, sweeps)
+    return Result(recipe, outcome, files, seconds, sum(sweep.total for sweep in sweeps))
+
+
+def _no_fewer(path: Path, sweep: Sweep) -> Sweep:
+    """Return a sweep with as many trials as are stored of it already, if those are more."""
+    if not path.exists():
+        return sweep
+    with Store(path) as store:
+        stored = store.sweep(sweep.name).trials if sweep.name in store.names else 0
+    return replace(sweep, trials=max(sweep.trials, stored))
+
+
+def _write(folder: Path, recipe: Recipe, outcome: Outcome, sweeps: Sequence[Sweep]) -> tuple[Path, ...]:
+    from shoal.views.curves import add_note
+    from shoal.views.figures import save_figure
+
+    files = [folder / f"{recipe.name}.png"]
+    add_note(outcome.figure, outcome.note)
+    save_figure(outcome.figure, files[0])
+    for k, table in enumerate(outcome.tables):
+        path = folder / f"{recipe.name}{f'-{k + 1}' * bool(k)}.csv"
+        with atomic(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow([column or "name" for column in table.columns])
+            writer.writerows(table.rows)
+        files.append(path)
+    summary = {
+        "figure": recipe.name, "source": recipe.source, "title": recipe.title, "sentence": outcome.sentence, "holds": outcome.ok,
+        "sweeps": [sweep.describe() for sweep in sweeps], "files": [path.name for path in files],
+        "tables": [table.title for table in outcome.tables],
+    }  # fmt: skip
+    files.append(folder / f"{recipe.name}.json")
+    with atomic(files[-1]) as temporary:
+        temporary.write_text(json.dumps(summary, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return tuple(files)
+
+
+def reproduce_all(out: str | os.PathLike[str], *, on_result: Callable[[Result], None] | None = None, **options: Any) -> Path:
+    """Reproduce every figure, run the checks of all errata, and write the page of results; return its path.
+
+    Parameters
+    ----------
+    out : path
+        A folder.
+    on_result : callable, optional
+        Told each figure when it is done.
+    **options
+        As for `reproduce`; ``on_map`` goes to the figures on the complex map.
+
+    Raises
+    ------
+    InvalidInputError, OutputError
+    """
+    from shoal.papers.errata import check_all
+    from shoal.papers.page import write_page
+
+    results = []
+    for name in recipes():
+        chosen = options if recipes().get(name).on_map else {key: value for key, value in options.items() if key != "on_map"}
+        results.append(reproduce(name, out, **chosen))
+        if on_result is not None:
+            on_result(results[-1])
+    return write_page(results, check_all(), Path(out) / "index.html")

@@ -1,0 +1,69 @@
+"""Paper H: exhaustive search along a space-filling curve (1998), figure 5."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.lab.store import Store
+from shoal.lab.sweep import Sweep
+from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, curve_of, estimates
+from shoal.search.expectation import stay_share
+from shoal.views.curves import Curve, Labels, Published, mean_curves
+
+ROBOTS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 40, 50)
+CELLS = 1024  # 32 a side, of 10 m
+
+
+def _fig5_sweeps(settings: Settings) -> list[Sweep]:
+    problem = {
+        "kind": "search", "region": "square:320", "footprint": 10.0, "tour": "moore", "allocation": "stay", "simulate": False,
+    }  # fmt: skip
+    return [Sweep(name="h-fig5", problem=problem, axes={"robots": [*ROBOTS]}, trials=settings.of(400, 60), seed=settings.seed)]
+
+
+def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
+    rows = estimates(store, sweeps[0], "planned")
+    found = curve_of("", rows, "robots")
+    share = Curve(
+        "robots that stay: T$_E$",
+        found.x,
+        100 * found.mean / CELLS,
+        100 * found.low / CELLS,
+        100 * found.high / CELLS,
+        Published(np.array([20.0]), np.array([20.0]), points=True),
+    )
+    theory = np.array([100 * stay_share(int(m)) for m in ROBOTS])
+    least = 100 / np.array(ROBOTS)
+    flat = [
+        Curve(label, found.x, values, values, values)
+        for label, values in (("theory: H$_m$/m", theory), ("no search is faster: 1/m", least))
+    ]
+    at = ROBOTS.index(20)
+    table = Table(
+        "T_E as % of T_UB", ["robots", "ours", "95 % interval", "H_m/m", "bound 1/m", "printed"],
+        [
+            [m, round(mean, 2), f"{low:.2f} to {high:.2f}", round(expected, 2), round(bound, 2), "below 20" if m == 20 else ""]
+            for m, mean, low, high, expected, bound in zip(ROBOTS, share.mean, share.low, share.high, theory, least, strict=True)
+        ],
+    )  # fmt: skip
+    off = np.max(np.abs(share.mean / theory - 1))
+    growth = share.mean[-1] * ROBOTS[-1] / (share.mean[at] * 20)
+    sentence = (
+        f"With 20 robots {share.mean[at]:.1f} % of the time of one: below the printed 20 %. Ours are within "
+        f"{100 * off:.1f} % of H_m/m. "
+        f'The printed "reciprocal relationship" does not hold: m T_E grows, from 20 to 50 robots by '
+        f"{100 * (growth - 1):.0f} %, as ln m "
+        f"does. {NO_DATA.capitalize()} but the words about 20 robots."
+    )
+    labels = Labels(
+        "Searching from random starts",
+        "robots m",
+        "% of one robot's time",
+        "printed: less than that",
+        note=f"{CELLS} cells, Moore's tour; {NO_DATA}",
+    )
+    figure = mean_curves([share, *flat], labels, log_y=False)
+    return Outcome(figure, sentence, (table,), bool(share.mean[at] < 20 and growth > 1))
+
+
+RECIPES = (Recipe("h-fig5", "paper H, Fig. 5", "Expected time of a search by the number of robots", _fig5_sweeps, _fig5),)

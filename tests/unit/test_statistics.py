@@ -1,0 +1,95 @@
+"""Means with intervals: against SciPy, against what they promise, and by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.lab import Store, Sweep, run_sweep
+from shoal.lab.statistics import compare, compare_along, estimate, summarise
+
+NUMBER = {"kind": "function", "function": "tests.unit.sweep_functions:number"}
+
+
+def test_student_interval_is_that_of_scipy():
+    values = np.random.default_rng(1).normal(5, 2, 17)
+    found = estimate(values, level=0.9)
+    low, high = stats.t.interval(0.9, 16, loc=values.mean(), scale=stats.sem(values))
+    assert (found.low, found.high) == pytest.approx((low, high))
+    assert (found.mean, found.std, found.count) == (values.mean(), values.std(ddof=1), 17)
+
+
+@pytest.mark.parametrize("method", ["t", "bootstrap"])
+def test_intervals_hold_the_mean_as_often_as_they_say(method):
+    rng, times = np.random.default_rng(3), 150 if method == "bootstrap" else 2000
+    held = sum((e := estimate(rng.normal(0, 1, 30), method=method)).low <= 0 <= e.high for _ in range(times)) / times
+    assert abs(held - 0.95) < 4.5 * (0.95 * 0.05 / times) ** 0.5 + 0.01
+
+
+def test_single_and_equal_values():
+    one, equal = estimate([3]), estimate([2, 2, 2])
+    assert np.isnan([one.low, one.high, one.std]).all()
+    assert str(one) == "3 (one trial: no interval)"
+    assert (equal.low, equal.high, equal.std) == (2, 2, 0)
+
+
+def test_pairs():
+    a = np.array([10.0, 20, 30, 40, 50])
+    found = compare(a, a - [1, 2, 3, 4, 5])
+    assert found.difference.mean == -3
+    assert found.effect == pytest.approx(-3 / np.std([1, 2, 3, 4, 5], ddof=1))
+    assert (found.smaller, found.ratio) == (1.0, 0.9)
+    assert found.p_value == pytest.approx(stats.wilcoxon([-1, -2, -3, -4, -5]).pvalue)
+    assert compare(a, a).p_value == 1
+    assert compare(a, a).effect == 0
+    assert compare(a, a + 1).effect == np.inf
+    # Paired values tell what unpaired ones hide.
+    rng = np.random.default_rng(2)
+    noise = rng.normal(0, 100, 50)
+    paired = compare(noise, noise + 1 + rng.normal(0, 0.1, 50)).difference
+    assert paired.low > 0.9
+    assert paired.high < 1.1
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: estimate([]), "one finite number or more"),
+        (lambda: estimate([1, np.nan]), "one finite number or more"),
+        (lambda: estimate(["x"]), "expected numbers"),
+        (lambda: estimate([1, 2], level=1), "above 0 and below 1, got 1"),
+        (lambda: estimate([1, 2], method="guess"), "'t' or 'bootstrap', got 'guess'"),
+        (lambda: compare([1, 2], [1]), "equal length, 2 or more, got 2 and 1"),
+        (lambda: compare([1], [1]), "equal length, 2 or more, got 1 and 1"),
+    ],
+)
+def test_bad_input(call, words):
+    with pytest.raises(InvalidInputError, match=words):
+        call()
+
+
+def test_sweeps_are_summarised_and_compared_along_paired_axes(tmp_path):
+    axes = {"factor": [1, 3], "pause": [0.0, 1e-6]}
+    sweep = Sweep(name="s", problem=NUMBER, axes=axes, trials=9, seed=1, paired=("factor",))
+    run_sweep(sweep, tmp_path / "s", workers=0)
+    with Store(tmp_path / "s") as store:
+        rows = summarise(store, "s", "value")
+        assert [row.values for row in rows] == [dict(point.values) for point in sweep.points]
+        values = {}
+        for factor, pause, _, _, value, *_ in store.rows("s"):
+            values.setdefault((factor, pause), []).append(value)
+        assert [row.estimate.mean for row in rows] == [np.mean(values[tuple(row.values.values())]) for row in rows]
+        assert all(row.missing == 0 for row in rows)
+        pairs = compare_along(store, "s", "value", "factor")
+        assert [(others, first, second) for others, first, second, _ in pairs] == [({"pause": p}, 1, 3) for p in (0.0, 1e-6)]
+        assert all(found.ratio == pytest.approx(3) for *_, found in pairs)
+        with pytest.raises(InvalidInputError, match=r"expected a paired one \(factor\)"):
+            compare_along(store, "s", "value", "pause")
+        with pytest.raises(InvalidInputError, match="measure: expected one of value, half, word, got 'moves'"):
+            summarise(store, "s", "moves")
+        with pytest.raises(InvalidInputError, match="expected one that is a number, got 'word'"):
+            summarise(store, "s", "word")
+        with pytest.raises(UnknownNameError, match="no sweep 't'"):
+            summarise(store, "t", "value")
