@@ -181,7 +181,7 @@ def test_grown_chains_obey_walls_and_friction(friction):
         points = np.array([random_point(rng, space) for _ in range(4)])
         task = Task(ContactWorld(space, friction=friction), points[:2], points[2:], 1e-6)
         errand = task.errand()
-        chain = grown_chain(errand, nodes=800)
+        chain = grown_chain(errand)
         if chain is None:
             continue
         found += 1

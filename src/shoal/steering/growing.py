@@ -1,4 +1,4 @@
-"""Chains of many cycles: a tree of differences that grows from the start's until it holds the goal's."""
+"""Chains of many cycles: the fewest over a map of differences, the outermost and the innermost that cycles make among them."""
 
 from __future__ import annotations
 
@@ -9,41 +9,47 @@ from numpy.typing import NDArray
 
 from shoal.steering.chains import Chain, Errand
 from shoal.steering.kernels.nearest import nearest_on_circle, nearest_on_polygon
+from shoal.steering.kernels.roadmap import Ground, fewest_cycles, linked, widen
 from shoal.steering.outline import Points
+from shoal.steering.rising import ladder_nodes, turning_nodes
 
-GOAL_SHARE = 0.15  # how often the tree grows towards the goal itself
-REACHED = 1e-12
+MAPS = ((300, 60, 1.02, 200), (1500, 120, 1.01, 400))
+"""Maps that are tried one after the other: extreme differences, directions they are extreme in, by how much, and random ones."""
+
+_INSIDE = 1 + 1e-2  # of margin and push, so that a chain of links holds the limits of `chains`
+_DIRECTIONS = 48  # on a disk
 
 
-def grown_chain(errand: Errand, *, cycles: int = 45, nodes: int = 6000, seed: int = 0) -> Chain | None:
-    """Return a chain in the plane that ends with the goal's difference exactly, None if a tree of so many nodes holds none.
-
-    Each node goes by one cycle to the difference nearest to a random one, or to the goal's, that the cycle can make.
+def grown_chain(errand: Errand, *, maps: tuple[tuple[int, int, float, int], ...] = MAPS, seed: int = 0) -> Chain | None:
+    """Return a chain in the plane that ends with the goal's difference exactly, None if the maps hold none.
 
     Notes
     -----
-    Ours: a rapidly exploring random tree in the Δ configuration space, whose steps are two-move sets.
+    Ours: a probabilistic roadmap in the Δ configuration space, whose links are two-move sets, with nodes where these are at their
+    largest: differences larger than all others of about the same direction that come from the start's, and smaller than all others
+    that lead to the goal's. With friction the ways along these may be the only ones.
     """
+    walls, friction = errand.walls, errand.friction * (1 - 1e-9)
+    ground = Ground(
+        walls.frames,
+        walls.reaches,
+        walls.normals,
+        walls.offsets,
+        walls.circle,
+        friction,
+        errand.margin * _INSIDE,
+        errand.push * _INSIDE,
+    )
     rng = np.random.default_rng(seed)
-    space = _difference_samples(errand, rng, nodes)
-    deltas = np.zeros((nodes + 1, 2))
-    deltas[0] = errand.before
-    parents, steps = np.zeros(nodes + 1, dtype=np.int64), np.zeros((nodes + 1, 3))
-    depths = np.zeros(nodes + 1, dtype=np.int64)
-    count = 1
-    for target in space:
-        towards = errand.after if rng.random() < GOAL_SHARE else target
-        away = np.sum((deltas[:count] - towards) ** 2, axis=1)
-        nearest = int(np.argmin(np.where(depths[:count] < cycles - 1, away, inf)))
-        found = cycle_towards(errand, deltas[nearest], towards)
-        if found is None or found[0] >= np.linalg.norm(deltas[nearest] - towards) - 1e-9:
-            continue
-        deltas[count], parents[count], steps[count] = found[1], nearest, found[2]
-        depths[count] = depths[nearest] + 1
-        count += 1
-        last = cycle_towards(errand, found[1], errand.after)
-        if last is not None and last[0] <= REACHED:
-            return _chain_to(count - 1, deltas, parents, steps, last[2])
+    for extreme, bins, gain, spread in maps:
+        nodes = [
+            np.stack([errand.before, errand.after]),
+            _extreme(errand, ground, extreme, bins, gain),
+            _spread(errand, rng, spread),
+        ]
+        chain = _over(np.concatenate(nodes), ground)
+        if chain is not None:
+            return chain
     return None
 
 
@@ -64,25 +70,56 @@ def cycle_towards(errand: Errand, delta: Points, target: Points) -> tuple[float,
     return None if away == inf else (float(away), np.array([x, y]), np.array([float(toucher), float(wall), (low + high) / 2]))
 
 
-def _difference_samples(errand: Errand, rng: np.random.Generator, count: int) -> Points:
-    """Return random differences of two points of the workspace's box."""
+def _extreme(errand: Errand, ground: Ground, count: int, bins: int, gain: float) -> Points:
+    """Return the outermost differences on ways from the start's, and the innermost on ways to the goal's."""
     walls = errand.walls
-    if walls.round:
-        half = np.array([walls.circle[2], walls.circle[2]])
-    else:
-        ends = np.concatenate([walls.frames[:, 0] + side * walls.reaches[:, None] * walls.frames[:, 1] for side in (-1, 1)])
-        half = np.ptp(ends, axis=0) / 2
-    return np.asarray((rng.random((count, 2)) - rng.random((count, 2))) * 2 * half)
+    if walls.round and errand.friction < inf:
+        radius, friction = float(walls.circle[2]), ground.friction
+        return np.concatenate(
+            [
+                ladder_nodes(errand.after, radius=radius, friction=friction, margin=2 * ground.margin),
+                turning_nodes(errand.before, errand.after, radius=radius, friction=friction),
+            ]
+        )
+    angles = _ray_angles(errand)
+    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    found = []
+    for delta, back in ((errand.before, False), (errand.after, True)):
+        nodes, records = np.empty((count, 2)), np.full(bins, inf if back else 0.0)
+        found.append(nodes[1 : widen(delta, back, rays, 2.0, ground, gain, records, nodes, 0)])
+    return np.concatenate(found)
 
 
-def _chain_to(
-    node: int, deltas: Points, parents: NDArray[np.int64], steps: NDArray[np.float64], last: NDArray[np.float64]
-) -> Chain:
-    path = []
-    while node > 0:
-        path.append(node)
-        node = int(parents[node])
+def _ray_angles(errand: Errand) -> NDArray[np.float64]:
+    """Return directions in which cycles change Δ: straight from the walls and at the edges of the cones of friction."""
+    normals = errand.walls.normals
+    if not len(normals):
+        return np.asarray(2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS)
+    straight = np.arctan2(normals[:, 1], normals[:, 0])
+    straight = np.concatenate([straight, straight + np.pi])
+    edge = float(np.arctan(errand.friction)) * (1 - 1e-6)
+    return np.concatenate([straight, straight - edge, straight + edge])
+
+
+def _spread(errand: Errand, rng: np.random.Generator, count: int) -> Points:
+    """Return random differences, of all sizes and orders of size."""
+    angles = 2 * np.pi * rng.random(count)
+    sizes = np.where(rng.random(count) < 0.6, rng.random(count), 10 ** (-3 * rng.random(count)))
+    far = 2 * float(errand.walls.circle[2]) if errand.walls.round else 2.0
+    return np.asarray(far * sizes[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+
+
+def _over(nodes: Points, ground: Ground) -> Chain | None:
+    """Return the chain of the fewest cycles from node 0 to node 1."""
+    parents, order = np.empty(len(nodes), dtype=np.int64), np.empty(len(nodes), dtype=np.int64)
+    if not fewest_cycles(nodes, ground, parents, order):
+        return None
+    path = [1]
+    while path[-1]:
+        path.append(int(parents[path[-1]]))
     path.reverse()
-    cycles = np.vstack([steps[path].reshape(-1, 3), last[None]])
-    unknowns = np.concatenate([cycles[:, 2], deltas[path].ravel()])
-    return Chain(cycles[:, 0].astype(np.int64), cycles[:, 1].astype(np.int64), unknowns, inf)
+    steps = np.empty((len(path) - 1, 3))
+    for step, before, after in zip(steps, path, path[1:], strict=False):
+        linked(nodes[before], nodes[after], ground, step)
+    unknowns = np.concatenate([steps[:, 2], nodes[path[1:-1]].ravel()])
+    return Chain(steps[:, 0].astype(np.int64), steps[:, 1].astype(np.int64), unknowns, inf)

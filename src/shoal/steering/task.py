@@ -21,6 +21,7 @@ from shoal.steering.world import ContactWorld
 _SURE = 3e-9  # of the size: how far a move to a wall goes on, against roundings
 _PUSH = 2e-9  # of the size: how far an adjustment goes into the wall at the least
 _SLIGHT = 2e-7  # of the size: roundings that may lead off a wall
+_CONE = 1 - 1e-4  # of the friction: planned pushes keep off the edge of the cone, so that roundings can be made up for
 _TINY = 1e-6  # of the size: a move that might as well be left out
 
 
@@ -81,7 +82,7 @@ class Task:
             walls,
             walls.inward(self.start if start is None else start),
             walls.inward(self.aim if aim is None else aim),
-            friction=float(self.world.friction),
+            friction=float(self.world.friction) * _CONE,
             margin=max(margin, 2e-9),
         )
 
@@ -194,8 +195,7 @@ def never(task: Task) -> str | None:
         return None
     if flat > TOUCH * room.size:
         # What ends within the tolerance may differ from the goal's difference by twice as much.
-        nearer = task.after * max(0.0, 1 - 2 * task.tolerance / max(float(np.linalg.norm(task.after)), 1e-300))
-        return friction_limit(room, float(task.world.friction), task.before, nearer)
+        return friction_limit(room, float(task.world.friction), task.before, task.after, near=2 * task.tolerance)
     if room.dimensions == 2:
         return "the particles start at one point, and a shared input never parts them"
     if room.open_ends:

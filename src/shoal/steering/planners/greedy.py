@@ -40,15 +40,21 @@ class Greedy:
         """Return moves; see `Planner`."""
         for first, state in task.departures():
             errand = task.errand(start=state)
-            chain = greedy_chain(errand, tolerance=task.tolerance / errand.walls.scale / 4, cycles=task.max_moves // 2)
+            chain = greedy_chain(errand, tolerance=task.tolerance / errand.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
             moves = None if chain is None else task.moves_of(chain, errand)
-            if moves is None or (len(moves) > _LONG and not errand.walls.round):
-                chain = any_chain(errand, grow=False)
+            slipped = moves is not None and errand.friction < inf and misses(task, np.array([*first, *moves]))
+            if moves is None or slipped or (len(moves) > _LONG and not errand.walls.round):
+                chain = any_chain(errand, grow=slipped)
                 few = None if chain is None else task.moves_of(chain, errand)
                 moves = moves if few is None else few
             if moves is not None:
                 return np.array([*first, *moves])
         return None
+
+
+def misses(task: Task, moves: Points) -> bool:
+    """Tell whether a plan is too long or does not end within the tolerance."""
+    return len(moves) > task.max_moves or task.error(task.world.play(task.start, moves)[-1]) > task.tolerance
 
 
 def greedy_chain(errand: Errand, *, tolerance: float, cycles: int) -> Chain | None:
@@ -85,6 +91,10 @@ def greedy_chain(errand: Errand, *, tolerance: float, cycles: int) -> Chain | No
         deltas.append(after)
         other = contact + (after if toucher == 0 else -after)
         state = np.stack([contact, other] if toucher == 0 else [other, contact])
+    if errand.friction < inf and float(np.linalg.norm(state[1] - state[0] - errand.after)) > tolerance:
+        other_chain = any_chain(errand)
+        if other_chain is not None:
+            return other_chain
     unknowns = np.concatenate([np.array(contacts), *deltas[:-1]])
     return Chain(np.array(touchers), np.array(walls), unknowns, inf, last=deltas[-1])
 

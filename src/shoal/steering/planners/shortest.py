@@ -7,7 +7,7 @@ import numpy as np
 from shoal.steering.chains import Chain, Errand, refined, shortest_chain
 from shoal.steering.outline import Points
 from shoal.steering.planners.base import PLANNERS
-from shoal.steering.planners.greedy import greedy_chain
+from shoal.steering.planners.greedy import greedy_chain, misses
 from shoal.steering.task import Task
 
 
@@ -39,13 +39,12 @@ class Shortest:
 
 def _rank(task: Task, moves: Points) -> tuple[bool, float]:
     """Order plans: those that end within the tolerance first, then by length."""
-    missed = len(moves) > task.max_moves or task.error(task.world.play(task.start, moves)[-1]) > task.tolerance
-    return missed, path_length(moves)
+    return misses(task, moves), path_length(moves)
 
 
 def shortened_greedy(errand: Errand, task: Task) -> Chain | None:
     """Return the chain of the planner greedy, of any number of cycles, made shorter."""
-    chain = greedy_chain(errand, tolerance=task.tolerance / errand.walls.scale / 4, cycles=task.max_moves // 2)
+    chain = greedy_chain(errand, tolerance=task.tolerance / errand.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
     return None if chain is None else refined(errand, chain)
 
 
