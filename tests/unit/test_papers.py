@@ -32,10 +32,9 @@ def test_every_figure_with_numbers_has_a_recipe():
     assert [*recipes()] == FIGURES
     for name in FIGURES:
         recipe = recipes().get(name)
-        for settings in (Settings(), Settings(quick=True), Settings(trials=2)):
-            sweeps = recipe.sweeps(settings)
-            assert sweeps
-            assert all(sweep.total > 0 for sweep in sweeps)
+        sweeps = recipe.sweeps(Settings(quick=True, trials=3))
+        assert sweeps
+        assert all(sweep.trials in {1, 3} for sweep in sweeps)
         assert len({sweep.name for sweep in sweeps}) == len(sweeps)
     with pytest.raises(UnknownNameError, match="did you mean 'm-fig7'"):
         recipes().get("m-fig77")

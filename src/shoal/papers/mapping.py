@@ -318,9 +318,9 @@ def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     random, elect, closest = curves
     crossing = [int(n) for n, a, b in zip(random.x, random.mean, elect.mean, strict=True) if a < b]
     sentence = (
-        f"Closest-frontier is best at {np.mean((closest.mean <= elect.mean) & (closest.mean <= random.mean)):.0%} of the numbers "
-        f"of particles; random moves beat elect-particle from {min(crossing) if crossing else 'no'} particles on, as printed for "
-        f"large numbers. {_off(table)[0].upper()}{_off(table)[1:]}: {note_of(settings)}."
+        f"Closest-frontier is best at {100 * np.mean((closest.mean <= elect.mean) & (closest.mean <= random.mean)):.0f} % of the "
+        f"numbers of particles; random moves beat elect-particle from {min(crossing) if crossing else 'no'} particles on, as "
+        f"printed for large numbers. {_off(table)[0].upper()}{_off(table)[1:]}: {note_of(settings)}."
     )
     labels = Labels("Mapping by three policies", "particles", "mean moves", "published, another map", note_of(settings))
     return Outcome(mean_curves(curves, labels), sentence, (table, table_of("all points", rows, shown=False)), len(crossing) > 0)
@@ -336,8 +336,8 @@ def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     mapping, covering, subset = (curve.mean for curve in curves)
     easier = float(np.mean((subset <= covering) & (covering <= mapping)))
     sentence = (
-        f"Subset coverage is no harder than coverage, and coverage no harder than mapping, at {easier:.0%} of the numbers of "
-        f"particles, as printed. {_off(table)[0].upper()}{_off(table)[1:]}: {note_of(settings)}. With a particle in every cell "
+        f"Subset coverage is no harder than coverage, and coverage no harder than mapping, at {100 * easier:.0f} % of the numbers "
+        f"of particles, as printed. {_off(table)[0].upper()}{_off(table)[1:]}: {note_of(settings)}. With a particle in every cell "
         f"coverage takes {covering[-1]:.0f} moves; the published curve says 1."
     )
     labels = Labels("Mapping, coverage, subset coverage", "particles", "mean moves", "published, another map", note_of(settings))
@@ -370,7 +370,11 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     )
     table = _compared(curves, settings)
     labels = Labels(
-        "Mapping from three placements", "particles", "mean moves", "published, another map", f"{note_of(settings)}; {NO_DATA}"
+        "Mapping from three placements",
+        "particles",
+        "mean moves",
+        "published, another map",
+        f"{note_of(settings)}; for the other two {NO_DATA}",
     )
     holds = bool((uniform[below] <= flood[below]).mean() > 0.9)
     return Outcome(mean_curves(curves, labels), sentence, (table, table_of("all points", rows, shown=False)), holds)

@@ -66,7 +66,7 @@ def _function(name: str, function: str, axes: dict[str, Any], trials: int, setti
 
 
 def _fig4_sweeps(settings: Settings) -> list[Sweep]:
-    return [_function("w-fig4", "filling_of", {"sides": [*SIDES]}, settings.of(50, 6), settings)]
+    return [_function("w-fig4", "filling_of", {"sides": [*SIDES]}, settings.of(50, 4), settings)]
 
 
 def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
