@@ -8,13 +8,16 @@ from shoal.swarm.policies.closest_frontier import ClosestFrontier
 from shoal.swarm.policies.compiled import Compiled
 from shoal.swarm.policies.depth_first import DepthFirst
 from shoal.swarm.policies.elect_particle import ElectParticle
+from shoal.swarm.policies.greedy_classify import GreedyClassify
 from shoal.swarm.policies.manual import Manual
+from shoal.swarm.policies.planner import PlannerPolicy
 from shoal.swarm.policies.protocol import Decision, Policy, View
 from shoal.swarm.policies.random_moves import RandomMoves
+from shoal.swarm.policies.rollout import Rollout
 from shoal.swarm.policies.sweep import Sweep
 
 POLICIES: Registry[type[Policy]] = Registry("policy")
-for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, Sweep, Manual):
+for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, Sweep, GreedyClassify, Rollout, Manual):
     POLICIES.add(_policy.kind, _policy)
 
 
@@ -41,9 +44,12 @@ __all__ = [
     "Decision",
     "DepthFirst",
     "ElectParticle",
+    "GreedyClassify",
     "Manual",
+    "PlannerPolicy",
     "Policy",
     "RandomMoves",
+    "Rollout",
     "Sweep",
     "View",
     "make_policy",

@@ -1,0 +1,115 @@
+"""Between planners and their kernels: work space, one decision step by step, many in compiled code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.random import Generator
+
+from shoal.swarm.boards import Frame
+from shoal.swarm.commands import letters_of
+from shoal.swarm.engine import RULE_CODES, field_of
+from shoal.swarm.kernels import beam, foresight, guess, moves, planned, play, rollout, survey, ways
+from shoal.swarm.state import SwarmState
+
+if TYPE_CHECKING:
+    from shoal.swarm.belief import Belief
+    from shoal.swarm.policies import PlannerPolicy, View
+
+BEAM_WIDTH, BEAM_DEPTH = 24, 12
+
+
+def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: int, options: tuple[float, ...] = ()) -> Any:
+    """Return the memory and the work space of a planner that has not decided anything yet."""
+    size, directions = frame.words[0] * frame.words[1], len(letters_of(frame.ndim))
+    longest = max(rollout.LONGEST, int(np.prod(frame.shape)) + 2)
+    extents = {"layers": frame.layers, "rows": frame.rows, "width": frame.words[1]}
+
+    def boards(*shape: int) -> Any:
+        return np.zeros((*shape, size), dtype=np.uint64)
+
+    foreseen = guess.Guess(*boards(4), np.zeros(survey.FINE), columns=frame.columns, **extents)
+    memory = np.zeros(rollout.MEMORY, dtype=np.int64)
+    memory[rollout.RANDOM] = seed
+    memory[rollout.REMAINING] = len(belief.frontier)
+    return rollout.Planner(
+        memory=memory,
+        options=np.array(options, dtype=np.float64),
+        scene=foresight.Scene(foreseen.open, *boards(3), rule=RULE_CODES[rule], mapping=mapping, **extents),
+        root=boards(foresight.BOARDS),
+        state=boards(foresight.BOARDS),
+        planes=boards(ways.PLANES),
+        gains=np.zeros(directions, dtype=np.int64),
+        incumbent=np.zeros(longest, dtype=np.int8),
+        trial=np.zeros(longest, dtype=np.int8),
+        beam=beam.Beam(
+            states=boards(2, BEAM_WIDTH, foresight.BOARDS),
+            plans=np.zeros((2, BEAM_WIDTH, BEAM_DEPTH), dtype=np.int8),
+            values=np.zeros((2, BEAM_WIDTH)),
+            marks=np.zeros((2, BEAM_WIDTH), dtype=np.uint64),
+            child=boards(foresight.BOARDS),
+        ),
+        survey=survey.Survey(
+            prices=np.zeros(2),
+            tallies=np.zeros((survey.TALLIES, 2), dtype=np.int64),
+            gains=np.zeros((directions, 1)),
+            known=boards(),
+            columns=frame.columns,
+        ),
+        guess=foreseen,
+    )
+
+
+def seed_of(rng: Generator) -> int:
+    """Draw the seed of a planner's own generator."""
+    return int(rng.integers(1, 2**62))
+
+
+class Game:
+    """A planner at play, in pieces as long as the logs that it is given."""
+
+    cut_within_run = False  # there is a scan after every move
+
+    def __init__(self, policy: PlannerPolicy, belief: Belief, *, rule: str, mapping: bool, rng: Generator) -> None:
+        seed = 0 if belief.complete else seed_of(rng)
+        self.code, self.rule, self.mapping = policy.code, RULE_CODES[rule], mapping
+        self.planner = planner_of(belief.open.frame, belief, rule=rule, mapping=mapping, seed=seed, options=policy.settings)
+
+    def play_on(self, field: moves.Field, log: play.Log) -> tuple[int, int]:
+        """Play until the log is full; return (moves, status code)."""
+        played, status = planned.play_planned(self.code, field, self.rule, self.mapping, self.planner, log)
+        return int(played), int(status)
+
+    @property
+    def remaining(self) -> int:
+        """Number of frontier cells left."""
+        return int(self.planner.memory[rollout.REMAINING])
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """What a planner that is played step by step hands to its next decision."""
+
+    planner: Any
+    command: int
+
+
+def decide(policy: PlannerPolicy, view: View, memory: Any, rng: Generator) -> tuple[str, Any]:
+    """Return the next command of a planner and its memory, which is changed in place."""
+    belief, frame = view.belief, view.occupied.frame
+    field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # the truth is not looked at
+    if memory is None:
+        planner = planner_of(
+            frame, belief, rule=view.rule, mapping=view.mapping, seed=seed_of(rng), options=policy.settings
+        )
+    else:
+        planner = memory.planner
+        planner.memory[rollout.REMAINING] = len(belief.frontier)
+        planned.heed(field, view.mapping, planner, memory.command, view.done)
+    command = int(planned.choose(policy.code, field, view.mapping, planner))
+    if command < 0:
+        return "", None
+    planner.survey.known[:] = field.known
+    return letters_of(frame.ndim)[command], Remembered(planner, command)
