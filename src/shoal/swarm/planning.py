@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from shoal.swarm.belief import Belief
     from shoal.swarm.policies import PlannerPolicy, View
 
-BEAM_WIDTH, BEAM_DEPTH = 24, 12
+BEAM_WIDTH, BEAM_DEPTH = 64, 24
 
 
 def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: int, options: tuple[float, ...] = ()) -> Any:
@@ -30,7 +30,14 @@ def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: 
     def boards(*shape: int) -> Any:
         return np.zeros((*shape, size), dtype=np.uint64)
 
-    foreseen = guess.Guess(*boards(4), np.zeros(survey.FINE), columns=frame.columns, **extents)
+    foreseen = guess.Guess(
+        *boards(4),
+        inner=frame.pack(frame.rim(np.ones(frame.shape, dtype=np.bool_))).ravel(),
+        across=boards(guess.PAIRS),
+        beside=boards(guess.PAIRS),
+        likely=np.zeros(survey.FINE, dtype=np.bool_),
+        **extents,
+    )
     memory = np.zeros(rollout.MEMORY, dtype=np.int64)
     memory[rollout.RANDOM] = seed
     memory[rollout.REMAINING] = len(belief.frontier)
@@ -40,6 +47,7 @@ def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: 
         scene=foresight.Scene(foreseen.open, *boards(3), rule=RULE_CODES[rule], mapping=mapping, **extents),
         root=boards(foresight.BOARDS),
         state=boards(foresight.BOARDS),
+        ahead=boards(foresight.BOARDS),
         planes=boards(ways.PLANES),
         gains=np.zeros(directions, dtype=np.int64),
         incumbent=np.zeros(longest, dtype=np.int8),
@@ -48,6 +56,7 @@ def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: 
             states=boards(2, BEAM_WIDTH, foresight.BOARDS),
             plans=np.zeros((2, BEAM_WIDTH, BEAM_DEPTH), dtype=np.int8),
             values=np.zeros((2, BEAM_WIDTH)),
+            ranks=np.zeros((2, BEAM_WIDTH)),
             marks=np.zeros((2, BEAM_WIDTH), dtype=np.uint64),
             child=boards(foresight.BOARDS),
         ),

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.swarm.kernels.compiling import kernel
-from shoal.swarm.kernels.foresight import advance, copy_state, digest, directions
+from shoal.swarm.kernels.foresight import advance, copy_state, digest, prospects
+from shoal.swarm.kernels.ways import outlook
 
 
 class Beam(NamedTuple):
@@ -17,6 +18,7 @@ class Beam(NamedTuple):
     states: NDArray[np.uint64]  # (2, width, boards, words)
     plans: NDArray[np.int8]  # (2, width, depth)
     values: NDArray[np.float64]  # (2, width): cells settled, discounted
+    ranks: NDArray[np.float64]  # (2, width): by which states are chosen
     marks: NDArray[np.uint64]  # (2, width): hashes
     child: NDArray[np.uint64]  # a state
 
@@ -37,27 +39,51 @@ def place_for(values, marks, size, value, mark):
 
 
 @kernel
-def search_beam(scene, root, beam, discount):
-    """Search from a state; return (which of the two halves holds the leaves, how many they are, moves imagined)."""
+def lowest_value(values, size):
+    """Return the value that a child has to beat: that of the worst, if all places are taken."""
+    if size < values.shape[0]:
+        return -1.0
+    worst = values[0]
+    for i in range(1, size):
+        worst = min(worst, values[i])
+    return worst
+
+
+@kernel
+def search_beam(scene, root, beam, space, discount, width, depth, weight_ahead, rate, cap):
+    """Search from a state; return (which of the two halves holds the leaves, how many they are, moves imagined).
+
+    States are ranked by the cells settled, discounted, and ``weight_ahead`` times the `outlook` of what is left.
+    """
     copy_state(root, beam.states[0, 0])
     beam.values[0, 0], beam.marks[0, 0] = 0.0, digest(root)
-    depth, old, size, weight, imagined = beam.plans.shape[2], 0, 1, 1.0, 0
+    old, size, weight, imagined = 0, 1, 1.0, 0
+    gains, child = space.gains, beam.child
     for level in range(depth):
         new, count = 1 - old, 0
+        ranks, marks = beam.ranks[new, :width], beam.marks[new]
         for parent in range(size):
-            for command in range(directions(scene)):
-                copy_state(beam.states[old, parent], beam.child)
-                value = beam.values[old, parent] + weight * advance(scene, beam.child, command)
+            prospects(scene, beam.states[old, parent], gains)
+            for command in range(gains.shape[0]):
+                value = beam.values[old, parent] + weight * gains[command]
+                if weight_ahead == 0.0 and value <= lowest_value(ranks, count):
+                    continue
+                copy_state(beam.states[old, parent], child)
+                advance(scene, child, command)
                 imagined += 1
-                mark = digest(beam.child)
+                mark = digest(child)
                 if mark == beam.marks[old, parent]:  # nothing has moved
                     continue
-                at = place_for(beam.values[new], beam.marks[new], count, value, mark)
+                rank = value
+                if weight_ahead > 0.0:
+                    rank += weight * weight_ahead * outlook(scene, child, space.planes, rate, cap)
+                    imagined += cap // 2
+                at = place_for(ranks, marks, count, rank, mark)
                 if at < 0:
                     continue
                 count = max(count, at + 1)
-                copy_state(beam.child, beam.states[new, at])
-                beam.values[new, at], beam.marks[new, at] = value, mark
+                copy_state(child, beam.states[new, at])
+                beam.values[new, at], ranks[at], marks[at] = value, rank, mark
                 for i in range(level):
                     beam.plans[new, at, i] = beam.plans[old, parent, i]
                 beam.plans[new, at, level] = command
@@ -69,11 +95,11 @@ def search_beam(scene, root, beam, discount):
 
 
 @kernel
-def take_best(values, size):
-    """Return the index of the best leaf, and forget its value so that the next call returns the next."""
+def take_best(ranks, size):
+    """Return the index of the best leaf, and forget its rank so that the next call returns the next."""
     best = 0
     for i in range(1, size):
-        if values[i] > values[best]:
+        if ranks[i] > ranks[best]:
             best = i
-    values[best] = -1.0
+    ranks[best] = -1.0
     return best

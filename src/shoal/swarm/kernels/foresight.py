@@ -17,6 +17,7 @@ from shoal.swarm.kernels.moves import DOWN, IN, LEFT, MERGE, RIGHT, UP, segments
 
 OCCUPIED, FRONTIER, UNSEEN = 0, 1, 2  # boards of a state; unseen: unknown and not on the frontier
 BOARDS = 3
+_MIX, _SPREAD, _HALF = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xFF51AFD7ED558CCD), np.uint64(32)
 
 
 class Scene(NamedTuple):
@@ -102,24 +103,51 @@ def advance(scene, state, command):
 
 @kernel
 def across(scene, occupied, frontier, command):
-    """Move from row to row and note the frontier cells tried; return their union, one word."""
+    """Move from row to row and note the frontier cells tried; return their union, one word.
+
+    Only who stays is a recurrence from row to row; all else is loops that become vector code.
+    """
     lines, stride, first, length, ahead = segments(scene, command)
-    sharing = ~ZERO if scene.rule == MERGE else ZERO  # all ones: who is in the way does not matter
     some = ZERO
     for line in range(lines):
         start = line * stride + first
         here, there = occupied[start : start + length], occupied[start + ahead : start + ahead + length]
         free, wanted = scene.ground[start + ahead : start + ahead + length], frontier[start + ahead : start + ahead + length]
         tried = scene.tried[start + ahead : start + ahead + length]
-        for step in range(length):
-            i = step if ahead < 0 else length - 1 - step
-            cells, held = here[i], there[i]
-            moving = cells & free[i] & (~held | sharing)
-            there[i] = held | moving
-            here[i] = cells & ~moving
-            tried[i] = cells & wanted[i]
-            some |= cells & wanted[i]
+        moving = scene.before[:length]
+        for i in range(length):
+            hit = here[i] & wanted[i]
+            tried[i] = hit
+            some |= hit
+        for i in range(length):
+            moving[i] = here[i] & free[i]
+        if scene.rule != MERGE:
+            hold(here, there, moving, ahead)
+        for i in range(length):
+            here[i] &= ~moving[i]
+        for i in range(length):
+            there[i] |= moving[i]
     return some
+
+
+@kernel
+def hold(here, there, moving, ahead):
+    """Take those out of ``moving`` that are held up by one ahead which stays."""
+    size, step = moving.shape[0], abs(ahead)
+    first = min(step, size)
+    if ahead < 0:
+        for i in range(first):
+            moving[i] &= ~there[i]
+        later, before, blocking = moving[first:], moving[: size - first], there[first:]
+        for i in range(later.shape[0]):
+            later[i] &= ~blocking[i] | before[i]
+        return
+    for i in range(size - first, size):
+        moving[i] &= ~there[i]
+    later, before, blocking = moving[: size - first], moving[first:], there[: size - first]
+    for step in range(later.shape[0]):
+        i = later.shape[0] - 1 - step
+        later[i] &= ~blocking[i] | before[i]
 
 
 @kernel
@@ -197,11 +225,12 @@ def directions(scene):
 
 @kernel
 def digest(state):
-    """Return a hash of particles and frontier, as uint64 (a prime after Knuth; words are mixed by shifts)."""
-    value = np.uint64(0x9E3779B97F4A7C15)
+    """Return a hash of particles and frontier, as uint64: a sum, which becomes vector code, of words mixed with their places."""
+    value = ZERO
     for board in range(2):
         words = state[board]
         for i in range(words.shape[0]):
-            value = (value ^ words[i]) * np.uint64(0xFF51AFD7ED558CCD)
-            value ^= value >> np.uint64(29)
+            word = words[i] + np.uint64(i + 7919 * board) * _MIX
+            word = (word ^ (word >> _HALF)) * _SPREAD
+            value += word ^ (word >> _HALF)
     return value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from shoal.swarm.kernels.best import choose_best
 from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.observe import step
 from shoal.swarm.kernels.play import COMPLETE, RUNNING, STALLED
@@ -22,6 +23,8 @@ def choose(code, field, mapping, planner):
     """Return the next command, -1 if there is none."""
     if code == GREEDY:
         return choose_greedy(field, mapping, planner)
+    if code == BEST:
+        return choose_best(field, mapping, planner)
     return choose_rollout(field, mapping, planner)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shoal.swarm.kernels.beam import Beam, search_beam, take_best
 from shoal.swarm.kernels.compiling import kernel
-from shoal.swarm.kernels.completion import complete, most
+from shoal.swarm.kernels.completion import GREEDY, complete, most
 from shoal.swarm.kernels.foresight import FRONTIER, Scene, copy_state, count, directions, prospects, take_state
 from shoal.swarm.kernels.guess import DEPTH, LIKELY, Guess, predict
 from shoal.swarm.kernels.survey import Survey
@@ -23,12 +23,16 @@ FORCED = 4  # commands left of a way that is played whole
 RANDOM = 5  # state of the generator
 IMAGINED = 6  # moves imagined so far
 REMAINING = 7  # cells of the frontier
-MEMORY = 8
+MANNER = 8  # of completion, that found the incumbent
+CREDIT = 9  # moves that may be imagined
+LENGTH_FORESEEN = 10
+MEMORY = 12
 
 FEW = 200  # frontier cells up to which the end is in sight
 FAR_HORIZON, NEAR_HORIZON = 150, 60
 FAR_DISCOUNT, NEAR_DISCOUNT = 0.99, 0.98
 LEAVES, VARIATIONS, RENEW = 6, 8, 8
+P1_WIDTH, P1_DEPTH = 24, 12
 LONGEST = 400  # room of a plan
 
 
@@ -40,6 +44,7 @@ class Planner(NamedTuple):
     scene: Scene
     root: NDArray[np.uint64]  # a state: the episode now
     state: NDArray[np.uint64]  # a state: of the plan that is imagined
+    ahead: NDArray[np.uint64]  # a state: one move further
     planes: NDArray[np.uint64]  # (PLANES, words)
     gains: NDArray[np.int64]  # (directions,)
     incumbent: NDArray[np.int8]  # (LONGEST,)
@@ -77,7 +82,9 @@ def weigh(planner, length, best, few):
     horizon, discount = (FAR_HORIZON, FAR_DISCOUNT) if few > 0 else (NEAR_HORIZON, NEAR_DISCOUNT)
     copy_state(planner.root, planner.state)
     scene = planner.scene
-    time, value, length, moves = complete(scene, planner.state, planner, planner.trial, length, horizon, discount)
+    time, value, length, moves = complete(
+        scene, planner.state, planner, planner.trial, length, horizon, discount, GREEDY, 0.0, horizon
+    )
     planner.memory[IMAGINED] += moves
     if few > 0:
         value = 30.0 / few * value - time
@@ -103,14 +110,14 @@ def think(planner):
         trial[0] = command
         best = weigh(planner, 1, best, few)
     beam = planner.beam
-    half, size, imagined = search_beam(scene, planner.root, beam, FAR_DISCOUNT if few > 0 else NEAR_DISCOUNT)
+    discount = FAR_DISCOUNT if few > 0 else NEAR_DISCOUNT
+    half, size, imagined = search_beam(scene, planner.root, beam, planner, discount, P1_WIDTH, P1_DEPTH, 0.0, 0.0, 0)
     memory[IMAGINED] += imagined
-    depth = beam.plans.shape[2]
     for _ in range(min(LEAVES, size)):
-        leaf = take_best(beam.values[half], size)
-        for i in range(depth):
+        leaf = take_best(beam.ranks[half], size)
+        for i in range(P1_DEPTH):
             trial[i] = beam.plans[half, leaf, i]
-        best = weigh(planner, depth, best, few)
+        best = weigh(planner, P1_DEPTH, best, few)
     if few > 0:
         for _ in range(VARIATIONS):
             best = weigh(planner, vary(planner), best, few)

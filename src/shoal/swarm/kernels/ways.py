@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-from shoal.swarm.kernels.bits import ZERO, has, lowest
+from shoal.swarm.kernels.bits import ZERO, has, lowest, popcount
 from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.foresight import FRONTIER, OCCUPIED, directions
 from shoal.swarm.kernels.search import ahead, dilate, opposite
@@ -104,3 +104,32 @@ def way(scene, state, planes, plan, at, limit, pick):
                     trace(scene, state, planes, i, level, plan, at)
                     return level
     return TOO_FAR
+
+
+@kernel
+def beside(scene, cells, within, out):
+    """Write into ``out`` the cells of ``within`` that have a neighbour in ``cells``, which has none in the rim."""
+    width, layer, size = scene.width, scene.width * scene.rows, cells.shape[0]
+    reach = layer if scene.layers > 1 else width
+    dilate(cells, within, out, reach, size - reach, scene)
+    rim_rows(cells, within, out, reach, scene)
+
+
+@kernel
+def outlook(scene, state, planes, rate, cap):
+    """Return the sum of ``rate ** (distance - 1)`` over the frontier cells; those further than ``cap`` count as if one move further."""
+    begin_waves(scene, state, planes)
+    wave, frontier = planes[WAVE], state[FRONTIER]
+    left, value, weight = 0, 0.0, 1.0
+    for i in range(frontier.shape[0]):
+        left += popcount(frontier[i])
+    for level in range(1, cap + 1):
+        if left == 0 or spread(scene, planes, level) == ZERO:
+            break
+        reached = 0
+        for i in range(frontier.shape[0]):
+            reached += popcount(wave[i] & frontier[i])
+        value += weight * reached
+        left -= reached
+        weight *= rate
+    return value + weight * left

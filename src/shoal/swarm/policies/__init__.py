@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from shoal.registry import Registry
 from shoal.swarm.options import configured
+from shoal.swarm.policies.best import Best
 from shoal.swarm.policies.closest_frontier import ClosestFrontier
 from shoal.swarm.policies.compiled import Compiled
 from shoal.swarm.policies.depth_first import DepthFirst
@@ -17,7 +18,7 @@ from shoal.swarm.policies.rollout import Rollout
 from shoal.swarm.policies.sweep import Sweep
 
 POLICIES: Registry[type[Policy]] = Registry("policy")
-for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, Sweep, GreedyClassify, Rollout, Manual):
+for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, Sweep, GreedyClassify, Rollout, Best, Manual):
     POLICIES.add(_policy.kind, _policy)
 
 
