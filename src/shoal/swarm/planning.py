@@ -11,7 +11,7 @@ from numpy.random import Generator
 from shoal.swarm.boards import Frame
 from shoal.swarm.commands import letters_of
 from shoal.swarm.engine import RULE_CODES, field_of
-from shoal.swarm.kernels import beam, foresight, guess, moves, planned, play, rollout, survey, ways
+from shoal.swarm.kernels import beam, foresight, guess, moves, planned, planner, play, survey, ways
 from shoal.swarm.state import SwarmState
 
 if TYPE_CHECKING:
@@ -19,12 +19,13 @@ if TYPE_CHECKING:
     from shoal.swarm.policies import PlannerPolicy, View
 
 BEAM_WIDTH, BEAM_DEPTH = 64, 24
+LONGEST_PLAN = 2_000
 
 
 def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: int, options: tuple[float, ...] = ()) -> Any:
     """Return the memory and the work space of a planner that has not decided anything yet."""
     size, directions = frame.words[0] * frame.words[1], len(letters_of(frame.ndim))
-    longest = max(rollout.LONGEST, int(np.prod(frame.shape)) + 2)
+    longest = int(np.prod(frame.shape)) + LONGEST_PLAN
     extents = {"layers": frame.layers, "rows": frame.rows, "width": frame.words[1]}
 
     def boards(*shape: int) -> Any:
@@ -35,13 +36,14 @@ def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: 
         inner=frame.pack(frame.rim(np.ones(frame.shape, dtype=np.bool_))).ravel(),
         across=boards(guess.PAIRS),
         beside=boards(guess.PAIRS),
+        chances=np.zeros(survey.FINE),
         likely=np.zeros(survey.FINE, dtype=np.bool_),
         **extents,
     )
-    memory = np.zeros(rollout.MEMORY, dtype=np.int64)
-    memory[rollout.RANDOM] = seed
-    memory[rollout.REMAINING] = len(belief.frontier)
-    return rollout.Planner(
+    memory = np.zeros(planner.MEMORY, dtype=np.int64)
+    memory[planner.RANDOM] = seed
+    memory[planner.REMAINING] = len(belief.frontier)
+    return planner.Planner(
         memory=memory,
         options=np.array(options, dtype=np.float64),
         scene=foresight.Scene(foreseen.open, *boards(3), rule=RULE_CODES[rule], mapping=mapping, **extents),
@@ -84,17 +86,17 @@ class Game:
     def __init__(self, policy: PlannerPolicy, belief: Belief, *, rule: str, mapping: bool, rng: Generator) -> None:
         seed = 0 if belief.complete else seed_of(rng)
         self.code, self.rule, self.mapping = policy.code, RULE_CODES[rule], mapping
-        self.planner = planner_of(belief.open.frame, belief, rule=rule, mapping=mapping, seed=seed, options=policy.settings)
+        self.mind = planner_of(belief.open.frame, belief, rule=rule, mapping=mapping, seed=seed, options=policy.settings)
 
     def play_on(self, field: moves.Field, log: play.Log) -> tuple[int, int]:
         """Play until the log is full; return (moves, status code)."""
-        played, status = planned.play_planned(self.code, field, self.rule, self.mapping, self.planner, log)
+        played, status = planned.play_planned(self.code, field, self.rule, self.mapping, self.mind, log)
         return int(played), int(status)
 
     @property
     def remaining(self) -> int:
         """Number of frontier cells left."""
-        return int(self.planner.memory[rollout.REMAINING])
+        return int(self.mind.memory[planner.REMAINING])
 
 
 @dataclass(frozen=True)
@@ -110,15 +112,13 @@ def decide(policy: PlannerPolicy, view: View, memory: Any, rng: Generator) -> tu
     belief, frame = view.belief, view.occupied.frame
     field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # the truth is not looked at
     if memory is None:
-        planner = planner_of(
-            frame, belief, rule=view.rule, mapping=view.mapping, seed=seed_of(rng), options=policy.settings
-        )
+        mind = planner_of(frame, belief, rule=view.rule, mapping=view.mapping, seed=seed_of(rng), options=policy.settings)
     else:
-        planner = memory.planner
-        planner.memory[rollout.REMAINING] = len(belief.frontier)
-        planned.heed(field, view.mapping, planner, memory.command, view.done)
-    command = int(planned.choose(policy.code, field, view.mapping, planner))
+        mind = memory.planner
+        mind.memory[planner.REMAINING] = len(belief.frontier)
+        planned.heed(field, view.mapping, mind, memory.command, view.done)
+    command = int(planned.choose(policy.code, field, view.mapping, mind))
     if command < 0:
         return "", None
-    planner.survey.known[:] = field.known
-    return letters_of(frame.ndim)[command], Remembered(planner, command)
+    mind.survey.known[:] = field.known
+    return letters_of(frame.ndim)[command], Remembered(mind, command)

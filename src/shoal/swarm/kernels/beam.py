@@ -57,10 +57,10 @@ def search_beam(scene, root, beam, space, discount, width, depth, weight_ahead, 
     """
     copy_state(root, beam.states[0, 0])
     beam.values[0, 0], beam.marks[0, 0] = 0.0, digest(root)
-    old, size, weight, imagined = 0, 1, 1.0, 0
+    old, size, weight, imagined = 0, np.int64(1), 1.0, 0
     gains, child = space.gains, beam.child
     for level in range(depth):
-        new, count = 1 - old, 0
+        new, count = 1 - old, np.int64(0)
         ranks, marks = beam.ranks[new, :width], beam.marks[new]
         for parent in range(size):
             prospects(scene, beam.states[old, parent], gains)
@@ -69,7 +69,7 @@ def search_beam(scene, root, beam, space, discount, width, depth, weight_ahead, 
                 if weight_ahead == 0.0 and value <= lowest_value(ranks, count):
                     continue
                 copy_state(beam.states[old, parent], child)
-                advance(scene, child, command)
+                advance(scene, child, np.int64(command))
                 imagined += 1
                 mark = digest(child)
                 if mark == beam.marks[old, parent]:  # nothing has moved

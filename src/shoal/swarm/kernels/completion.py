@@ -6,18 +6,20 @@ cells beside a particle now and beside none afterwards. In a corridor careful pr
 
 from __future__ import annotations
 
+import numpy as np
+
 from shoal.swarm.kernels.bits import popcount
 from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.foresight import FRONTIER, OCCUPIED, advance, copy_state, prospects
 from shoal.swarm.kernels.ways import NEXT, TOO_FAR, WAVE, beside, way
 
-GREEDY, CAREFUL = 0, 1
+GREEDY, CAREFUL = np.int64(0), np.int64(1)  # typed, since a kernel is compiled anew for each literal argument
 
 
 @kernel
 def most(gains, last):
     """Return the command that settles most, the last one if it is among them; -1 if none settles anything."""
-    best = last if last >= 0 and gains[last] > 0 else -1
+    best = last if last >= 0 and gains[last] > 0 else np.int64(-1)
     for command in range(gains.shape[0]):
         if gains[command] > (gains[best] if best >= 0 else 0):
             best = command
@@ -65,8 +67,8 @@ def complete(scene, state, space, plan, length, horizon, discount, manner, charg
     Changes ``state``. Returns (time, value, length, moves): when the last cell was settled, ``horizon`` if some are left then; the cells
     settled, discounted; the commands in the plan; and how many were imagined. Gives up after ``bound`` moves.
     """
-    value, weight, last, finished = 0.0, 1.0, -1, 0
-    at = 0
+    value, weight, last, finished = 0.0, 1.0, np.int64(-1), 0
+    at = np.int64(0)
     while at < horizon:
         if at >= length:
             if at >= bound:
@@ -80,13 +82,13 @@ def complete(scene, state, space, plan, length, horizon, discount, manner, charg
                 plan[at] = command
                 length = at + 1
             else:
-                found = way(scene, state, space.planes, plan, at, horizon - at, 0)
+                found = way(scene, state, space.planes, plan, at, horizon - at)
                 if found == TOO_FAR:
                     return horizon, value, at, at
                 if found == 0:
                     return finished, value, at, at
                 length = at + found
-        command = plan[at]
+        command = np.int64(plan[at])
         settled = advance(scene, state, command)
         at += 1
         if settled > 0:

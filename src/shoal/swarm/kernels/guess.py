@@ -31,6 +31,7 @@ class Guess(NamedTuple):
     inner: NDArray[np.uint64]  # all cells but the rim
     across: NDArray[np.uint64]  # (PAIRS, words): cells whose neighbours above and below are in such states
     beside: NDArray[np.uint64]  # (PAIRS, words): the same for left and right
+    chances: NDArray[np.float64]  # (FINE,): how likely a cell is to be free in each surroundings
     likely: NDArray[np.bool_]  # (FINE,): surroundings in which a cell is taken to be free
     layers: int
     rows: int
@@ -38,19 +39,21 @@ class Guess(NamedTuple):
 
 
 @kernel
-def predict(field, tallies, guess, depth, likely):
+def predict(field, tallies, guess, depth, likely, sure):
     """Fill ``guess.open`` with the cells known to be free and those predicted so, layer by layer."""
-    some = False
     for fine in range(FINE):
-        guess.likely[fine] = chance(tallies, fine, fine // PAIRS) > likely
-        some = some or guess.likely[fine]
+        guess.chances[fine] = chance(tallies, fine, fine // PAIRS)
     for i in range(field.open.shape[0]):
         guess.open[i] = field.open[i]
         guess.known[i] = field.known[i]
         guess.layer[i] = field.frontier[i] & guess.inner[i]
-    for _ in range(depth if some else 0):
+    for layer in range(depth):
+        # All cells on the way have to be free, so the farther, the surer each of them.
+        needed = max(likely, sure ** (1.0 / (layer + 1.0)))
+        for fine in range(FINE):
+            guess.likely[fine] = guess.chances[fine] > needed
         note_pairs(guess, guess.across, guess.width)
-        note_pairs(guess, guess.beside, 0)
+        note_pairs(guess, guess.beside, np.int64(0))
         if not predict_layer(guess):
             return
         next_layer(guess)
@@ -60,7 +63,7 @@ def predict(field, tallies, guess, depth, likely):
 def note_pairs(guess, pairs, step):
     """Fill the boards of pairs: neighbours ``step`` words before and after, or one bit if that is 0."""
     size = guess.open.shape[0]
-    reach = max(step, 1)
+    reach = np.int64(max(step, 1))
     for i in range(reach, size - reach):
         if guess.layer[i] == ZERO and not near_layer(guess, i):
             continue

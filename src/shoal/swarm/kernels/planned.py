@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-from shoal.swarm.kernels.best import choose_best
-from shoal.swarm.kernels.compiling import kernel
+from shoal.swarm.kernels.compiling import kernel, part_of_kernel
 from shoal.swarm.kernels.observe import step
+from shoal.swarm.kernels.planner import QUIET, REMAINING, choose_greedy
 from shoal.swarm.kernels.play import COMPLETE, RUNNING, STALLED
 from shoal.swarm.kernels.prospect import copy
-from shoal.swarm.kernels.rollout import (
-    QUIET,
-    REMAINING,
-    choose_greedy,
-    choose_rollout,
-)
+from shoal.swarm.kernels.rollout import choose_rollout
 from shoal.swarm.kernels.survey import take_stock
 
-GREEDY, ROLLOUT, BEST = 6, 7, 8  # as the codes of `play`
+GREEDY, ROLLOUT = 6, 7  # as the codes of `play`
 
 
-@kernel
+@part_of_kernel
 def choose(code, field, mapping, planner):
     """Return the next command, -1 if there is none."""
     if code == GREEDY:
-        return choose_greedy(field, mapping, planner)
-    if code == BEST:
-        return choose_best(field, mapping, planner)
+        return choose_greedy(field, planner)
     return choose_rollout(field, mapping, planner)
 
 
-@kernel
+@part_of_kernel
 def heed(field, mapping, planner, command, done):
     """Let a planner see what its last command did."""
     memory = planner.memory

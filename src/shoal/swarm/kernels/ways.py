@@ -84,10 +84,10 @@ def on_board(scene, row, column):
 
 
 @kernel
-def way(scene, state, planes, plan, at, limit, pick):
+def way(scene, state, planes, plan, at, limit):
     """Write the way to a nearest frontier cell into ``plan[at:]``; return its length, 0 if there is none, TOO_FAR if it has more than ``limit`` moves.
 
-    Of several cells as near, ``pick`` (a number from 0 on) chooses: words of the board are looked through from a place that it gives.
+    Of several cells as near it is the first in row-major order.
     """
     begin_waves(scene, state, planes)
     wave, frontier, size = planes[WAVE], state[FRONTIER], state.shape[1]
@@ -98,8 +98,7 @@ def way(scene, state, planes, plan, at, limit, pick):
         for i in range(size):
             some |= wave[i] & frontier[i]
         if some != ZERO:
-            for step in range(size):
-                i = (step + pick) % size
+            for i in range(size):
                 if wave[i] & frontier[i] != ZERO:
                     trace(scene, state, planes, i, level, plan, at)
                     return level

@@ -18,3 +18,7 @@ class Rollout(PlannerPolicy):
 
     kind: ClassVar[str] = "rollout"
     code: ClassVar[int] = 7
+
+    @property
+    def settings(self) -> tuple[float, ...]:
+        return (1e9, 200, 150, 0.99, 60, 0.98, 30, 24, 12, 6, 0, 0, 0, 8, 0, 0.75, 12, 0, 8, 450, 0)
