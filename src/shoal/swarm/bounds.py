@@ -324,9 +324,9 @@ def mapping_optimum(
     One particle in a window of one cell probes its four walls; with a second cell, that may be free, there are three more.
 
     >>> mapping_optimum((1, 1), [(0, 0)])
-    MappingOptimum(worst=4.0, mean=4.0, states=1)
+    MappingOptimum(worst=4.0, mean=4.0, states=16)
     >>> mapping_optimum((1, 2), [(0, 0)]).worst
-    8.0
+    7.0
     """
     if not 0 <= chance_free <= 1:
         raise InvalidInputError(f"chance_free: expected a number from 0 to 1, got {chance_free}")

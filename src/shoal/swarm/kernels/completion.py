@@ -64,15 +64,15 @@ def left_behind(scene, state, at_hand, still):
 def complete(scene, state, space, plan, length, horizon, discount, manner, charge, bound):
     """Imagine the first ``length`` commands of a plan and then go on by the base policy, writing its commands behind them.
 
-    Changes ``state``. Returns (time, value, length, moves): when the last cell was settled, ``horizon`` if some are left then; the cells
-    settled, discounted; the commands in the plan; and how many were imagined. Gives up after ``bound`` moves.
+    Changes ``state``. Returns (time, value, length, moves, settled): when the last cell was settled, ``horizon`` if some are left then;
+    the cells settled, discounted; the commands in the plan; how many were imagined; and the cells settled. Gives up after ``bound`` moves.
     """
-    value, weight, last, finished = 0.0, 1.0, np.int64(-1), 0
+    value, weight, last, finished, total = 0.0, 1.0, np.int64(-1), 0, 0
     at = np.int64(0)
     while at < horizon:
         if at >= length:
             if at >= bound:
-                return horizon, value, at, at
+                return horizon, value, at, at, total
             prospects(scene, state, space.gains)
             if manner == CAREFUL:
                 command = most_careful(scene, state, space, last, charge)
@@ -84,16 +84,17 @@ def complete(scene, state, space, plan, length, horizon, discount, manner, charg
             else:
                 found = way(scene, state, space.planes, plan, at, horizon - at)
                 if found == TOO_FAR:
-                    return horizon, value, at, at
+                    return horizon, value, at, at, total
                 if found == 0:
-                    return finished, value, at, at
+                    return finished, value, at, at, total
                 length = at + found
         command = np.int64(plan[at])
         settled = advance(scene, state, command)
         at += 1
         if settled > 0:
             value += weight * settled
+            total += settled
             finished = at
         weight *= discount
         last = command
-    return horizon, value, min(length, at), at
+    return horizon, value, min(length, at), at, total

@@ -42,7 +42,8 @@ RUNS = 17  # whether whole runs in one direction are candidates, too
 RENEW = 18  # quiet moves after which to search again
 PATIENCE = 19  # quiet moves after which a whole way is played
 SURE = 20  # chance that all cells up to a predicted one are free
-OPTIONS = 21
+AFTER = 21  # cells that one predicted behind the frontier counts for: itself and the walls beside it
+OPTIONS = 22
 
 
 class Planner(NamedTuple):

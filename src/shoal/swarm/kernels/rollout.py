@@ -8,11 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.swarm.kernels.beam import search_beam, take_best
+from shoal.swarm.kernels.bits import popcount
 from shoal.swarm.kernels.compiling import kernel, part_of_kernel
 from shoal.swarm.kernels.completion import CAREFUL, GREEDY, complete
-from shoal.swarm.kernels.foresight import FRONTIER, advance, copy_state, count, directions, take_state
+from shoal.swarm.kernels.foresight import FRONTIER, UNSEEN, advance, copy_state, count, directions, take_state
 from shoal.swarm.kernels.guess import predict
 from shoal.swarm.kernels.planner import (
+    AFTER,
     AHEAD,
     BUDGET,
     CAP,
@@ -75,12 +77,14 @@ def weigh(planner, length, best, few, manner):
     if few > 0 and best > -horizon:  # what is settled early is worth little more than SHARE
         bound = min(horizon, int(1.5 * options[SHARE] - best))
     copy_state(planner.root, planner.state)
-    time, value, length, moves = complete(
+    time, value, length, moves, settled = complete(
         planner.scene, planner.state, planner, planner.trial, length, horizon, discount, manner, options[CHARGE], bound
     )
     memory[IMAGINED] += moves
     if few > 0:
         value = options[SHARE] / few * value - time
+        if time == horizon and options[AFTER] > 0:  # the rest at the same rate
+            value -= horizon * count(planner.state[FRONTIER]) / max(settled, 1)
     if value <= best:
         return best
     for i in range(length):
@@ -94,7 +98,9 @@ def think(planner):
     """Replace the incumbent by the best plan found."""
     memory, trial, options = planner.memory, planner.trial, planner.options
     remaining = count(planner.root[FRONTIER])
-    few = remaining if remaining <= options[FEW] else 0
+    few = 0.0
+    if remaining <= options[FEW]:
+        few = remaining + options[AFTER] * foreseen(planner)
     at, length = memory[PLAN_AT], memory[PLAN_LENGTH]
     for i in range(at, length):
         trial[i - at] = planner.incumbent[i]
@@ -113,6 +119,15 @@ def think(planner):
     if few > 0:
         for _ in range(int(options[VARIATIONS])):
             best = weigh(planner, vary(planner), best, few, memory[MANNER])
+
+
+@kernel
+def foreseen(planner):
+    """Return how many cells behind the frontier are taken to be free."""
+    unseen, ground, total = planner.root[UNSEEN], planner.scene.ground, 0
+    for i in range(unseen.shape[0]):
+        total += popcount(unseen[i] & ground[i])
+    return total
 
 
 @kernel

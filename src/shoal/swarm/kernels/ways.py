@@ -128,6 +128,7 @@ def outlook(scene, state, planes, rate, cap):
         reached = 0
         for i in range(frontier.shape[0]):
             reached += popcount(wave[i] & frontier[i])
+            wave[i] &= scene.ground[i]  # nobody goes on from a wall
         value += weight * reached
         left -= reached
         weight *= rate
