@@ -8,8 +8,8 @@ from typing import ClassVar
 from shoal.swarm.policies.planner import Budgeted, Tuning
 
 TUNING = Tuning(
-    few=1e9, horizon=300, discount=0.99, near_horizon=60, near_discount=0.98, share=100, width=24, depth=12, leaves=6, ahead=0, rate=0.9,
-    cap=8, variations=8, charge=1, likely=0.75, layers=60, runs=1, renew=8, patience=450, sure=0.5, after=2,
+    few=1e9, horizon=300, discount=0.99, near_horizon=60, near_discount=0.98, share=100, width=8, depth=12, leaves=6, ahead=1, rate=0.9,
+    cap=8, variations=8, charge=1, likely=0.75, layers=60, runs=1, renew=8, patience=450, sure=0.7, after=2,
 )  # fmt: skip
 
 
