@@ -20,8 +20,25 @@ PolicyName = Annotated[
     str,
     typer.Option(
         "--policy",
-        help="closest-frontier, elect-particle, random-moves, depth-first, sweep, manual:COMMANDS or MODULE:ATTRIBUTE; "
-        "options follow a colon, as in closest-frontier:ties=row-major.",
+        help="best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, depth-first, sweep, "
+        "manual:COMMANDS or MODULE:ATTRIBUTE; options follow a colon, as in closest-frontier:ties=row-major.",
+    ),
+]
+Budget = Annotated[
+    float | None,
+    typer.Option(
+        "--budget",
+        help="Planners (best, rollout): moves that may be imagined for each move sent, on average.",
+        show_default=False,
+    ),
+]
+TimePerMove = Annotated[
+    float | None,
+    typer.Option(
+        "--time-per-move",
+        metavar="MS",
+        help="Planners: milliseconds for each move, on average, instead of a budget; the commands then depend on the machine.",
+        show_default=False,
     ),
 ]
 PlacementName = Annotated[

@@ -34,7 +34,9 @@ COVER_EXAMPLE = "Example: shoal cover maze:21x15 --particles 20 --subset 0.1"
 def map_(
     map_name: options.Map,
     particles: options.Particles = 100,
-    policy: options.PolicyName = "closest-frontier",
+    policy: options.PolicyName = "best",
+    budget: options.Budget = None,
+    time_per_move: options.TimePerMove = None,
     placement: options.PlacementName = "uniform",
     rule: options.Rule = "block",
     trials: options.Trials = 1,
@@ -54,11 +56,17 @@ def map_(
     scale: options.Scale = 1.0,
     largest_component: options.LargestComponent = False,
 ) -> None:
-    """Map an unknown workspace: find every free cell that the particles can reach, and the walls around them."""
+    """Map an unknown workspace: find every free cell that the particles can reach, and the walls around them.
+
+    The policy best plans every move; with --scan-every or rule tilt, which it has no answer for, closest-frontier is the default.
+    """
     from shoal.swarm.maps import open_map
 
     with quiet():
         workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
+    if policy == "best" and (scan_every != "1" or rule == "tilt") and budget is None and time_per_move is None:
+        policy = "closest-frontier"
+    policy = _thinking(policy, budget, time_per_move)
     problem: dict[str, Any] = {"task": "mapping", "particles": particles, "policy": policy, "placement": placement, "rule": rule}
     problem |= {"scan_every": scan_every, "scan_cost": scan_cost, "move_cost": move_cost}
     _play(workspace, problem, trials, seed, max_moves, workers, out, film, json_, largest_component)
@@ -72,6 +80,8 @@ def cover(
     ] = None,
     particles: options.Particles = 100,
     policy: options.PolicyName = "closest-frontier",
+    budget: options.Budget = None,
+    time_per_move: options.TimePerMove = None,
     placement: options.PlacementName = "uniform",
     rule: options.Rule = "block",
     trials: options.Trials = 1,
@@ -98,9 +108,26 @@ def cover(
     task: Any = "coverage" if subset is None else SubsetCoverage(fraction=subset)
     with quiet():
         workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
+    policy = _thinking(policy, budget, time_per_move)
     problem: dict[str, Any] = {"task": task, "particles": particles, "policy": policy, "placement": placement, "rule": rule}
     problem |= {"scan_every": scan_every, "scan_cost": scan_cost, "move_cost": move_cost}
     _play(workspace, problem, trials, seed, max_moves, workers, out, film, json_, largest_component)
+
+
+def _thinking(policy: str, budget: float | None, time_per_move: float | None) -> str:
+    """Return the policy with the options of --budget and --time-per-move."""
+    from shoal.swarm.policies import Budgeted, make_policy
+
+    given = {"budget": budget, "milliseconds": time_per_move}
+    wanted = [f"{name}={value:.17g}" for name, value in given.items() if value is not None]
+    if not wanted:
+        return policy
+    option = "--budget" if budget is not None else "--time-per-move"
+    if len(wanted) > 1:
+        raise InvalidInputError("expected --budget or --time-per-move, got both")
+    if not isinstance(make_policy(policy), Budgeted):
+        raise InvalidInputError(f"{option}: expected a policy that plans (best, beam-rollout or rollout), got {policy}")
+    return policy + ("," if ":" in policy else ":") + wanted[0]
 
 
 def _play(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -246,17 +247,6 @@ def new_log(moves_at_most: int) -> play.Log:
     )
 
 
-def remaining(mind: play.Mind) -> int:
-    """Return the number of frontier cells left."""
-    return int(mind.memory[play.REMAINING])
-
-
-def cut_within_run(mind: play.Mind) -> bool:
-    """Tell whether an episode that was stopped has sent a part of a run whose outcome is still to be looked at."""
-    known = mind.scanning.kind == runs.ADAPTIVE and mind.memory[play.LEARNT] == 0
-    return bool(mind.memory[play.RUN_LEFT] > 0 and not known)
-
-
 def board_of(frame: Frame, flat: Words) -> Board:
     """Return the board that the kernels hold flat."""
     return Board(frame, flat.reshape(frame.words))
@@ -288,6 +278,32 @@ def play_on(
         log.commands[:] = rng.integers(0, len(mind.search.neighbours), size=len(log.commands))
     played, status = play.play(code, field, RULE_CODES[rule], mapping, mind, log)
     return int(played), int(status)
+
+
+@dataclass(frozen=True)
+class Game:
+    """A built-in policy at play, in pieces as long as the logs that it is given."""
+
+    code: int
+    mind: play.Mind
+    rule: str
+    mapping: bool
+    rng: Generator
+
+    def play_on(self, field: moves.Field, log: play.Log) -> tuple[int, int]:
+        """Play until the log is full; see `play_on`."""
+        return play_on(self.code, field, self.rule, self.mapping, self.mind, self.rng, log)
+
+    @property
+    def remaining(self) -> int:
+        """Number of frontier cells left."""
+        return int(self.mind.memory[play.REMAINING])
+
+    @property
+    def cut_within_run(self) -> bool:
+        """Whether an episode that was stopped has sent a part of a run whose outcome is still to be looked at."""
+        known = self.mind.scanning.kind == runs.ADAPTIVE and self.mind.memory[play.LEARNT] == 0
+        return bool(self.mind.memory[play.RUN_LEFT] > 0 and not known)
 
 
 class AdaptiveRuns:

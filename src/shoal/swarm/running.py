@@ -14,7 +14,7 @@ from shoal.errors import InvalidInputError
 from shoal.swarm.belief import Belief
 from shoal.swarm.episode import Episode
 from shoal.swarm.placement import Placement, place
-from shoal.swarm.policies import Compiled, Manual, Policy, make_policy
+from shoal.swarm.policies import Compiled, Manual, PlannerPolicy, Policy, make_policy
 from shoal.swarm.policies.compiled import check_scanning
 from shoal.swarm.scanning.runs import MOVE_COST, SCAN_COST, ScanRule
 from shoal.swarm.state import SwarmState
@@ -160,18 +160,7 @@ def play_compiled(
 
     frame = world.frame
     field = engine.field_of(world.free.words, state, belief)
-    mind = engine.mind_of(
-        frame,
-        world.workspace.n_free,
-        belief,
-        rule=world.rule,
-        ties=getattr(policy, "ties", "column-major"),
-        neighbours=getattr(policy, "neighbours", "lurd"),
-        plan=getattr(policy, "commands", ""),
-        scanning=blank.scanning if given is None else None,
-    )
-    if not belief.complete:
-        engine.choose_driven(policy.code, state, mind, rng)
+    game = _game(world, policy, task, state, belief, rng, blank.scanning if given is None else None)
     largest = int(np.clip(2**25 // field.free.size, 64, 2**16))
     room, moves, status = min(2048, largest), 0, "limit"
     pieces: list[tuple[NDArray[Any], ...]] = []
@@ -181,17 +170,17 @@ def play_compiled(
         log = engine.new_log(min(room, max_moves - moves))
         if given is not None:
             log.scanned[:] = given[moves : moves + len(log.scanned)]
-        played, ended = engine.play_on(policy.code, field, world.rule, task.mapping, mind, rng, log)
+        played, ended = game.play_on(field, log)
         pieces.append(tuple(column[:played] for column in log))
         moves, room = moves + played, min(2 * room, largest)
         if on_moves is not None:
-            on_moves(moves, engine.remaining(mind))
+            on_moves(moves, game.remaining)
         if ended != engine.RUNNING:
             status = "complete" if ended == engine.COMPLETE else "stalled"
             break
-    if status == "limit" and given is None and engine.cut_within_run(mind):
+    if status == "limit" and given is None and game.cut_within_run:
         pieces[-1][-1][-1] = True  # the run was cut short, and its end is looked at
-        status = "limit" if engine.remaining(mind) else "complete"
+        status = "limit" if game.remaining else "complete"
     final = Belief(*(engine.board_of(frame, words) for words in (field.open, field.known, field.frontier)))
     after = engine.state_of(frame, field)
     columns: list[NDArray[Any]] = (
@@ -203,6 +192,31 @@ def play_compiled(
         after,
         final,
     )
+
+
+def _game(
+    world: GridWorld, policy: Any, task: Any, state: SwarmState, belief: Belief, rng: Generator, scanning: ScanRule | None
+) -> Any:
+    """Return what plays a built-in policy in pieces: `engine.Game` or `planning.Game`."""
+    if isinstance(policy, PlannerPolicy):
+        from shoal.swarm import planning
+
+        return planning.Game(policy, belief, rule=world.rule, mapping=task.mapping, rng=rng)
+    from shoal.swarm import engine
+
+    mind = engine.mind_of(
+        world.frame,
+        world.workspace.n_free,
+        belief,
+        rule=world.rule,
+        ties=getattr(policy, "ties", "column-major"),
+        neighbours=getattr(policy, "neighbours", "lurd"),
+        plan=getattr(policy, "commands", ""),
+        scanning=scanning,
+    )
+    if not belief.complete:
+        engine.choose_driven(policy.code, state, mind, rng)
+    return engine.Game(policy.code, mind, rule=world.rule, mapping=task.mapping, rng=rng)
 
 
 def replay(episode: Episode) -> tuple[SwarmState, Belief, Episode]:

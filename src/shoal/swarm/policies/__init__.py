@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from shoal.registry import Registry
 from shoal.swarm.options import configured
+from shoal.swarm.policies.beam_rollout import BeamRollout
 from shoal.swarm.policies.closest_frontier import ClosestFrontier
 from shoal.swarm.policies.compiled import Compiled
 from shoal.swarm.policies.depth_first import DepthFirst
 from shoal.swarm.policies.elect_particle import ElectParticle
+from shoal.swarm.policies.greedy_classify import GreedyClassify
 from shoal.swarm.policies.manual import Manual
+from shoal.swarm.policies.planner import Budgeted, PlannerPolicy
 from shoal.swarm.policies.protocol import Decision, Policy, View
 from shoal.swarm.policies.random_moves import RandomMoves
+from shoal.swarm.policies.rollout import Rollout
 from shoal.swarm.policies.sweep import Sweep
 
 POLICIES: Registry[type[Policy]] = Registry("policy")
-for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, Sweep, Manual):
+for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, Sweep, GreedyClassify, Rollout, BeamRollout, Manual):
     POLICIES.add(_policy.kind, _policy)
+POLICIES.add("best", BeamRollout)  # an alias, which may stand for another one some day
 
 
 def make_policy(policy: str | Policy) -> Policy:
@@ -36,14 +41,19 @@ def make_policy(policy: str | Policy) -> Policy:
 
 __all__ = [
     "POLICIES",
+    "BeamRollout",
+    "Budgeted",
     "ClosestFrontier",
     "Compiled",
     "Decision",
     "DepthFirst",
     "ElectParticle",
+    "GreedyClassify",
     "Manual",
+    "PlannerPolicy",
     "Policy",
     "RandomMoves",
+    "Rollout",
     "Sweep",
     "View",
     "make_policy",

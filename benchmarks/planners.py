@@ -1,0 +1,116 @@
+"""python -m benchmarks.planners: planners against closest-frontier, on the same starts, with the gap to the lower bounds.
+
+Options: --trials N, --counts 100,500, --maps htree:5000,vessels:5000, --policies best,rollout, --tasks mapping,coverage,subset-coverage.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import statistics
+import time
+
+import numpy as np
+from tests.golden.test_published import PUBLISHED, published_means
+
+from shoal import open_map, run
+from shoal.swarm.bounds import lower_bound
+from shoal.swarm.policies import BeamRollout, Policy, make_policy
+
+COUNTS = (100, 500, 1000, 2500, 4000)
+MAPS = ("htree:5000", "rectangle:50x100", "line:5000", "vessels:5000")
+
+
+def variant(name: str, **changed: float) -> Policy:
+    """Return beam-rollout with some numbers of its tuning changed."""
+    kind = type(name, (BeamRollout,), {"tuning": BeamRollout.tuning._replace(**changed), "name": name})
+    return kind()
+
+
+VARIANTS = {
+    "no-careful-completion": {"charge": 0},
+    "no-outlook-in-the-beam": {"ahead": 0},
+    "no-beam": {"leaves": 0},
+    "no-variations": {"variations": 0},
+    "no-runs": {"runs": 0},
+    "no-prediction": {"layers": 0},
+    "prediction-of-12-cells": {"layers": 12, "sure": 0},
+    "end-in-sight-at-200": {"few": 200},
+}
+
+
+def policy_of(name: str) -> Policy:
+    """Return a policy by name, or a variant by one of `VARIANTS`."""
+    return variant(name, **VARIANTS[name]) if name in VARIANTS else make_policy(name)
+
+
+def interval(ratios: list[float]) -> float:
+    """Return half the width of the 95 % confidence interval of a mean (normal approximation)."""
+    return 1.96 * statistics.stdev(ratios) / math.sqrt(len(ratios)) if len(ratios) > 1 else math.nan
+
+
+def point(workspace, name: str, n: int, policy: Policy, task: str, trials: int) -> dict[str, float]:
+    """Return what a policy needs at one number of particles, and what closest-frontier needs from the same starts."""
+    ours, theirs, gaps, seconds = [], [], [], []
+    for trial in range(trials):
+        began = time.process_time()
+        episode = run(workspace, particles=n, trial=trial, policy=policy, task=task)
+        seconds.append((time.process_time() - began) / max(1, episode.moves))
+        assert episode.status == "complete", episode
+        base = run(workspace, start=episode.start, policy="closest-frontier", task=task, trial=trial)
+        if task == "subset-coverage":  # the targets are drawn after the start
+            base = run(workspace, particles=n, policy="closest-frontier", task=task, trial=trial)
+            assert (base.targets == episode.targets).all()
+        kind = "mapping" if task == "mapping" else "coverage"
+        bound = lower_bound(workspace, episode.start, task=kind, targets=episode.targets)
+        ours.append(episode.moves)
+        theirs.append(base.moves)
+        gaps.append(episode.moves / max(1, bound.moves))
+    mean = statistics.fmean(ours)
+    paired = mean / statistics.fmean(theirs)
+    residuals = [(a - paired * b) / statistics.fmean(theirs) for a, b in zip(ours, theirs, strict=True)]
+    published = published_means(PUBLISHED[name]).get(n) if task == "mapping" and name in PUBLISHED else None
+    return {
+        "moves": mean,
+        "paired": paired,
+        "half": interval(residuals),
+        "fraction": mean / published if published else paired,
+        "gap": statistics.fmean(gaps),
+        "ms": 1e3 * statistics.median(seconds),
+    }
+
+
+def main() -> None:
+    """Print one table a task."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--trials", type=int, default=100)
+    parser.add_argument("--few-trials", type=int, default=20, help="at n = 100")
+    parser.add_argument("--counts", default=",".join(map(str, COUNTS)))
+    parser.add_argument("--maps", default=",".join(MAPS))
+    parser.add_argument("--policies", default="best")
+    parser.add_argument("--tasks", default="mapping")
+    given = parser.parse_args()
+    for task in given.tasks.split(","):
+        print(f"\n{task}\n\n| map | policy | n | moves | of the published | of closest-frontier, same starts | times the bound | ms a move |")
+        print("|---|---|---|---|---|---|---|---|")
+        for name in given.maps.split(","):
+            workspace = open_map(name)
+            for policy in given.policies.split(","):
+                fractions, pairs = [], []
+                for n in map(int, given.counts.split(",")):
+                    trials = min(given.trials, given.few_trials) if n <= 100 else given.trials
+                    at = point(workspace, name, n, policy_of(policy), task, trials)
+                    fractions.append(at["fraction"])
+                    pairs.append(at["paired"])
+                    public = f"{at['fraction']:.3f}" if task == "mapping" and name in PUBLISHED else ""
+                    print(
+                        f"| `{name}` | {policy} | {n} | {at['moves']:.1f} | {public} | {at['paired']:.3f} ± {at['half']:.3f} "
+                        f"| {at['gap']:.1f} | {at['ms']:.2f} |",
+                        flush=True,
+                    )
+                means = [float(np.exp(np.mean(np.log(values)))) for values in (fractions, pairs)]
+                print(f"| `{name}` | {policy} | geometric mean | | {means[0]:.3f} | {means[1]:.3f} | | |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""How an imagined plan goes on: one command after the other, or the whole way to the nearest frontier cell if none settles any.
+
+Two manners: greedy takes the command that settles most now; careful takes off for each what it would leave behind, that is frontier
+cells beside a particle now and beside none afterwards. In a corridor careful probes both walls before it steps on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.swarm.kernels.bits import popcount
+from shoal.swarm.kernels.compiling import kernel
+from shoal.swarm.kernels.foresight import FRONTIER, OCCUPIED, advance, copy_state, prospects
+from shoal.swarm.kernels.ways import NEXT, TOO_FAR, WAVE, beside, way
+
+GREEDY, CAREFUL = np.int64(0), np.int64(1)  # typed, since a kernel is compiled anew for each literal argument
+
+
+@kernel
+def most(gains, last):
+    """Return the command that settles most, the last one if it is among them; -1 if none settles anything."""
+    best = last if last >= 0 and gains[last] > 0 else np.int64(-1)
+    for command in range(gains.shape[0]):
+        if gains[command] > (gains[best] if best >= 0 else 0):
+            best = command
+    return best
+
+
+@kernel
+def most_careful(scene, state, space, last, charge):
+    """Return the command for which cells settled less ``charge`` times cells left behind are most, of those that settle any."""
+    gains, best, best_worth = space.gains, -1, 0.0
+    at_hand = space.planes[WAVE]
+    some, only = 0, -1
+    for command in range(gains.shape[0]):
+        if gains[command] > 0:
+            some, only = some + 1, command
+    if some <= 1:
+        return only
+    beside(scene, state[OCCUPIED], state[FRONTIER], at_hand)
+    for turn in range(gains.shape[0]):
+        command = (max(last, 0) + turn) % gains.shape[0]
+        if gains[command] == 0:
+            continue
+        copy_state(state, space.ahead)
+        advance(scene, space.ahead, command)
+        worth = gains[command] - charge * left_behind(scene, space.ahead, at_hand, space.planes[NEXT])
+        if best < 0 or worth > best_worth:
+            best, best_worth = command, worth
+    return best
+
+
+@kernel
+def left_behind(scene, state, at_hand, still):
+    """Return how many of the frontier cells that were at hand are neither settled now nor at hand any more."""
+    beside(scene, state[OCCUPIED], at_hand, still)
+    frontier, lost = state[FRONTIER], 0
+    for i in range(still.shape[0]):
+        lost += popcount(at_hand[i] & frontier[i] & ~still[i])
+    return lost
+
+
+@kernel
+def complete(scene, state, space, plan, length, horizon, discount, manner, charge, bound):
+    """Imagine the first ``length`` commands of a plan and then go on by the base policy, writing its commands behind them.
+
+    Changes ``state``. Returns (time, value, length, moves, settled): when the last cell was settled, ``horizon`` if some are left then;
+    the cells settled, discounted; the commands in the plan; how many were imagined; and the cells settled. Gives up after ``bound`` moves.
+    """
+    value, weight, last, finished, total = 0.0, 1.0, np.int64(-1), 0, 0
+    at = np.int64(0)
+    while at < horizon:
+        if at >= length:
+            if at >= bound:
+                return horizon, value, at, at, total
+            prospects(scene, state, space.gains)
+            if manner == CAREFUL:
+                command = most_careful(scene, state, space, last, charge)
+            else:
+                command = most(space.gains, last)
+            if command >= 0:
+                plan[at] = command
+                length = at + 1
+            else:
+                found = way(scene, state, space.planes, plan, at, horizon - at)
+                if found == TOO_FAR:
+                    return horizon, value, at, at, total
+                if found == 0:
+                    return finished, value, at, at, total
+                length = at + found
+        command = np.int64(plan[at])
+        settled = advance(scene, state, command)
+        at += 1
+        if settled > 0:
+            value += weight * settled
+            total += settled
+            finished = at
+        weight *= discount
+        last = command
+    return horizon, value, min(length, at), at, total

@@ -1,0 +1,50 @@
+"""Whole episodes of planners; as `play`, in pieces, and wherever it is cut, the episode is the same."""
+
+from __future__ import annotations
+
+from shoal.swarm.kernels.compiling import kernel, part_of_kernel
+from shoal.swarm.kernels.observe import step
+from shoal.swarm.kernels.planner import QUIET, REMAINING, choose_greedy
+from shoal.swarm.kernels.play import COMPLETE, RUNNING, STALLED
+from shoal.swarm.kernels.prospect import copy
+from shoal.swarm.kernels.rollout import choose_rollout
+from shoal.swarm.kernels.survey import take_stock
+
+GREEDY, ROLLOUT = 6, 7  # as the codes of `play`
+
+
+@part_of_kernel
+def choose(code, field, mapping, planner):
+    """Return the next command, -1 if there is none."""
+    if code == GREEDY:
+        return choose_greedy(field, planner)
+    return choose_rollout(field, mapping, planner)
+
+
+@part_of_kernel
+def heed(field, mapping, planner, command, done):
+    """Let a planner see what its last command did."""
+    memory = planner.memory
+    memory[QUIET] = 0 if done > 0 else memory[QUIET] + 1
+    if mapping and done > 0:
+        take_stock(field, planner.survey, command)
+
+
+@kernel
+def play_planned(code, field, rule, mapping, planner, log):
+    """Play until the log is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED)."""
+    memory = planner.memory
+    for move in range(log.commands.shape[0]):
+        if memory[REMAINING] == 0:
+            return move, COMPLETE
+        command = choose(code, field, mapping, planner)
+        if command < 0:
+            return move, STALLED
+        copy(field.known, planner.survey.known)
+        travelled, done, change = step(field, command, rule, mapping)
+        memory[REMAINING] += change
+        heed(field, mapping, planner, command, done)
+        log.commands[move], log.done[move] = command, done
+        log.frontier[move], log.travelled[move] = memory[REMAINING], travelled
+        log.scanned[move] = True
+    return log.commands.shape[0], COMPLETE if memory[REMAINING] == 0 else RUNNING

@@ -1,0 +1,164 @@
+"""Between planners and their kernels: work space, one decision step by step, many in compiled code."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.random import Generator
+
+from shoal.swarm.boards import Frame
+from shoal.swarm.commands import letters_of
+from shoal.swarm.engine import RULE_CODES, field_of
+from shoal.swarm.kernels import beam, foresight, guess, moves, planned, planner, play, survey, ways
+from shoal.swarm.state import SwarmState
+
+if TYPE_CHECKING:
+    from shoal.swarm.belief import Belief
+    from shoal.swarm.policies import PlannerPolicy, View
+
+BEAM_WIDTH, BEAM_DEPTH = 24, 12
+LONGEST_PLAN = 2_000
+PIECE = 8  # moves after which the time taken is looked at
+FIRST_BUDGET = 50.0  # imagined moves a move, while nothing is known of the machine
+
+
+def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: int, options: tuple[float, ...] = ()) -> Any:
+    """Return the memory and the work space of a planner that has not decided anything yet."""
+    size, directions = frame.words[0] * frame.words[1], len(letters_of(frame.ndim))
+    longest = int(np.prod(frame.shape)) + LONGEST_PLAN
+    extents = {"layers": frame.layers, "rows": frame.rows, "width": frame.words[1]}
+
+    def boards(*shape: int) -> Any:
+        return np.zeros((*shape, size), dtype=np.uint64)
+
+    foreseen = guess.Guess(
+        *boards(4),
+        inner=frame.pack(frame.rim(np.ones(frame.shape, dtype=np.bool_))).ravel(),
+        across=boards(guess.PAIRS),
+        beside=boards(guess.PAIRS),
+        chances=np.zeros(survey.FINE),
+        likely=np.zeros(survey.FINE, dtype=np.bool_),
+        unlikely=np.zeros(survey.FINE, dtype=np.bool_),
+        **extents,
+    )
+    memory = np.zeros(planner.MEMORY, dtype=np.int64)
+    memory[planner.RANDOM] = seed
+    memory[planner.REMAINING] = len(belief.frontier)
+    return planner.Planner(
+        memory=memory,
+        options=np.array(options, dtype=np.float64),
+        scene=foresight.Scene(foreseen.open, *boards(3), rule=RULE_CODES[rule], mapping=mapping, **extents),
+        root=boards(foresight.BOARDS),
+        state=boards(foresight.BOARDS),
+        ahead=boards(foresight.BOARDS),
+        planes=boards(ways.PLANES),
+        gains=np.zeros(directions, dtype=np.int64),
+        incumbent=np.zeros(longest, dtype=np.int8),
+        trial=np.zeros(longest, dtype=np.int8),
+        beam=beam.Beam(
+            states=boards(2, BEAM_WIDTH, foresight.BOARDS),
+            plans=np.zeros((2, BEAM_WIDTH, BEAM_DEPTH), dtype=np.int8),
+            values=np.zeros((2, BEAM_WIDTH)),
+            ranks=np.zeros((2, BEAM_WIDTH)),
+            marks=np.zeros((2, BEAM_WIDTH), dtype=np.uint64),
+            child=boards(foresight.BOARDS),
+        ),
+        survey=survey.Survey(
+            prices=np.zeros(2),
+            tallies=np.zeros((survey.TALLIES, 2), dtype=np.int64),
+            gains=np.zeros((directions, 1)),
+            known=boards(),
+            columns=frame.columns,
+        ),
+        guess=foreseen,
+    )
+
+
+def seed_of(rng: Generator) -> int:
+    """Draw the seed of a planner's own generator."""
+    return int(rng.integers(1, 2**62))
+
+
+class Pace:
+    """Turns a time for each move into a budget of imagined moves, from what they have taken so far."""
+
+    def __init__(self, milliseconds: float) -> None:
+        self.milliseconds, self.spent, self.imagined, self.moves = milliseconds, 0.0, 0, 0
+
+    @contextmanager
+    def timed(self, mind: Any, moves: int) -> Iterator[None]:
+        """Time the block, which plays so many moves, and set the budget for those that follow."""
+        if not self.milliseconds:
+            yield
+            return
+        if self.moves == 0:
+            mind.options[planner.BUDGET] = FIRST_BUDGET
+        before, began = int(mind.memory[planner.IMAGINED]), time.perf_counter()
+        yield
+        self.spent += (time.perf_counter() - began) * 1e3
+        self.imagined += int(mind.memory[planner.IMAGINED]) - before
+        self.moves += moves
+        left = self.milliseconds * (self.moves + moves) - self.spent  # for the next so many
+        mind.options[planner.BUDGET] = max(1.0, left / moves * self.imagined / max(self.spent, 1e-9))
+
+
+class Game:
+    """A planner at play, in pieces as long as the logs that it is given."""
+
+    cut_within_run = False  # there is a scan after every move
+
+    def __init__(self, policy: PlannerPolicy, belief: Belief, *, rule: str, mapping: bool, rng: Generator) -> None:
+        seed = 0 if belief.complete else seed_of(rng)
+        self.code, self.rule, self.mapping, self.pace = policy.code, RULE_CODES[rule], mapping, Pace(policy.milliseconds)
+        self.mind = planner_of(belief.open.frame, belief, rule=rule, mapping=mapping, seed=seed, options=policy.settings)
+
+    def play_on(self, field: moves.Field, log: play.Log) -> tuple[int, int]:
+        """Play until the log is full; return (moves, status code)."""
+        if not self.pace.milliseconds:
+            played, status = planned.play_planned(self.code, field, self.rule, self.mapping, self.mind, log)
+            return int(played), int(status)
+        moves, status = 0, play.RUNNING
+        while moves < len(log.commands) and status == play.RUNNING:
+            piece = play.Log(*(column[moves : moves + PIECE] for column in log))
+            with self.pace.timed(self.mind, len(piece.commands)):
+                played, status = planned.play_planned(self.code, field, self.rule, self.mapping, self.mind, piece)
+            moves += int(played)
+        return moves, int(status)
+
+    @property
+    def remaining(self) -> int:
+        """Number of frontier cells left."""
+        return int(self.mind.memory[planner.REMAINING])
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """What a planner that is played step by step hands to its next decision."""
+
+    planner: Any
+    command: int
+    pace: Pace
+
+
+def decide(policy: PlannerPolicy, view: View, memory: Any, rng: Generator) -> tuple[str, Any]:
+    """Return the next command of a planner and its memory, which is changed in place."""
+    belief, frame = view.belief, view.occupied.frame
+    field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # the truth is not looked at
+    if memory is None:
+        mind = planner_of(frame, belief, rule=view.rule, mapping=view.mapping, seed=seed_of(rng), options=policy.settings)
+        pace = Pace(policy.milliseconds)
+    else:
+        mind, pace = memory.planner, memory.pace
+        mind.memory[planner.REMAINING] = len(belief.frontier)
+        planned.heed(field, view.mapping, mind, memory.command, view.done)
+    with pace.timed(mind, 1):
+        command = int(planned.choose(policy.code, field, view.mapping, mind))
+    if command < 0:
+        return "", None
+    mind.survey.known[:] = field.known
+    return letters_of(frame.ndim)[command], Remembered(mind, command, pace)

@@ -1,0 +1,91 @@
+"""What the planners share: they see every move, and remember in arrays that kernels work in."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+from numpy.random import Generator
+
+from shoal.errors import InvalidInputError
+from shoal.swarm.policies.compiled import Compiled
+from shoal.swarm.policies.protocol import Decision, View
+
+UNLIMITED = 1e9
+
+
+class Tuning(NamedTuple):
+    """What a planner weighs; docs/concepts/planners.md says why these numbers. In the order of `shoal.swarm.kernels.planner`."""
+
+    few: float  # frontier cells up to which plans are imagined to the end
+    horizon: float  # moves, of plans to the end
+    discount: float
+    near_horizon: float  # moves, while there are more frontier cells
+    near_discount: float
+    share: float  # moves that settling all at once is worth
+    width: float  # of the beam
+    depth: float
+    leaves: float  # of the beam that are completed
+    ahead: float  # weight of the outlook in the beam
+    rate: float  # its discount for each move
+    cap: float  # its farthest cells
+    variations: float  # of the incumbent
+    charge: float  # cells settled that a cell left behind offsets; 0: greedy completions alone
+    likely: float  # chance from which a cell is predicted to be free
+    layers: float  # cells that predictions go on
+    runs: float  # 1: runs in one direction are candidates, too
+    renew: float  # moves that settle nothing, after which to search again
+    patience: float  # moves that settle nothing, after which a whole way is played
+    sure: float  # chance that all cells up to a predicted one are free
+    after: float  # cells to settle for each cell predicted to be free; 0: do not count those
+
+
+@dataclass(frozen=True)
+class PlannerPolicy(Compiled):
+    """Base of the policies that imagine moves before they choose one."""
+
+    runs: ClassVar[bool] = False
+    rules: ClassVar[frozenset[str]] = frozenset({"block", "merge"})
+    tuning: ClassVar[Tuning | None] = None
+    milliseconds: ClassVar[float] = 0.0
+
+    @property
+    def settings(self) -> tuple[float, ...]:
+        """Budget and tuning as kernels know them."""
+        return () if self.tuning is None else (UNLIMITED, *self.tuning)
+
+    def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
+        """Return the next command; memory is all that the planner has learnt, and the last command."""
+        from shoal.swarm import planning
+
+        return planning.decide(self, view, copy.deepcopy(memory), rng)
+
+
+@dataclass(frozen=True)
+class Budgeted(PlannerPolicy):
+    """Base of the planners that can be told how much to think.
+
+    Parameters
+    ----------
+    budget : float
+        Moves that may be imagined for each move sent, on average. The same seed and budget give the same commands on every machine.
+    milliseconds : float
+        If above 0, time for each move, on average, instead of a budget. Then the commands depend on the machine and on what else runs
+        there; an episode replays all the same, since it holds its commands.
+    """
+
+    budget: float = UNLIMITED
+    milliseconds: float = 0.0  # type: ignore[misc]  # an option here, nothing to choose in the base class
+
+    def __post_init__(self) -> None:
+        if not 0 < self.budget <= 1e12:
+            raise InvalidInputError(f"budget: expected imagined moves a move, above 0 and at most 1e12, got {self.budget:g}")
+        if not 0 <= self.milliseconds <= 1e9:
+            raise InvalidInputError(f"milliseconds: expected a time a move, 0 to 1e9, got {self.milliseconds:g}")
+
+    @property
+    def settings(self) -> tuple[float, ...]:
+        """Budget and tuning as kernels know them."""
+        assert self.tuning is not None
+        return (self.budget, *self.tuning)

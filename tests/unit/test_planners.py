@@ -1,0 +1,232 @@
+"""Planners and bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shoal import open_map, run
+from shoal.errors import InvalidInputError
+from shoal.swarm import GridWorkspace, make_policy
+from shoal.swarm.bounds import LowerBound, lower_bound, mapping_optimum, optimum
+from shoal.swarm.policies import POLICIES, BeamRollout
+from tests.properties.strategies import swarms
+
+SMALL = {"width": 3, "depth": 3, "leaves": 2, "variations": 2, "horizon": 14, "near_horizon": 8, "patience": 20, "layers": 4}
+
+
+class Quick(BeamRollout):
+    """beam-rollout with little work, and horizons that small maps go beyond."""
+
+    tuning = BeamRollout.tuning._replace(**SMALL)
+
+
+class QuickFirst(BeamRollout):
+    """The same, with the end out of sight above five frontier cells."""
+
+    tuning = BeamRollout.tuning._replace(few=5, charge=0, ahead=0, runs=0, **SMALL)
+
+
+def test_best_is_an_alias():
+    assert make_policy("best") == BeamRollout()
+    assert {"best", "beam-rollout", "rollout", "greedy-classify"} <= set(POLICIES)
+    assert make_policy("best:budget=100").name == "beam-rollout:budget=100.0"
+
+
+@pytest.mark.parametrize("policy", ["best", "rollout", "greedy-classify"])
+@pytest.mark.parametrize("name", ["cave:20x15", "maze:15x11", "htree:60", "line:40", "rectangle:6x9"])
+def test_planners_complete(policy, name):
+    workspace = open_map(name)
+    for task in ("mapping", "coverage", "subset-coverage"):
+        for particles in (1, 7, workspace.n_free):
+            episode = run(workspace, task=task, particles=particles, policy=policy)
+            assert episode.status == "complete", episode.sentence
+            assert episode.verify()
+
+
+def test_fewer_moves_than_closest_frontier():
+    workspace = open_map("vessels:500")
+    moves = {
+        policy: sum(run(workspace, particles=60, trial=trial, policy=policy).moves for trial in range(6))
+        for policy in ("closest-frontier", "greedy-classify", "rollout", "best")
+    }
+    assert moves["best"] < 0.8 * moves["closest-frontier"]
+    assert moves["rollout"] < 0.8 * moves["closest-frontier"]
+    assert moves["greedy-classify"] < moves["closest-frontier"]
+
+
+@settings(max_examples=40, deadline=None)
+@given(swarms(), st.sampled_from([Quick(), QuickFirst(), Quick(budget=30.0), make_policy("greedy-classify")]), st.booleans(), st.integers(1, 9))
+def test_the_same_step_by_step_and_in_pieces(swarm, policy, merge, cut):
+    workspace, start = swarm
+    options = {"policy": policy, "start": start, "rule": "merge" if merge else "block", "max_moves": 40}
+    whole = run(workspace, **options)
+    assert whole.verify()
+    assert run(workspace, stepwise=True, **options).commands == whole.commands
+    assert run(workspace, **options | {"max_moves": cut}).commands == whole.commands[:cut]
+
+
+@settings(max_examples=25, deadline=None)
+@given(swarms(), st.sampled_from([Quick(), QuickFirst(), make_policy("greedy-classify")]))
+def test_planners_end(swarm, policy):
+    workspace, start = swarm
+    assert run(workspace, policy=policy, start=start, max_moves=30 * 8 * workspace.n_free + 100).status == "complete"
+
+
+def test_what_is_beyond_the_horizon():
+    spiral = open_map("maze:25x25:3")
+    assert run(spiral, policy=Quick(), particles=1).status == "complete"
+
+
+def test_same_seed_and_budget_same_commands():
+    workspace = open_map("cave:20x15")
+    first, again, other = (
+        run(workspace, particles=9, policy=policy).commands for policy in ("best", "best:budget=800", "best:budget=40")
+    )
+    assert first == again
+    assert first != other
+
+
+def test_a_time_for_each_move():
+    episode = run(open_map("cave:20x15"), particles=9, policy="best:milliseconds=0.5")
+    assert episode.status == "complete"
+    assert episode.verify()
+    assert run(open_map("cave:12x9"), particles=5, policy="rollout:milliseconds=0.5", stepwise=True).status == "complete"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"policy": "best:budget=0"}, "budget: expected imagined moves a move, above 0"),
+        ({"policy": "best:budget=nan"}, "budget: expected"),
+        ({"policy": "rollout:milliseconds=-1"}, "milliseconds: expected a time a move"),
+        ({"policy": "best", "scan_every": 2}, "scan-every: expected 1 for policy beam-rollout"),
+        ({"policy": "best", "rule": "tilt"}, "policy beam-rollout: expected rule block or merge, got tilt"),
+    ],
+)
+def test_what_planners_refuse(options, message):
+    with pytest.raises(InvalidInputError, match=message):
+        run(open_map("line:9"), particles=2, **options)
+
+
+def small_cases(count, seed):
+    """Small random workspaces with particles."""
+    rng = np.random.default_rng(seed)
+    while count:
+        free = rng.random((rng.integers(1, 5), rng.integers(2, 6))) < 0.8
+        if not free.any():
+            continue
+        workspace = GridWorkspace(free).largest_component()
+        n = int(rng.integers(1, min(4, workspace.n_free) + 1))
+        yield workspace, workspace.cells[rng.choice(workspace.n_free, size=n, replace=False)]
+        count -= 1
+
+
+def test_small_coverages_are_close_to_the_optimum():
+    excess = []
+    for workspace, start in small_cases(80, 3):
+        best = optimum(workspace, start)
+        found = run(workspace, task="coverage", start=start, policy="best").moves
+        assert found >= best.moves
+        if best.moves:
+            excess.append(found / best.moves - 1)
+    assert len(excess) >= 60
+    assert np.mean(excess) <= 0.08
+
+
+@pytest.mark.parametrize("rule", ["block", "merge"])
+def test_an_optimum_is_a_plan(rule):
+    for workspace, start in small_cases(20, 4):
+        best = optimum(workspace, start, rule=rule)
+        played = run(workspace, task="coverage", start=start, rule=rule, policy=f"manual:{best.commands}")
+        assert played.status == "complete"
+        assert played.moves == best.moves == len(best.commands)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32), st.booleans())
+def test_lower_bounds_are_not_above_the_optimum(seed, merge):
+    rule = "merge" if merge else "block"
+    for workspace, start in small_cases(1, seed):
+        targets = workspace.free & (np.random.default_rng(seed).random(workspace.shape) < 0.5)
+        for wanted in (None, targets):
+            bound = lower_bound(workspace, start, targets=wanted, rule=rule)
+            assert bound.moves <= optimum(workspace, start, targets=wanted, rule=rule).moves
+
+
+def knowing_the_map(workspace, start):
+    """The fewest commands that classify everything, by breadth-first search over particles and cells classified."""
+    from shoal.swarm.bounds import _Cells, _flat, _mask_of
+
+    free, offsets = _flat(workspace)
+    world = _Cells(free, offsets, "block")
+    around = free.copy()
+    for offset in offsets:
+        around |= np.roll(free, offset)
+    particles = world.number(_mask_of(workspace, start))
+    wave, seen, moves = {(particles, world.number(around) & ~particles)}, set(), 0
+    while all(left for _, left in wave):
+        seen |= wave
+        wave = {
+            (world.push(here, command), left & ~world.shifted(here, offset))
+            for here, left in wave
+            for command, offset in enumerate(offsets.tolist())
+        } - seen
+        moves += 1
+    return moves
+
+
+def test_lower_bounds_of_mappings_are_not_above_the_optimum():
+    tried = 0
+    for workspace, start in small_cases(60, 5):
+        if workspace.n_free <= 6:
+            tried += 1
+            assert lower_bound(workspace, start, task="mapping").moves <= knowing_the_map(workspace, start)
+    assert tried >= 8
+
+
+def test_lower_bound_of_the_line():
+    """With the walls, 5000 cells and 1000 particles: 1-D displacement and at least 2 x 5 commands across."""
+    line = open_map("line:5000")
+    start = run(line, particles=1000).start
+    bound = lower_bound(line, start, task="mapping")
+    gaps = np.diff(start[:, 1])
+    assert bound.axes >= 10 + gaps.max() - 1
+    assert bound.moves <= run(line, start=start, policy="best").moves
+    assert isinstance(bound, LowerBound)
+
+
+def test_optimal_mappings():
+    assert mapping_optimum((1, 1), [(0, 0)]).worst == 4
+    everything = mapping_optimum((1, 3), [(0, 1)], chance_free=1.0)
+    assert everything.mean == mapping_optimum((1, 3), [(0, 1)], chance_free=1).worst == knowing_the_map(GridWorkspace([[1, 1, 1]]), np.array([[0, 1]]))
+    for shape, start in (((1, 3), [(0, 0)]), ((2, 2), [(0, 0)]), ((2, 2), [(0, 0), (1, 1)])):
+        best = mapping_optimum(shape, start)
+        assert best.mean <= best.worst
+        maps, chances = [], []
+        for code in range(2 ** int(np.prod(shape))):
+            free = np.array([code >> k & 1 for k in range(int(np.prod(shape)))], dtype=bool).reshape(shape)
+            if all(free[cell] for cell in start):
+                maps.append(GridWorkspace(free))
+        chances = [run(space, start=start, policy="best").moves for space in maps]
+        assert best.worst <= max(chances)
+        assert best.mean <= np.mean(chances) + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: lower_bound(open_map("line:4"), [(0, 0)], rule="tilt"), "rule: expected block or merge"),
+        (lambda: lower_bound(open_map("line:4"), [(0, 0)], task="sweep"), "task: expected mapping or coverage"),
+        (lambda: lower_bound(open_map("line:4"), [(0, 0)], targets=np.ones((2, 2), bool)), "targets: expected a mask of shape"),
+        (lambda: optimum(GridWorkspace([[1, 0, 1]]), [(0, 0)]), "expected a particle in every connected part"),
+        (lambda: optimum(open_map("rectangle:5x5"), [(0, 0)], most_states=50), "at most 50 states"),
+        (lambda: mapping_optimum((2, 3), [(0, 0)], most_states=50), "at most 50 states"),
+        (lambda: mapping_optimum((1, 2), [(0, 0)], chance_free=2), "chance_free: expected a number from 0 to 1"),
+    ],
+)
+def test_what_bounds_refuse(call, message):
+    with pytest.raises(InvalidInputError, match=message):
+        call()
