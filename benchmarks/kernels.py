@@ -68,7 +68,7 @@ def play_packed(world: GridWorld, start: np.ndarray) -> None:
     mind = engine.mind_of(
         world.frame, world.workspace.n_free, belief, rule="block", ties="column-major", neighbours="lurd", plan=""
     )
-    play.play(policy.code, field, moves.BLOCK, True, mind, engine.new_log(4096))
+    play.play(policy.code, field, moves.BLOCK, True, mind, None, engine.new_log(4096))
 
 
 def play_plain(free: np.ndarray, start: np.ndarray) -> None:

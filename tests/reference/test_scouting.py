@@ -92,7 +92,8 @@ class Scene:
         scanning = ScanRule("adaptive", scan_cost=prices[0], move_cost=prices[1])
         options = {"rule": rule, "ties": "column-major", "neighbours": "lurd", "plan": "", "scanning": scanning}
         self.mind = engine.mind_of(self.frame, free.size, belief, **options)
-        self.survey, self.prospect = self.mind.scanning.survey, self.mind.scanning.prospect
+        self.scout = engine.scout_of(self.frame, scanning)
+        self.survey, self.prospect = self.scout
 
     def board(self, mask):
         """Return the board of a padded array."""

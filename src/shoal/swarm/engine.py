@@ -115,19 +115,21 @@ def slides_of(frame: Frame, rule: str) -> slide.Slides:
     return slide.Slides(np.zeros(size, np.int64), np.zeros(size, np.int8), np.zeros(size, np.int64))
 
 
-def scanning_of(frame: Frame, scanning: ScanRule | None) -> runs.Scanning:
-    """Return a scan rule as kernels know it, with the work space that it needs; without one the log gives the scans."""
-    kind = runs.GIVEN if scanning is None else KINDS[scanning.kind]
-    adaptive = kind == runs.ADAPTIVE
-    words = frame.words[0] * frame.words[1] if adaptive else 0
-    longest = min(max(frame.window), LONGEST_RUN) if adaptive else 0
+def scanning_of(scanning: ScanRule | None) -> runs.Scanning:
+    """Return a scan rule as kernels know it; without one the log gives the scans."""
+    return runs.Scanning(runs.GIVEN, 1) if scanning is None else runs.Scanning(KINDS[scanning.kind], scanning.step)
+
+
+def scout_of(frame: Frame, scanning: ScanRule | None) -> runs.Scout | None:
+    """Return what an adaptive scan rule works in; None for all others."""
+    if scanning is None or KINDS[scanning.kind] != runs.ADAPTIVE:
+        return None
+    words = frame.words[0] * frame.words[1]
+    longest = min(max(frame.window), LONGEST_RUN)
     boards = [np.zeros(words, dtype=np.uint64) for _ in range(3)]
-    prices = (scanning.scan_cost, scanning.move_cost) if scanning is not None else (0.0, 1.0)
-    return runs.Scanning(
-        kind=kind,
-        step=1 if scanning is None else scanning.step,
+    return runs.Scout(
         survey=survey.Survey(
-            prices=np.array(prices, dtype=np.float64),
+            prices=np.array((scanning.scan_cost, scanning.move_cost), dtype=np.float64),
             tallies=np.zeros((survey.TALLIES, 2), dtype=np.int64),
             gains=np.zeros((len(letters_of(frame.ndim)), longest + 1), dtype=np.float64),
             known=boards[0],
@@ -158,7 +160,7 @@ def mind_of(
         memory[play.PLAN_LENGTH] = len(plan)
     single, visited = _work(frame, 2)
     trail = np.zeros(n_free + 2, dtype=np.int8)
-    return play.Mind(memory, space, slides_of(frame, rule), single, visited, trail, scanning_of(frame, scanning))
+    return play.Mind(memory, space, slides_of(frame, rule), single, visited, trail, scanning_of(scanning))
 
 
 def path_to_frontier(
@@ -267,17 +269,8 @@ def load_kernels() -> None:
     here = Board.of_cells(frame, [(0, 0)])
     state, belief = SwarmState(here), Belief(here, here, here)
     mind = mind_of(frame, 1, belief, rule="block", ties="column-major", neighbours="lurd", plan="")
-    play_on(play.MANUAL, field_of(here.words, state, belief), "block", True, mind, np.random.default_rng(0), new_log(0))
-
-
-def play_on(
-    code: int, field: moves.Field, rule: str, mapping: bool, mind: play.Mind, rng: Generator, log: play.Log
-) -> tuple[int, int]:
-    """Play a policy until the log is full; return (moves, status code). What is random is drawn here, outside the kernel."""
-    if code == play.RANDOM:
-        log.commands[:] = rng.integers(0, len(mind.search.neighbours), size=len(log.commands))
-    played, status = play.play(code, field, RULE_CODES[rule], mapping, mind, log)
-    return int(played), int(status)
+    game = Game(play.MANUAL, mind, None, rule="block", mapping=True, rng=np.random.default_rng(0))
+    game.play_on(field_of(here.words, state, belief), new_log(0))
 
 
 @dataclass(frozen=True)
@@ -286,13 +279,17 @@ class Game:
 
     code: int
     mind: play.Mind
+    scout: runs.Scout | None
     rule: str
     mapping: bool
     rng: Generator
 
     def play_on(self, field: moves.Field, log: play.Log) -> tuple[int, int]:
-        """Play until the log is full; see `play_on`."""
-        return play_on(self.code, field, self.rule, self.mapping, self.mind, self.rng, log)
+        """Play until the log is full; return (moves, status code). What is random is drawn here, outside the kernel."""
+        if self.code == play.RANDOM:
+            log.commands[:] = self.rng.integers(0, len(self.mind.search.neighbours), size=len(log.commands))
+        played, status = play.play(self.code, field, RULE_CODES[self.rule], self.mapping, self.mind, self.scout, log)
+        return int(played), int(status)
 
     @property
     def remaining(self) -> int:
@@ -324,17 +321,18 @@ class AdaptiveRuns:
         size = int(np.prod(frame.window))
         self.rule, self.mapping = rule, mapping
         self.mind = mind_of(frame, size, belief, rule=rule, plan="", scanning=scanning, **options)
+        self.scout = scout_of(frame, scanning)
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
         """Return the next run, a command and how often, or None."""
         memory, belief = self.mind.memory, view.belief
         memory[play.REMAINING], memory[play.IDLE], memory[play.RUN_LEFT] = len(belief.frontier), idle, 0
         field = field_of(belief.open.words, state, belief)  # the truth is what is believed: no kernel called here moves there
-        if not play.begin_run(play.CLOSEST, field, RULE_CODES[self.rule], self.mapping, self.mind, np.int8(0)):
+        if not play.begin_run(play.CLOSEST, field, RULE_CODES[self.rule], self.mapping, self.mind, self.scout, np.int8(0)):
             return None
         return decode(memory[play.RUN_COMMAND : play.RUN_COMMAND + 1].astype(np.int8)), int(memory[play.RUN_LEFT])
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
         """Tell whether the run is to be scanned, and learn from it."""
         self.mind.memory[play.LEARNT] = learnt
-        return bool(play.end_run(field_of(belief.open.words, state, belief), self.mind, False))
+        return bool(play.end_run(field_of(belief.open.words, state, belief), self.mind, self.scout, False))

@@ -216,7 +216,7 @@ def _game(
     )
     if not belief.complete:
         engine.choose_driven(policy.code, state, mind, rng)
-    return engine.Game(policy.code, mind, rule=world.rule, mapping=task.mapping, rng=rng)
+    return engine.Game(policy.code, mind, engine.scout_of(world.frame, scanning), rule=world.rule, mapping=task.mapping, rng=rng)
 
 
 def replay(episode: Episode) -> tuple[SwarmState, Belief, Episode]:

@@ -17,7 +17,6 @@ from shoal.swarm.kernels.moves import DOWN, LEFT, RIGHT, TILT, UP
 from shoal.swarm.kernels.observe import step
 from shoal.swarm.kernels.prospect import copy
 from shoal.swarm.kernels.runs import (
-    ADAPTIVE,
     EQUAL,
     GIVEN,
     Scanning,
@@ -190,26 +189,25 @@ def notice(code, field, mind, command, travelled, done):
 
 
 @kernel
-def begin_run(code, field, rule, mapping, mind, draw):
+def begin_run(code, field, rule, mapping, mind, scout, draw):
     """Choose the next run; tell whether there is one."""
     memory, plan, scanning = mind.memory, mind.search.plan, mind.scanning
-    adaptive = scanning.kind == ADAPTIVE
     if memory[PLAN_AT] >= memory[PLAN_LENGTH]:
         memory[PLAN_AT], memory[LAST_RUN] = 0, 0
-        if adaptive:
-            memory[PLAN_LENGTH], memory[LAST_RUN] = decide_adaptive(field, rule, mapping, mind.search, scanning)
-        else:
+        if scout is None:
             memory[PLAN_LENGTH] = decide(code, field, rule, mapping, mind, draw)
+        else:
+            memory[PLAN_LENGTH], memory[LAST_RUN] = decide_adaptive(field, rule, mapping, mind.search, scout)
         if memory[PLAN_LENGTH] == 0 or memory[IDLE] >= PATIENCE:
             return False
     at, length = memory[PLAN_AT], memory[PLAN_LENGTH]
     command, steps = plan[at], 1
-    if adaptive:
+    if scout is not None:
         steps = stretch(plan, at, length)
         memory[PLAN_AT] += steps
         if at + steps == length:
-            steps = memory[LAST_RUN] if memory[LAST_RUN] > 0 else last_run(field, mapping, plan, at, length, scanning)
-        copy(field.known, scanning.survey.known)
+            steps = memory[LAST_RUN] if memory[LAST_RUN] > 0 else last_run(field, mapping, plan, at, length, scout)
+        copy(field.known, scout.survey.known)
     elif scanning.kind == GIVEN or (scanning.kind == EQUAL and scanning.step == 1):
         memory[PLAN_AT] += 1
     else:
@@ -223,32 +221,33 @@ def begin_run(code, field, rule, mapping, mind, draw):
 
 
 @kernel
-def end_run(field, mind, given):
+def end_run(field, mind, scout, given):
     """Tell whether to scan after a run: always, but where an adaptive policy knew the outcome beforehand."""
     memory, scanning = mind.memory, mind.scanning
     if scanning.kind == GIVEN:
         return given
-    if scanning.kind == ADAPTIVE:
+    if scout is not None:
         if memory[LEARNT] == 0:
             return False
-        take_stock(field, scanning.survey, memory[RUN_COMMAND])
+        take_stock(field, scout.survey, memory[RUN_COMMAND])
         memory[PLAN_LENGTH] = 0
     return True
 
 
 @kernel
-def play(code, field, rule, mapping, mind, log):
+def play(code, field, rule, mapping, mind, scout, log):
     """Play until the log is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
 
-    For RANDOM ``log.commands`` holds the commands to play, drawn beforehand; if scans are GIVEN, ``log.scanned`` holds them.
-    What a run of commands does is looked at when it is scanned, not before: no decision falls within a run.
+    ``scout`` is None unless scans are ADAPTIVE. For RANDOM ``log.commands`` holds the commands to play, drawn beforehand; if scans
+    are GIVEN, ``log.scanned`` holds them. What a run of commands does is looked at when it is scanned, not before: no decision falls
+    within a run.
     """
     memory = mind.memory
     for move in range(log.commands.shape[0]):
         if memory[RUN_LEFT] == 0:
             if memory[REMAINING] == 0 and (memory[SCANNED] == 1 or mind.scanning.kind != GIVEN):
                 return move, COMPLETE
-            if not begin_run(code, field, rule, mapping, mind, log.commands[move]):
+            if not begin_run(code, field, rule, mapping, mind, scout, log.commands[move]):
                 return move, STALLED
         command = np.int8(memory[RUN_COMMAND])
         memory[RUN_LEFT] -= 1
@@ -262,7 +261,7 @@ def play(code, field, rule, mapping, mind, log):
         scan = False
         if memory[RUN_LEFT] == 0:
             memory[IDLE] = 0 if memory[CHANGED] else memory[IDLE] + 1
-            scan = end_run(field, mind, log.scanned[move])
+            scan = end_run(field, mind, scout, log.scanned[move])
         log.scanned[move] = scan
         memory[SCANNED] = 1 if scan else 0
     done = memory[REMAINING] == 0 and memory[RUN_LEFT] == 0

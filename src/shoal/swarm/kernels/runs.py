@@ -14,10 +14,18 @@ _LAST_DOUBLING, _LAST_HYPER = 40, 12  # runs longer than any map are long enough
 
 
 class Scanning(NamedTuple):
-    """When to scan, and what an adaptive policy knows and works in."""
+    """When to scan."""
 
     kind: int  # EQUAL, DOUBLING, HYPER, ADAPTIVE, or GIVEN: as the log says
     step: int  # of EQUAL
+
+
+class Scout(NamedTuple):
+    """What an adaptive policy knows and works in.
+
+    Kernels take it as an argument that is None for all others: what only it needs, as much as all the rest, is not compiled then.
+    """
+
     survey: Survey
     prospect: Prospect
 
@@ -45,7 +53,7 @@ def stretch(plan, at, length):
 
 
 @kernel
-def decide_adaptive(field, rule, mapping, search, scanning):
+def decide_adaptive(field, rule, mapping, search, scout):
     """Plan a walk through known cells and a last run; return (length of the plan, steps of its last run, 0 if not yet known).
 
     The run, or the walk and one more command, that is expected to settle most cells for its cost; the path to the nearest
@@ -53,7 +61,7 @@ def decide_adaptive(field, rule, mapping, search, scanning):
     """
     if not mapping:
         return nearest(field, search, field.occupied), 0
-    survey, plan = scanning.survey, search.plan
+    survey, plan = scout.survey, search.plan
     scan, move = survey.prices[0], survey.prices[1]
     command, steps, rate = -1, 0, 0.0
     for direction in range(survey.gains.shape[0]):
@@ -68,9 +76,9 @@ def decide_adaptive(field, rule, mapping, search, scanning):
             return 0, 0
         if rate * (scan + length * move) < 1:
             command, rate = -1, 1 / (scan + length * move)
-    found = explore(field, rule, scanning.prospect, survey.prices, rate)
+    found = explore(field, rule, scout.prospect, survey.prices, rate)
     if found > rate:
-        return write_plan(scanning.prospect, plan), 0
+        return write_plan(scout.prospect, plan), 0
     if command >= 0:
         plan[0] = command
         return 1, steps
@@ -78,10 +86,10 @@ def decide_adaptive(field, rule, mapping, search, scanning):
 
 
 @kernel
-def last_run(field, mapping, plan, at, length, scanning):
+def last_run(field, mapping, plan, at, length, scout):
     """Return the steps of the last stretch of an adaptive plan: further than planned if that settles more for its cost."""
     steps = stretch(plan, at, length)
     if mapping:
-        look_around(field, scanning.survey, plan[at])
-        steps = best_length(scanning.survey, plan[at], steps)[0]
+        look_around(field, scout.survey, plan[at])
+        steps = best_length(scout.survey, plan[at], steps)[0]
     return steps

@@ -13,8 +13,6 @@ PLANES = 7
 TOO_FAR = -1
 
 
-
-
 @kernel
 def begin_waves(scene, state, planes):
     """Set the planes to distance 0 at the particles."""
