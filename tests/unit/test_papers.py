@@ -100,7 +100,21 @@ def test_refusals(tmp_path):
     with pytest.raises(InvalidInputError, match="trials: expected a whole number, 1 or more, got 0"):
         reproduce("h-fig5", tmp_path, trials=0)
     assert command(["reproduce", "h-fig5", "--all"]) == 2
+    assert command(["reproduce", "nothing", "--out", str(tmp_path)]) == 2
+
+
+def test_command(tmp_path, capsys):
     assert command(["reproduce", "--json"]) == 0
+    assert [figure["name"] for figure in json.loads(capsys.readouterr().out)["figures"]] == FIGURES
+    assert command(["reproduce", "w-fig9", "--workers", "0", "--out", str(tmp_path), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["figures"][0]["holds"]
+    assert [Path(file).name for file in result["figures"][0]["files"]] == [
+        "w-fig9.png",
+        "w-fig9.csv",
+        "w-fig9-2.csv",
+        "w-fig9.json",
+    ]
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, print_json, print_table, quiet, say
+from shoal.cli.output import check_folder, print_json, print_table, say
 from shoal.cli.sweep import live
 from shoal.errors import InvalidInputError
 
@@ -57,12 +57,11 @@ def reproduce(
     chosen: dict[str, Any] = {"quick": quick, "trials": trials, "on_map": map_, "seed": seed, "workers": workers}
     found: list[Result] = []
     page: Path | None = None
-    with quiet():
-        if figure is not None:
-            with live(figure) as tell:
-                found.append(reproduce_one(figure, out, on_progress=lambda _name: tell, **chosen))
-        else:
-            page = _all(out, chosen, found)
+    if figure is not None:
+        with live(figure) as tell:
+            found.append(reproduce_one(figure, out, on_progress=lambda _name: tell, **chosen))
+    else:
+        page = _all(out, chosen, found)
     if json_:
         print_json({"figures": [_described(result) for result in found], "page": None if page is None else str(page)})
     else:

@@ -206,7 +206,7 @@ def _full() -> tuple[str, bool]:
 @_erratum(
     "paper M, algorithm 2",
     "the elected particle goes to its nearest frontier cell",
-    "it must hand over to the particle that blocks it",
+    "the particle that blocks it must take over; without that the literal algorithm can go round for ever (not played here)",
     "20 episodes of elect-particle, with the handover, on a maze with a queue in every corridor",
 )
 def _handover() -> tuple[str, bool]:
