@@ -60,16 +60,27 @@ def square(instances: int, seed: int) -> None:
 
 
 def friction(instances: int, seed: int) -> None:
-    for shape, make in SHAPES.items():
-        for coefficient in (0.5, 1.0, 2.0):
-            rng = np.random.default_rng(seed)
-            counts: dict[str, int] = {}
-            for _ in range(instances):
-                status = steer(instance(rng, make(rng)), disturbance=Disturbance(friction=coefficient)).status
-                counts[status] = counts.get(status, 0) + 1
-            may = instances - counts.get("unreachable", 0)
-            share = 100 * counts.get("solved", 0) / max(1, may)
-            print(f"{shape}, friction {coefficient:g}: {counts}, {share:.1f} % of those not proved impossible", flush=True)
+    for planner, count in (("greedy", instances), ("shortest", instances // 5)):
+        for shape, make in SHAPES.items():
+            for coefficient in (0.5, 1.0, 2.0):
+                rng = np.random.default_rng(seed)
+                slippery = Disturbance(friction=coefficient)
+                statuses, moves, times, missed = [], [], [], 0
+                for _ in range(count):
+                    space = make(rng)
+                    episode = steer(instance(rng, space), planner=planner, disturbance=slippery, max_moves=1000)
+                    statuses.append(episode.status)
+                    times.append(1e3 * episode.seconds)
+                    if episode.status == "solved":
+                        moves.append(episode.n_moves)
+                        missed += replayed_error(space, episode) > 1e-6
+                may = max(1, count - statuses.count("unreachable"))
+                print(
+                    f"{shape}, friction {coefficient:g}, {planner}: {count - may} proved impossible, solved {len(moves)} of {may}: "
+                    f"{100 * len(moves) / may:.1f} %, in 100 moves {100 * sum(n <= 100 for n in moves) / may:.1f} %, "
+                    f"missed when replayed {missed}, median {np.median(moves):.0f} moves, {np.median(times[1:]):.1f} ms",
+                    flush=True,
+                )
 
 
 def robust(instances: int, seed: int) -> None:

@@ -67,3 +67,44 @@ def step(walls, points, move, size):
         share = min(1.0, *(share_until(wall, point, move) for wall in walls))
         after.append((point[0] + share * move[0], point[1] + share * move[1]))
     return after
+
+
+def velocity_with_friction(walls, point, move, size, friction):
+    """How a particle follows a move where a push into a wall slides, and the wall it slides along, if any."""
+    length = hypot(*move)
+    on = [(wall, normal(wall, point)) for wall in walls if distance(wall, point) <= NEAR * size]
+    pushed = [(wall, (nx, ny)) for wall, (nx, ny) in on if nx * move[0] + ny * move[1] <= NEAR * length]
+    if not pushed:
+        return tuple(move), None
+    for wall, (nx, ny) in pushed:
+        push = -(nx * move[0] + ny * move[1])
+        along = (move[0] + push * nx, move[1] + push * ny)
+        speed = hypot(*along)
+        left = speed - friction * max(push, 0.0)
+        if left > NEAR * length:
+            velocity = (along[0] * left / speed, along[1] * left / speed)
+            if all(ox * velocity[0] + oy * velocity[1] >= -NEAR * length for other, (ox, oy) in on if other is not wall):
+                return velocity, wall
+    return (0.0, 0.0), None
+
+
+def step_with_friction(walls, points, move, size, friction):
+    """Where the particles are after one move, between walls with friction; along a circle by short chords."""
+    after = []
+    for start in points:
+        point = start
+        left = 1.0
+        while left > 0 and any(move):
+            velocity, sliding = velocity_with_friction(walls, point, move, size, friction)
+            if not any(velocity):
+                break
+            share = min(left, *(share_until(wall, point, velocity) for wall in walls if wall is not sliding), left)
+            if sliding and sliding[0] == "circle":
+                share = min(share, 1e-3 * size / hypot(*velocity))
+            point = point[0] + share * velocity[0], point[1] + share * velocity[1]
+            if sliding:
+                (nx, ny), over = normal(sliding, point), distance(sliding, point)
+                point = point[0] - over * nx, point[1] - over * ny
+            left -= share
+        after.append(tuple(point))
+    return after

@@ -45,8 +45,12 @@ INSTANCES = 10  # of each kind; acceptance runs used 1000
 def replayed_error(space, episode):
     points = [tuple(point) for point in episode.problem.start.tolist()]
     walls = walls_of(space)
+    friction = episode.disturbance.friction
     for move in episode.moves.tolist():
-        points = contact.step(walls, points, move, space.size)
+        if friction < np.inf:
+            points = contact.step_with_friction(walls, points, move, space.size, friction)
+        else:
+            points = contact.step(walls, points, move, space.size)
     return float(np.hypot(*(np.array(points) - episode.goal).T).max())
 
 

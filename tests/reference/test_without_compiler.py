@@ -37,7 +37,7 @@ for width in (1, 5, 62, 63, 64, 65, 126, 128):
 
 STEERING = """
 import numpy as np
-from shoal.steering import Disturbance, SteeringProblem, cylinder, disk, polygon_reach, prism, regular_polygon, steer
+from shoal.steering import Disturbance, SteeringProblem, Task, cylinder, disk, polygon_reach, prism, regular_polygon, steer
 from shoal.steering.planners import fewest_moves
 fewest_moves.DIRECTIONS = {2: 12, 3: 12}
 fewest_moves.DENSE = 1
@@ -56,6 +56,14 @@ for friction in (0.5, 3.0):
     slippery = Disturbance(friction=friction)
     e = steer(SteeringProblem(regular_polygon(5), *pair), planner="greedy", disturbance=slippery, max_moves=20)
     print(friction, e.status, e.n_moves, np.round(e.final, 5).tolist())
+from shoal.steering import friction, growing
+friction._ANGLES = 60
+growing.MAPS = ((12, 20, 1.05, 12),)
+for space in (regular_polygon(5), disk(0.5)):
+    task = Task(Disturbance(friction=1.0).world(SteeringProblem(space, *pair)), np.array(pair[0]), np.array(pair[1]), 1e-6)
+    chain = growing.grown_chain(task.errand(), maps=growing.MAPS)
+    print(None if chain is None else (chain.touchers.tolist(), chain.walls.tolist(), np.round(chain.unknowns, 5).tolist()))
+    print(friction.friction_limit(space, 0.2, task.before, task.after))
 print([round(r.fraction(samples=20), 3) for r in polygon_reach(regular_polygon(3), (0.2, 0.1), moves=4, contacts=5)])
 """
 
@@ -116,7 +124,7 @@ def test_same_episodes_with_the_compiler_off():
 
 def test_same_plans_with_the_compiler_off():
     compiled = episodes(compiled=True, script=STEERING)
-    assert len(compiled.splitlines()) == 10
+    assert len(compiled.splitlines()) == 14
     assert episodes(compiled=False, script=STEERING) == compiled
 
 

@@ -29,8 +29,8 @@ def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, 
 
     On a disk of radius r: where |Δ| >= 2 r sin(atan μ), the other particle lies too far around the circle for a reaction at the
     toucher to have a part along Δ; so |Δ| never rises above the larger of that and what it was, and above that it turns by no more
-    than shrinking lets it. On a polygon: a barrier, and the gauges whose
-    unit balls have the walls' normals as normals of their sides, or as corners, if no reaction raises them.
+    than shrinking lets it. On a polygon: a barrier, and the gauges whose unit balls have the walls' normals as normals of their
+    sides, or as corners, if no reaction raises them.
     """
     if friction == inf or workspace.dimensions == 3:
         return None
@@ -57,8 +57,8 @@ def _limit_on_disk(workspace: ConvexWorkspace, friction: float, before: Points, 
     possible = turn_on_the_way(large, small, workspace.radius, cone)
     if turn > possible + _ROUNDING:
         return (
-            f"with friction {friction:g} the difference of the particles on this disk turns by no more than {possible:.6g} rad while "
-            f"it shrinks from {large:.6g} to {small:.6g}, and it would have to by {turn:.6g}"
+            f"with friction {friction:g} the difference of the particles on this disk turns by no more than {possible:.6g} rad "
+            f"while it shrinks from {large:.6g} to {small:.6g}, and it would have to by {turn:.6g}"
         )
     return None
 

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from shoal.steering.outline import Points
 
-RUNGS = 48
+RUNGS = 500
 WAYS, TILTS = 129, 9  # contacts and directions among which a rung is sought
 LEAST = 1e-3  # of the radius: no need to begin with a smaller difference
 SAME = 1e-9
-BENDS = 40  # differences on a way around the middle
+BENDS = 300  # differences on a way around the middle
 
 
 def ladder_nodes(after: Points, *, radius: float, friction: float, margin: float) -> Points:

@@ -70,6 +70,7 @@ def greedy_chain(errand: Errand, *, tolerance: float, cycles: int) -> Chain | No
     deltas: list[Points] = []
     state = errand.start
     lefts = [inf] * _PATIENCE
+    alone = False  # no other chain was found
     while len(touchers) < max(cycles, 1):
         delta = state[1] - state[0]
         left = float(np.linalg.norm(delta - errand.after))
@@ -77,13 +78,14 @@ def greedy_chain(errand: Errand, *, tolerance: float, cycles: int) -> Chain | No
             break
         step = _cycle_on_circle(errand, state) if errand.walls.round else _cycle_on_polygon(errand, state)
         lefts.append(left)
-        if step is None or not step[0] < left - 1e-12 or _is_slow(left, lefts[-1 - _PATIENCE], tolerance):
+        halted = step is None or not step[0] < left - 1e-12
+        if halted or (not alone and _is_slow(left, lefts[-1 - _PATIENCE], tolerance)):
             # No way on, or hardly one, from a difference none of whose neighbours is nearer: another chain may pass it by.
-            halted = step is None or not step[0] < left - 1e-12
-            other_chain = any_chain(errand, grow=halted or errand.friction < inf)
+            grow = halted or errand.friction < inf
+            other_chain = None if alone and errand.friction < inf else any_chain(errand, grow=grow)
             if other_chain is not None or step is None or halted:
                 return other_chain
-            lefts += [inf] * cycles
+            alone = True
         _, toucher, wall, along, contact, after = step
         touchers.append(toucher)
         walls.append(wall)
@@ -91,7 +93,7 @@ def greedy_chain(errand: Errand, *, tolerance: float, cycles: int) -> Chain | No
         deltas.append(after)
         other = contact + (after if toucher == 0 else -after)
         state = np.stack([contact, other] if toucher == 0 else [other, contact])
-    if errand.friction < inf and float(np.linalg.norm(state[1] - state[0] - errand.after)) > tolerance:
+    if errand.friction < inf and not alone and float(np.linalg.norm(state[1] - state[0] - errand.after)) > tolerance:
         other_chain = any_chain(errand)
         if other_chain is not None:
             return other_chain
