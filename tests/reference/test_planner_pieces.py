@@ -6,13 +6,13 @@ from collections import deque
 
 import numpy as np
 import pytest
+from tests.reference import plain
 
 from shoal.swarm import Board, GridWorkspace, GridWorld, make_policy, make_task, planning
 from shoal.swarm.engine import field_of
 from shoal.swarm.kernels import foresight, guess, survey, ways
 from shoal.swarm.kernels.planner import LAYERS, LIKELY, SURE
 from shoal.swarm.kernels.rollout import look
-from tests.reference import plain
 
 SHAPES = ((1, 9), (7, 6), (5, 62), (4, 63), (3, 64), (3, 65), (2, 127), (3, 4, 5), (2, 3, 65))
 
@@ -33,9 +33,7 @@ def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
         belief = todo.update(belief, "lurdio"[command], state.occupied, after.occupied)
         state = after
     policy = make_policy("rollout")
-    mind = planning.planner_of(
-        world.frame, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings
-    )
+    mind = planning.planner_of(world.frame, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings)
     mind.survey.tallies[:, 0] = rng.integers(0, 6, survey.TALLIES)
     mind.survey.tallies[:, 1] = rng.integers(0, 1 + mind.survey.tallies[:, 0])
     field = field_of(belief.open.words, state, belief)
@@ -72,7 +70,9 @@ def test_imagined_moves(shape, task, rule):
         code = plain.BLOCK if rule == "block" else plain.MERGE
         for command in rng.integers(0, 2 * len(shape), 12):
             foresight.prospects(mind.scene, mind.root, mind.gains)
-            expected = plain.step(counts, ground, state, frontier, command, code, plain.MAPPING if task == "mapping" else plain.COVERAGE)
+            expected = plain.step(
+                counts, ground, state, frontier, command, code, plain.MAPPING if task == "mapping" else plain.COVERAGE
+            )
             settled = foresight.advance(mind.scene, mind.root, np.int64(command))
             assert settled == expected[1] == mind.gains[command]
             occupied = cells_of(frame, mind.root[foresight.OCCUPIED]).mask.reshape(counts.shape)

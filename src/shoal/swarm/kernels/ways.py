@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 from shoal.swarm.kernels.bits import ZERO, has, lowest, popcount
 from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.foresight import FRONTIER, OCCUPIED, directions
@@ -11,8 +10,6 @@ from shoal.swarm.kernels.search import ahead, dilate, opposite
 SEEN, WAVE, NEXT, WITHIN, MOD = 0, 1, 2, 3, 4  # planes: MOD, MOD + 1, MOD + 2 hold distances 0, 1, 2 modulo 3
 PLANES = 7
 TOO_FAR = -1
-
-
 
 
 @kernel
@@ -85,7 +82,9 @@ def on_board(scene, row, column):
 
 @kernel
 def way(scene, state, planes, plan, at, limit):
-    """Write the way to a nearest frontier cell into ``plan[at:]``; return its length, 0 if there is none, TOO_FAR if it has more than ``limit`` moves.
+    """Write the way to a nearest frontier cell into ``plan[at:]``; return its length.
+
+    It is 0 if there is none, TOO_FAR if it has more than ``limit`` moves.
 
     Of several cells as near it is the first in row-major order.
     """
@@ -116,7 +115,7 @@ def beside(scene, cells, within, out):
 
 @kernel
 def outlook(scene, state, planes, rate, cap):
-    """Return the sum of ``rate ** (distance - 1)`` over the frontier cells; those further than ``cap`` count as if one move further."""
+    """Return the sum of ``rate ** (distance - 1)`` over the frontier cells, of which none counts as further than ``cap + 1``."""
     begin_waves(scene, state, planes)
     wave, frontier = planes[WAVE], state[FRONTIER]
     left, value, weight = 0, 0.0, 1.0
