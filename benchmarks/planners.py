@@ -1,6 +1,7 @@
 """python -m benchmarks.planners: planners against closest-frontier, on the same starts, with the gap to the lower bounds.
 
-Options: --trials N, --counts 100,500, --maps htree:5000,vessels:5000, --policies best,rollout, --tasks mapping,coverage,subset-coverage.
+Options: --trials N, --few-trials N (at n = 100), --counts 100,500, --maps htree:5000,line:5000, --policies best,rollout (or a
+name of VARIANTS), --tasks mapping,coverage,subset-coverage.
 """
 
 from __future__ import annotations
@@ -91,7 +92,9 @@ def main() -> None:
     parser.add_argument("--tasks", default="mapping")
     given = parser.parse_args()
     for task in given.tasks.split(","):
-        print(f"\n{task}\n\n| map | policy | n | moves | of the published | of closest-frontier, same starts | times the bound | ms a move |")
+        paired = "of closest-frontier, same starts"
+        columns = ("map", "policy", "n", "moves", "of the published", paired, "times the bound", "ms a move")
+        print(f"\n{task}\n\n| {' | '.join(columns)} |")
         print("|---|---|---|---|---|---|---|---|")
         for name in given.maps.split(","):
             workspace = open_map(name)

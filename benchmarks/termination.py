@@ -1,4 +1,4 @@
-"""python -m benchmarks.termination [EPISODES]: planners end, in random episodes on random maps of every kind and all numbers of particles."""
+"""python -m benchmarks.termination [EPISODES] [FIRST]: planners end, on random maps of every kind with any number of particles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,12 @@ RULES = ("block", "merge")
 
 def workspace_of(rng: np.random.Generator) -> GridWorkspace:
     """Return the largest part of a random map."""
-    sizes = {"a": int(rng.integers(1, 80)), "b": 3 + 2 * int(rng.integers(6)), "c": 3 + 2 * int(rng.integers(8)), "s": int(rng.integers(50))}
+    sizes = {
+        "a": int(rng.integers(1, 80)),
+        "b": 3 + 2 * int(rng.integers(6)),
+        "c": 3 + 2 * int(rng.integers(8)),
+        "s": int(rng.integers(50)),
+    }
     sizes["d"] = int(rng.integers(60, 160))
     name = MAPS[rng.integers(len(MAPS))].format(**sizes)
     if name == "noise":

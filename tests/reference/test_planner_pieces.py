@@ -6,13 +6,13 @@ from collections import deque
 
 import numpy as np
 import pytest
+from tests.reference import plain
 
 from shoal.swarm import Board, GridWorkspace, GridWorld, make_policy, make_task, planning
 from shoal.swarm.engine import field_of
 from shoal.swarm.kernels import foresight, guess, survey, ways
 from shoal.swarm.kernels.planner import LAYERS, LIKELY, SURE
 from shoal.swarm.kernels.rollout import look
-from tests.reference import plain
 
 SHAPES = ((1, 9), (7, 6), (5, 62), (4, 63), (3, 64), (3, 65), (2, 127), (3, 4, 5), (2, 3, 65))
 

@@ -34,6 +34,28 @@ for width in (1, 5, 62, 63, 64, 65, 126, 128):
                     print(width, rule, policy, task, e.commands, e.status, e.done.tolist(), e.travelled.tolist())
 """
 
+PLANNERS = """
+import numpy as np
+from shoal.swarm import GridWorkspace, run
+from shoal.swarm.policies import BeamRollout
+np.seterr(over="ignore")  # words wrap around on purpose
+rng = np.random.default_rng(22)
+class Quick(BeamRollout):
+    tuning = BeamRollout.tuning._replace(width=2, depth=2, leaves=1, variations=2, horizon=10, near_horizon=6, layers=3, patience=4)
+class First(BeamRollout):
+    tuning = Quick.tuning._replace(few=3)
+for shape in ((3, 5), (1, 9), (2, 63), (3, 64), (2, 65), (2, 126), (2, 2, 4)):
+    free = rng.random(shape) < 0.8
+    free.flat[0] = True
+    space = GridWorkspace(free).largest_component()
+    start = space.cells[rng.choice(space.n_free, size=max(1, space.n_free // 4), replace=False)]
+    for rule in ("block", "merge"):
+        for policy in (Quick(), First(), "greedy-classify"):
+            for task in ("mapping", "coverage"):
+                e = run(space, task=task, policy=policy, start=start, rule=rule, max_moves=6)
+                print(shape, rule, task, e.commands, e.status, e.done.tolist())
+"""
+
 
 STEERING = """
 import numpy as np
@@ -120,6 +142,12 @@ def test_same_episodes_with_the_compiler_off():
     compiled = episodes(compiled=True)
     assert len(compiled.splitlines()) > 60
     assert episodes(compiled=False) == compiled
+
+
+def test_same_planners_with_the_compiler_off():
+    compiled = episodes(compiled=True, script=PLANNERS)
+    assert len(compiled.splitlines()) == 7 * 2 * 3 * 2
+    assert episodes(compiled=False, script=PLANNERS) == compiled
 
 
 def test_same_plans_with_the_compiler_off():

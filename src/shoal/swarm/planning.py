@@ -31,13 +31,16 @@ def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: 
     """Return the memory and the work space of a planner that has not decided anything yet."""
     size, directions = frame.words[0] * frame.words[1], len(letters_of(frame.ndim))
     longest = int(np.prod(frame.shape)) + LONGEST_PLAN
-    extents = {"layers": frame.layers, "rows": frame.rows, "width": frame.words[1]}
+    extents: Any = {"layers": frame.layers, "rows": frame.rows, "width": frame.words[1]}
 
     def boards(*shape: int) -> Any:
         return np.zeros((*shape, size), dtype=np.uint64)
 
     foreseen = guess.Guess(
-        *boards(4),
+        open=boards(),
+        known=boards(),
+        layer=boards(),
+        found=boards(),
         inner=frame.pack(frame.rim(np.ones(frame.shape, dtype=np.bool_))).ravel(),
         across=boards(guess.PAIRS),
         beside=boards(guess.PAIRS),
@@ -49,10 +52,19 @@ def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: 
     memory = np.zeros(planner.MEMORY, dtype=np.int64)
     memory[planner.RANDOM] = seed
     memory[planner.REMAINING] = len(belief.frontier)
+    memory[planner.SURPRISE] = planner.WHOLE // 4
     return planner.Planner(
         memory=memory,
         options=np.array(options, dtype=np.float64),
-        scene=foresight.Scene(foreseen.open, *boards(3), rule=RULE_CODES[rule], mapping=mapping, **extents),
+        scene=foresight.Scene(
+            ground=foreseen.open,
+            tried=boards(),
+            before=boards(),
+            staying=boards(),
+            rule=RULE_CODES[rule],
+            mapping=mapping,
+            **extents,
+        ),
         root=boards(foresight.BOARDS),
         state=boards(foresight.BOARDS),
         ahead=boards(foresight.BOARDS),
@@ -124,7 +136,8 @@ class Game:
             return int(played), int(status)
         moves, status = 0, play.RUNNING
         while moves < len(log.commands) and status == play.RUNNING:
-            piece = play.Log(*(column[moves : moves + PIECE] for column in log))
+            columns: Any = [column[moves : moves + PIECE] for column in log]
+            piece = play.Log(*columns)
             with self.pace.timed(self.mind, len(piece.commands)):
                 played, status = planned.play_planned(self.code, field, self.rule, self.mapping, self.mind, piece)
             moves += int(played)

@@ -6,6 +6,6 @@ from numba import njit
 
 kernel = njit(cache=True, nogil=True, error_model="numpy")
 
-# For what only calls other kernels: a caller is optimized together with all that it calls, again at every level, which takes minutes for
-# a planner. These are put into their caller as source, so they are no level of their own.
+# For what only calls other kernels. A caller is optimized together with all that it calls, again at every level, which takes
+# minutes for a planner; these are put into their caller as source, so they are no level of their own.
 part_of_kernel = njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -64,8 +64,9 @@ def left_behind(scene, state, at_hand, still):
 def complete(scene, state, space, plan, length, horizon, discount, manner, charge, bound):
     """Imagine the first ``length`` commands of a plan and then go on by the base policy, writing its commands behind them.
 
-    Changes ``state``. Returns (time, value, length, moves, settled): when the last cell was settled, ``horizon`` if some are left then;
-    the cells settled, discounted; the commands in the plan; how many were imagined; and the cells settled. Gives up after ``bound`` moves.
+    Changes ``state``. Gives up after ``bound`` moves. Returns (time, value, length, moves, settled): when the last cell was
+    settled, ``horizon`` if some are left then; the cells settled, discounted; the commands in the plan; how many were imagined;
+    and the cells settled.
     """
     value, weight, last, finished, total = 0.0, 1.0, np.int64(-1), 0, 0
     at = np.int64(0)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from shoal.swarm.kernels.bits import popcount
 from shoal.swarm.kernels.compiling import kernel, part_of_kernel
 from shoal.swarm.kernels.observe import step
-from shoal.swarm.kernels.planner import QUIET, REMAINING, choose_greedy
+from shoal.swarm.kernels.planner import QUIET, REMAINING, SURPRISE, WHOLE, choose_greedy
 from shoal.swarm.kernels.play import COMPLETE, RUNNING, STALLED
 from shoal.swarm.kernels.prospect import copy
 from shoal.swarm.kernels.rollout import choose_rollout
 from shoal.swarm.kernels.survey import take_stock
 
 GREEDY, ROLLOUT = 6, 7  # as the codes of `play`
+FADING = 8  # moves that find something, over which surprises are remembered
 
 
 @part_of_kernel
@@ -21,6 +23,19 @@ def choose(code, field, mapping, planner):
     return choose_rollout(field, mapping, planner)
 
 
+@kernel
+def note_surprises(field, planner):
+    """Count the cells just found free, and those of them that had been predicted to be walls or not at all."""
+    memory, before, predicted = planner.memory, planner.survey.known, planner.guess.open
+    found, surprises = 0, 0
+    for i in range(before.shape[0]):
+        new = field.open[i] & ~before[i]
+        found += popcount(new)
+        surprises += popcount(new & ~predicted[i])
+    if found > 0:
+        memory[SURPRISE] += (WHOLE * surprises // found - memory[SURPRISE]) // FADING
+
+
 @part_of_kernel
 def heed(field, mapping, planner, command, done):
     """Let a planner see what its last command did."""
@@ -28,6 +43,7 @@ def heed(field, mapping, planner, command, done):
     memory[QUIET] = 0 if done > 0 else memory[QUIET] + 1
     if mapping and done > 0:
         take_stock(field, planner.survey, command)
+        note_surprises(field, planner)
 
 
 @kernel

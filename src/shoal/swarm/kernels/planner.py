@@ -25,7 +25,9 @@ IMAGINED = 6  # moves imagined so far
 REMAINING = 7  # cells of the frontier
 MANNER = 8  # in which the incumbent was completed
 CREDIT = 9  # moves that may be imagined
-MEMORY = 10
+SURPRISE = 10  # share of the cells found free lately that had not been predicted to be, in 1 / WHOLE
+MEMORY = 11
+WHOLE = 1 << 20
 
 # entries of Planner.options
 BUDGET = 0  # moves that may be imagined for each move sent, on average
@@ -43,7 +45,8 @@ RENEW = 18  # quiet moves after which to search again
 PATIENCE = 19  # quiet moves after which a whole way is played
 SURE = 20  # chance that all cells up to a predicted one are free
 AFTER = 21  # cells that one predicted behind the frontier counts for: itself and the walls beside it
-OPTIONS = 22
+WONDER = 22  # how much more settling early is worth if all that is found is a surprise
+OPTIONS = 23
 
 
 class Planner(NamedTuple):

@@ -1,7 +1,7 @@
 """How many commands of each direction a particle needs to get somewhere: the parts of lower bounds.
 
-Plain arrays of cells, row by row with a rim: cell + offset is the next cell. A wall may be entered (that is how it is probed), but nobody
-goes on from there.
+Plain arrays of cells, row by row with a rim: cell + offset is the next cell. A wall may be entered (that is how it is probed), but
+nobody goes on from there.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, befor
 
 @kernel
 def fewest_paid(free, offsets, barred, paid, costs, stack):
-    """Lower ``costs``, int64, to the fewest commands ``paid`` with which each cell can be reached, never by one ``barred`` (-1: none).
+    """Lower ``costs``, int64, to the fewest commands ``paid`` with which each cell can be reached, never by one ``barred``.
 
-    ``costs`` holds what each cell costs to begin with, FAR if one cannot begin there. Other commands cost nothing. If ``paid`` is -1,
-    all cost.
+    ``costs`` holds what each cell costs to begin with, FAR if one cannot begin there. Other commands cost nothing. A ``paid`` of -1
+    means all commands, a ``barred`` of -1 none.
     """
     level = 0
     while True:

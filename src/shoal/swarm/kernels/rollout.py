@@ -1,6 +1,6 @@
 """Planning by rollouts: candidates are completed by a base policy in the predicted world, and the best one is followed.
 
-Source: spec of prototype P1 in docs/concepts/planners.md, which also says what was added.
+Source: docs/concepts/planners.md.
 """
 
 from __future__ import annotations
@@ -42,8 +42,11 @@ from shoal.swarm.kernels.planner import (
     SHARE,
     STALE,
     SURE,
+    SURPRISE,
     VARIATIONS,
+    WHOLE,
     WIDTH,
+    WONDER,
     draw,
     force,
     next_command,
@@ -74,15 +77,16 @@ def weigh(planner, length, best, few, manner):
     horizon = int(options[HORIZON] if few > 0 else options[NEAR_HORIZON])
     discount = options[DISCOUNT] if few > 0 else options[NEAR_DISCOUNT]
     bound = horizon
-    if few > 0 and best > -horizon:  # what is settled early is worth little more than SHARE
-        bound = min(horizon, int(1.5 * options[SHARE] - best))
+    share = options[SHARE] * (1.0 + options[WONDER] * memory[SURPRISE] / WHOLE)
+    if few > 0 and best > -horizon:  # what is settled early is worth little more than its share
+        bound = min(horizon, int(1.5 * share - best))
     copy_state(planner.root, planner.state)
     time, value, length, moves, settled = complete(
         planner.scene, planner.state, planner, planner.trial, length, horizon, discount, manner, options[CHARGE], bound
     )
     memory[IMAGINED] += moves
     if few > 0:
-        value = options[SHARE] / few * value - time
+        value = share / few * value - time
         if time == horizon and options[AFTER] > 0:  # the rest at the same rate
             value -= horizon * count(planner.state[FRONTIER]) / max(settled, 1)
     if value <= best:
@@ -167,8 +171,8 @@ def try_leaves(planner, best, few):
 def vary(planner):
     """Write a variation of the incumbent into the trial; return its length.
 
-    Another command at a random place, and all behind it left to the base policy; with RUNS also a run of up to eight commands there,
-    and what the incumbent had behind it, perhaps without some of it.
+    Another command at a random place, and all behind it left to the base policy; with RUNS also a run of up to eight commands
+    there, and what the incumbent had behind it, perhaps without some of it.
     """
     trial, incumbent = planner.trial, planner.incumbent
     length = max(1, planner.memory[PLAN_LENGTH])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 from shoal.swarm.kernels.bits import ZERO, has, lowest, popcount
 from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.foresight import FRONTIER, OCCUPIED, directions
@@ -83,7 +82,9 @@ def on_board(scene, row, column):
 
 @kernel
 def way(scene, state, planes, plan, at, limit):
-    """Write the way to a nearest frontier cell into ``plan[at:]``; return its length, 0 if there is none, TOO_FAR if it has more than ``limit`` moves.
+    """Write the way to a nearest frontier cell into ``plan[at:]``; return its length.
+
+    It is 0 if there is none, TOO_FAR if it has more than ``limit`` moves.
 
     Of several cells as near it is the first in row-major order.
     """
@@ -114,7 +115,7 @@ def beside(scene, cells, within, out):
 
 @kernel
 def outlook(scene, state, planes, rate, cap):
-    """Return the sum of ``rate ** (distance - 1)`` over the frontier cells; those further than ``cap`` count as if one move further."""
+    """Return the sum of ``rate ** (distance - 1)`` over the frontier cells, of which none counts as further than ``cap + 1``."""
     begin_waves(scene, state, planes)
     wave, frontier = planes[WAVE], state[FRONTIER]
     left, value, weight = 0, 0.0, 1.0

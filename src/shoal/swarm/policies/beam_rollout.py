@@ -8,17 +8,37 @@ from typing import ClassVar
 from shoal.swarm.policies.planner import Budgeted, Tuning
 
 TUNING = Tuning(
-    few=1e9, horizon=300, discount=0.99, near_horizon=60, near_discount=0.98, share=100, width=8, depth=12, leaves=6, ahead=1, rate=0.9,
-    cap=8, variations=8, charge=1, likely=0.75, layers=60, runs=1, renew=8, patience=450, sure=0.7, after=2,
-)  # fmt: skip
+    few=1e9,
+    horizon=300,
+    discount=0.99,
+    near_horizon=60,
+    near_discount=0.98,
+    share=100,
+    width=8,
+    depth=12,
+    leaves=6,
+    ahead=1,
+    rate=0.9,
+    cap=8,
+    variations=8,
+    charge=1,
+    likely=0.75,
+    layers=60,
+    runs=1,
+    renew=8,
+    patience=450,
+    sure=0.7,
+    after=2,
+    wonder=5,
+)
 
 
 @dataclass(frozen=True)
 class BeamRollout(Budgeted):
     """As rollout, with three things added: it is the one that ``best`` stands for.
 
-    Plans are imagined until nothing is left to do from the first move on. They are also completed carefully, probing what would be left
-    behind before stepping on. And the prediction goes on as long as all cells up to there are likely to be free together.
+    Plans are imagined until nothing is left to do from the first move on. They are also completed carefully, probing what would be
+    left behind before stepping on. And the prediction goes on as long as all cells up to there are likely to be free together.
     Source: docs/concepts/planners.md.
     """
 

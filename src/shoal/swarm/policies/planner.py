@@ -39,6 +39,7 @@ class Tuning(NamedTuple):
     patience: float  # moves that settle nothing, after which a whole way is played
     sure: float  # chance that all cells up to a predicted one are free
     after: float  # cells to settle for each cell predicted to be free; 0: do not count those
+    wonder: float  # how much more settling early is worth if all that is found is a surprise
 
 
 @dataclass(frozen=True)
@@ -71,12 +72,12 @@ class Budgeted(PlannerPolicy):
     budget : float
         Moves that may be imagined for each move sent, on average. The same seed and budget give the same commands on every machine.
     milliseconds : float
-        If above 0, time for each move, on average, instead of a budget. Then the commands depend on the machine and on what else runs
-        there; an episode replays all the same, since it holds its commands.
+        If above 0, time for each move, on average, instead of a budget. Then the commands depend on the machine and on what else
+        runs there; an episode replays all the same, since it holds its commands.
     """
 
     budget: float = UNLIMITED
-    milliseconds: float = 0.0  # type: ignore[misc]  # an option here, nothing to choose in the base class
+    milliseconds: float = 0.0  # type: ignore[misc]  # an option here, no choice in the base class
 
     def __post_init__(self) -> None:
         if not 0 < self.budget <= 1e12:
