@@ -64,6 +64,15 @@ Film = Annotated[
         show_default=False,
     ),
 ]
+Slip = Annotated[float, typer.Option("--slip", help="Probability that a particle does not move at a command, 0 to 0.5.")]
+Misplace = Annotated[
+    float,
+    typer.Option("--misplace", help="Probability that one is seen in a neighbouring cell instead of its own, 0 to 0.5."),
+]
+Miss = Annotated[float, typer.Option("--miss", help="Probability that a particle is not seen in a scan, 0 to 0.5.")]
+Confidence = Annotated[
+    float, typer.Option("--confidence", help="With noise: the probability from which a cell counts as settled, above 0.5.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")]
 Vessels = Annotated[bool, typer.Option("--vessels", help="MAP is a photograph: segment its vessels (needs the extra 'imaging').")]
 Width = Annotated[

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.swarm import Episode
+from shoal.swarm.noise import NoisyEpisode
 from shoal.views.player import render
 
 LARGEST = 2_000_000_000
@@ -23,6 +24,8 @@ def player_page(episode: Episode) -> str:
     InvalidInputError
         If the workspace is 3-D, or map and episode together are too large for a browser.
     """
+    if isinstance(episode, NoisyEpisode):
+        raise InvalidInputError("the HTML player: expected an episode without noise, which a page can simulate (use .gif or .mp4)")
     if episode.workspace.ndim != 2:
         raise InvalidInputError("the HTML player: expected a 2-D workspace, got 3-D (use .gif or .mp4)")
     work = episode.workspace.free.size * max(1, episode.moves)
