@@ -65,11 +65,13 @@ MODULES = [
     "swarm.policies",
     "swarm.running",
     "swarm.tasks",
+    "swarm.volumes",
     "swarm.workspace",
     "swarm.world",
     "testing",
     "views.figures",
     "views.films",
+    "views.volume",
     "views.player.page",
 ]
 

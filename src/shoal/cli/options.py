@@ -11,7 +11,8 @@ Map = Annotated[
     str,
     typer.Argument(
         metavar="MAP",
-        help="A generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy or .csv.",
+        help="A generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy, .csv, NIfTI, a "
+        "TIFF of several pages, or a folder of slices.",
         show_default=False,
     ),
 ]
@@ -82,6 +83,12 @@ Width = Annotated[
 Threshold = Annotated[float, typer.Option("--threshold", help="Pictures: pixels at least this bright are free, 0 to 1.")]
 Invert = Annotated[bool, typer.Option("--invert", help="Pictures: dark pixels are free.")]
 Scale = Annotated[float, typer.Option("--scale", help="Pictures: cells a pixel, 0.5 halves both sides.")]
+Level = Annotated[
+    float | None, typer.Option("--level", help="Arrays, volumes: cells of at least this number are free.", show_default=False)
+]
+Label = Annotated[
+    int | None, typer.Option("--label", help="Arrays, volumes: cells of exactly this number are free.", show_default=False)
+]
 LargestComponent = Annotated[
     bool, typer.Option("--largest-component", help="Keep only the largest connected part of the free space.")
 ]

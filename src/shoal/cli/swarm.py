@@ -56,13 +56,16 @@ def map_(
     threshold: options.Threshold = 0.5,
     invert: options.Invert = False,
     scale: options.Scale = 1.0,
+    level: options.Level = None,
+    label: options.Label = None,
     largest_component: options.LargestComponent = False,
 ) -> None:
     """Map an unknown workspace: find every free cell that the particles can reach, and the walls around them."""
     from shoal.swarm.maps import open_map
 
     with quiet():
-        workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
+        kinds: dict[str, Any] = {"threshold": threshold, "invert": invert, "scale": scale, "level": level, "label": label}
+        workspace = open_map(map_name, vessels=vessels, width=width, **kinds)
     problem: dict[str, Any] = {"task": "mapping", "particles": particles, "policy": policy, "placement": placement, "rule": rule}
     problem |= {"scan_every": scan_every, "scan_cost": scan_cost, "move_cost": move_cost}
     problem |= noise_of(slip, misplace, miss, confidence)
@@ -105,6 +108,8 @@ def cover(
     threshold: options.Threshold = 0.5,
     invert: options.Invert = False,
     scale: options.Scale = 1.0,
+    level: options.Level = None,
+    label: options.Label = None,
     largest_component: options.LargestComponent = False,
 ) -> None:
     """Cover a known workspace: let some particle stand in every free cell, or in each of a random subset of them."""
@@ -113,7 +118,8 @@ def cover(
 
     task: Any = "coverage" if subset is None else SubsetCoverage(fraction=subset)
     with quiet():
-        workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
+        kinds: dict[str, Any] = {"threshold": threshold, "invert": invert, "scale": scale, "level": level, "label": label}
+        workspace = open_map(map_name, vessels=vessels, width=width, **kinds)
     problem: dict[str, Any] = {"task": task, "particles": particles, "policy": policy, "placement": placement, "rule": rule}
     problem |= {"scan_every": scan_every, "scan_cost": scan_cost, "move_cost": move_cost}
     _play(workspace, problem, trials, seed, max_moves, workers, out, film, json_, largest_component)

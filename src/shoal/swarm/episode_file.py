@@ -46,6 +46,7 @@ class Header(BaseModel):
     scan_every: str = "1"
     scan_cost: FiniteFloat = SCAN_COST
     move_cost: FiniteFloat = MOVE_COST
+    spacing: tuple[FiniteFloat, ...] | None = None  # of the workspace, where it is known
     slip: FiniteFloat | None = None  # these four of episodes with noise only
     misplace: FiniteFloat | None = None
     miss: FiniteFloat | None = None
@@ -79,6 +80,7 @@ def save(episode: Episode, path: str | os.PathLike[str]) -> None:
         scan_every=episode.scanning.every,
         scan_cost=episode.scanning.scan_cost,
         move_cost=episode.scanning.move_cost,
+        spacing=episode.workspace.spacing,
         **noisy,
     )
     arrays: dict[str, NDArray[Any]] = {
@@ -148,7 +150,7 @@ def _assembled(header: Header, arrays: dict[str, NDArray[Any]]) -> Episode:
         raise InvalidInputError(f"shape: expected 2 or 3 lengths of at most {MAX_CELLS} cells in all, got {header.shape}")
     if header.rule not in RULES:
         raise InvalidInputError(f"rule: expected {', '.join(RULES)}, got {header.rule!r}")
-    workspace = GridWorkspace(_mask(arrays["free"], header.shape, "free"), name=header.map)
+    workspace = GridWorkspace(_mask(arrays["free"], header.shape, "free"), name=header.map, spacing=header.spacing)
     codes = _column(arrays, "commands", np.int8)
     commands = len(letters_of(workspace.ndim))
     if len(codes) and not 0 <= int(codes.min()) <= int(codes.max()) < commands:
