@@ -48,6 +48,8 @@ def mapping() -> None:
     middle = episode.moves // 4
     save("mapping-middle.png", map_figure(episode, moves=middle))
     save("mapping-frontier.png", frontier_plot([episode]))
+    tree = run(open_map("vessels3d:6000"), particles=600, seed=SEED)
+    save("volume.png", map_figure(tree, moves=tree.moves // 4))
 
 
 def tours() -> None:

@@ -130,6 +130,24 @@ for number in range(12):
 """
 
 
+NOISE = """
+import numpy as np
+from shoal.swarm import GridWorkspace, run
+from shoal.swarm.noise import Noise
+np.seterr(over="ignore")
+rng = np.random.default_rng(8)
+for shape in ((3, 5), (6, 64), (2, 3, 4)):
+    free = rng.random(shape) < 0.75
+    free.flat[0] = True
+    cells = np.argwhere(free)
+    start = cells[rng.choice(len(cells), size=max(1, len(cells) // 4), replace=False)]
+    for noise in (Noise(0.1, 0.05, 0.1), Noise(), Noise(0.0, 0.2, 0.0)):
+        e = run(GridWorkspace(free), start=start, noise=noise, max_moves=60)
+        print(shape, e.commands, e.status, e.done.tolist(), e.frontier.tolist(), e.travelled.tolist())
+        print(e.probability.round(9).tolist(), e.errors)
+"""
+
+
 def episodes(*, compiled: bool, script: str = SCRIPT) -> str:
     environment = dict(os.environ, NUMBA_DISABLE_JIT="0" if compiled else "1")
     done = subprocess.run(
@@ -166,3 +184,9 @@ def test_same_allocations_with_the_compiler_off():
     compiled = episodes(compiled=True, script=ALLOCATIONS)
     assert len(compiled.splitlines()) == 12 * 5
     assert episodes(compiled=False, script=ALLOCATIONS) == compiled
+
+
+def test_same_noise_with_the_compiler_off():
+    compiled = episodes(compiled=True, script=NOISE)
+    assert len(compiled.splitlines()) == 18
+    assert episodes(compiled=False, script=NOISE) == compiled

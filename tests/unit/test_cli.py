@@ -125,7 +125,16 @@ def test_many_trials_write_their_episodes(tmp_path, capsys):
 def test_maps(tmp_path, capsys):
     assert run(["maps", "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)["maps"]
-    assert {entry["name"] for entry in listed} == {"line", "rectangle", "htree", "vessels", "maze", "cave"}
+    assert {entry["name"] for entry in listed} == {
+        "line",
+        "rectangle",
+        "htree",
+        "vessels",
+        "vessels3d",
+        "vessels3d-loops",
+        "maze",
+        "cave",
+    }
     assert run(["maps", "vessels:400", "--seed", "3", "--out", str(tmp_path / "v.png"), "--json"]) == 0
     written = json.loads(capsys.readouterr().out)
     assert (written["name"], written["free_cells"]) == ("vessels:400:3", 400)

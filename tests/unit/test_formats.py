@@ -54,13 +54,13 @@ def test_what_is_written_comes_back_the_same(tmp_path, suffix, shape):
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
-def test_three_dimensions_come_back_from_npy_only(tmp_path):
+def test_three_dimensions_come_back_where_a_format_takes_them(tmp_path):
     workspace = GridWorkspace(np.random.default_rng(3).random((3, 4, 5)) < 0.7)
     write_map(workspace, tmp_path / "cube.npy")
     assert read_map(tmp_path / "cube.npy") == workspace
     for suffix in WRITABLE:
-        if suffix != ".npy":
-            with pytest.raises(InvalidInputError, match=r"cube\.\w+: expected \.npy for a 3-D workspace"):
+        if suffix not in {".npy", ".tif", ".tiff"}:
+            with pytest.raises(InvalidInputError, match=r"cube\.\w+: expected \.npy, \.tif, .* for a 3-D workspace"):
                 write_map(workspace, tmp_path / f"cube{suffix}")
     assert [file.name for file in tmp_path.iterdir()] == ["cube.npy"]
 
@@ -173,10 +173,13 @@ def test_transparent_is_white(tmp_path):
     assert cells(tmp_path / "key.png") == [[1, 0]]
 
 
-def test_only_the_first_page_counts(tmp_path):
-    pages = [Image.fromarray(STAIRS.astype(np.uint8) * 255), Image.new("L", (9, 9), 255)]
+def test_pages_are_layers(tmp_path):
+    pages = [Image.fromarray(STAIRS.astype(np.uint8) * 255), Image.fromarray(255 - STAIRS.astype(np.uint8) * 255)]
     pages[0].save(tmp_path / "pages.tif", save_all=True, append_images=pages[1:])
-    np.testing.assert_array_equal(read_map(tmp_path / "pages.tif").free, STAIRS)
+    np.testing.assert_array_equal(read_map(tmp_path / "pages.tif").free, [STAIRS, ~STAIRS])
+    pages[0].save(tmp_path / "pages.tif", save_all=True, append_images=[Image.new("L", (9, 9), 255)])
+    with pytest.raises(InvalidInputError, match=r"page 2: expected .* pixels as in the first layer, got 9x9"):
+        read_map(tmp_path / "pages.tif")
 
 
 def test_the_limit_of_pillow_is_left_as_it_was(tmp_path):

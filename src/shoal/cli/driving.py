@@ -18,6 +18,7 @@ from shoal.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from shoal.swarm import GridWorkspace
+    from shoal.swarm.noise import Noise
     from shoal.swarm.plant import Drive, Plant, RemotePlant
 
 EXAMPLE = "Example: shoal drive maze:9x7 --plant simulated --particles 4 --log drive.jsonl"
@@ -53,6 +54,10 @@ def drive(
     seed: options.Seed = 0,
     max_moves: options.MaxMoves = 1_000_000,
     scan_every: options.ScanEvery = "1",
+    slip: options.Slip = 0.0,
+    misplace: options.Misplace = 0.0,
+    miss: options.Miss = 0.0,
+    confidence: options.Confidence = 0.99,
     timeout: Annotated[float, typer.Option("--timeout", help="Seconds to wait for an answer before asking again.")] = 5.0,
     patience_: Annotated[float, typer.Option("--patience", help="Seconds without any answer before the rig is given up.")] = 60.0,
     log: Annotated[
@@ -65,8 +70,10 @@ def drive(
 ) -> None:
     """Map what a rig moves in: commands out, positions in. However it ends, by Ctrl-C too, the rig is stopped.
 
-    --particles and --rule are those of a simulated plant; a rig says its own. The protocol is in docs/concepts/plant.md.
+    --particles and --rule are those of a simulated plant; a rig says its own. --slip, --misplace and --miss say how a rig fails,
+    and make a simulated one fail so. The protocol is in docs/concepts/plant.md.
     """
+    from shoal.cli.swarm import noise_of
     from shoal.swarm.maps import open_map
     from shoal.swarm.plant import DriveLog
     from shoal.swarm.plant import drive as drive_plant
@@ -75,9 +82,16 @@ def drive(
     truth = None if map_name is None else open_map(map_name)
     shape = None if size is None else _size(size)
     book = None if log is None else DriveLog(log)
-    problem: dict[str, Any] = {"policy": policy, "seed": seed, "max_moves": max_moves, "scan_every": scan_every}
+    noise = noise_of(slip, misplace, miss, confidence)
+    if noise and (out or film):
+        raise InvalidInputError(
+            "drive with noise: expected no figures or films, as its way is not known, got --out or --film (use --log)"
+        )
+    problem: dict[str, Any] = noise | {"policy": policy, "seed": seed, "max_moves": max_moves, "scan_every": scan_every}
     with _terminated_as_interrupted():
-        opened = _opened(plant, truth, particles, rule, seed, timeout, patience_, None if book is None else book.event)
+        opened = _opened(
+            plant, truth, particles, rule, seed, noise.get("noise"), timeout, patience_, None if book is None else book.event
+        )
         try:
             _check_shape(opened, shape, truth)
             with patience("compiling kernels: once after an installation, half a minute ..."):
@@ -95,6 +109,7 @@ def _opened(
     particles: int,
     rule: str,
     seed: int,
+    noise: Noise | None,
     timeout: float,
     patience_: float,
     on_event: Any,
@@ -108,7 +123,13 @@ def _opened(
     if truth is None:
         raise InvalidInputError("plant simulated: expected a map to move in, such as vessels:500, got none")
     check_numbers(seed=seed)
-    return SimulatedPlant(truth, place(truth, particles, "uniform", trial_rng(seed)), rule=rule)
+    start = place(truth, particles, "uniform", trial_rng(seed))
+    if noise is not None:
+        from shoal.swarm.noise.episode import noise_rng
+        from shoal.swarm.noise.plant import NoisyPlant
+
+        return NoisyPlant(truth, start, noise, noise_rng(seed, 0))
+    return SimulatedPlant(truth, start, rule=rule)
 
 
 def _load_kernels() -> None:

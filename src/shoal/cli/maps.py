@@ -19,7 +19,9 @@ def maps(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="Write it: .png .tif .bmp .jpg .txt .map .npy or .csv.", show_default=False),
+        typer.Option(
+            "--out", metavar="FILE", help="Write it: .png .tif .bmp .jpg .txt .map .npy .csv .nii .nii.gz.", show_default=False
+        ),
     ] = None,
     seed: Annotated[
         int | None, typer.Option("--seed", help="Seed of a random map (as in cave:80x60:7).", show_default=False)

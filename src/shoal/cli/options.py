@@ -11,7 +11,8 @@ Map = Annotated[
     str,
     typer.Argument(
         metavar="MAP",
-        help="A generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy or .csv.",
+        help="A generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy, .csv, NIfTI, a "
+        "TIFF of several pages, or a folder of slices.",
         show_default=False,
     ),
 ]
@@ -81,6 +82,15 @@ Film = Annotated[
         show_default=False,
     ),
 ]
+Slip = Annotated[float, typer.Option("--slip", help="Probability that a particle does not move at a command, 0 to 0.5.")]
+Misplace = Annotated[
+    float,
+    typer.Option("--misplace", help="Probability that one is seen in a neighbouring cell instead of its own, 0 to 0.5."),
+]
+Miss = Annotated[float, typer.Option("--miss", help="Probability that a particle is not seen in a scan, 0 to 0.5.")]
+Confidence = Annotated[
+    float, typer.Option("--confidence", help="With noise: the probability from which a cell counts as settled, above 0.5.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")]
 Vessels = Annotated[bool, typer.Option("--vessels", help="MAP is a photograph: segment its vessels (needs the extra 'imaging').")]
 Width = Annotated[
@@ -90,6 +100,12 @@ Width = Annotated[
 Threshold = Annotated[float, typer.Option("--threshold", help="Pictures: pixels at least this bright are free, 0 to 1.")]
 Invert = Annotated[bool, typer.Option("--invert", help="Pictures: dark pixels are free.")]
 Scale = Annotated[float, typer.Option("--scale", help="Pictures: cells a pixel, 0.5 halves both sides.")]
+Level = Annotated[
+    float | None, typer.Option("--level", help="Arrays, volumes: cells of at least this number are free.", show_default=False)
+]
+Label = Annotated[
+    int | None, typer.Option("--label", help="Arrays, volumes: cells of exactly this number are free.", show_default=False)
+]
 LargestComponent = Annotated[
     bool, typer.Option("--largest-component", help="Keep only the largest connected part of the free space.")
 ]

@@ -45,6 +45,10 @@ def map_(
     scan_every: options.ScanEvery = "1",
     scan_cost: options.ScanCost = 10.0,
     move_cost: options.MoveCost = 1.0,
+    slip: options.Slip = 0.0,
+    misplace: options.Misplace = 0.0,
+    miss: options.Miss = 0.0,
+    confidence: options.Confidence = 0.99,
     workers: options.Workers = None,
     out: options.Out = None,
     film: options.Film = None,
@@ -54,22 +58,38 @@ def map_(
     threshold: options.Threshold = 0.5,
     invert: options.Invert = False,
     scale: options.Scale = 1.0,
+    level: options.Level = None,
+    label: options.Label = None,
     largest_component: options.LargestComponent = False,
 ) -> None:
     """Map an unknown workspace: find every free cell that the particles can reach, and the walls around them.
 
-    The policy best plans every move; with --scan-every or rule tilt, which it has no answer for, closest-frontier is the default.
+    The policy best plans every move; with --scan-every, noise or rule tilt, which it has no answer for, closest-frontier is the default.
     """
     from shoal.swarm.maps import open_map
 
     with quiet():
-        workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
-    if policy == "best" and (scan_every != "1" or rule == "tilt") and budget is None and time_per_move is None:
+        kinds: dict[str, Any] = {"threshold": threshold, "invert": invert, "scale": scale, "level": level, "label": label}
+        workspace = open_map(map_name, vessels=vessels, width=width, **kinds)
+    noise = noise_of(slip, misplace, miss, confidence)
+    if policy == "best" and (scan_every != "1" or rule == "tilt" or noise) and budget is None and time_per_move is None:
         policy = "closest-frontier"
     policy = _thinking(policy, budget, time_per_move)
     problem: dict[str, Any] = {"task": "mapping", "particles": particles, "policy": policy, "placement": placement, "rule": rule}
     problem |= {"scan_every": scan_every, "scan_cost": scan_cost, "move_cost": move_cost}
+    problem |= noise
     _play(workspace, problem, trials, seed, max_moves, workers, out, film, json_, largest_component)
+
+
+def noise_of(slip: float, misplace: float, miss: float, confidence: float) -> dict[str, Any]:
+    """Return the arguments of a run with noise, none if nothing goes wrong."""
+    from shoal.swarm.noise.model import CONFIDENCE, Noise, bound_of
+
+    bound_of(confidence)
+    noise = Noise(slip, misplace, miss)
+    if not noise and confidence != CONFIDENCE:
+        raise InvalidInputError(f"confidence: expected it together with noise (slip, misplace, miss), got {confidence:g} alone")
+    return {"noise": noise, "confidence": confidence} if noise else {}
 
 
 def cover(
@@ -99,6 +119,8 @@ def cover(
     threshold: options.Threshold = 0.5,
     invert: options.Invert = False,
     scale: options.Scale = 1.0,
+    level: options.Level = None,
+    label: options.Label = None,
     largest_component: options.LargestComponent = False,
 ) -> None:
     """Cover a known workspace: let some particle stand in every free cell, or in each of a random subset of them."""
@@ -107,7 +129,8 @@ def cover(
 
     task: Any = "coverage" if subset is None else SubsetCoverage(fraction=subset)
     with quiet():
-        workspace = open_map(map_name, vessels=vessels, width=width, threshold=threshold, invert=invert, scale=scale)
+        kinds: dict[str, Any] = {"threshold": threshold, "invert": invert, "scale": scale, "level": level, "label": label}
+        workspace = open_map(map_name, vessels=vessels, width=width, **kinds)
     policy = _thinking(policy, budget, time_per_move)
     problem: dict[str, Any] = {"task": task, "particles": particles, "policy": policy, "placement": placement, "rule": rule}
     problem |= {"scan_every": scan_every, "scan_cost": scan_cost, "move_cost": move_cost}
@@ -202,7 +225,37 @@ def summary(episodes: list[Episode], *, seed: int) -> dict[str, Any]:
         "scans": [episode.scans for episode in episodes],
         "cost": [episode.cost for episode in episodes],
         "mean_cost": statistics.fmean(episode.cost for episode in episodes),
+    } | _noise_summary(episodes)
+
+
+def _noise_summary(episodes: list[Episode]) -> dict[str, Any]:
+    """Return what runs with noise say beyond the others: how right their maps are."""
+    from shoal.swarm.noise import NoisyEpisode
+
+    noisy = [episode for episode in episodes if isinstance(episode, NoisyEpisode)]
+    if not noisy:
+        return {}
+    errors = [episode.errors for episode in noisy]
+    counts = {name: [getattr(error, name) for error in errors] for name in ("right", "false_free", "false_obstacles", "undecided")}
+    rates = {
+        name: statistics.fmean(getattr(error, name) for error in errors) for name in ("false_free_rate", "false_obstacle_rate")
     }
+    return {"noise": dict(vars(noisy[0].noise)), "confidence": noisy[0].confidence, **counts, **rates}
+
+
+def _noise_rows(episodes: list[Episode], result: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return what runs with noise say to people beyond the others."""
+    if "noise" not in result:
+        return []
+    noise, mean = result["noise"], {name: statistics.fmean(result[name]) for name in ("false_free", "false_obstacles", "undecided")}
+    rates = ", ".join(f"{name} {rate:g}" for name, rate in noise.items())
+    wrong = f"{mean['false_free']:g} walls taken for free, {mean['false_obstacles']:g} free cells for walls"
+    wrong += f", {mean['undecided']:g} undecided"
+    worst = f", at worst {100 * min(result['right']):.2f} %" if len(episodes) > 1 else ""
+    return [
+        ("noise", f"{rates}; confidence {result['confidence']:g}"),
+        ("right", f"{100 * statistics.fmean(result['right']):.2f} % of the cells{worst}; {wrong}"),
+    ]
 
 
 def _title(first: Episode) -> str:
@@ -223,6 +276,7 @@ def _rows(episodes: list[Episode], result: dict[str, Any]) -> list[tuple[str, st
             ("result", first.sentence),
             _done_row(first, done),
             *_ratio_rows(first),
+            *_noise_rows(episodes, result),
             ("cost", _cost(first)),
             ("distance", f"{first.distance} cells travelled by all particles"),
             ("time", f"{first.seconds:.3f} s, {1e6 * first.seconds_per_move:.1f} µs a move"),
@@ -234,6 +288,7 @@ def _rows(episodes: list[Episode], result: dict[str, Any]) -> list[tuple[str, st
         ("cost", f"{result['mean_cost']:.2f}, with {statistics.fmean(result['scans']):.2f} scans ({_prices(first)})"),
         ("range", f"{min(result['moves'])} to {max(result['moves'])}"),
         ("status", ", ".join(f"{count} {status}" for status, count in counts.items())),
+        *_noise_rows(episodes, result),
     ]
     return rows
 

@@ -336,3 +336,8 @@ class AdaptiveRuns:
         """Tell whether the run is to be scanned, and learn from it."""
         self.mind.memory[play.LEARNT] = learnt
         return bool(play.end_run(field_of(belief.open.words, state, belief), self.mind, self.scout, False))
+
+
+def empty_field(frame: Frame) -> moves.Field:
+    """Return the kernels' boards, all empty."""
+    return _field(frame)

@@ -6,6 +6,7 @@ import io
 import os
 import warnings
 import zipfile
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -45,6 +46,11 @@ class Header(BaseModel):
     scan_every: str = "1"
     scan_cost: FiniteFloat = SCAN_COST
     move_cost: FiniteFloat = MOVE_COST
+    spacing: tuple[FiniteFloat, ...] | None = None  # of the workspace, where it is known
+    slip: FiniteFloat | None = None  # these four of episodes with noise only
+    misplace: FiniteFloat | None = None
+    miss: FiniteFloat | None = None
+    confidence: FiniteFloat | None = None
 
 
 def save(episode: Episode, path: str | os.PathLike[str]) -> None:
@@ -52,6 +58,11 @@ def save(episode: Episode, path: str | os.PathLike[str]) -> None:
     target = Path(path)
     if target.suffix != ".npz":
         raise InvalidInputError(f"{target}: expected the suffix .npz, got {target.suffix!r}")
+    from shoal.swarm.noise import NoisyEpisode
+
+    noisy = {}
+    if isinstance(episode, NoisyEpisode):
+        noisy = {**vars(episode.noise), "confidence": episode.confidence}
     header = Header(
         format=FORMAT,
         version=episode.version,
@@ -69,9 +80,11 @@ def save(episode: Episode, path: str | os.PathLike[str]) -> None:
         scan_every=episode.scanning.every,
         scan_cost=episode.scanning.scan_cost,
         move_cost=episode.scanning.move_cost,
+        spacing=episode.workspace.spacing,
+        **noisy,
     )
     arrays: dict[str, NDArray[Any]] = {
-        "header": np.frombuffer(header.model_dump_json().encode(), dtype=np.uint8),
+        "header": np.frombuffer(header.model_dump_json(exclude_none=True).encode(), dtype=np.uint8),
         "free": np.packbits(episode.workspace.free),
         "start": episode.start.astype(np.int32),
         "commands": episode.codes,
@@ -137,7 +150,7 @@ def _assembled(header: Header, arrays: dict[str, NDArray[Any]]) -> Episode:
         raise InvalidInputError(f"shape: expected 2 or 3 lengths of at most {MAX_CELLS} cells in all, got {header.shape}")
     if header.rule not in RULES:
         raise InvalidInputError(f"rule: expected {', '.join(RULES)}, got {header.rule!r}")
-    workspace = GridWorkspace(_mask(arrays["free"], header.shape, "free"), name=header.map)
+    workspace = GridWorkspace(_mask(arrays["free"], header.shape, "free"), name=header.map, spacing=header.spacing)
     codes = _column(arrays, "commands", np.int8)
     commands = len(letters_of(workspace.ndim))
     if len(codes) and not 0 <= int(codes.min()) <= int(codes.max()) < commands:
@@ -146,7 +159,13 @@ def _assembled(header: Header, arrays: dict[str, NDArray[Any]]) -> Episode:
     for name, column in columns.items():
         if len(column) != len(codes):
             raise InvalidInputError(f"{name}: expected {len(codes)} entries, one a command, got {len(column)}")
-    return Episode(
+    make: Any = Episode
+    if header.slip is not None:
+        from shoal.swarm.noise import CONFIDENCE, Noise, NoisyEpisode
+
+        rates = Noise(header.slip, header.misplace or 0.0, header.miss or 0.0)
+        make = partial(NoisyEpisode, noise=rates, confidence=CONFIDENCE if header.confidence is None else header.confidence)
+    made: Episode = make(
         workspace=workspace,
         start=check_start(workspace, arrays["start"], rule=header.rule),
         codes=codes,
@@ -162,9 +181,10 @@ def _assembled(header: Header, arrays: dict[str, NDArray[Any]]) -> Episode:
         seconds=header.seconds,
         version=header.version,
         scanning=ScanRule.parse(header.scan_every, scan_cost=header.scan_cost, move_cost=header.move_cost),
-        scanned=_mask(arrays["scanned"], (len(codes),), "scanned") if "scanned" in arrays else None,  # type: ignore[arg-type]
+        scanned=_mask(arrays["scanned"], (len(codes),), "scanned") if "scanned" in arrays else None,
         **columns,
     )
+    return made
 
 
 _COLUMNS: dict[str, type[np.generic]] = {"done": np.int32, "frontier": np.int32, "travelled": np.int64}

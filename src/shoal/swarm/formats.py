@@ -1,4 +1,4 @@
-"""Read and write maps: pictures (PNG, TIFF, BMP, JPEG), text, MovingAI ``.map``, ``.npy`` and CSV."""
+"""Read and write maps: pictures and stacks of them, text, MovingAI ``.map``, ``.npy``, CSV and NIfTI."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
+from shoal.swarm.volumes import NIFTI, VolumeOptions, nifti_bytes, read_nifti, slices_of, suffix_of
 from shoal.swarm.workspace import MAX_CELLS, GridWorkspace
 
 if TYPE_CHECKING:
@@ -51,16 +52,27 @@ class PictureOptions:
             raise InvalidInputError(f"scale: expected above 0 and at most 64, got {self.scale:g}")
 
 
-def read_map(path: str | os.PathLike[str], *, threshold: float = 0.5, invert: bool = False, scale: float = 1.0) -> GridWorkspace:
+def read_map(
+    path: str | os.PathLike[str],
+    *,
+    threshold: float = 0.5,
+    invert: bool = False,
+    scale: float = 1.0,
+    level: float | None = None,
+    label: int | None = None,
+) -> GridWorkspace:
     """Read a workspace from a file; the suffix says the format.
 
     Parameters
     ----------
     path : path
         ``.png .tif .tiff .bmp .jpg .jpeg`` (bright is free), ``.txt`` (``.`` free, ``#`` obstacle), ``.map`` (MovingAI: ``.``,
-        ``G``, ``S`` free), ``.npy`` (2-D or 3-D, not zero is free) or ``.csv`` (1 free, 0 obstacle).
+        ``G``, ``S`` free), ``.npy`` (2-D or 3-D, not zero is free), ``.csv`` (1 free, 0 obstacle), or ``.nii .nii.gz`` (3-D, not
+        zero is free; the size of a voxel is kept). A TIFF of several pages and a folder of pictures are 3-D: a layer each.
     threshold, invert, scale
         For pictures; see `PictureOptions`.
+    level, label
+        For ``.npy`` and NIfTI; see `shoal.swarm.volumes.VolumeOptions`.
 
     Returns
     -------
@@ -74,24 +86,34 @@ def read_map(path: str | os.PathLike[str], *, threshold: float = 0.5, invert: bo
     """
     source = Path(path)
     options = PictureOptions(threshold, invert, scale)
-    suffix = source.suffix.lower()
-    if suffix not in _READERS and suffix not in PICTURES:
-        known = " ".join((*PICTURES, *_READERS))
+    numbers, suffix = VolumeOptions(level, label), suffix_of(source)
+    folder, spacing = source.is_dir(), None
+    if not folder and suffix not in (*_READERS, *PICTURES, *NIFTI, ".npy"):
+        known = " ".join((*PICTURES, *_READERS, ".npy", *NIFTI))
         raise InvalidInputError(f"{source}: expected a map file ({known}), got the suffix {suffix!r}")
     try:
-        _check_file(source, "map")
-        free = _read_picture(source, options) if suffix in PICTURES else _READERS[suffix](source)
+        if folder:
+            free = _read_slices(source, options)
+        else:
+            _check_file(source, "map")
+            if suffix in NIFTI:
+                free, spacing = read_nifti(source, numbers)
+            elif suffix == ".npy":
+                free = numbers.free(_read_npy(source), source)
+            else:
+                free = _read_picture(source, options) if suffix in PICTURES else _READERS[suffix](source)
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
     try:
-        return GridWorkspace(free, name=name_of(source))
+        return GridWorkspace(free, name=name_of(source), spacing=spacing)
     except InvalidInputError as error:
         raise InvalidInputError(f"{source}: {error}") from None
 
 
 def name_of(path: Path) -> str:
     """Return the name of a file without its suffix, fit for any output: bytes of it that are no text become "?"."""
-    return path.stem.encode("utf-8", "replace").decode()
+    stem = path.name[: -len(".nii.gz")] if suffix_of(path) == ".nii.gz" else path.stem
+    return stem.encode("utf-8", "replace").decode()
 
 
 def _check_file(path: Path, what: str) -> None:
@@ -162,6 +184,24 @@ def _one_line(error: BaseException) -> str:
 
 def _read_picture(path: Path, options: PictureOptions) -> NDArray[np.bool_]:
     image = _open_picture(path)
+    pages = _pages_of(path) if path.suffix.lower() in {".tif", ".tiff"} else 1
+    return _read_pages(path, options, pages) if pages > 1 else _free_of(path, image, options)
+
+
+def _pages_of(path: Path) -> int:
+    """Return the number of pages of a TIFF whose first one has been read."""
+    from PIL import Image
+
+    with path.open("rb") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            with Image.open(file, formats=("TIFF",)) as image:
+                return int(getattr(image, "n_frames", 1))
+        except Exception as error:  # as above
+            raise InvalidInputError(f"{path}: the picture is damaged: {_one_line(error)}") from None
+
+
+def _free_of(path: Path, image: Image, options: PictureOptions) -> NDArray[np.bool_]:
     grey = _grey(path, image)
     if options.scale != 1.0:
         size = tuple(max(1, round(side * options.scale)) for side in image.size)
@@ -172,6 +212,50 @@ def _read_picture(path: Path, options: PictureOptions) -> NDArray[np.bool_]:
         grey = np.asarray(Image.fromarray(grey).resize((size[0], size[1]), Image.Resampling.BOX))
     free = grey >= options.threshold
     return ~free if options.invert else free
+
+
+def _read_pages(path: Path, options: PictureOptions, pages: int) -> NDArray[np.bool_]:
+    """Return the pages of a TIFF as layers."""
+    from PIL import Image
+
+    layers = []
+    with path.open("rb") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            with Image.open(file, formats=("TIFF",)) as image:
+                _check_stack(path, pages, image.height, image.width)
+                for page in range(pages):
+                    image.seek(page)
+                    layers.append(_free_of(path, image.copy(), options))
+        except InvalidInputError:
+            raise
+        except Exception as error:  # as above
+            raise InvalidInputError(f"{path}: page {len(layers) + 1} is damaged: {_one_line(error)}") from None
+    return _stacked(layers, lambda layer: f"{path}: page {layer + 1}")
+
+
+def _read_slices(folder: Path, options: PictureOptions) -> NDArray[np.bool_]:
+    """Return the pictures of a folder as layers."""
+    files = slices_of(folder, PICTURES)
+    first = _read_picture(files[0], options)
+    if first.ndim != 2:
+        raise InvalidInputError(f"{files[0]}: expected a slice, got a picture of {len(first)} pages")
+    _check_stack(folder, len(files), *first.shape)
+    layers = [first, *(_read_picture(file, options) for file in files[1:])]
+    return _stacked(layers, lambda layer: str(files[layer]))
+
+
+def _check_stack(path: Path, layers: int, height: int, width: int) -> None:
+    if layers * height * width > MAX_CELLS:
+        raise InvalidInputError(f"{path}: expected at most {MAX_CELLS} cells, got {layers} layers of {width}x{height}")
+
+
+def _stacked(layers: list[NDArray[np.bool_]], where: Callable[[int], str]) -> NDArray[np.bool_]:
+    for number, layer in enumerate(layers):
+        if layer.shape != layers[0].shape:
+            sizes = ["x".join(map(str, reversed(shape))) for shape in (layers[0].shape, layer.shape)]
+            raise InvalidInputError(f"{where(number)}: expected {sizes[0]} pixels as in the first layer, got {sizes[1]}")
+    return np.stack(layers)
 
 
 def _is_deep(image: Image) -> bool:
@@ -276,24 +360,11 @@ def _read_npy(path: Path) -> NDArray[Any]:
             if got < expected:
                 raise InvalidInputError(f"{path}: expected {expected} bytes of {dtype} {shape}, got {got}: the file is cut off")
             file.seek(0)
-            return _two_valued(path, np.asarray(np.load(file, allow_pickle=False)))
+            return np.asarray(np.load(file, allow_pickle=False))
         except InvalidInputError:
             raise
         except Exception as error:  # NumPy's header parser raises several kinds
             raise InvalidInputError(f"{path}: expected a NumPy array file (.npy): {_one_line(error)}") from None
-
-
-def _two_valued(path: Path, array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array of 0 and one other number; intensities and probabilities are no map until somebody sets a threshold."""
-    other = array[array != 0]
-    if other.size and np.isfinite(other).all() and (other != other[0]).any():
-        odd = next(value for value in other if value != other[0])
-        cell = tuple(int(i) for i in np.argwhere(array == odd)[0])
-        raise InvalidInputError(
-            f"{path}: expected 0 for obstacles and one other number for free cells, got {other[0]} and {odd} at cell {cell} "
-            "(compare with a threshold before saving)"
-        )
-    return array
 
 
 def _read_csv(path: Path) -> NDArray[np.bool_]:
@@ -315,7 +386,6 @@ def _read_csv(path: Path) -> NDArray[np.bool_]:
 _READERS: dict[str, Callable[[Path], NDArray[Any]]] = {
     ".txt": _read_text,
     ".map": _read_movingai,
-    ".npy": _read_npy,
     ".csv": _read_csv,
 }
 
@@ -323,22 +393,27 @@ _READERS: dict[str, Callable[[Path], NDArray[Any]]] = {
 def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
     """Write a workspace; the suffix says the format, as for `read_map`, which reads the same cells back.
 
-    Only ``.npy`` takes three dimensions. JPEG is written at its best quality, which keeps black and white apart.
+    Of these ``.npy``, ``.tif`` and NIfTI take three dimensions. JPEG is written at its best quality, which keeps black and
+    white apart.
 
     Raises
     ------
     InvalidInputError
-        For another suffix, or a 3-D workspace in a 2-D format.
+        For another suffix, or a workspace of dimensions that the format does not take.
+    MissingExtraError
+        For NIfTI without nibabel.
     OutputError
         If the file cannot be written; nothing is left behind.
     """
     target = Path(path)
-    suffix = target.suffix.lower()
-    writable = [*PICTURES, *_READERS]
+    suffix = suffix_of(target)
+    writable = [*PICTURES, *_READERS, ".npy", *NIFTI]
     if suffix not in writable:
         raise InvalidInputError(f"{target}: expected one of the suffixes {' '.join(writable)}, got {suffix!r}")
-    if workspace.ndim != 2 and suffix != ".npy":
-        raise InvalidInputError(f"{target}: expected .npy for a 3-D workspace, got {suffix!r}")
+    if workspace.ndim != 2 and suffix not in {".npy", ".tif", ".tiff", *NIFTI}:
+        raise InvalidInputError(f"{target}: expected .npy, .tif, .nii or .nii.gz for a 3-D workspace, got {suffix!r}")
+    if workspace.ndim != 3 and suffix in NIFTI:
+        raise InvalidInputError(f"{target}: expected a 3-D workspace for {suffix}, got 2-D")
     with atomic(target) as temporary:
         # Encoded in memory first: Pillow does not notice when a full disk takes only a part of what it writes.
         temporary.write_bytes(_encoded(workspace, suffix))
@@ -346,7 +421,9 @@ def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
 
 def _encoded(workspace: GridWorkspace, suffix: str) -> bytes:
     """Return the bytes of a map file."""
-    if suffix in _READERS and suffix != ".npy":
+    if suffix in NIFTI:
+        return nifti_bytes(workspace, compressed=suffix.endswith(".gz"))
+    if suffix in _READERS:
         return _as_text(workspace, suffix).encode()
     buffer = io.BytesIO()
     if suffix == ".npy":
@@ -354,8 +431,12 @@ def _encoded(workspace: GridWorkspace, suffix: str) -> bytes:
     else:
         from PIL import Image
 
-        best = {"quality": 100} if suffix in {".jpg", ".jpeg"} else {}
-        Image.fromarray(workspace.free.astype(np.uint8) * 255).save(buffer, format=_PILLOW_NAMES[suffix], **best)
+        best: dict[str, Any] = {"quality": 100} if suffix in {".jpg", ".jpeg"} else {}
+        layers = workspace.free if workspace.ndim == 3 else workspace.free[np.newaxis]
+        first, *others = [Image.fromarray(layer.astype(np.uint8) * 255) for layer in layers]
+        if others:
+            best = {"save_all": True, "append_images": others, "compression": "tiff_deflate"}
+        first.save(buffer, format=_PILLOW_NAMES[suffix], **best)
     return buffer.getvalue()
 
 

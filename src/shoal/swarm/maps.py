@@ -17,6 +17,8 @@ def open_map(
     threshold: float = 0.5,
     invert: bool = False,
     scale: float = 1.0,
+    level: float | None = None,
+    label: int | None = None,
 ) -> GridWorkspace:
     """Return the workspace that ``text`` names.
 
@@ -30,6 +32,8 @@ def open_map(
         With ``vessels``: the larger side of the map, in cells.
     threshold, invert, scale
         For pictures that are maps already.
+    level, label
+        For arrays and volumes of numbers; see `shoal.swarm.volumes.VolumeOptions`.
 
     Raises
     ------
@@ -63,4 +67,4 @@ def open_map(
         from shoal.swarm.generators.remembered import remembered
 
         return GridWorkspace(remembered(text), name=text)
-    return read_map(path, threshold=threshold, invert=invert, scale=scale)
+    return read_map(path, threshold=threshold, invert=invert, scale=scale, level=level, label=label)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.random import Generator
@@ -23,6 +23,9 @@ from shoal.swarm.tasks import Coverage, Mapping, Task, make_task
 from shoal.swarm.workspace import GridWorkspace
 from shoal.swarm.world import GridWorld, check_start
 from shoal.version import __version__
+
+if TYPE_CHECKING:
+    from shoal.swarm.noise.model import Noise
 
 MAX_MOVES = 1_000_000
 
@@ -47,6 +50,8 @@ def run(
     scan_every: str | int = 1,
     scan_cost: float = SCAN_COST,
     move_cost: float = MOVE_COST,
+    noise: Noise | None = None,
+    confidence: float = 0.99,
     stepwise: bool = False,
     on_moves: OnMoves | None = None,
 ) -> Episode:
@@ -75,6 +80,11 @@ def run(
         Equal commands before each scan: a number, "doubling", "hyper" or "adaptive"; see `shoal.swarm.scanning.ScanRule`.
     scan_cost, move_cost : float
         Prices, which an adaptive policy weighs.
+    noise : Noise, optional
+        Particles slip and are seen wrongly; then the episode is a `shoal.swarm.noise.NoisyEpisode`. Task mapping, rule block, a
+        scan after each move.
+    confidence : float
+        With noise: the probability from which a cell counts as settled.
     stepwise : bool
         Play a built-in policy step by step, too, as third parties' are; the episode is the same.
     on_moves : callable, optional
@@ -118,6 +128,11 @@ def run(
         workspace, cells, np.zeros(0, np.int8), rule, todo.name, chosen.name, placed, targets, seed, trial, "limit", 0,
         np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, np.int64), 0.0, __version__, scanning,
     )  # fmt: skip
+    if noise is not None:
+        from shoal.swarm.noise.running import check_noisy, play_noisy
+
+        check_noisy(noise, confidence, rule=rule, task=todo, every_move=scanning.every_move)
+        return play_noisy(blank, chosen, noise, confidence, rng, max_moves, stepwise=stepwise, on_moves=on_moves)
     state = world.initial(cells)
     belief = todo.begin(world, state, targets)
     blank = replace(blank, first_frontier=len(belief.frontier))

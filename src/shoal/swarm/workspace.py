@@ -63,11 +63,13 @@ class GridWorkspace:
         disconnected and corridors one cell wide. Stored as a read-only copy.
     name : str
         For summaries and files.
+    spacing : tuple of float, optional
+        Size of a cell along each axis, in millimetres, where it is known: for pictures and files. The world counts cells.
 
     Raises
     ------
     InvalidInputError
-        If ``free`` is not such an array (see `check_free`).
+        If ``free`` is not such an array (see `check_free`), or a spacing not above 0.
 
     Notes
     -----
@@ -85,9 +87,15 @@ class GridWorkspace:
 
     free: NDArray[np.bool_]
     name: str = field(default="workspace", kw_only=True)
+    spacing: tuple[float, ...] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "free", check_free(self.free))
+        if self.spacing is not None:
+            sides = tuple(float(side) for side in self.spacing)
+            if len(sides) != self.free.ndim or not all(0 < side < float("inf") for side in sides):
+                raise InvalidInputError(f"spacing: expected {self.free.ndim} sizes above 0, got {self.spacing}")
+            object.__setattr__(self, "spacing", sides)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -120,7 +128,7 @@ class GridWorkspace:
         """Return the workspace that keeps only the largest connected component (the first of equals)."""
         sizes = np.bincount(self.components.ravel())
         sizes[0] = 0
-        return GridWorkspace(self.components == int(np.argmax(sizes)), name=self.name)
+        return GridWorkspace(self.components == int(np.argmax(sizes)), name=self.name, spacing=self.spacing)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, GridWorkspace) and np.array_equal(self.free, other.free)

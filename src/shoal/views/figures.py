@@ -15,18 +15,21 @@ from shoal.files import atomic
 from shoal.swarm import Episode
 from shoal.swarm.display import PALETTE, belief_raster, in_strips
 from shoal.views.charts import MUTED, new_figure, plain_axes, set_title
+from shoal.views.volume import Slices, codes_of
+from shoal.views.volume import sheet as volume_sheet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+CORNER = 0.6  # radians from which a 3-D map is seen
 _LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obstacle": "obstacle", "unknown": "unknown"}
 
 
 def final_map(episode: Episode) -> Figure:
     """Return the figure of the map at the end of an episode: particles, frontier, free cells, obstacles, unknown cells.
 
-    Very wide maps are cut into strips, read like lines of text; layers of a 3-D map stand side by side.
+    Very wide maps are cut into strips, read like lines of text; a 3-D map is seen from a corner, with slices on the right.
     """
     return map_figure(episode, moves=episode.moves)
 
@@ -45,7 +48,12 @@ def map_figure(episode: Episode, *, moves: int) -> Figure:
         state, belief = episode.final()
     else:
         state, belief = next(frame for i, frame in enumerate(episode.frames()) if i == moves)
-    sheet = in_strips(belief_raster(state, belief))
+    workspace = episode.workspace
+    if workspace.ndim == 3:
+        codes = codes_of(state, belief)
+        sheet = volume_sheet(codes, Slices.of(workspace), azimuth=CORNER, side=900, spacing=workspace.spacing)
+    else:
+        sheet = in_strips(belief_raster(state, belief))
     height, width = sheet.shape[:2]
     inches = 6.4
     figure = new_figure(inches, float(np.clip(inches * height / width + 0.9, 2.2, 9.5)))

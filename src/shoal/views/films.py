@@ -11,9 +11,13 @@ from numpy.typing import NDArray
 from shoal.files import atomic
 from shoal.swarm import Episode
 from shoal.swarm.display import PALETTE, belief_raster, in_strips
-from shoal.views.encoding import LONGEST, SIDE, OnFrame, check_film, counted, write_gif, write_mp4
+from shoal.views.encoding import LONGEST, SIDE, OnFrame, check_film, counted, palette_of, write_gif, write_mp4
+from shoal.views.volume import Slices, codes_of, sheet
 
 _SECONDS = 20.0
+TURNS = 2  # of a volume in a film
+VOLUME_SIDE = 560  # pixels of the view that turns
+VOLUME_FRAMES = 400  # of a film of one
 
 
 def write_film(episode: Episode, path: str | os.PathLike[str], *, on_frame: OnFrame | None = None) -> None:
@@ -42,14 +46,22 @@ def write_film(episode: Episode, path: str | os.PathLike[str], *, on_frame: OnFr
 
             temporary.write_text(player_page(episode), encoding="utf-8")
             return
-        shown = shown_moves(episode.moves, LONGEST[suffix])  # of longer episodes every k-th
+        longest = LONGEST[suffix] if episode.workspace.ndim == 2 else VOLUME_FRAMES
+        shown = shown_moves(episode.moves, longest)  # of longer episodes every k-th
         frames = counted(film_frames(episode, shown), len(shown), on_frame)
         rate = float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60))
         if suffix == ".gif":
-            palette = bytes.fromhex("".join(colour[1:] for colour in PALETTE.values()))
-            write_gif(temporary, frames, rate, palette=palette, side=SIDE[suffix])
+            write_gif(temporary, frames, rate, palette=_palette(episode), side=SIDE[suffix])
         else:
             write_mp4(temporary, frames, rate, side=SIDE[suffix])
+
+
+def _palette(episode: Episode) -> bytes:
+    """Return the colours of a GIF; those of a 3-D workspace come in shades."""
+    if episode.workspace.ndim == 2:
+        return bytes.fromhex("".join(colour[1:] for colour in PALETTE.values()))
+    middle = film_frames(episode, np.unique([0, episode.moves // 2, episode.moves]))
+    return palette_of(list(middle))
 
 
 def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
@@ -64,11 +76,17 @@ def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
 
 
 def film_frames(episode: Episode, shown: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-    """Yield the picture after each move in ``shown``, one pixel a cell; uint8, shape (H, W, 3)."""
+    """Yield the picture after each move in ``shown``, one pixel a cell (3-D: a view that turns, and slices); uint8, (H, W, 3)."""
     wanted = set(shown.tolist())
+    slices = Slices.of(episode.workspace) if episode.workspace.ndim == 3 else None
     for move, (state, belief) in enumerate(episode.frames()):
         if move in wanted:
-            picture = in_strips(belief_raster(state, belief))
+            if slices is not None:
+                turn = 2 * np.pi * TURNS * move / max(1, episode.moves)
+                codes = codes_of(state, belief)
+                picture = sheet(codes, slices, azimuth=turn, side=VOLUME_SIDE, spacing=episode.workspace.spacing)
+            else:
+                picture = in_strips(belief_raster(state, belief))
             yield picture if episode.scanned.all() else np.vstack([picture, scan_strip(episode.scanned, move, picture.shape[1])])
 
 

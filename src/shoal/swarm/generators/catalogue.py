@@ -15,6 +15,7 @@ from shoal.swarm.generators.maze import draw_maze
 from shoal.swarm.generators.shapes import draw_line, draw_rectangle
 from shoal.swarm.generators.sizes import MAX_CELLS
 from shoal.swarm.generators.vessels import draw_vessels
+from shoal.swarm.generators.vessels3d import draw_vessel_net, draw_vessel_tree
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +34,7 @@ class Generator:
         A map name.
     function : callable
         Takes one integer for each axis, and ``seed=`` if the generator is seeded; returns ndarray, bool,
-        shape (H, W).
+        shape (H, W) or (D, H, W).
     seeded : bool
         Whether a seed makes a difference; a map name with a seed is refused if not.
     smallest, largest : int
@@ -94,6 +95,26 @@ for _generator in (
         slow=True,
         smallest=30,
         largest=1_000_000,
+    ),
+    Generator(
+        name="vessels3d",
+        summary="A tree of vessels in space whose radii follow Murray's law.",
+        axes=("CELLS",),
+        example="vessels3d:5000:7",
+        function=draw_vessel_tree,
+        slow=True,
+        smallest=30,
+        largest=5_000_000,
+    ),
+    Generator(
+        name="vessels3d-loops",
+        summary="The same with loops: some twigs are joined.",
+        axes=("CELLS",),
+        example="vessels3d-loops:5000:7",
+        function=draw_vessel_net,
+        slow=True,
+        smallest=60,
+        largest=5_000_000,
     ),
     Generator(
         name="maze",

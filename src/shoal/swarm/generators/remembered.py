@@ -27,7 +27,7 @@ def remembered(spec: str) -> NDArray[np.bool_]:
     path = _folder() / f"{hashlib.sha256(spec.encode()).hexdigest()[:16]}.npy"
     try:
         kept = np.load(path, allow_pickle=False)
-        if kept.dtype == np.bool_ and kept.ndim == 2:
+        if kept.dtype == np.bool_ and kept.ndim in {2, 3}:
             return np.ascontiguousarray(kept)
     except (OSError, ValueError, EOFError):
         pass  # not there yet, or damaged: made again

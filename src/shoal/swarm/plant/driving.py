@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,12 +14,15 @@ from shoal.errors import InvalidInputError
 from shoal.files import interruption_held
 from shoal.swarm.belief import Belief
 from shoal.swarm.boards import Board, Frame
-from shoal.swarm.commands import encode
+from shoal.swarm.commands import decode, encode
 from shoal.swarm.episode import STATUSES, Episode
+from shoal.swarm.noise.asking import AskedRuns
+from shoal.swarm.noise.model import CONFIDENCE, Noise
+from shoal.swarm.noise.running import check_noisy
 from shoal.swarm.plant.log import DriveLog, RecordedPlant
 from shoal.swarm.plant.protocol import Plant, check_cells
 from shoal.swarm.plant.remote import LinkCounts
-from shoal.swarm.plant.tracking import ExactTracker
+from shoal.swarm.plant.tracking import ExactTracker, NoisyTracker
 from shoal.swarm.policies import Compiled, Policy, View, make_policy
 from shoal.swarm.policies.compiled import check_scanning
 from shoal.swarm.running import MAX_MOVES, check_numbers, trial_rng
@@ -50,7 +52,7 @@ class Drive:
     cells : ndarray of int64, shape (n, ndim)
         Where the particles are believed to be at the end.
     episode : Episode or None
-        The run as an episode, in a workspace of the free cells that were found: to film, draw and verify.
+        The run as an episode, in a workspace of the free cells that were found: to film, draw and verify. None with noise.
     link : LinkCounts or None
         What happened on the line of a remote plant.
     seconds : float
@@ -105,6 +107,10 @@ class Tracker(Protocol):
     belief: Belief
     state: SwarmState
 
+    @property
+    def finished(self) -> bool:
+        """Whether nothing is left that could be done."""
+
     def foreseen(self, command: str, steps: int) -> NDArray[np.int64] | None:
         """Return where the particles will be after ``steps`` equal commands if that is certain and tells nothing, else None."""
 
@@ -139,6 +145,8 @@ def drive(
     scan_every: str | int = 1,
     scan_cost: float = SCAN_COST,
     move_cost: float = MOVE_COST,
+    noise: Noise | None = None,
+    confidence: float = CONFIDENCE,
     log: DriveLog | None = None,
     on_moves: OnMoves | None = None,
 ) -> Drive:
@@ -156,6 +164,10 @@ def drive(
     max_moves : int
     scan_every, scan_cost, move_cost
         See `shoal.swarm.scanning.ScanRule`.
+    noise : Noise, optional
+        How often particles slip and are seen wrongly; then nothing that is seen is held against the plant.
+    confidence : float
+        With noise: the probability from which a cell counts as settled.
     log : DriveLog, optional
         Everything is written there, as it happens.
     on_moves : callable, optional
@@ -186,9 +198,27 @@ def drive(
     if isinstance(chosen, Compiled):
         chosen.check(Frame(plant.shape), plant.rule)
     check_scanning(scanning, chosen, plant.rule)
-    runs = partial(runs_of, scanning, chosen, Mapping(), plant.rule, rng=trial_rng(seed), given=None)
+    if noise is not None:
+        check_noisy(noise, confidence, rule=plant.rule, task=Mapping(), every_move=scanning.every_move)
+
+    def runs(belief: Belief) -> Runs:
+        rng = trial_rng(seed)
+        return AskedRuns(chosen, rng) if noise is not None else runs_of(scanning, chosen, Mapping(), plant.rule, belief, rng, None)
+
     known = scanning.kind == "adaptive"
-    return _driven(plant, runs, lambda _move: known, max_moves, log, on_moves, policy=chosen.name, seed=seed, scanning=scanning)
+    return _driven(
+        plant,
+        runs,
+        lambda _move: known,
+        max_moves,
+        log,
+        on_moves,
+        policy=chosen.name,
+        seed=seed,
+        scanning=scanning,
+        noise=noise,
+        confidence=confidence,
+    )
 
 
 def redrive(plant: RecordedPlant) -> Drive:
@@ -200,7 +230,10 @@ def redrive(plant: RecordedPlant) -> Drive:
         If they do not fit together.
     """
     header = plant.header
-    about = {"policy": header["policy"], "seed": header["seed"], "scanning": ScanRule.parse(header["scan_every"])}
+    about: dict[str, Any] = {"policy": header["policy"], "seed": header["seed"]}
+    about |= {"scanning": ScanRule.parse(header["scan_every"])}
+    if header["noise"] is not None:
+        about |= {"noise": Noise(**header["noise"]), "confidence": header["confidence"]}
     known = lambda move: move not in plant.scans  # noqa: E731  # as short as what it says
     return _driven(plant, lambda _belief: _RecordedRuns(plant), known, len(plant.commands), None, None, **about)
 
@@ -216,14 +249,18 @@ def _driven(
     policy: str,
     seed: int,
     scanning: ScanRule,
+    noise: Noise | None = None,
+    confidence: float = CONFIDENCE,
 ) -> Drive:
     began = time.perf_counter()
     status, course = "interrupted", _Course()
     try:
         first = check_cells(plant.observe(), plant.shape, what="positions")
-        tracker = ExactTracker(plant.shape, plant.rule, first)
+        exact = ExactTracker(plant.shape, plant.rule, first) if noise is None else None
+        tracker: Tracker = exact or NoisyTracker(plant.shape, first, noise or Noise(), confidence)
         if log is not None:
-            log.begin(plant, policy=policy, seed=seed, scan_every=scanning.every)
+            said = {} if noise is None else {"noise": dict(vars(noise)), "confidence": confidence}
+            log.begin(plant, policy=policy, seed=seed, scan_every=scanning.every, **said)
             log.scan(0, first)
         status = _loop(plant, make_runs(tracker.belief), may_skip, tracker, course, max_moves, log, on_moves)
     finally:
@@ -236,12 +273,12 @@ def _driven(
     seconds = time.perf_counter() - began
     if log is not None:
         log.end(status, moves=len(course.codes), belief=tracker.belief)
-    episode = _episode(plant, policy, seed, scanning, tracker, course, status, seconds)
+    episode = None if exact is None else _episode(plant, policy, seed, scanning, exact, course, status, seconds)
     return Drive(
         policy,
         status,
-        episode.commands,
-        episode.scanned,
+        decode(np.array(course.codes, dtype=np.int8)),
+        np.array(course.scanned, dtype=np.bool_),
         tracker.belief,
         tracker.state.cells,
         episode,
@@ -287,14 +324,14 @@ def _loop(
 ) -> str:
     """Play until nothing is left to do; return the status."""
     while True:
-        if tracker.belief.complete:
+        if tracker.belief.complete and tracker.finished:
             return "complete"
         if len(course.codes) >= max_moves:
             return "limit"
         view = View(tracker.belief, tracker.state.occupied, plant.rule, True, len(course.codes), *course.last)
         run = runs.next(view, tracker.state, course.idle)
         if run is None:
-            return "stalled"
+            return "complete" if tracker.finished else "stalled"
         command, planned = run
         steps, known = min(planned, max_moves - len(course.codes)), len(tracker.belief.known)
         for step in range(steps):

@@ -1,4 +1,4 @@
-"""What the positions of a plant without fault tell: the belief, and whether the plant does what its rule says."""
+"""What the positions of a plant tell: the belief, and of a plant without fault whether it does what its rule says."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError, PlantError
 from shoal.swarm.belief import Belief
-from shoal.swarm.boards import Frame
+from shoal.swarm.boards import Board, Frame
 from shoal.swarm.commands import encode
+from shoal.swarm.noise.belief import NoisyBelief
+from shoal.swarm.noise.model import Noise
 from shoal.swarm.scanning.runs import states_of_run
 from shoal.swarm.state import SwarmState
 from shoal.swarm.stepwise import distance_of_push, settled
@@ -39,6 +41,11 @@ class ExactTracker:
         self.state = self._state(cells, 0)
         here = self.state.occupied
         self.belief = Belief(open=here, known=here, frontier=here.dilated() - here)
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing is left to do."""
+        return self.belief.complete
 
     def foreseen(self, command: str, steps: int) -> NDArray[np.int64] | None:
         """Return where the particles will be after ``steps`` equal commands if no unknown cell is tried, else None."""
@@ -102,3 +109,39 @@ class ExactTracker:
                 f"the rig, move {moves}: expected every particle to move unless something is in its way, got {there}, "
                 f"{cell}, against rule {self.rule}; {NOISY}"
             )
+
+
+class NoisyTracker:
+    """Belief of a mapping, from positions that may be wrong, after each command.
+
+    Parameters
+    ----------
+    shape : tuple of int
+    cells : ndarray of int64, shape (n, ndim)
+        The first positions; there may be none.
+    noise : Noise
+    confidence : float
+    """
+
+    def __init__(self, shape: tuple[int, ...], cells: NDArray[np.int64], noise: Noise, confidence: float) -> None:
+        self._frame = Frame(shape)
+        self._noisy = NoisyBelief(shape, Board.of_cells(self._frame, cells), noise, confidence)
+        self._take_over()
+
+    @property
+    def finished(self) -> bool:
+        """Whether no frontier cell is left that a particle could get to."""
+        return self._noisy.finished
+
+    def foreseen(self, command: str, steps: int) -> None:
+        """Return None: with noise nothing is certain."""
+        return
+
+    def update(self, command: str, steps: int, cells: NDArray[np.int64], moves: int) -> list[tuple[int, int, int]]:
+        """Take in what a scan after one command shows; return (done, frontier, 0): how far particles went is not known."""
+        done = self._noisy.update(command, Board.of_cells(self._frame, cells))
+        self._take_over()
+        return [(done, self._noisy.remaining, 0)]
+
+    def _take_over(self) -> None:
+        self.belief, self.state = self._noisy.belief, SwarmState(self._noisy.occupied)

@@ -42,8 +42,13 @@ class ElectParticle(Searching):
             cell = tuple(cells[rng.integers(0, len(cells))].tolist())
         else:
             intended = step_from(memory.cell, memory.plan[0])
-            cell = intended if intended in view.occupied else memory.cell
-            plan, target = memory.plan[1:], memory.target
+            entered = intended in view.occupied
+            cell = intended if entered else memory.cell
+            plan, target = memory.plan[1:] if entered else "", memory.target
+            if cell not in view.occupied:  # with noise only: it was lost from sight
+                cells = view.occupied.cells
+                cell = tuple(cells[rng.integers(0, len(cells))].tolist()) if len(cells) else cell
+                plan = ""
         if not plan or target not in view.belief.frontier:
             plan, cell = self._plan(view, cell)
             target = cell

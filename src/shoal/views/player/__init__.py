@@ -20,7 +20,10 @@ _SWARM = _SHARED | {
     "picture": "picture.js",
     "chart": "chart.js",
     "player": "player.js",
+    "stage": "stage.html",
+    "more": "",
 }
+_VOLUME = _SWARM | {"picture": "volume.js", "stage": "volume_stage.html", "more": "volume.css"}
 _STEERING = _SHARED | {
     "more": "steering.css",
     "track": "track.js",
@@ -48,12 +51,12 @@ def render(data: dict[str, object]) -> str:
         - ``title``, ``map``, ``policy``, ``version`` : str, shown as they are; ``seed`` : int or None.
         - ``task`` : ``"mapping"``, ``"coverage"`` or ``"subset-coverage"``.
         - ``rule`` : ``"block"``, ``"merge"`` or ``"tilt"``.
-        - ``shape`` : ``[H, W]``.
+        - ``shape`` : ``[H, W]`` or ``[D, H, W]``; ``spacing`` : None or missing, or the size of a cell along each axis.
         - ``free`` : base64 of ``numpy.packbits(free.ravel())``; a set bit is a free cell.
-        - ``start`` : base64 of the particles as little-endian uint32 indices ``r * W + c``.
+        - ``start`` : base64 of the particles as little-endian uint32 indices ``r * W + c``, in 3-D ``(l * H + r) * W + c``.
         - ``targets`` : None, or the cells to cover in the form of ``free``; None in the task ``"coverage"``
           means all free cells.
-        - ``commands`` : str of the letters ``lurd``.
+        - ``commands`` : str of the letters ``lurd``, in 3-D ``lurdio``.
         - ``scanned`` : None or missing if a scan followed every command; else base64 of ``numpy.packbits`` of whether one
           followed each.
         - ``status`` : ``"complete"``, ``"stalled"`` or ``"limit"``.
@@ -82,7 +85,9 @@ def render(data: dict[str, object]) -> str:
     >>> "A </script>" in page, r"A \u003c/script>" in page
     (False, True)
     """
-    return _assembled("player.html", _SWARM, data)
+    shape = data.get("shape")
+    volume = isinstance(shape, list) and len(shape) == 3
+    return _assembled("player.html", _VOLUME if volume else _SWARM, data)
 
 
 def render_steering(data: dict[str, object]) -> str:
@@ -132,7 +137,7 @@ def render_search(data: dict[str, object]) -> str:
 
 
 def _assembled(page: str, files: dict[str, str], data: dict[str, object]) -> str:
-    parts = {name: _read(file) for name, file in files.items()}
+    parts = {name: _read(file) if file else "" for name, file in files.items()}
     parts["title"] = html.escape(str(data.get("title") or "Shoal"))
     # A "<" could end the script block or open a comment in it. In JSON it only stands inside strings.
     parts["data"] = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", r"\u003c")

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.swarm import Episode
+from shoal.swarm.noise import NoisyEpisode
 from shoal.views.player import render
 
 LARGEST = 2_000_000_000
@@ -21,10 +22,10 @@ def player_page(episode: Episode) -> str:
     Raises
     ------
     InvalidInputError
-        If the workspace is 3-D, or map and episode together are too large for a browser.
+        If map and episode together are too large for a browser, or the episode has noise.
     """
-    if episode.workspace.ndim != 2:
-        raise InvalidInputError("the HTML player: expected a 2-D workspace, got 3-D (use .gif or .mp4)")
+    if isinstance(episode, NoisyEpisode):
+        raise InvalidInputError("the HTML player: expected an episode without noise, which a page can simulate (use .gif or .mp4)")
     work = episode.workspace.free.size * max(1, episode.moves)
     if work > LARGEST or episode.workspace.free.size > LARGEST // 100:
         raise InvalidInputError(
@@ -43,6 +44,7 @@ def player_data(episode: Episode) -> dict[str, object]:
         "policy": episode.policy,
         "rule": episode.rule,
         "shape": list(episode.workspace.shape),
+        "spacing": None if episode.workspace.spacing is None else list(episode.workspace.spacing),
         "free": _packed(episode.workspace.free),
         "start": base64.b64encode(flat.astype("<u4").tobytes()).decode(),
         "targets": None if episode.targets is None else _packed(episode.targets),

@@ -8,7 +8,7 @@
   const SLIDE = 150; // milliseconds a particle takes to its next cell, if the speed leaves the time
   const SLIDES_UP_TO = 20; // moves a second; beyond, and for small cells, sliding only blurs
   const PILES = 5000; // particles beyond which sliding costs too much
-  const NAMES = { l: "left", u: "up", r: "right", d: "down" };
+  const NAMES = { l: "left", u: "up", r: "right", d: "down", i: "in", o: "out" };
   const ENDINGS = { complete: "complete", stalled: "stalled", limit: "stopped at the limit" };
 
   const { $, fail, fillRows, number, plural } = ShoalDesk;
@@ -46,11 +46,13 @@
     $("chartTitle").textContent = covering ? "Cells to cover by move" : "Frontier cells by move";
     $("unknownRow").hidden = covering;
     $("sharedRow").hidden = world.rule !== "merge";
+    $("depth").toggleAttribute("hidden", world.shape.length === 2); // an SVG element has no property hidden
+    $("dragKeys").hidden = world.shape.length === 2;
     $("scansRow").hidden = !world.scanned;
     $("particles").textContent = number(world.start.length);
     $("scrub").max = length;
     fillRows($("details"), [
-      ["Map", `${world.shape[0]} × ${world.shape[1]}`],
+      ["Map", world.shape.join(" × ")],
       ["Rule", world.rule],
       ["Seed", data.seed == null ? "none" : text(data.seed)],
       ["Shoal", text(data.version) || "unknown"],
@@ -238,7 +240,7 @@
     }
 
     function reportZoom() {
-      $("fit").hidden = picture.zoom === 1;
+      $("fit").hidden = picture.turns ? !picture.changed : picture.zoom === 1;
       $("stage").classList.toggle("zoomed", picture.zoom > 1);
     }
 
@@ -256,6 +258,7 @@
 
     function pan(x, y) {
       picture.panBy(x, y);
+      reportZoom();
       redraw();
     }
 
@@ -277,7 +280,7 @@
       ShoalDesk.listen(actions, keys, stepBy);
       $("scrub").addEventListener("input", () => { pause(); goTo(Number($("scrub").value)); });
       ShoalHands.seekOn($("chart"), (x) => { pause(); goTo(chart.moveAt(x)); }, (x) => caption(x));
-      ShoalHands.zoomOn($("picture"), { zoom, pan, zoomed: () => picture.zoom > 1, held: (on) => $("stage").classList.toggle("dragged", on) });
+      ShoalHands.zoomOn($("picture"), { zoom, pan, zoomed: () => picture.turns || picture.zoom > 1, held: (on) => $("stage").classList.toggle("dragged", on) });
       ShoalDesk.listenToSpeed(SPEEDS, (rate) => `${number(rate)}/s`, setSpeed);
       const sizes = new ResizeObserver(resize);
       sizes.observe($("stage"));

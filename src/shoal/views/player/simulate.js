@@ -6,7 +6,7 @@
 
 const ShoalSim = (() => {
   const UNKNOWN = 0, FRONTIER = 1, FREE = 2, OBSTACLE = 3;
-  const COMMANDS = "lurd";
+  const COMMANDS = "lurdio";
   const TASKS = ["mapping", "coverage", "subset-coverage"];
   const RULES = ["block", "merge", "tilt"];
   const NEVER = 0x7fffffff;
@@ -36,34 +36,39 @@ const ShoalSim = (() => {
   }
 
   /** A packed board of the map, as one byte a cell of the drawn grid. */
-  function readBoard(data, key, [height, width]) {
-    const bytes = bytesOf(data, key);
-    checkSize(bytes, Math.ceil((height * width) / 8), key);
-    const board = new Uint8Array((height + 2) * (width + 2));
-    for (let flat = 0, row = 1; row <= height; row++) {
-      for (let cell = row * (width + 2) + 1, end = cell + width; cell < end; cell++, flat++) {
-        board[cell] = (bytes[flat >> 3] >> (7 - (flat & 7))) & 1;
-      }
+  function readBoard(data, key, shape) {
+    const bytes = bytesOf(data, key), [height, width] = shape.slice(-2), layers = shape.length === 3 ? shape[0] : 1;
+    checkSize(bytes, Math.ceil((layers * height * width) / 8), key);
+    const board = new Uint8Array(shape.reduce((cells, side) => cells * (side + 2), 1));
+    for (let flat = 0; flat < layers * height * width; flat++) {
+      board[drawnCell(shape, flat)] = (bytes[flat >> 3] >> (7 - (flat & 7))) & 1;
     }
     return board;
   }
 
-  function readStart(data, [height, width]) {
+  /** The cell of the drawn grid of an index in the map itself. */
+  function drawnCell(shape, flat) {
+    const [height, width] = shape.slice(-2), col = flat % width, rest = (flat - col) / width;
+    const row = rest % height, layer = shape.length === 3 ? (rest - row) / height + 1 : 0;
+    return (layer * (height + 2) + row + 1) * (width + 2) + col + 1;
+  }
+
+  function readStart(data, shape) {
     const bytes = bytesOf(data, "start");
     checkSize(bytes, bytes.length - (bytes.length % 4), "start");
     const view = new DataView(bytes.buffer);
     return Int32Array.from({ length: bytes.length / 4 }, (_, i) => {
       const flat = view.getUint32(4 * i, true);
-      if (flat >= height * width) throw new DataError(`Particle ${i} starts outside the map.`);
-      return (Math.floor(flat / width) + 1) * (width + 2) + (flat % width) + 1;
+      if (flat >= shape.reduce((cells, side) => cells * side)) throw new DataError(`Particle ${i} starts outside the map.`);
+      return drawnCell(shape, flat);
     });
   }
 
-  function readCommands(data) {
+  function readCommands(data, shape) {
     if (typeof data.commands !== "string") throw new DataError("The field “commands” is missing.");
     return Uint8Array.from(data.commands, (letter, i) => {
-      const code = COMMANDS.indexOf(letter);
-      if (code < 0) throw new DataError(`Command ${i + 1} is “${letter}”, not one of l, u, r, d.`);
+      const code = COMMANDS.slice(0, 2 * shape.length).indexOf(letter);
+      if (code < 0) throw new DataError(`Command ${i + 1} is “${letter}”, not one of l, u, r, d${shape.length === 3 ? ", i, o" : ""}.`);
       return code;
     });
   }
@@ -84,8 +89,8 @@ const ShoalSim = (() => {
   }
 
   function checkShape(shape) {
-    const good = Array.isArray(shape) && shape.length === 2 && shape.every((n) => Number.isInteger(n) && n > 0);
-    if (!good) throw new DataError(`The field “shape” should be two positive whole numbers, not “${shape}”.`);
+    const good = Array.isArray(shape) && [2, 3].includes(shape.length) && shape.every((n) => Number.isInteger(n) && n > 0);
+    if (!good) throw new DataError(`The field “shape” should be two or three positive whole numbers, not “${shape}”.`);
     return shape;
   }
 
@@ -109,15 +114,15 @@ const ShoalSim = (() => {
   /** Everything that does not change during the episode; throws DataError. */
   function readWorld(data) {
     const shape = checkShape(data.shape);
-    const cols = shape[1] + 2;
+    const [rows, cols] = shape.slice(-2).map((side) => side + 2);
     const world = {
-      shape, cols, rows: shape[0] + 2,
+      shape, cols, rows, spacing: data.spacing ?? null, // rows: of a layer
       task: checkOneOf(data.task, TASKS, "task"),
       rule: checkOneOf(data.rule, RULES, "rule"),
       wall: readBoard(data, "free", shape).map((free) => 1 - free),
       start: readStart(data, shape),
-      commands: readCommands(data),
-      steps: [-1, -cols, 1, cols], // what l, u, r, d add to a cell
+      commands: readCommands(data, shape),
+      steps: [-1, -cols, 1, cols, -rows * cols, rows * cols].slice(0, 2 * shape.length), // what l, u, r, d, i, o add to a cell
     };
     checkStart(world);
     world.targets = readTargets(data, world);
@@ -125,10 +130,11 @@ const ShoalSim = (() => {
     return world;
   }
 
-  /** The index r * W + c in the map itself, as in the data. */
+  /** The index r * W + c (3-D: (l * H + r) * W + c) in the map itself, as in the data. */
   function flatIndex(world, cell) {
-    const row = Math.floor(cell / world.cols);
-    return (row - 1) * world.shape[1] + (cell - row * world.cols) - 1;
+    const { rows, cols, shape } = world, [height, width] = shape.slice(-2);
+    const line = Math.floor(cell / cols), layer = shape.length === 3 ? Math.floor(line / rows) : 0;
+    return (Math.max(0, layer - 1) * height + (line - layer * rows) - 1) * width + (cell - line * cols) - 1;
   }
 
   // ---- moving ----------------------------------------------------------------------------------

@@ -1,0 +1,153 @@
+"""Mapping with noise: how right, how many moves, how honest the stated confidence is; and that every episode ends.
+
+python -m benchmarks.noise                       200 trials of acceptance and the calibration plot (docs/images/noise.png)
+python -m benchmarks.noise --endings 20000       so many episodes of random maps, rates, confidences and policies
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal import GridWorkspace, open_map, run, run_trials
+from shoal.swarm.generators import generate
+from shoal.swarm.noise import Noise, NoisyEpisode
+
+MAP, PARTICLES = "vessels:5000", 1000
+NOISE = Noise(slip=0.05, misplace=0.01)
+HARD = Noise(slip=0.2, misplace=0.05, miss=0.1)
+IMAGE = Path(__file__).parents[1] / "docs" / "images" / "noise.png"
+
+
+def measure(trials: int, image: Path) -> int:
+    """Print rates and moves, draw the calibration; return how many promises are broken."""
+    workspace = open_map(MAP)
+    exact = np.mean([episode.moves for episode in run_trials(workspace, trials=trials, particles=PARTICLES)])
+    print(f"{MAP}, {PARTICLES} particles, {trials} trials; without noise {exact:.1f} moves")
+    curves, broken = {}, 0
+    for noise in (NOISE, HARD):
+        rows, pairs, moves = [], [], []
+        for trial in range(trials):
+            episode = run(workspace, particles=PARTICLES, noise=noise, trial=trial)
+            assert isinstance(episode, NoisyEpisode)
+            errors = episode.errors
+            rows.append((errors.right, errors.false_free_rate, errors.false_obstacle_rate, episode.status == "complete"))
+            moves.append(episode.moves)
+            pairs.append(stated_and_true(episode))
+        right, false_free, false_obstacle, complete = np.array(rows).T
+        stated, true = (np.concatenate(column) for column in zip(*pairs, strict=True))
+        settled = (stated >= 0.99) | (stated <= 0.01)
+        share = np.mean((stated > 0.5)[settled] == true[settled])
+        text = f"slip {noise.slip:g}, misplace {noise.misplace:g}, miss {noise.miss:g}"
+        print(
+            f"{text}: {np.mean(moves):.1f} moves ({np.mean(moves) / exact:.2f} times), complete {int(complete.sum())} of {trials}"
+        )
+        print(f"  right {100 * right.mean():.4f} % of the cells, at worst {100 * right.min():.3f} %")
+        print(f"  false free {false_free.mean():.2e} of the walls, false obstacles {false_obstacle.mean():.2e} of the free cells")
+        print(f"  cells settled at 99 % in the middle of an episode: {100 * share:.3f} % right, of {settled.sum()}")
+        curves[text] = stated, true
+        broken += (noise is NOISE) * (int(right.min() < 0.995) + int(np.mean(moves) > 2.5 * exact)) + int(share < 0.99)
+    draw(curves, image)
+    return broken
+
+
+def stated_and_true(episode: NoisyEpisode) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the probabilities of all cells that something is known of, after a third of the moves, and whether they are free."""
+    from dataclasses import replace
+
+    third = episode.moves // 3
+    columns = {name: getattr(episode, name)[:third] for name in ("codes", "done", "frontier", "travelled", "scanned")}
+    probability = replace(episode, **columns).probability
+    told = np.abs(probability - 0.5) > 0.02
+    return probability[told], np.pad(episode.workspace.free, 1)[told]
+
+
+def draw(curves: dict[str, tuple[NDArray[np.float64], NDArray[np.bool_]]], image: Path) -> None:
+    """Draw what is stated against what is true."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 4.6), layout="constrained", dpi=150)
+    axes = figure.add_subplot()
+    ticks = [0.001, 0.01, 0.1, 0.5, 0.9, 0.99, 0.999]
+    edges = np.linspace(-8, 8, 17)
+    axes.plot(logit(np.array([1e-4, 1 - 1e-4])), logit(np.array([1e-4, 1 - 1e-4])), color="#8f96a1", lw=1, label="honest")
+    for (name, (stated, true)), colour, mark in zip(curves.items(), ("#d55e00", "#0072b2"), "os", strict=True):
+        xs, ys, low, high = [], [], [], []
+        place = np.digitize(logit(stated), edges)
+        for i in range(len(edges) + 1):
+            inside = place == i
+            n, free = int(inside.sum()), int(true[inside].sum())
+            if n < 20:
+                continue
+            centre = (free + 2) / (n + 4)  # Agresti and Coull: an interval that is right for shares near 0 and 1, too
+            spread = 2 * np.sqrt(centre * (1 - centre) / (n + 4))
+            xs.append(logit(stated[inside].mean()))
+            ys.append(logit(np.clip(free / n, 0.5 / n, 1 - 0.5 / n)))
+            low.append(logit(np.clip(centre - spread, 0.2 / n, None)))
+            high.append(logit(np.clip(centre + spread, None, 1 - 0.2 / n)))
+        axes.vlines(xs, low, high, color=colour, lw=1.2)
+        axes.plot(xs, ys, mark, color=colour, ms=5, label=name)
+    axes.set(xlabel="stated probability that a cell is free", ylabel="share of such cells that are free")
+    axes.set_xticks(logit(np.array(ticks)), [f"{tick:g}" for tick in ticks])
+    axes.set_yticks(logit(np.array(ticks)), [f"{tick:g}" for tick in ticks])
+    axes.set_xlim(-8.5, 8.5)
+    axes.set_ylim(-12, 12)
+    axes.grid(color="#e3e6ea", lw=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, fontsize=9, loc="upper left")
+    axes.set_title(f"{MAP}, {PARTICLES} particles, after a third of the moves", loc="left", fontsize=11)
+    figure.savefig(image)
+
+
+def logit(share: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """Return log-odds."""
+    return np.log(share / (1 - np.asarray(share)))
+
+
+def endings(count: int, first: int) -> int:
+    """Play random episodes with noise; return how many did not end of themselves."""
+    statuses: Counter[str] = Counter()
+    began, longest = time.process_time(), 0
+    for seed in range(first, first + count):
+        rng = np.random.default_rng(seed)
+        kind = rng.integers(4)
+        if kind == 0:
+            free = rng.random(tuple(rng.integers(1, 9, size=2 if rng.random() < 0.7 else 3))) < rng.uniform(0.4, 1)
+            free.flat[0] = True
+        else:
+            names = ("", "cave:14x10", "maze:11x9", "vessels:60")
+            free = generate(f"{names[kind]}:{rng.integers(40)}")
+        workspace = GridWorkspace(free)
+        noise = Noise(*rng.uniform(0, rng.choice([0.02, 0.1, 0.5]), size=3))
+        policy = "elect-particle" if rng.random() < 0.05 else "closest-frontier"
+        confidence = float(rng.choice([0.6, 0.9, 0.99, 0.9999]))
+        n = int(rng.integers(1, workspace.n_free + 1))
+        episode = run(workspace, particles=n, noise=noise, policy=policy, confidence=confidence, seed=seed)
+        statuses[episode.status] += 1
+        longest = max(longest, episode.moves)
+        if (seed + 1) % 1000 == 0:
+            print(f"{seed + 1}: {dict(statuses)}, longest {longest} moves, {time.process_time() - began:.0f} s", flush=True)
+    print(f"{count} episodes: {dict(statuses)}, longest {longest} moves, {time.process_time() - began:.0f} s")
+    return statuses["limit"]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--trials", type=int, default=200)
+    parser.add_argument("--image", type=Path, default=IMAGE)
+    parser.add_argument("--endings", type=int, help="play so many random episodes instead")
+    parser.add_argument("--first", type=int, default=0, help="the first seed of these")
+    given = parser.parse_args()
+    if given.endings:
+        return int(endings(given.endings, given.first) > 0)
+    return int(measure(given.trials, given.image) > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,154 @@
+"""Whole episodes with noise: closest-frontier, planned anew after each scan, and a guard that ends every one of them.
+
+A cell that has been settled once counts as progress once, however often belief changes afterwards. If nothing makes progress within
+a budget of moves that depends on the way to the target, the target is given up for good. Each of the two can happen once a cell,
+so every episode ends.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.swarm.kernels.bits import ONE, TOP, ZERO, popcount, put
+from shoal.swarm.kernels.compiling import kernel
+from shoal.swarm.kernels.noise import learn_hazy, look, move_hazy, settle
+from shoal.swarm.kernels.search import ahead, nearest
+
+RUNNING, COMPLETE, STALLED = 0, 1, 2
+BUDGET, REMAINING, UNDECIDED, WAKES = 0, 1, 2, 3  # entries of Guard.memory; UNDECIDED: cells given up; WAKES: see wake
+PATIENCE, TIMES = 50, 5  # the budget for a way of d moves: PATIENCE + TIMES d
+
+
+class Guard(NamedTuple):
+    """What sees to it that an episode ends."""
+
+    settled: NDArray[np.uint64]  # cells that have been settled at some time
+    given_up: NDArray[np.uint64]
+    memory: NDArray[np.int64]  # (4,)
+
+
+class Log(NamedTuple):
+    """One entry a move."""
+
+    commands: NDArray[np.int8]
+    done: NDArray[np.int32]  # cells settled for the first time
+    frontier: NDArray[np.int32]
+    travelled: NDArray[np.int64]
+
+
+@kernel
+def find_frontier(field, given_up):
+    """Fill the frontier with the cells that are not settled, not given up, and beside one settled as free; return how many."""
+    cells, width, size = field.open, field.width, field.open.shape[0]
+    layer = width * field.rows
+    count = 0
+    for i in range(size):
+        beside = (cells[i] << ONE) | (cells[i] >> ONE)
+        if i > 0:
+            beside |= cells[i - 1] >> TOP
+        if i + 1 < size:
+            beside |= cells[i + 1] << TOP
+        if i >= width:
+            beside |= cells[i - width]
+        if i + width < size:
+            beside |= cells[i + width]
+        if field.layers > 1:
+            if i >= layer:
+                beside |= cells[i - layer]
+            if i + layer < size:
+                beside |= cells[i + layer]
+        field.frontier[i] = beside & ~field.known[i] & ~given_up[i]
+        count += popcount(field.frontier[i])
+    return count
+
+
+@kernel
+def refresh(haze, field, guard):
+    """Write the boards of the belief; return how many cells are settled for the first time."""
+    settle(haze, field.open, field.known, field.occupied, field.width)
+    fresh = 0
+    for i in range(field.known.shape[0]):
+        fresh += popcount(field.known[i] & ~guard.settled[i])
+        guard.settled[i] |= field.known[i]
+    guard.memory[REMAINING] = find_frontier(field, guard.given_up)
+    return fresh
+
+
+@kernel
+def wake(field, search, guard):
+    """Plan any command if no cell is settled as free yet, as scans that are often wrong need a few moves to be sure of one."""
+    memory = guard.memory
+    if anybody(field.open) or memory[WAKES] >= PATIENCE:
+        return 0
+    search.plan[0] = memory[WAKES] % search.neighbours.shape[0]
+    memory[WAKES] += 1
+    return 1
+
+
+@kernel
+def anybody(board):
+    """Tell whether a board has a cell."""
+    some = ZERO
+    for word in board:
+        some |= word
+    return some != ZERO
+
+
+@kernel
+def choose(field, search, guard):
+    """Plan the way to the nearest frontier cell, giving up those that take too long; return its length, 0 if there is none."""
+    memory = guard.memory
+    if memory[REMAINING] == 0:
+        return wake(field, search, guard)
+    while memory[REMAINING] > 0:
+        length = nearest(field, search, field.occupied)
+        if length == 0:
+            return 0
+        if memory[BUDGET] < 0:
+            memory[BUDGET] = PATIENCE + TIMES * length
+        if memory[BUDGET] > 0:
+            memory[BUDGET] -= 1
+            return length
+        row, column = search.origin[0], search.origin[1]
+        for i in range(length):
+            row, column = ahead(row, column, search.plan[i], field.rows)
+        put(guard.given_up, field.width, row, column)
+        memory[UNDECIDED] += 1
+        memory[BUDGET] = -1
+        memory[REMAINING] = find_frontier(field, guard.given_up)
+    return 0
+
+
+@kernel
+def play_hazy(haze, field, search, guard, rng, log):
+    """Play until the log is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED)."""
+    memory = guard.memory
+    for move in range(log.commands.shape[0]):
+        length = choose(field, search, guard)
+        if length == 0:
+            return move, COMPLETE if memory[UNDECIDED] == 0 and anybody(field.open) and anybody(field.occupied) else STALLED
+        command = search.plan[0]
+        travelled = move_hazy(haze, command, rng)
+        look(haze, rng)
+        learn_hazy(haze, command)
+        fresh = refresh(haze, field, guard)
+        if fresh > 0:
+            memory[BUDGET] = -1
+        log.commands[move], log.done[move] = command, fresh
+        log.frontier[move], log.travelled[move] = memory[REMAINING], travelled
+    return log.commands.shape[0], RUNNING
+
+
+@kernel
+def follow_hazy(haze, field, guard, rng, log):
+    """Play the commands of the log instead of planning: a replay."""
+    for move in range(log.commands.shape[0]):
+        command = log.commands[move]
+        travelled = move_hazy(haze, command, rng)
+        look(haze, rng)
+        learn_hazy(haze, command)
+        log.done[move] = refresh(haze, field, guard)
+        log.frontier[move], log.travelled[move] = guard.memory[REMAINING], travelled

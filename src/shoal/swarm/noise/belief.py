@@ -1,0 +1,186 @@
+"""NoisyBelief: log-odds of each cell, from positions that are seen wrongly now and then."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from shoal.swarm.belief import Belief
+from shoal.swarm.boards import Board, Frame
+from shoal.swarm.commands import encode, letters_of
+from shoal.swarm.kernels import moves, noisy_play
+from shoal.swarm.kernels import noise as kernels
+from shoal.swarm.kernels.search import Search
+from shoal.swarm.noise.model import CONFIDENCE, Noise, bound_of
+
+PAD = 3  # the rim, and two more cells that are never free
+NEVER = -700.0  # log-odds
+
+
+def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape of the kernels' arrays: three cells more on each side."""
+    return tuple(size + 2 * PAD for size in shape)
+
+
+def haze_of(frame: Frame, about: Noise, confidence: float, *, prior: float = 0.5) -> kernels.Haze:
+    """Return the kernels' arrays for a workspace of which nothing is known, without particles."""
+    shape = padded_shape(frame.shape)
+    strides = [1, shape[-1], shape[-1] * shape[-2]]
+    steps = {"l": -strides[0], "u": -strides[1], "r": strides[0], "d": strides[1], "i": -strides[2], "o": strides[2]}
+    size = int(np.prod(shape))
+    logit = np.full(shape, np.log(prior / (1 - prior)))
+    guard = np.ones(shape, dtype=np.bool_)
+    guard[(slice(PAD - 1, 1 - PAD),) * frame.ndim] = False
+    logit[guard] = NEVER
+    return kernels.Haze(
+        truth=np.zeros(size, dtype=np.bool_),
+        there=np.zeros(size, dtype=np.bool_),
+        seen=np.zeros(size, dtype=np.bool_),
+        logit=logit.ravel(),
+        inside=np.zeros(size),
+        staying=np.zeros(size),
+        moved=np.zeros(size),
+        offsets=np.array([steps[letter] for letter in letters_of(frame.ndim)], dtype=np.int64),
+        rates=np.array([about.slip, about.misplace, about.miss, bound_of(confidence)]),
+        layers=frame.layers,
+        rows=frame.rows,
+        columns=frame.columns,
+    )
+
+
+def inner_of(flat: NDArray[np.generic], shape: tuple[int, ...], *, rim: int = 0) -> NDArray[np.generic]:
+    """Return the part of a kernel's array that has the workspace's shape, with ``rim`` cells around it."""
+    cut = PAD - rim
+    return flat.reshape(padded_shape(shape))[(slice(cut, -cut),) * len(shape)]
+
+
+class NoisyBelief:
+    """What is known of each cell, in log-odds; it changes in place with each scan.
+
+    Parameters
+    ----------
+    shape : tuple of int
+    seen : Board
+        The first scan.
+    noise : Noise
+    confidence : float
+        Above 0.5: a cell counts as free or as an obstacle from this probability on.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Notes
+    -----
+    Each move spreads the particles over the cells where they may have gone; the scan then weighs each cell, together with the one
+    behind it, by Bayes' rule. Cells are taken as independent beyond that. Docs: docs/concepts/noise.md.
+
+    Examples
+    --------
+    A particle is pushed against the wall on its left three times; that it slipped each time is ever less likely.
+
+    >>> frame = Frame((1, 3))
+    >>> here = Board.of_cells(frame, [(0, 0)])
+    >>> belief = NoisyBelief((1, 3), here, Noise(slip=0.05, misplace=0.01))
+    >>> for _ in range(3):
+    ...     belief.update("l", here)
+    ...     print(round(float(belief.probability[1, 0]), 4))
+    0.0478
+    0.0025
+    0.0001
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, ...],
+        seen: Board,
+        noise: Noise,
+        confidence: float = CONFIDENCE,
+        *,
+        haze: kernels.Haze | None = None,  # of a simulation, whose truth lies in the same arrays
+    ) -> None:
+        self.frame, self.noise, self.confidence = Frame(shape), noise, confidence
+        self.haze = haze_of(self.frame, noise, confidence) if haze is None else haze
+        self.guard = guard_of(self.frame)
+        self._field = field_of(self.frame)
+        self._show(seen)
+        kernels.first_belief(self.haze)
+        noisy_play.refresh(self.haze, self._field, self.guard)
+
+    def update(self, command: str, seen: Board) -> int:
+        """Take in what was seen after one command; return how many cells are settled for the first time."""
+        self._show(seen)
+        return self.learn(encode(command, ndim=self.frame.ndim)[0])
+
+    def learn(self, code: np.int8) -> int:
+        """Take in what the arrays show as seen after a command; return how many cells are settled for the first time."""
+        kernels.learn_hazy(self.haze, code)
+        return int(noisy_play.refresh(self.haze, self._field, self.guard))
+
+    def play(self, search: Search, rng: Generator, log: noisy_play.Log) -> tuple[int, int]:
+        """Play closest-frontier until the log is full; return (moves, status code)."""
+        played, status = noisy_play.play_hazy(self.haze, self._field, search, self.guard, rng, log)
+        return int(played), int(status)
+
+    def follow(self, rng: Generator, log: noisy_play.Log) -> None:
+        """Play the commands of the log and fill in its other columns."""
+        noisy_play.follow_hazy(self.haze, self._field, self.guard, rng, log)
+
+    def _show(self, seen: Board) -> None:
+        inner_of(self.haze.seen, self.frame.shape, rim=1)[...] = seen.mask
+
+    @property
+    def probability(self) -> NDArray[np.float64]:
+        """Probability that each cell is free; float64, the shape of the workspace with one cell of rim."""
+        return 1 / (1 + np.exp(-self.logit))
+
+    @property
+    def logit(self) -> NDArray[np.float64]:
+        """Log-odds that each cell is free; float64, with the rim."""
+        return np.array(inner_of(self.haze.logit, self.frame.shape, rim=1))
+
+    @property
+    def remaining(self) -> int:
+        """Number of frontier cells."""
+        return int(self.guard.memory[noisy_play.REMAINING])
+
+    @property
+    def finished(self) -> bool:
+        """Whether no frontier cell is left that a particle could get to, and none was given up."""
+        from shoal.swarm.engine import path_to_frontier
+
+        belief, occupied = self.belief, self.occupied
+        return self.undecided == 0 and bool(belief.open) and bool(occupied) and not path_to_frontier(belief, occupied)
+
+    @property
+    def undecided(self) -> int:
+        """Number of cells given up."""
+        return int(self.guard.memory[noisy_play.UNDECIDED])
+
+    @property
+    def occupied(self) -> Board:
+        """The cells that hold a particle, more likely than not."""
+        return Board(self.frame, self._field.occupied.reshape(self.frame.words).copy())
+
+    @property
+    def belief(self) -> Belief:
+        """What is settled at the stated confidence, as policies know it."""
+        field = self._field
+        return Belief(
+            *(Board(self.frame, words.reshape(self.frame.words).copy()) for words in (field.open, field.known, field.frontier))
+        )
+
+
+def guard_of(frame: Frame) -> noisy_play.Guard:
+    """Return the guard of an episode that begins."""
+    size = frame.words[0] * frame.words[1]
+    memory = np.array([-1, 0, 0, 0], dtype=np.int64)
+    return noisy_play.Guard(np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory)
+
+
+def field_of(frame: Frame) -> moves.Field:
+    """Return empty boards for the search."""
+    from shoal.swarm.engine import empty_field
+
+    return empty_field(frame)

@@ -1,0 +1,150 @@
+"""NoisyEpisode: an episode with noise, and how right its map is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from shoal.swarm.belief import Belief
+from shoal.swarm.boards import Board, Frame
+from shoal.swarm.episode import Episode, Verification
+from shoal.swarm.kernels import noise, noisy_play
+from shoal.swarm.noise.belief import NoisyBelief
+from shoal.swarm.noise.model import CONFIDENCE, Noise
+from shoal.swarm.noise.plant import seen_board, truth_of
+from shoal.swarm.state import SwarmState
+
+NONE = Noise()
+
+
+@dataclass(frozen=True)
+class MapErrors:
+    """How right a map is, over the cells that a mapping without noise would classify.
+
+    Parameters
+    ----------
+    free, walls : int
+        Cells that particles can reach, and the obstacles beside them.
+    false_free : int
+        Obstacles settled as free.
+    false_obstacles : int
+        Free cells settled as obstacles.
+    undecided : int
+        Cells that are not settled.
+    """
+
+    free: int
+    walls: int
+    false_free: int
+    false_obstacles: int
+    undecided: int
+
+    @property
+    def right(self) -> float:
+        """Share of the cells that are settled as what they are."""
+        cells = self.free + self.walls
+        return 1 - (self.false_free + self.false_obstacles + self.undecided) / cells
+
+    @property
+    def false_free_rate(self) -> float:
+        """Share of the walls that are settled as free."""
+        return self.false_free / max(1, self.walls)
+
+    @property
+    def false_obstacle_rate(self) -> float:
+        """Share of the free cells that are settled as obstacles."""
+        return self.false_obstacles / max(1, self.free)
+
+
+@dataclass(frozen=True, eq=False)
+class NoisyEpisode(Episode):
+    """One run of a policy on a mapping with noise; see `shoal.swarm.Episode` for what both have.
+
+    ``done`` counts the cells that a move settles for the first time. ``status`` is "complete" if every cell is settled that
+    lies beside a free one and that a particle could get to; "stalled" if some had to be left undecided.
+
+    Parameters
+    ----------
+    noise : Noise
+        Its randomness was ``default_rng(SeedSequence(seed, spawn_key=(trial, 1)))``.
+    confidence : float
+    """
+
+    noise: Noise = NONE
+    confidence: float = CONFIDENCE
+
+    @cached_property
+    def probability(self) -> NDArray[np.float64]:
+        """Probability at the end that each cell is free; float64, the shape of the workspace with one cell of rim."""
+        return self._end[0].probability
+
+    @cached_property
+    def errors(self) -> MapErrors:
+        """How right the map is at the end."""
+        world, belief = self.workspace, self._end[0].belief
+        labels = world.components
+        reached = Board.of_mask(world.free & np.isin(labels, np.unique(labels[tuple(self.start.T)])))
+        walls = reached.dilated() - reached
+        return MapErrors(
+            free=len(reached),
+            walls=len(walls),
+            false_free=len(belief.open & walls),
+            false_obstacles=len(belief.obstacles & reached),
+            undecided=len((reached | walls) - belief.known),
+        )
+
+    def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
+        """Yield at the start and after each move where particles are believed to be, and the belief."""
+        belief, rng = self._begin()
+        yield SwarmState(belief.occupied), belief.belief
+        for code in self.codes:
+            noise.move_hazy(belief.haze, code, rng)
+            noise.look(belief.haze, rng)
+            belief.learn(code)
+            yield SwarmState(belief.occupied), belief.belief
+
+    def final(self) -> tuple[SwarmState, Belief]:
+        """Return where particles are believed to be at the end, and the belief."""
+        belief = self._end[0]
+        return SwarmState(belief.occupied), belief.belief
+
+    def verify(self) -> Verification:
+        """Replay the commands with the same noise; compare all metrics."""
+        log = self._end[1]
+        for name in ("done", "frontier", "travelled"):
+            mine, theirs = getattr(self, name), getattr(log, name)
+            if (mine != theirs).any():
+                move = int(np.argmax(mine != theirs))
+                return Verification(False, f"{name} differs at move {move + 1}: {mine[move]} stored, {theirs[move]} replayed")
+        return Verification(True, f"{self.moves} moves of {self.n_particles} particles with noise replayed: all the same")
+
+    @cached_property
+    def _end(self) -> tuple[NoisyBelief, noisy_play.Log]:
+        """The belief at the end, and the metrics as replayed."""
+        belief, rng = self._begin()
+        log = new_log(self.moves)
+        log.commands[:] = self.codes
+        belief.follow(rng, log)
+        return belief, log
+
+    def _begin(self) -> tuple[NoisyBelief, Generator]:
+        rng = noise_rng(self.seed, self.trial)
+        haze = truth_of(self.workspace, self.start, self.noise, self.confidence)
+        noise.look(haze, rng)
+        frame = Frame(self.workspace.shape)
+        return NoisyBelief(frame.shape, seen_board(haze, frame), self.noise, self.confidence, haze=haze), rng
+
+
+def noise_rng(seed: int, trial: int) -> Generator:
+    """Return the generator of a trial's noise."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial, 1)))
+
+
+def new_log(moves: int) -> noisy_play.Log:
+    """Return an empty log with room for that many moves."""
+    return noisy_play.Log(np.zeros(moves, np.int8), np.zeros(moves, np.int32), np.zeros(moves, np.int32), np.zeros(moves, np.int64))

@@ -1,0 +1,68 @@
+"""How particles fail and how they are seen wrongly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite, log
+from typing import Any
+
+from shoal.errors import InvalidInputError
+
+CONFIDENCE = 0.99
+MOST = 0.5  # of each rate
+SUREST = 0.99999
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What goes wrong, each for every particle and move by itself.
+
+    Parameters
+    ----------
+    slip : float
+        Probability, 0 to 0.5, that a particle does not move at a command; it holds up those behind it.
+    misplace : float
+        That one which is seen at all is seen in a neighbouring cell (4, in 3-D 6, one as likely as the other) instead of its own.
+    miss : float
+        That it is not seen in a scan.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Notes
+    -----
+    Docs: docs/concepts/noise.md.
+    """
+
+    slip: float = 0.0
+    misplace: float = 0.0
+    miss: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("slip", "misplace", "miss"):
+            rate = getattr(self, name)
+            if isinstance(rate, bool) or not isinstance(rate, int | float) or not (isfinite(rate) and 0 <= rate <= MOST):
+                raise InvalidInputError(f"{name}: expected a probability, 0 to {MOST:g}, got {rate!r}")
+            object.__setattr__(self, name, float(rate))
+
+    def __bool__(self) -> bool:
+        return bool(self.slip or self.misplace or self.miss)
+
+
+def bound_of(confidence: Any) -> float:
+    """Return the log-odds of a confidence.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> round(bound_of(0.99), 2)
+    4.6
+    """
+    number = isinstance(confidence, int | float) and not isinstance(confidence, bool)
+    if not number or not 0.5 < float(confidence) <= SUREST:
+        raise InvalidInputError(f"confidence: expected a probability above 0.5, at most {SUREST:g}, got {confidence!r}")
+    return log(float(confidence) / (1 - float(confidence)))

@@ -1,0 +1,87 @@
+"""A simulated plant with noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import PlantError
+from shoal.swarm.boards import Board, Frame
+from shoal.swarm.commands import encode
+from shoal.swarm.kernels import noise
+from shoal.swarm.noise.belief import haze_of, inner_of
+from shoal.swarm.noise.model import CONFIDENCE, Noise
+from shoal.swarm.workspace import GridWorkspace
+from shoal.swarm.world import check_start
+
+
+class NoisyPlant:
+    """Particles of rule block that slip, are seen beside their cell, or are not seen. Each look is another one.
+
+    Parameters
+    ----------
+    workspace : GridWorkspace
+    start : array_like of int, shape (n, ndim)
+    noise : Noise
+    rng : Generator
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> plant = NoisyPlant(GridWorkspace([[1, 1, 1]]), [(0, 0)], Noise(miss=0.5), np.random.default_rng(1))
+    >>> plant.send("r")
+    >>> [len(plant.observe()) for _ in range(6)]
+    [1, 0, 1, 0, 0, 1]
+    """
+
+    def __init__(self, workspace: GridWorkspace, start: ArrayLike, noise: Noise, rng: Generator) -> None:
+        self.workspace, self.noise, self.rng = workspace, noise, rng
+        self.haze = truth_of(workspace, check_start(workspace, start), noise, CONFIDENCE)
+        self._stopped = False
+
+    @property
+    def name(self) -> str:
+        """Name of the workspace."""
+        return self.workspace.name
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the workspace."""
+        return self.workspace.shape
+
+    @property
+    def rule(self) -> str:
+        """Rule block."""
+        return "block"
+
+    def send(self, command: str) -> None:
+        """Carry out one command."""
+        if self._stopped:
+            raise PlantError("the simulated plant has been stopped")
+        noise.move_hazy(self.haze, encode(command, ndim=self.workspace.ndim)[0], self.rng)
+
+    def observe(self) -> NDArray[np.int64]:
+        """Return cells where something is seen; int64, shape (k, ndim); the rim has row or column -1 and H or W."""
+        noise.look(self.haze, self.rng)
+        return np.argwhere(inner_of(self.haze.seen, self.shape, rim=1)) - 1
+
+    def stop(self) -> None:
+        """Take no further commands."""
+        self._stopped = True
+
+
+def truth_of(workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float) -> noise.Haze:
+    """Return the kernels' arrays of a workspace with particles, of which nothing is known yet."""
+    haze = haze_of(Frame(workspace.shape), about, confidence)
+    inner_of(haze.truth, workspace.shape)[...] = workspace.free
+    inner_of(haze.there, workspace.shape)[tuple(start.T)] = True
+    return haze
+
+
+def seen_board(haze: noise.Haze, frame: Frame) -> Board:
+    """Return where the last scan has shown something."""
+    return Board(frame, frame.pack(np.array(inner_of(haze.seen, frame.shape, rim=1), dtype=np.bool_)))

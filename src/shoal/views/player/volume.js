@@ -1,0 +1,182 @@
+/* The picture of a 3-D workspace: what is known of it as a cloud of cells that turns, and one slice.
+ *
+ * Known-free cells, frontier and particles are drawn as squares into one image with a depth for each pixel; unknown cells
+ * and obstacles would hide all others. It has the face of picture.js, so that the same player plays it. */
+"use strict";
+
+const ShoalPicture = (() => {
+  const ELEVATION = 0.35, AZIMUTH = 0.6; // radians from which it is seen at first
+  const FARTHEST = 0.45; // brightness of what is farthest away
+  const TURN = 0.008; // radians a pixel of drag
+  const CLOSEST = 12; // times that one may zoom in
+  const { FRONTIER, FREE } = ShoalSim;
+
+  const cssColour = ([r, g, b], alpha = 1) => `rgb(${r} ${g} ${b} / ${alpha})`;
+  const clamp = (x, low, high) => Math.max(low, Math.min(high, x));
+
+  class Picture {
+    constructor(canvas, timeline) {
+      this.canvas = canvas;
+      this.pen = canvas.getContext("2d");
+      this.timeline = timeline;
+      this.world = timeline.world;
+      this.turns = true; // a drag turns it whether it is zoomed or not
+      this.size = 1; // particles are not slid
+      this.findCells();
+      this.cutAxis = 0;
+      this.cutPlace = this.fullest();
+      this.fit();
+      this.listen();
+    }
+
+    /** The cells that may ever be drawn: free ones and obstacles beside them (these may be frontier cells). */
+    findCells() {
+      const { wall, steps, rows, cols, spacing } = this.world, layer = rows * cols, near = [];
+      for (let cell = layer; cell < wall.length - layer; cell++) {
+        if (!wall[cell] || steps.some((step) => !wall[cell + step])) near.push(cell);
+      }
+      this.cells = Int32Array.from(near);
+      this.place = new Float32Array(3 * near.length); // across, down, into the picture, from the middle
+      const sides = spacing ?? [1, 1, 1], least = Math.min(...sides);
+      const [dz, dy, dx] = sides.map((side) => side / least), depth = wall.length / layer;
+      near.forEach((cell, i) => {
+        const z = Math.floor(cell / layer), y = Math.floor((cell - z * layer) / cols), x = cell % cols;
+        this.place.set([(x + 0.5 - cols / 2) * dx, (y + 0.5 - rows / 2) * dy, (z + 0.5 - depth / 2) * dz], 3 * i);
+      });
+      this.extent = { wide: Math.hypot(cols * dx, depth * dz), tall: rows * dy, cell: Math.max(dx, dy, dz) };
+      this.depth = depth;
+    }
+
+    /** The slice with most free cells along the axis of the cut. */
+    fullest() {
+      const counts = new Int32Array(this.cutLength());
+      this.world.wall.forEach((wall, cell) => { if (!wall) counts[this.along(cell)]++; });
+      return counts.indexOf(Math.max(...counts));
+    }
+
+    cutLength() {
+      return [this.depth, this.world.rows, this.world.cols][this.cutAxis];
+    }
+
+    along(cell) {
+      const { rows, cols } = this.world, z = Math.floor(cell / (rows * cols));
+      return [z, Math.floor(cell / cols) - z * rows, cell % cols][this.cutAxis];
+    }
+
+    listen() {
+      const $ = (id) => document.getElementById(id);
+      const show = () => {
+        $("cut").max = this.cutLength() - 1;
+        $("cut").value = this.cutPlace;
+        $("cutAt").textContent = String(this.cutPlace - 1); // the rim has -1
+        if (this.packed) this.drawSlice();
+      };
+      $("axis").addEventListener("change", () => {
+        this.cutAxis = Number($("axis").value);
+        this.cutPlace = this.fullest();
+        show();
+      });
+      $("cut").addEventListener("input", () => { this.cutPlace = Number($("cut").value); show(); });
+      this.slice = $("slice");
+      show();
+    }
+
+    setPalette(palette) {
+      this.palette = palette;
+      this.packed = ["unknown", "frontier", "free", "obstacle", "particle"].map((name) => {
+        const [r, g, b] = palette[name];
+        return ((255 << 24) | (b << 16) | (g << 8) | r) >>> 0;
+      });
+    }
+
+    resize(cssWidth, cssHeight, ratio) {
+      this.ratio = ratio;
+      this.canvas.width = Math.max(1, Math.round(cssWidth * ratio));
+      this.canvas.height = Math.max(1, Math.round(cssHeight * ratio));
+      this.pixels = this.pen.createImageData(this.canvas.width, this.canvas.height);
+      this.near = new Float32Array(this.canvas.width * this.canvas.height);
+    }
+
+    fit() {
+      this.zoom = 1;
+      this.azimuth = AZIMUTH;
+      this.elevation = ELEVATION;
+      this.changed = false;
+    }
+
+    zoomAt(factor) {
+      this.zoom = clamp(this.zoom * factor, 0.5, CLOSEST);
+      this.changed = true;
+    }
+
+    /** Turn: a drag to the right brings the left side to the front. */
+    panBy(x, y) {
+      this.azimuth -= x * TURN;
+      this.elevation = clamp(this.elevation + y * TURN, -Math.PI / 2, Math.PI / 2);
+      this.changed = true;
+    }
+
+    draw(n, swarm) {
+      this.shown = [n, swarm];
+      this.drawCloud(n, swarm);
+      this.drawSlice();
+    }
+
+    drawCloud(n, swarm) {
+      const { width, height } = this.canvas, { place, cells, near, timeline } = this;
+      const words = new Uint32Array(this.pixels.data.buffer);
+      words.fill(0);
+      near.fill(Infinity);
+      const { wide, tall, cell: side } = this.extent;
+      const scale = (0.96 * this.zoom * Math.min(width / wide, height / (tall + wide * Math.sin(ELEVATION))));
+      const size = Math.max(1, Math.ceil(scale * side)), half = size / 2;
+      const [ca, sa, ce, se] = [Math.cos(this.azimuth), Math.sin(this.azimuth), Math.cos(this.elevation), Math.sin(this.elevation)];
+      const reach = wide / 2 + tall / 2;
+      for (let i = 0; i < cells.length; i++) {
+        const cell = cells[i];
+        const held = swarm.count[cell] > 0, state = held ? FREE : timeline.state(cell, n);
+        if (state !== FREE && state !== FRONTIER) continue;
+        const x = place[3 * i], y = place[3 * i + 1], z = place[3 * i + 2];
+        const away = z * ca - x * sa, depth = away * ce + y * se;
+        const left = Math.floor(width / 2 + scale * (x * ca + z * sa) - half);
+        const top = Math.floor(height / 2 + scale * (y * ce - away * se) - half);
+        if (left < 0 || top < 0 || left + size > width || top + size > height) continue;
+        const [r, g, b] = held ? this.palette.particle : this.palette[state === FREE ? "free" : "frontier"];
+        const shade = clamp(FARTHEST + (1 - FARTHEST) * (0.5 - depth / (1.2 * reach)), FARTHEST, 1);
+        const word = ((255 << 24) | ((b * shade) << 16) | ((g * shade) << 8) | (r * shade)) >>> 0;
+        for (let py = top; py < top + size; py++) {
+          for (let at = py * width + left, end = at + size; at < end; at++) {
+            if (depth < near[at]) {
+              near[at] = depth;
+              words[at] = word;
+            }
+          }
+        }
+      }
+      this.pen.putImageData(this.pixels, 0, 0);
+    }
+
+    drawSlice() {
+      if (!this.shown) return;
+      const [n, swarm] = this.shown, { rows, cols } = this.world, layer = rows * cols, at = this.cutPlace;
+      const [height, width, cellAt] = [
+        [rows, cols, (y, x) => at * layer + y * cols + x],
+        [this.depth, cols, (y, x) => (this.depth - 1 - y) * layer + at * cols + x], // what is in front is below
+        [rows, this.depth, (y, x) => x * layer + y * cols + at],
+      ][this.cutAxis];
+      this.slice.width = width;
+      this.slice.height = height;
+      const pen = this.slice.getContext("2d"), pixels = pen.createImageData(width, height);
+      const words = new Uint32Array(pixels.data.buffer);
+      for (let y = 0; y < height; y++) {
+        for (let x = 0; x < width; x++) {
+          const cell = cellAt(y, x);
+          words[y * width + x] = this.packed[swarm.count[cell] ? 4 : this.timeline.state(cell, n)];
+        }
+      }
+      pen.putImageData(pixels, 0, 0);
+    }
+  }
+
+  return { Picture, cssColour };
+})();

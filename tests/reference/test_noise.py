@@ -1,0 +1,68 @@
+"""The kernels of the noisy world against sets, dictionaries and a list of all cases, on random input."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+from tests.reference import noise as plain
+
+from shoal.swarm.boards import Board, Frame
+from shoal.swarm.commands import encode, letters_of
+from shoal.swarm.kernels import noise as kernels
+from shoal.swarm.noise import Noise, NoisyBelief
+from shoal.swarm.noise.belief import inner_of
+from shoal.swarm.noise.plant import truth_of
+from shoal.swarm.workspace import GridWorkspace
+
+
+def tuples(cells):
+    return {tuple(cell) for cell in np.asarray(cells).tolist()}
+
+
+def random_case(rng):
+    shape = tuple(int(side) for side in rng.integers(1, 8, size=2 if rng.random() < 0.7 else 3))
+    free = rng.random(shape) < 0.8
+    free.flat[rng.integers(free.size)] = True
+    workspace = GridWorkspace(free)
+    n = int(rng.integers(1, workspace.n_free + 1))
+    return workspace, workspace.cells[np.sort(rng.choice(workspace.n_free, size=n, replace=False))]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_moves_looks_and_belief(seed):
+    rng = np.random.default_rng(seed)
+    workspace, start = random_case(rng)
+    about = Noise(*rng.choice([0.0, 0.05, 0.3], size=3))
+    shape, frame = workspace.shape, Frame(workspace.shape)
+    haze = truth_of(workspace, start, about, 0.99)
+    luck, same_luck = np.random.default_rng(seed), np.random.default_rng(seed)
+    free, particles = tuples(workspace.cells), tuples(start)
+
+    def scan():
+        kernels.look(haze, luck)
+        seen = plain.look(particles, about.misplace, about.miss, same_luck)
+        assert tuples(np.argwhere(inner_of(haze.seen, shape, rim=1)) - 1) == seen
+        return seen
+
+    seen = scan()
+    window = [tuple(cell) for cell in (np.argwhere(np.ones(frame.window)) - 1).tolist()]
+    reference = plain.Belief(window, about.slip, about.misplace, about.miss, seen)
+    belief = NoisyBelief(shape, Board.of_cells(frame, sorted(seen)), about, 0.99)
+    for _ in range(12 if len(window) < 150 else 4):
+        command = letters_of(frame.ndim)[rng.integers(2 * frame.ndim)]
+        step = plain.STEPS[command][3 - frame.ndim :]
+        before = copy.copy(particles)
+        particles = plain.move(free, particles, step, about.slip, same_luck)
+        travelled = kernels.move_hazy(haze, encode(command, ndim=frame.ndim)[0], luck)
+        assert tuples(np.argwhere(inner_of(haze.there, shape))) == particles
+        assert travelled == sum(sum(cell) for cell in particles) * sum(step) - sum(sum(cell) for cell in before) * sum(step)
+        seen = scan()
+        belief.update(command, Board.of_cells(frame, sorted(seen)))
+        reference.update(step, seen)
+        for cell in window:
+            at = tuple(i + 1 for i in cell)
+            assert belief.logit[at] == pytest.approx(reference.logit[cell], rel=1e-6, abs=1e-6), (command, cell)
+            inside = inner_of(belief.haze.inside, shape, rim=1)[at]
+            assert inside == pytest.approx(reference.inside[cell], rel=1e-6, abs=1e-9), (command, cell)

@@ -1,0 +1,176 @@
+"""Mapping with particles that slip, are seen beside their cell, or are not seen."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from shoal import Episode, GridWorkspace, InvalidInputError, open_map, run, run_trials
+from shoal.cli import run as shoal
+from shoal.swarm.boards import Board, Frame
+from shoal.swarm.noise import Noise, NoisyBelief, NoisyEpisode, NoisyPlant
+from shoal.swarm.plant import DriveLog, drive, replay_log
+
+SOME = Noise(slip=0.05, misplace=0.01, miss=0.02)
+
+
+def test_without_noise_the_map_is_that_of_an_episode_without():
+    workspace = open_map("cave:24x16:3")
+    exact = run(workspace, particles=12, seed=4)
+    noisy = run(workspace, particles=12, seed=4, noise=Noise())
+    assert noisy.status == "complete"
+    assert noisy.errors.right == 1.0
+    assert noisy.final()[1].open == exact.final()[1].open
+    assert noisy.final()[1].obstacles == exact.final()[1].obstacles
+
+
+def test_a_map_with_noise_is_right_at_its_stated_confidence():
+    """Of the cells that are settled at least so many are right as the confidence says; so are those of each range."""
+    episodes = run_trials(open_map("maze:15x11"), trials=30, particles=15, noise=Noise(0.1, 0.05, 0.05), confidence=0.9)
+    assert sum(episode.status == "complete" for episode in episodes) >= 28  # the others say that they gave a cell up
+    wrong = sum(episode.errors.false_free + episode.errors.false_obstacles for episode in episodes)
+    settled = sum(len(episode.final()[1].known) for episode in episodes)
+    assert wrong <= 0.1 * settled
+    stated, actual = [], []
+    for episode in episodes:
+        for i, (_, belief) in enumerate(episode.frames()):
+            if i == 40:
+                stated.append(len(belief.known))
+                truth = np.pad(episode.workspace.free, 1)
+                actual.append(int((truth == belief.open.mask)[belief.known.mask].sum()))
+    assert sum(actual) >= 0.9 * sum(stated)
+
+
+@pytest.mark.parametrize(
+    "policy", ["closest-frontier", "closest-frontier:ties=row-major", "elect-particle", "random-moves", "depth-first"]
+)
+def test_every_policy_ends_and_replays(policy, tmp_path):
+    episode = run(
+        open_map("maze:11x9"), particles=1 if policy == "depth-first" else 8, policy=policy, noise=SOME, seed=5, max_moves=5000
+    )
+    assert isinstance(episode, NoisyEpisode)
+    if policy != "depth-first":
+        assert episode.status == "complete"
+        assert episode.errors.right > 0.98
+    assert episode.verify()
+    episode.save(tmp_path / "e.npz")
+    loaded = Episode.load(tmp_path / "e.npz")
+    assert isinstance(loaded, NoisyEpisode)
+    assert (loaded.noise, loaded.confidence, loaded.status) == (episode.noise, episode.confidence, episode.status)
+    assert loaded.verify()
+    loaded.done[0] += 1
+    assert "done differs at move 1" in loaded.verify().message
+    frames = list(episode.frames())
+    assert len(frames) == episode.moves + 1
+    assert frames[-1][1].known == episode.final()[1].known
+
+
+def test_compiled_and_step_by_step_are_the_same():
+    for seed in range(4):
+        options = {"particles": 9, "noise": SOME, "seed": seed}
+        compiled, stepwise = (run(open_map("cave:18x14:2"), stepwise=slow, **options) for slow in (False, True))
+        assert compiled.commands == stepwise.commands
+        for name in ("done", "frontier", "travelled"):
+            np.testing.assert_array_equal(getattr(compiled, name), getattr(stepwise, name))
+
+
+def test_any_noise_ends():
+    rng = np.random.default_rng(1)
+    for seed in range(40):
+        shape = (5, 6) if seed % 3 else (3, 3, 4)
+        free = rng.random(shape) < 0.7
+        free.flat[0] = True
+        noise = Noise(*rng.uniform(0, 0.5, size=3))
+        episode = run(GridWorkspace(free), particles=1 + seed % int(free.sum()), noise=noise, confidence=0.99, seed=seed)
+        assert episode.status in {"complete", "stalled"}
+
+
+def test_scans_that_are_often_wrong_are_begun_with_too():
+    noise = Noise(slip=0.2, misplace=0.1, miss=0.2)
+    for policy in ("closest-frontier", "elect-particle"):
+        episode = run(open_map("maze:9x7"), particles=6, noise=noise, policy=policy, seed=1)
+        assert episode.first_frontier == 0
+        assert episode.status == "complete"
+        assert episode.errors.right > 0.9
+
+
+def test_wrong_belief_is_corrected():
+    """A cell that was taken for free since something was seen there once is found to be a wall."""
+    frame = Frame((1, 4))
+    belief = NoisyBelief((1, 4), Board.of_cells(frame, [(0, 0), (0, 2)]), Noise(0.05, 0.01))
+    assert belief.probability[1, 3] > 0.99  # the second one was seen beside its cell: it stands at (0, 1)
+    for command, cells in (("l", [(0, 0), (0, 1)]), ("r", [(0, 0), (0, 1)])) * 3:
+        belief.update(command, Board.of_cells(frame, cells))
+    assert belief.probability[1, 2] > 0.999
+    assert belief.probability[1, 3] < 0.02
+
+
+def test_a_particle_that_is_lost_is_found_again():
+    frame = Frame((1, 5))
+    belief = NoisyBelief((1, 5), Board.empty(frame), Noise(miss=0.3))
+    assert not belief.occupied
+    for _ in range(3):
+        belief.update("l", Board.of_cells(frame, [(0, 2)]))
+    assert list(belief.occupied) == [(0, 2)]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"noise": 0.1}, "noise: expected a Noise, got 0.1"),
+        ({"noise": SOME, "rule": "merge"}, "noise: expected rule block, got merge"),
+        ({"noise": SOME, "task": "coverage"}, "noise: expected the task mapping, got coverage"),
+        ({"noise": SOME, "scan_every": 3}, "noise: expected a scan after every move"),
+        ({"noise": SOME, "confidence": 0.5}, "confidence: expected a probability above 0.5, at most 0.99999, got 0.5"),
+        ({"noise": SOME, "confidence": True}, "got True"),
+    ],
+)
+def test_bad_arguments(options, words):
+    with pytest.raises(InvalidInputError, match=words):
+        run(open_map("line:5"), particles=1, **options)
+
+
+@pytest.mark.parametrize("rate", [-0.1, 0.6, float("nan"), "much", True])
+def test_bad_rates(rate):
+    with pytest.raises(InvalidInputError, match=r"slip: expected a probability, 0 to 0\.5, got"):
+        Noise(slip=rate)
+
+
+def test_a_noisy_plant_is_driven(tmp_path):
+    workspace = open_map("maze:11x9")
+    rng = np.random.default_rng(2)
+    for policy in ("closest-frontier", "elect-particle"):
+        log = tmp_path / f"{policy}.jsonl"
+        plant = NoisyPlant(workspace, workspace.cells[::9], SOME, rng)
+        driven = drive(plant, policy=policy, noise=SOME, log=DriveLog(log))
+        assert driven.status == "complete"
+        assert sum(driven.compared(workspace).values()) == 0
+        result, verified = replay_log(log)
+        assert verified, verified.message
+        assert result.commands == driven.commands
+    with pytest.raises(InvalidInputError, match="a scan after every move"):
+        drive(plant, noise=SOME, scan_every=2)
+
+
+def test_command(tmp_path, capsys):
+    words = ["map", "maze:11x9", "-n", "6", "--slip", "0.05", "--misplace", "0.01", "--miss", "0.02", "--confidence", "0.95"]
+    assert shoal([*words, "--trials", "3", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["noise"] == {"slip": 0.05, "misplace": 0.01, "miss": 0.02}
+    assert result["confidence"] == 0.95
+    assert min(result["right"]) > 0.95
+    assert result["cost"] == [moves + 10 * (moves + 1) for moves in result["moves"]]
+    assert {"false_free", "false_obstacles", "undecided", "false_free_rate", "false_obstacle_rate"} < set(result)
+    out = tmp_path / "out"
+    assert shoal([*words, "--out", str(out), "--film", str(tmp_path / "film.gif")]) == 0
+    assert "% of the cells" in capsys.readouterr().out
+    assert shoal(["replay", str(out / "episode.npz")]) == 0
+    assert "with noise replayed: all the same" in " ".join(capsys.readouterr().out.split())
+    assert shoal([*words, "--film", str(tmp_path / "film.html")]) == 2
+    assert "expected an episode without noise" in capsys.readouterr().err
+    assert shoal(["map", "line:5", "-n", "1", "--slip", "0.7"]) == 2
+    assert "slip: expected a probability, 0 to 0.5, got 0.7" in capsys.readouterr().err
+    assert shoal(["map", "line:5", "-n", "1", "--confidence", "0.9"]) == 2
+    assert "together with noise" in capsys.readouterr().err
