@@ -47,8 +47,9 @@ demo: install
 # Kernels are compiled once, before several test processes would do it at the same time.
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
 	@touch src/shoal/*/kernels/*.py
-	@$(BIN)/shoal map rectangle:9x9 --particles 3 --json >/dev/null & swarm=$$!; \
-	  folder=$$(mktemp -d) && $(BIN)/shoal demo steer --json --out $$folder >/dev/null && rm -r $$folder && wait $$swarm
+	@map='$(BIN)/shoal map rectangle:9x9 --particles 3 --json'; folder=$$(mktemp -d); \
+	  { $$map --policy closest-frontier && $$map --scan-every adaptive --scan-cost 2 && $$map --slip 0.1; } >/dev/null & swarm=$$!; \
+	  { $$map && $(BIN)/shoal demo steer --json --out $$folder; } >/dev/null && rm -r $$folder && wait $$swarm
 	@for tour in hilbert moore hilbert-rectangle comb spanning-tree; do $(BIN)/shoal tour $$tour cave:20x15 --json >/dev/null; done
 	@$(BIN)/shoal tour hilbert 3x3x3 --json >/dev/null
 	@touch $@

@@ -64,7 +64,8 @@ def map_(
 ) -> None:
     """Map an unknown workspace: find every free cell that the particles can reach, and the walls around them.
 
-    The policy best plans every move; with --scan-every, noise or rule tilt, which it has no answer for, closest-frontier is the default.
+    The policy best plans every move; with --scan-every, noise or rule tilt, for which it has no answer, the default is
+    closest-frontier.
     """
     from shoal.swarm.maps import open_map
 

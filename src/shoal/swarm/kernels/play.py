@@ -239,8 +239,8 @@ def play(code, field, rule, mapping, mind, scout, log):
     """Play until the log is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
 
     ``scout`` is None unless scans are ADAPTIVE. For RANDOM ``log.commands`` holds the commands to play, drawn beforehand; if
-    scans are GIVEN, ``log.scanned`` holds them. What a run of commands does is looked at when it is scanned, not before: no decision
-    falls within a run.
+    scans are GIVEN, ``log.scanned`` holds them. What a run of commands does is looked at when it is scanned, not before: no
+    decision falls within a run.
     """
     memory = mind.memory
     for move in range(log.commands.shape[0]):
