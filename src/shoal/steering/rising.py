@@ -84,4 +84,4 @@ def turning_nodes(before: Points, after: Points, *, radius: float, friction: flo
     sizes: NDArray[np.float64] = 2 * radius * np.cos(angles)
     whole = turn_on_the_way(large, small, radius, cone)
     bends = begin + np.array([turn_on_the_way(large, float(size), radius, cone) for size in sizes]) * (turn / whole)
-    return sizes[:, None] * np.stack([np.cos(bends), np.sin(bends)], axis=1)
+    return np.asarray(sizes[:, None] * np.stack([np.cos(bends), np.sin(bends)], axis=1))

@@ -79,7 +79,7 @@ def greedy_chain(errand: Errand, *, tolerance: float, cycles: int) -> Chain | No
         step = _cycle_on_circle(errand, state) if errand.walls.round else _cycle_on_polygon(errand, state)
         lefts.append(left)
         halted = step is None or not step[0] < left - 1e-12
-        if halted or (not alone and _is_slow(left, lefts[-1 - _PATIENCE], tolerance)):
+        if step is None or halted or (not alone and _is_slow(left, lefts[-1 - _PATIENCE], tolerance)):
             # No way on, or hardly one, from a difference none of whose neighbours is nearer: another chain may pass it by.
             grow = halted or errand.friction < inf
             other_chain = None if alone and errand.friction < inf else any_chain(errand, grow=grow)
