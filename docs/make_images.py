@@ -49,7 +49,7 @@ def mapping() -> None:
     save("mapping-middle.png", map_figure(episode, moves=middle))
     save("mapping-frontier.png", frontier_plot([episode]))
     tree = run(open_map("vessels3d:6000"), particles=600, seed=SEED)
-    save("volume.png", map_figure(tree, moves=tree.moves // 4))
+    save("volume.png", map_figure(tree, moves=tree.moves // 4), colours=256)
 
 
 def tours() -> None:

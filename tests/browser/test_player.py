@@ -461,7 +461,7 @@ def test_seeking_is_instant(open_player):
         ({"commands": "lurx"}, "Command 4 is “x”, not one of l, u, r, d."),
         ({"rule": "push"}, "The field “rule” is “push”, not one of block, merge, tilt."),
         ({"task": "napping"}, "The field “task” is “napping”, not one of"),
-        ({"shape": [6]}, "The field “shape” should be two positive whole numbers, not “6”."),
+        ({"shape": [6]}, "The field “shape” should be two or three positive whole numbers, not “6”."),
         ({"start": base64.b64encode(b"\xff\0\0\0").decode()}, "Particle 0 starts outside the map."),
         ({"start": base64.b64encode(b"\x16\0\0\0").decode()}, "Particle 0 starts on an obstacle."),
         ({"start": base64.b64encode(bytes(8)).decode()}, "Particle 1 starts where another one is."),

@@ -20,6 +20,7 @@ MAPS: dict[str, np.ndarray] = {
     "htree": generate("htree:25"),
     "cube": np.ones((2, 2, 3), bool),
     "stairs 3-D": np.array([[[1, 1, 0], [0, 1, 0]], [[0, 1, 1], [0, 0, 1]], [[0, 0, 1], [1, 1, 1]]], bool),
+    "vessels 3-D": generate("vessels3d:60:1"),
     "tower 3-D": np.random.default_rng(5).random((3, 3, 4)) < 0.75,
 }
 CASES = [(name, placement, n, depth) for name in MAPS for placement, n, depth in (("uniform", 3, 6), ("flood-fill", 4, 5))]

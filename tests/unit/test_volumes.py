@@ -83,7 +83,7 @@ def test_a_folder_of_slices(tmp_path):
     with pytest.raises(InvalidInputError, match=r"expected slices of one kind, got \.bmp and \.png"):
         read_map(tmp_path)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InvalidInputError, match="expected a map file or a folder of slices"):
+    with pytest.raises(InvalidInputError, match="expected a map file, got a folder without slices"):
         read_map(tmp_path / "empty")
 
 

@@ -87,7 +87,7 @@ def read_map(
     source = Path(path)
     options = PictureOptions(threshold, invert, scale)
     numbers, suffix = VolumeOptions(level, label), suffix_of(source)
-    folder, spacing = source.is_dir(), None
+    folder, spacing = bool(source.name) and os.path.isdir(source), None  # unlike Path.is_dir it takes names of any length
     if not folder and suffix not in (*_READERS, *PICTURES, *NIFTI, ".npy"):
         known = " ".join((*PICTURES, *_READERS, ".npy", *NIFTI))
         raise InvalidInputError(f"{source}: expected a map file ({known}), got the suffix {suffix!r}")

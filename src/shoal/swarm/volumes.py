@@ -53,7 +53,8 @@ class VolumeOptions:
         InvalidInputError
             If a number is not finite, no voxel has the label, or without level and label there are more than two numbers.
         """
-        if np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
+        chosen = self.level is not None or self.label is not None
+        if chosen and np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
             bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
             raise InvalidInputError(f"{path}: expected finite numbers, got {array[bad]} at cell {bad}")
         if self.level is not None:
@@ -184,7 +185,7 @@ def slices_of(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     pictures = [path for path in files if path.suffix.lower() in suffixes]
     if not pictures:
         known = " ".join(suffixes)
-        raise InvalidInputError(f"{folder}: expected a map file or a folder of slices ({known}), got {len(files)} other files")
+        raise InvalidInputError(f"{folder}: expected a map file, got a folder without slices ({known})")
     kinds = sorted({path.suffix.lower() for path in pictures})
     if len(kinds) > 1:
         raise InvalidInputError(f"{folder}: expected slices of one kind, got {' and '.join(kinds)}")

@@ -84,10 +84,10 @@ class NoisyBelief:
     >>> here = Board.of_cells(frame, [(0, 0)])
     >>> belief = NoisyBelief((1, 3), here, Noise(slip=0.05, misplace=0.01))
     >>> for _ in range(3):
-    ...     belief.update("l", here)
+    ...     first_time_settled = belief.update("l", here)
     ...     print(round(float(belief.probability[1, 0]), 4))
-    0.0478
-    0.0025
+    0.0498
+    0.0026
     0.0001
     """
 
