@@ -61,10 +61,11 @@ def left_behind(scene, state, at_hand, still):
 
 
 @kernel
-def complete(scene, state, space, plan, length, horizon, discount, manner, charge, bound):
+def complete(scene, state, space, plan, length, horizon, discount, manner, charge, worth, expected, best):
     """Imagine the first ``length`` commands of a plan and then go on by the base policy, writing its commands behind them.
 
-    Changes ``state``. Gives up after ``bound`` moves. Returns (time, value, length, moves, settled): when the last cell was
+    Changes ``state``. Gives up when the plan cannot be better than ``best`` any more, if a cell settled at once is worth ``worth``
+    moves and about ``expected`` are to be settled. Returns (time, value, length, moves, settled): when the last cell was
     settled, ``horizon`` if some are left then; the cells settled, discounted; the commands in the plan; how many were imagined;
     and the cells settled.
     """
@@ -72,7 +73,7 @@ def complete(scene, state, space, plan, length, horizon, discount, manner, charg
     at = np.int64(0)
     while at < horizon:
         if at >= length:
-            if at >= bound:
+            if worth * (value + weight * max(expected - total, 0.0)) - at <= best:
                 return horizon, value, at, at, total
             prospects(scene, state, space.gains)
             if manner == CAREFUL:

@@ -44,9 +44,10 @@ RUNS = 17  # whether whole runs in one direction are candidates, too
 RENEW = 18  # quiet moves after which to search again
 PATIENCE = 19  # quiet moves after which a whole way is played
 SURE = 20  # chance that all cells up to a predicted one are free
-AFTER = 21  # cells that one predicted behind the frontier counts for: itself and the walls beside it
+AFTER = 21  # what a cell counts that will join the frontier if all is as predicted
 WONDER = 22  # how much more settling early is worth if all that is found is a surprise
-OPTIONS = 23
+TRUST = 23  # how fast the horizon shrinks with surprises; 0: not at all
+OPTIONS = 24
 
 
 class Planner(NamedTuple):

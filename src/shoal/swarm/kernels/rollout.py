@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.swarm.kernels.beam import search_beam, take_best
-from shoal.swarm.kernels.bits import popcount
 from shoal.swarm.kernels.compiling import kernel, part_of_kernel
 from shoal.swarm.kernels.completion import CAREFUL, GREEDY, complete
 from shoal.swarm.kernels.foresight import FRONTIER, UNSEEN, advance, copy_state, count, directions, take_state
@@ -43,6 +42,7 @@ from shoal.swarm.kernels.planner import (
     STALE,
     SURE,
     SURPRISE,
+    TRUST,
     VARIATIONS,
     WHOLE,
     WIDTH,
@@ -51,7 +51,9 @@ from shoal.swarm.kernels.planner import (
     force,
     next_command,
 )
+from shoal.swarm.kernels.ways import NEXT, beside
 
+NOTHING = -1e18  # the value of no plan
 LONGEST_RUN = 40  # of a candidate that goes in one direction until it settles something
 
 
@@ -74,19 +76,22 @@ def weigh(planner, length, best, few, manner):
     With the end in sight a plan is worth what it settles early, less its moves until all is settled.
     """
     options, memory = planner.options, planner.memory
-    horizon = int(options[HORIZON] if few > 0 else options[NEAR_HORIZON])
+    surprise = memory[SURPRISE] / WHOLE
+    horizon = int(options[NEAR_HORIZON])
+    if few > 0:  # where predictions fail, what lies far ahead is not worth imagining
+        sure = (1.0 - surprise) ** options[TRUST]
+        horizon += int(max(options[HORIZON] - horizon, 0) * sure)
     discount = options[DISCOUNT] if few > 0 else options[NEAR_DISCOUNT]
-    bound = horizon
-    share = options[SHARE] * (1.0 + options[WONDER] * memory[SURPRISE] / WHOLE)
-    if few > 0 and best > -horizon:  # what is settled early is worth little more than its share
-        bound = min(horizon, int(1.5 * share - best))
+    share = options[SHARE] * (1.0 + options[WONDER] * surprise)
+    worth = share / few if few > 0 else 0.0
     copy_state(planner.root, planner.state)
     time, value, length, moves, settled = complete(
-        planner.scene, planner.state, planner, planner.trial, length, horizon, discount, manner, options[CHARGE], bound
-    )
+        planner.scene, planner.state, planner, planner.trial, length, horizon, discount, manner, options[CHARGE],
+        worth, few, best if few > 0 else NOTHING,
+    )  # fmt: skip
     memory[IMAGINED] += moves
     if few > 0:
-        value = share / few * value - time
+        value = worth * value - time
         if time == horizon and options[AFTER] > 0:  # the rest at the same rate
             value -= horizon * count(planner.state[FRONTIER]) / max(settled, 1)
     if value <= best:
@@ -108,7 +113,7 @@ def think(planner):
     at, length = memory[PLAN_AT], memory[PLAN_LENGTH]
     for i in range(at, length):
         trial[i - at] = planner.incumbent[i]
-    best = weigh(planner, length - at, -1e9, few, memory[MANNER])
+    best = weigh(planner, length - at, NOTHING, few, memory[MANNER])
     if options[CHARGE] > 0:
         best = weigh(planner, np.int64(0), best, few, CAREFUL)
         best = weigh(planner, np.int64(0), best, few, GREEDY)
@@ -127,11 +132,9 @@ def think(planner):
 
 @kernel
 def foreseen(planner):
-    """Return how many cells behind the frontier are taken to be free."""
-    unseen, ground, total = planner.root[UNSEEN], planner.scene.ground, 0
-    for i in range(unseen.shape[0]):
-        total += popcount(unseen[i] & ground[i])
-    return total
+    """Return how many cells will join the frontier if all is as predicted: those beside cells taken to be free."""
+    beside(planner.scene, planner.scene.ground, planner.root[UNSEEN], planner.planes[NEXT])
+    return count(planner.planes[NEXT])
 
 
 @kernel

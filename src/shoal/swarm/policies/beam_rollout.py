@@ -28,8 +28,9 @@ TUNING = Tuning(
     renew=8,
     patience=450,
     sure=0.7,
-    after=2,
+    after=1,
     wonder=5,
+    trust=2,
 )
 
 

@@ -38,8 +38,9 @@ class Tuning(NamedTuple):
     renew: float  # moves that settle nothing, after which to search again
     patience: float  # moves that settle nothing, after which a whole way is played
     sure: float  # chance that all cells up to a predicted one are free
-    after: float  # cells to settle for each cell predicted to be free; 0: do not count those
+    after: float  # what a cell counts that will join the frontier if all is as predicted
     wonder: float  # how much more settling early is worth if all that is found is a surprise
+    trust: float  # how fast the horizon shrinks towards the near one with surprises; 0: not at all
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ P1 = Tuning(
     sure=0,
     after=0,
     wonder=0,
+    trust=0,
 )
 
 
