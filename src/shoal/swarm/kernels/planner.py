@@ -47,7 +47,8 @@ SURE = 20  # chance that all cells up to a predicted one are free
 AFTER = 21  # what a cell counts that will join the frontier if all is as predicted
 WONDER = 22  # how much more settling early is worth if all that is found is a surprise
 TRUST = 23  # how fast the horizon shrinks with surprises; 0: not at all
-OPTIONS = 24
+CALM = 24  # share of surprises below which the end is in sight, however many frontier cells there are
+OPTIONS = 25
 
 
 class Planner(NamedTuple):

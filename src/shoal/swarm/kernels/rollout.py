@@ -16,6 +16,7 @@ from shoal.swarm.kernels.planner import (
     AFTER,
     AHEAD,
     BUDGET,
+    CALM,
     CAP,
     CHARGE,
     CREDIT,
@@ -108,7 +109,7 @@ def think(planner):
     memory, trial, options = planner.memory, planner.trial, planner.options
     remaining = count(planner.root[FRONTIER])
     few = 0.0
-    if remaining <= options[FEW]:
+    if remaining <= options[FEW] or memory[SURPRISE] < options[CALM] * WHOLE:
         few = remaining + options[AFTER] * foreseen(planner)
     at, length = memory[PLAN_AT], memory[PLAN_LENGTH]
     for i in range(at, length):

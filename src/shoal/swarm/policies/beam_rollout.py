@@ -8,19 +8,19 @@ from typing import ClassVar
 from shoal.swarm.policies.planner import Budgeted, Tuning
 
 TUNING = Tuning(
-    few=1e9,
+    few=200,
     horizon=300,
     discount=0.99,
     near_horizon=60,
     near_discount=0.98,
     share=100,
-    width=8,
-    depth=12,
-    leaves=6,
+    width=4,
+    depth=8,
+    leaves=3,
     ahead=1,
     rate=0.9,
     cap=8,
-    variations=8,
+    variations=2,
     charge=1,
     likely=0.75,
     layers=60,
@@ -29,8 +29,9 @@ TUNING = Tuning(
     patience=450,
     sure=0.7,
     after=1,
-    wonder=5,
+    wonder=8,
     trust=2,
+    calm=0.4,
 )
 
 

@@ -41,6 +41,7 @@ class Tuning(NamedTuple):
     after: float  # what a cell counts that will join the frontier if all is as predicted
     wonder: float  # how much more settling early is worth if all that is found is a surprise
     trust: float  # how fast the horizon shrinks towards the near one with surprises; 0: not at all
+    calm: float  # share of surprises below which plans are imagined to the end, however many frontier cells there are
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ P1 = Tuning(
     after=0,
     wonder=0,
     trust=0,
+    calm=0,
 )
 
 
