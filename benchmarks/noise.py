@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from shoal import GridWorkspace, open_map, run, run_trials
 from shoal.swarm.generators import generate
 from shoal.swarm.noise import Noise, NoisyEpisode
+from shoal.swarm.noise.model import PRIOR
 
 MAP, PARTICLES = "vessels:5000", 1000
 NOISE = Noise(slip=0.05, misplace=0.01)
@@ -64,7 +65,7 @@ def stated_and_true(episode: NoisyEpisode) -> tuple[NDArray[np.float64], NDArray
     third = episode.moves // 3
     columns = {name: getattr(episode, name)[:third] for name in ("codes", "done", "frontier", "travelled", "scanned")}
     probability = replace(episode, **columns).probability
-    told = np.abs(probability - 0.5) > 0.02
+    told = np.abs(logit(probability) - logit(PRIOR)) > 0.1
     return probability[told], np.pad(episode.workspace.free, 1)[told]
 
 

@@ -9,7 +9,7 @@ import itertools
 import math
 
 STEPS = {"l": (0, 0, -1), "u": (0, -1, 0), "r": (0, 0, 1), "d": (0, 1, 0), "i": (-1, 0, 0), "o": (1, 0, 0)}
-LOST, CLUTTER, FAINT, SURE, LEAP = 1e-4, 1e-6, 1e-5, 14.0, 8.0
+PRIOR, LOST, CLUTTER, FAINT, SURE, LEAP = 0.25, 1e-4, 1e-6, 1e-5, 14.0, 8.0
 
 
 def steps_of(ndim):
@@ -54,7 +54,7 @@ class Belief:
 
     def __init__(self, window, slip, misplace, miss, seen):
         self.window, self.slip, self.misplace, self.miss = set(window), slip, misplace, miss
-        self.logit = dict.fromkeys(window, 0.0)
+        self.logit = dict.fromkeys(window, math.log(PRIOR / (1 - PRIOR)))
         self.inside = dict.fromkeys(window, 0.0)
         self.hit = (1 - miss) * (1 - misplace)
         self.share = (1 - miss) * misplace / len(steps_of(len(next(iter(window)))))
@@ -62,7 +62,7 @@ class Belief:
         for cell in seen:
             held = right / (right + wrong)
             self.inside[cell] = held
-            free = held + (1 - held) / 2
+            free = held + (1 - held) * PRIOR
             self.logit[cell] = min(SURE, math.log(free / (1 - free)))
 
     def free(self, cell):

@@ -12,7 +12,7 @@ from shoal.swarm.commands import encode, letters_of
 from shoal.swarm.kernels import moves, noisy_play
 from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.kernels.search import Search
-from shoal.swarm.noise.model import CONFIDENCE, Noise, bound_of
+from shoal.swarm.noise.model import CONFIDENCE, PRIOR, Noise, bound_of
 
 PAD = 3  # the rim, and two more cells that are never free
 NEVER = -700.0  # log-odds
@@ -23,7 +23,7 @@ def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(size + 2 * PAD for size in shape)
 
 
-def haze_of(frame: Frame, about: Noise, confidence: float, *, prior: float = 0.5) -> kernels.Haze:
+def haze_of(frame: Frame, about: Noise, confidence: float, *, prior: float = PRIOR) -> kernels.Haze:
     """Return the kernels' arrays for a workspace of which nothing is known, without particles."""
     shape = padded_shape(frame.shape)
     strides = [1, shape[-1], shape[-1] * shape[-2]]
@@ -78,17 +78,16 @@ class NoisyBelief:
 
     Examples
     --------
-    A particle is pushed against the wall on its left three times; that it slipped each time is ever less likely.
+    A particle is pushed against the wall on its left twice; that it slipped each time is ever less likely.
 
     >>> frame = Frame((1, 3))
     >>> here = Board.of_cells(frame, [(0, 0)])
     >>> belief = NoisyBelief((1, 3), here, Noise(slip=0.05, misplace=0.01))
-    >>> for _ in range(3):
+    >>> for _ in range(2):
     ...     first_time_settled = belief.update("l", here)
     ...     print(round(float(belief.probability[1, 0]), 4))
-    0.0498
-    0.0026
-    0.0001
+    0.0172
+    0.0009
     """
 
     def __init__(

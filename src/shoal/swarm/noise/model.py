@@ -9,6 +9,7 @@ from typing import Any
 from shoal.errors import InvalidInputError
 
 CONFIDENCE = 0.99
+PRIOR = 0.25  # that a cell of which nothing is known is free: about the share in vascular maps
 MOST = 0.5  # of each rate
 SUREST = 0.99999
 
