@@ -16,6 +16,7 @@ from tests.golden.test_published import PUBLISHED, published_means
 
 from shoal import open_map, run
 from shoal.swarm.bounds import lower_bound
+from shoal.swarm.plans import OfflineRollout
 from shoal.swarm.policies import BeamRollout, Policy, make_policy
 
 COUNTS = (100, 500, 1000, 2500, 4000)
@@ -36,12 +37,14 @@ VARIANTS = {
     "no-runs": {"runs": 0},
     "no-prediction": {"layers": 0},
     "prediction-of-12-cells": {"layers": 12, "sure": 0},
-    "end-in-sight-at-200": {"few": 200},
+    "end-always-in-sight": {"calm": 2},
 }
 
 
 def policy_of(name: str) -> Policy:
-    """Return a policy by name, or a variant by one of `VARIANTS`."""
+    """Return a policy by name, the one of `plan_coverage` ("offline"), or a variant by one of `VARIANTS`."""
+    if name == "offline":
+        return OfflineRollout()
     return variant(name, **VARIANTS[name]) if name in VARIANTS else make_policy(name)
 
 

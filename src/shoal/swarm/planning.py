@@ -52,7 +52,7 @@ def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: 
     memory = np.zeros(planner.MEMORY, dtype=np.int64)
     memory[planner.RANDOM] = seed
     memory[planner.REMAINING] = len(belief.frontier)
-    memory[planner.SURPRISE] = planner.WHOLE // 4
+    memory[planner.SURPRISE] = planner.WHOLE // 4 if mapping else 0  # of a known map nothing is a surprise
     return planner.Planner(
         memory=memory,
         options=np.array(options, dtype=np.float64),

@@ -11,11 +11,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.swarm.policies import BeamRollout
+from shoal.swarm.policies.planner import Tuning
 from shoal.swarm.running import run
 from shoal.swarm.tasks import Coverage
 from shoal.swarm.workspace import GridWorkspace
 
-OFFLINE_BUDGET = 4_000.0  # imagined moves a move: nobody waits between two moves
+OFFLINE_BUDGET = 8_000.0  # imagined moves a move: nobody waits between two moves
+
+
+@dataclass(frozen=True)
+class OfflineRollout(BeamRollout):
+    """beam-rollout that searches wider and longer."""
+
+    tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(width=24, depth=12, leaves=6, variations=12)
+    budget: float = OFFLINE_BUDGET
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +85,6 @@ def plan_coverage(
     if attempts < 1:
         raise InvalidInputError(f"attempts: expected 1 or more, got {attempts}")
     task = _Given(targets=None if targets is None else np.asarray(targets, dtype=np.bool_))
-    options = {"task": task, "policy": BeamRollout(budget=budget), "start": start, "rule": rule, "seed": seed}
+    options = {"task": task, "policy": OfflineRollout(budget=budget), "start": start, "rule": rule, "seed": seed}
     episodes = [run(workspace, trial=trial, **options) for trial in range(attempts)]  # type: ignore[arg-type]  # of mixed types
     return min((episode.commands for episode in episodes), key=len)
