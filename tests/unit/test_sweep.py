@@ -151,7 +151,7 @@ def test_kinds(problem, some, tmp_path):
 def test_a_row_replays_by_its_seed(tmp_path, capsys):
     run_sweep(Sweep(name="numbers", problem=SWARM | {"particles": 4}, trials=3), tmp_path / "s.sqlite", workers=0)
     for _, seed, status, moves, *_ in rows_of(tmp_path / "s.sqlite"):
-        assert command(["map", "maze:9x7", "-n", "4", "--seed", str(seed), "--json"]) == 0
+        assert command(["map", "maze:9x7", "-n", "4", "--policy", "closest-frontier", "--seed", str(seed), "--json"]) == 0
         result = json.loads(capsys.readouterr().out)
         assert (result["status"], result["moves"]) == ([status], [moves])
 

@@ -91,7 +91,7 @@ def progress(what: str, total: int, *, shown: bool) -> Iterator[Advance]:
 
 
 @contextmanager
-def patience(text: str, *, after: float = 1.5) -> Iterator[None]:
+def patience(text: str, *, after: float = 4.0) -> Iterator[None]:
     """Say ``text`` on stderr if the block takes longer than ``after`` seconds."""
     timer = Timer(after, say, [text])
     timer.daemon = True

@@ -53,13 +53,14 @@ def advance(robot: Robot, event: Event) -> tuple[Robot, list[Action]]:
     Examples
     --------
     >>> from shoal.search import Course, make_tour
+    >>> from shoal.search.events import Begin, Wake
     >>> brief = Brief(Course(make_tour("moore", (2, 2))))
     >>> robot, actions = advance(Robot(7, brief, start=3), Begin(0.0))
     >>> robot.status, [type(action).__name__ for action in actions]
     ('listening', ['Send', 'WakeAt'])
     >>> robot, actions = advance(robot, Wake(1.0))
     >>> actions[0]
-    Go(cell=3)
+    Go(cell=3, through=())
     """
     actions: list[Action] = []
     time = event.time
