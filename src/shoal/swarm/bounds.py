@@ -138,7 +138,7 @@ def lower_bound(
     --------
     >>> line = GridWorkspace([[1, 1, 1, 1, 1, 1]])
     >>> lower_bound(line, [(0, 2)])
-    LowerBound(count=5, distance=4, axes=5)
+    LowerBound(count=5, distance=5, axes=5)
 
     Notes
     -----
