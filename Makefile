@@ -17,7 +17,7 @@ help:
 	@echo 'make install  set up .venv with the command .venv/bin/shoal'
 	@echo 'make check    ruff, mypy --strict, import-linter, all tests, documentation'
 	@echo 'make bench    measure speed against the plain reference, in one run'
-	@echo 'make soak     long checks: 10,000 episodes of elect-particle, 20,000 with noise, 100,000 random searches'
+	@echo 'make soak     long checks: 10,000 episodes of elect-particle, 20,000 with noise, 100,000 of planners, 100,000 searches'
 	@echo 'make docs     build the documentation into ./site'
 
 # The virtual environment. Debian ships Python without the part that makes one; then its package is installed.
@@ -79,6 +79,7 @@ bench: $(VENV)/.dev-installed $(VENV)/.kernels-compiled
 soak: $(VENV)/.dev-installed $(VENV)/.kernels-compiled
 	@$(BIN)/python -m benchmarks.livelock
 	@$(BIN)/python -m benchmarks.noise --endings 20000
+	@$(BIN)/python -m benchmarks.termination
 	@SHOAL_SOAK=100000 $(BIN)/python -m pytest -q -n 2 tests/properties/test_soak.py -k random_searches
 
 docs: $(VENV)/.dev-installed

@@ -167,8 +167,9 @@ def _play(
     largest_component: bool,
 ) -> None:
     from shoal.lab import run_trials
+    from shoal.swarm import planning
     from shoal.swarm.engine import load_kernels
-    from shoal.swarm.policies import Compiled, make_policy
+    from shoal.swarm.policies import Compiled, PlannerPolicy, make_policy
     from shoal.swarm.policies.compiled import check_scanning
     from shoal.swarm.scanning import ScanRule
 
@@ -177,9 +178,13 @@ def _play(
     check_scanning(rule, make_policy(problem["policy"]), problem["rule"])  # before half a minute of compiling
     if largest_component:
         workspace = workspace.largest_component()
-    if isinstance(make_policy(problem["policy"]), Compiled):
+    chosen = make_policy(problem["policy"])
+    if isinstance(chosen, Compiled):
         with patience("compiling kernels: once after an installation, half a minute ..."), no_linear_algebra():
             load_kernels()
+    if isinstance(chosen, PlannerPolicy):
+        with patience("compiling the planner: once after an installation, a minute ..."), no_linear_algebra():
+            planning.load_kernels()
     with progress("trials", trials, shown=trials > 1) as advance:
         episodes = run_trials(
             workspace,

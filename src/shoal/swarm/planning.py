@@ -6,19 +6,20 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.random import Generator
 
-from shoal.swarm.boards import Frame
+from shoal.swarm.belief import Belief
+from shoal.swarm.boards import Board, Frame
 from shoal.swarm.commands import letters_of
-from shoal.swarm.engine import RULE_CODES, field_of
+from shoal.swarm.engine import RULE_CODES, field_of, new_log
 from shoal.swarm.kernels import beam, foresight, guess, moves, planned, planner, play, survey, ways
 from shoal.swarm.state import SwarmState
 
 if TYPE_CHECKING:
-    from shoal.swarm.belief import Belief
     from shoal.swarm.policies import PlannerPolicy, View
 
 BEAM_WIDTH, BEAM_DEPTH = 24, 12
@@ -147,6 +148,16 @@ class Game:
     def remaining(self) -> int:
         """Number of frontier cells left."""
         return int(self.mind.memory[planner.REMAINING])
+
+
+@cache
+def load_kernels() -> None:
+    """Load the kernel of planners, or compile it if this installation has not yet; takes effect once in a process."""
+    frame = Frame((1, 1))
+    here = Board.of_cells(frame, [(0, 0)])
+    state, belief = SwarmState(here), Belief(here, here, here)
+    mind = planner_of(frame, belief, rule="block", mapping=True, seed=1)
+    planned.play_planned(planned.GREEDY, field_of(here.words, state, belief), RULE_CODES["block"], True, mind, new_log(0))
 
 
 @dataclass(frozen=True)

@@ -145,6 +145,10 @@ def run(
         from shoal.swarm.engine import load_kernels
 
         load_kernels()  # so that it is not counted as time of this episode
+        if isinstance(chosen, PlannerPolicy):
+            from shoal.swarm import planning
+
+            planning.load_kernels()
     began = time.perf_counter()
     episode, *_ = player(blank, world, chosen, todo, state, belief, rng, max_moves, on_moves)
     return replace(episode, seconds=time.perf_counter() - began)

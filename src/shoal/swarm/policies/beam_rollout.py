@@ -47,4 +47,4 @@ class BeamRollout(Budgeted):
     kind: ClassVar[str] = "beam-rollout"
     code: ClassVar[int] = 7
     tuning: ClassVar[Tuning] = TUNING
-    budget: float = 400.0
+    budget: float = 600.0
