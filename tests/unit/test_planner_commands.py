@@ -1,0 +1,43 @@
+"""The options of planners on the command line."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from shoal.cli import run
+
+CAVE = ["map", "cave:14x10", "-n", "6", "--json"]
+
+
+def policy_of(capsys, *options):
+    assert run([*CAVE, *options]) == 0
+    return json.loads(capsys.readouterr().out)["policy"]
+
+
+def test_best_is_the_default_of_map(capsys):
+    assert policy_of(capsys) == "beam-rollout"
+    assert policy_of(capsys, "--budget", "50") == "beam-rollout:budget=50.0"
+    assert policy_of(capsys, "--time-per-move", "1") == "beam-rollout:milliseconds=1.0"
+    assert policy_of(capsys, "--policy", "rollout", "--budget", "50") == "rollout:budget=50.0"
+
+
+def test_closest_frontier_where_planners_have_no_answer(capsys):
+    assert policy_of(capsys, "--scan-every", "3") == "closest-frontier"
+    assert policy_of(capsys, "--rule", "tilt", "--max-moves", "50") == "closest-frontier"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--policy", "closest-frontier", "--budget", "50"], "--budget: expected a policy that plans"),
+        (["--policy", "sweep", "--time-per-move", "1"], "--time-per-move: expected a policy that plans"),
+        (["--budget", "50", "--time-per-move", "1"], "expected --budget or --time-per-move, got both"),
+        (["--budget", "0"], "budget: expected imagined moves a move, above 0"),
+        (["--budget", "50", "--scan-every", "3"], "scan-every: expected 1 for policy beam-rollout"),
+    ],
+)
+def test_options_that_do_not_fit(options, message, capsys):
+    assert run([*CAVE, *options]) == 2
+    assert message in capsys.readouterr().err
