@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from playwright.sync_api import Page
+from tests.browser.waiting import until
 
 from shoal.views.player import render
 
@@ -124,15 +125,6 @@ def pond(moves: int = 40) -> dict[str, object]:
 
 def move(page: Page) -> int:
     return int(page.evaluate("shoalPlayer.move"))
-
-
-def until(page: Page, expression: str) -> None:
-    """Wait for an expression (the page's policy forbids it the eval that wait_for_function needs)."""
-    for _ in range(250):
-        if page.evaluate(expression):
-            return
-        page.wait_for_timeout(20)
-    raise AssertionError(f"never became true: {expression}")
 
 
 # ---- what is shown -------------------------------------------------------------------------------------

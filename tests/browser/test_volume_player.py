@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.browser.waiting import until
 
 from shoal import GridWorkspace, run
 from shoal.swarm.generators import generate
@@ -40,13 +41,13 @@ def test_it_turns_and_slices(open_player):
     page.mouse.down()
     page.mouse.move(420, 380, steps=3)
     page.mouse.up()
-    page.wait_for_function(f"{picture} !== {before!r}")
+    until(page, f"{picture} !== {before!r}")
     page.locator("#fit").click()
-    page.wait_for_function(f"{picture} === {before!r}")
+    until(page, f"{picture} === {before!r}")
     one = page.evaluate(cut)
     page.locator("#axis").select_option("1")
     assert page.evaluate(cut) != one
     page.evaluate("document.getElementById('cut').value = 0; document.getElementById('cut').dispatchEvent(new Event('input'))")
     assert page.locator("#cutAt").inner_text() == "-1"
     page.keyboard.press("d")
-    page.wait_for_function(f"{picture} !== {before!r}")
+    until(page, f"{picture} !== {before!r}")
