@@ -735,7 +735,21 @@ def test_interrupted_while_it_films(tmp_path, monkeypatch, capfd, suffix):
 
 def test_ctrl_c(tmp_path):
     """A real signal, while the episodes of many trials are written."""
-    command = [*SHOAL, "map", "maze:9x9", "-n", "5", "--trials", "1000", "--workers", "1", "--out", str(tmp_path / "out")]
+    command = [
+        *SHOAL,
+        "map",
+        "maze:9x9",
+        "-n",
+        "5",
+        "--policy",
+        "closest-frontier",
+        "--trials",
+        "1000",
+        "--workers",
+        "1",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
         try:
             until = time.monotonic() + 60
