@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,7 +13,7 @@ KINDS = ("swarm", "line", "schedule", "steering", "search", "function")
 Values = list[Any]
 
 
-class Problem(BaseModel):
+class Problem(BaseModel, ABC):
     """One problem, whole; a subclass is a kind.
 
     Notes
@@ -62,9 +63,9 @@ class Problem(BaseModel):
     def check(self, opened: Any) -> None:
         """Refuse what no trial could play."""
 
+    @abstractmethod
     def play(self, opened: Any, seed: int) -> Values:
         """Play one trial; return what `columns` names: texts, whole numbers, finite floats, truth values or None."""
-        raise NotImplementedError
 
 
 def said(error: ValidationError, *, where: str) -> str:
