@@ -10,29 +10,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+from shoal.cli import command_names
+
 TARGET = Path(__file__).parent / "cli.md"
-COMMANDS = (
-    "",
-    "map",
-    "cover",
-    "maps",
-    "replay",
-    "drive",
-    "line",
-    "schedule",
-    "steer",
-    "reach",
-    "search",
-    "tour",
-    "missions check",
-    "sweep run",
-    "sweep status",
-    "sweep summary",
-    "sweep export",
-    "sweep check",
-    "reproduce",
-    "demo",
-)
 WIDTH = "84"  # what fits the page
 COLOURED = ("FORCE_COLOR", "PY_COLORS", "GITHUB_ACTIONS", "TTY_COMPATIBLE")  # each would put escape codes into the text
 INTRO = """# Commands
@@ -53,7 +33,8 @@ def help_of(command: str) -> str:
 
 def page() -> str:
     """Return the text of docs/cli.md."""
-    sections = (f"\n## shoal{' ' * bool(command)}{command}\n\n```text\n{help_of(command)}\n```\n" for command in COMMANDS)
+    names = ("", *command_names())
+    sections = (f"\n## shoal{' ' * bool(command)}{command}\n\n```text\n{help_of(command)}\n```\n" for command in names)
     return INTRO + "".join(sections)
 
 

@@ -146,10 +146,6 @@ def test_page_of_commands_is_fresh(monkeypatch):
     spec = importlib.util.spec_from_file_location("generate_cli", ROOT / "docs" / "generate_cli.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    grouped = {
-        f"{group.name} {command.name}" for group in app.registered_groups for command in group.typer_instance.registered_commands
-    }
-    assert {command.name for command in app.registered_commands} | grouped == set(module.COMMANDS) - {""}
     assert module.page() == (ROOT / "docs" / "cli.md").read_text(), "run: python docs/generate_cli.py"
 
 

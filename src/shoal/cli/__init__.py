@@ -40,6 +40,19 @@ app.command("reproduce", epilog=reproduce.EXAMPLE)(reproduce.reproduce)
 app.command("demo", epilog=demo.EXAMPLE)(demo.demo)
 
 
+def command_names() -> list[str]:
+    """Return the names of all commands, those of groups after the others with the group's name before them.
+
+    Examples
+    --------
+    >>> command_names()[:2], command_names()[-1].startswith("sweep ")
+    (['map', 'cover'], True)
+    """
+    groups = [(str(group.name), group.typer_instance) for group in app.registered_groups]
+    grouped = [f"{name} {command.name}" for name, group in groups if group is not None for command in group.registered_commands]
+    return [str(command.name) for command in app.registered_commands] + grouped
+
+
 def _print_version(wanted: bool) -> None:
     if wanted:
         print(__version__)
