@@ -1,6 +1,6 @@
 """python -m benchmarks.planners: planners against closest-frontier, on the same starts, with the gap to the lower bounds.
 
-Options: --trials N, --few-trials N (at n = 100), --counts 100,500, --maps htree:5000,line:5000, --policies best,rollout (or a
+Options: --trials N, --few-trials N (at n = 100), --counts 100,500, --maps htree:5000,retina, --policies best,rollout (or a
 name of VARIANTS), --tasks mapping,coverage,subset-coverage.
 """
 
@@ -14,8 +14,10 @@ import time
 import numpy as np
 from tests.golden.test_published import PUBLISHED, published_means
 
-from shoal import open_map, run
+from shoal import GridWorkspace, open_map, run
+from shoal.cli.demo import retina
 from shoal.swarm.bounds import lower_bound
+from shoal.swarm.imaging import segment_vessels
 from shoal.swarm.plans import OfflineRollout
 from shoal.swarm.policies import BeamRollout, Policy, make_policy
 
@@ -51,6 +53,11 @@ def policy_of(name: str) -> Policy:
 def interval(ratios: list[float]) -> float:
     """Return half the width of the 95 % confidence interval of a mean (normal approximation)."""
     return 1.96 * statistics.stdev(ratios) / math.sqrt(len(ratios)) if len(ratios) > 1 else math.nan
+
+
+def eye() -> GridWorkspace:
+    """Return the map of ``make demo``."""
+    return GridWorkspace(segment_vessels(retina()), name="retina")
 
 
 def point(workspace, name: str, n: int, policy: Policy, task: str, trials: int) -> dict[str, float]:
@@ -100,7 +107,7 @@ def main() -> None:
         print(f"\n{task}\n\n| {' | '.join(columns)} |")
         print("|---|---|---|---|---|---|---|---|")
         for name in given.maps.split(","):
-            workspace = open_map(name)
+            workspace = eye() if name == "retina" else open_map(name)
             for policy in given.policies.split(","):
                 fractions, pairs = [], []
                 for n in map(int, given.counts.split(",")):

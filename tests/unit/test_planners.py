@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.properties.strategies import swarms
+from tests.reference.small import small_cases
 
 from shoal import open_map, run
 from shoal.errors import InvalidInputError
@@ -124,19 +125,6 @@ def test_a_time_for_each_move():
 def test_what_planners_refuse(options, message):
     with pytest.raises(InvalidInputError, match=message):
         run(open_map("line:9"), particles=2, **options)
-
-
-def small_cases(count, seed):
-    """Small random workspaces with particles."""
-    rng = np.random.default_rng(seed)
-    while count:
-        free = rng.random((rng.integers(1, 5), rng.integers(2, 6))) < 0.8
-        if not free.any():
-            continue
-        workspace = GridWorkspace(free).largest_component()
-        n = int(rng.integers(1, min(4, workspace.n_free) + 1))
-        yield workspace, workspace.cells[rng.choice(workspace.n_free, size=n, replace=False)]
-        count -= 1
 
 
 def test_small_coverages_are_close_to_the_optimum():
