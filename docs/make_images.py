@@ -6,7 +6,6 @@ Run: python docs/make_images.py [mapping] [theory] [tours] [searches] [steering]
 
 from __future__ import annotations
 
-import csv
 import sys
 from math import pi
 from pathlib import Path
@@ -16,6 +15,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from shoal import open_map, run
+from shoal.papers.recipe import published_curve
 from shoal.search import make_tour, search
 from shoal.search.faults import Crash, Pause
 from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon, steer
@@ -31,7 +31,6 @@ from shoal.views.theory import coverage_curve, gap_distributions, move_distribut
 from shoal.views.tours import tour_figure
 
 FOLDER = Path(__file__).parent / "images"
-PUBLISHED = Path(__file__).parents[1] / "tests" / "golden" / "published" / "line-full-coverage-m5000.csv"
 MAP, PARTICLES, SEED = "vessels:5000", 300, 1
 TRIALS = 1_000_000
 
@@ -72,8 +71,8 @@ def theory() -> None:
     """Draw the figures of one dimension."""
     save("line-gaps.png", gap_distributions(Line(1000, 10), sample(Line(1000, 10), TRIALS)))
     save("line-moves.png", move_distributions(Line(1000, 100), sample(Line(1000, 100), TRIALS)))
-    with PUBLISHED.open() as file:
-        published = {int(row["n"]): float(row["mean_moves"]) for row in csv.DictReader(file)}
+    curve = published_curve("line-full-coverage-m5000.csv")
+    published = dict(zip(curve.x.astype(int).tolist(), curve.mean.tolist(), strict=True))
     save("line-coverage.png", coverage_curve(5000, published))
     save("schedules.png", schedule_ratios([EveryStep(), Powers(2), Powers(4), Hyperexponential()], max_distance=10**100))
     save("theorem.png", theorem_chart([1, 2, 3, 4, 6, 8, 12, 16, 20, 30, 40, 50, 60, 70, 80, 90, 100]))

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
-
 import pytest
 
+from shoal.papers.recipe import published_curve
 from shoal.swarm.line import Line, sample
-
-PUBLISHED = Path(__file__).parent / "published" / "line-full-coverage-m5000.csv"
 
 
 def test_spec_figures():
@@ -29,14 +25,10 @@ def test_coverage_of_fig_6():
     assert abs(found.coverage.mean() - float(line.coverage.exact)) < 5 * found.standard_error("coverage")
 
 
-def published_means():
-    with PUBLISHED.open() as file:
-        return {int(row["n"]): (float(row["mean_moves"]), float(row["std_moves"])) for row in csv.DictReader(file)}
-
-
 def test_published_coverage_takes_the_gap_as_difference_of_positions():
     """Every tenth point of the curve, 2000 trials each, lies within five standard errors of that."""
-    for n, (mean, deviation) in list(published_means().items())[9::10]:
+    curve = published_curve("line-full-coverage-m5000.csv")
+    for n, mean, deviation in list(zip(curve.x.astype(int).tolist(), curve.mean, curve.std, strict=True))[9::10]:
         line = Line(5000, n)
         error = deviation / 2000**0.5
         assert abs(mean - float(line.published_coverage)) <= 5 * error + 0.005

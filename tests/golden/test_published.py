@@ -1,29 +1,24 @@
 """Closest-frontier means against the published curves of paper M, Fig. 7: within 15 % (spec of the swarm, section 4).
 
-published/*.csv are the data as plotted there: n, mean, standard deviation.
+The data are those of the package, as plotted there: n, mean, standard deviation.
 """
 
 from __future__ import annotations
-
-import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from shoal import open_map, run_trials
+from shoal.papers.mapping import MAPS
+from shoal.papers.recipe import published_curve
 
-PUBLISHED = {
-    "line:5000": "closest-frontier-linear-1x5000.csv",
-    "rectangle:50x100": "closest-frontier-rectangle-50x100.csv",
-    "htree:5000": "closest-frontier-htree-5000.csv",
-}
+PUBLISHED = {name: file for name, (_, file) in MAPS.items()}
 
 
 def published_means(file: str) -> dict[int, float]:
     """Return n -> mean moves."""
-    with (Path(__file__).parent / "published" / file).open() as lines:
-        return {int(row["n"]): float(row["mean_moves"]) for row in csv.DictReader(lines)}
+    curve = published_curve(file)
+    return dict(zip(curve.x.astype(int).tolist(), curve.mean.tolist(), strict=True))
 
 
 @pytest.mark.parametrize("name", PUBLISHED)

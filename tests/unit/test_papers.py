@@ -18,6 +18,8 @@ from shoal.lab import Store
 from shoal.lab.statistics import Row, estimate
 from shoal.papers import Settings, recipes, reproduce
 from shoal.papers.errata import check_all
+from shoal.papers.errata.electing import Ground, plays
+from shoal.papers.errata.exploring import family, guaranteed
 from shoal.papers.mapping import MAPS, WITHIN, _side_by_side
 from shoal.papers.page import write_page
 from shoal.papers.recipe import counts_of, published_curve
@@ -25,7 +27,6 @@ from shoal.views.curves import Curve, Labels, Published, mean_curves
 from shoal.views.frontiers import frontier_curves
 
 FIGURES = [f"m-fig{n}" for n in range(5, 12)] + [f"w-fig{n}" for n in (4, 8, 9, 14, 15, 16)] + ["h-fig5"]
-GOLDEN = Path(__file__).parents[1] / "golden" / "published"
 
 
 def test_every_figure_with_numbers_has_a_recipe():
@@ -41,8 +42,12 @@ def test_every_figure_with_numbers_has_a_recipe():
 
 
 def test_published_curves_ship_with_the_package():
-    for file in GOLDEN.glob("*.csv"):
-        assert resources.files("shoal.papers").joinpath("published", file.name).read_bytes() == file.read_bytes()
+    files = [file for file in resources.files("shoal.papers").joinpath("published").iterdir() if file.name != "complex.csv"]
+    assert len(files) == 4
+    for file in files:
+        curve = published_curve(file.name)
+        assert curve.x.tolist() == [*range(100, 5001, 100)]
+        assert (curve.mean[-1], curve.std[-1]) == (2 if file.name.startswith("line") else 4, 0)  # a particle in every cell
     for _, file in MAPS.values():
         curve = published_curve(file)
         assert curve.x.astype(int).tolist() == counts_of(5000)
@@ -123,9 +128,38 @@ def findings():
 
 
 def test_every_erratum_is_shown_by_its_check(findings):
-    assert len(findings) >= 15
     assert [finding.source for finding in findings if not finding.shown] == []
     assert all(re.search(r"\d", finding.found) for finding in findings)
+
+
+def test_every_erratum_of_the_specs_has_its_check(findings):
+    """The places that the three specs name, in their order."""
+    sources = " | ".join(finding.source for finding in findings)
+    places = [
+        "paper D, eq. 2", "section III.A.2", "paper M, Fig. 5", "paper M, Fig. 6", "data of Fig. 10", "section III.B.1",
+        "paper M, algorithm 2", "paper M, algorithm 3", "paper M, theorem 2",
+        "section IV.A", "paper W, algorithm 1", "paper W, algorithm 2", *(f"IV.E, eq. {n}" for n in (2, 3, 4, 6, 7, 8)),
+        "section IV.C", "section IV.D", "section IV.F", "paper W, Fig. 15", "section V.A",
+        "paper H, section Efficiency", "Space-Filling Curves", "Further Research",
+    ]  # fmt: skip
+    assert [place for place in places if place not in sources] == []
+    assert len({(finding.source, finding.printed) for finding in findings}) == len(findings)
+
+
+def test_checks_compute_what_they_say():
+    """That the literal elect-particle cycles hangs on a search for states that come again; here one is seen by eye."""
+    corner = Ground(frozenset({(0, 0), (0, 1), (1, 1)}))
+    to = corner.moved(frozenset({(0, 0), (0, 1)}), (0, 1))
+    assert to == {(0, 0): (0, 0), (0, 1): (0, 1)}  # the one at the corner holds the other up, for ever
+    assert corner.moved(frozenset({(0, 0)}), (0, 1)) == {(0, 0): (0, 1)}
+    ended = [[plays(corner, seed, particles=2, handover=way) for seed in range(30)] for way in (False, True)]
+    assert False in ended[0]
+    assert all(ended[1])
+    regions = family(4)
+    assert len(regions) == 1 + 2 * 2 + 3 * 6 + 4 * 19  # fixed polyominoes by size, each cell a start
+    assert {best for region, best in regions if len(region) == 4} == {4, 6}
+    assert guaranteed(regions, 1, 1)
+    assert not guaranteed([(region, best - 1) for region, best in regions], 1, 1)
 
 
 def test_page_needs_nothing_beside_it(findings, tmp_path):

@@ -1,0 +1,206 @@
+"""Errata of two particles on a disk: paper W, sections IV.E, IV.F and VI."""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.papers.errata.checking import Check, into
+
+CHECKS: list[Check] = []
+erratum = into(CHECKS)
+
+Vector = NDArray[np.float64]
+
+
+def _unit(angle: float | Vector) -> Vector:
+    """Return e(ψ) = (cos ψ, sin ψ); float64, shape (..., 2)."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def _pairs(rng: np.random.Generator, count: int, radius: float) -> Vector:
+    """Return pairs of points of a disk around the origin; float64, shape (count, 2, 2)."""
+    return radius * np.sqrt(rng.uniform(0, 1, (count, 2, 1))) * _unit(rng.uniform(0, 2 * pi, (count, 2)))
+
+
+@erratum(
+    "paper W, section IV.E, eq. 2",
+    "the contacts lie around θ = arctan((p1.x - p2.x) / (p1.y - p2.y))",
+    "around θ = atan2(p1.y - p2.y, p1.x - p2.x), the direction of p1 seen from p2; for contacts of p2 add π",
+    "20,000 pairs of points and contacts of p1: whether p2 is then inside the disk, by its distance to the middle",
+)
+def _contacts() -> tuple[str, bool]:
+    rng, r = np.random.default_rng(2), 0.5
+    pairs, angles = _pairs(rng, 20_000, r), rng.uniform(0, 2 * pi, 20_000)
+    apart = pairs[:, 1] - pairs[:, 0]
+    inside = np.hypot(*(r * _unit(angles) + apart).T) <= r
+    half = pi / 2 - np.arcsin(np.hypot(*apart.T) / (2 * r))
+    agree = []
+    for theta in (np.arctan2(-apart[:, 1], -apart[:, 0]), np.arctan2(-apart[:, 0], -apart[:, 1])):
+        told = np.abs((angles - theta + pi) % (2 * pi) - pi) <= half
+        agree.append(float(np.mean(told == inside)))
+    return f"agree: corrected {100 * agree[0]:.2f} %, as printed {100 * agree[1]:.2f} %", agree[0] == 1 and agree[1] < 0.9
+
+
+@erratum(
+    "paper W, section IV.E, eq. 3",
+    "the chord runs over ψ ± γ/2",
+    "ψ ± γ: γ is the half angle",
+    "the end of a chord on the circle lies at ψ ± γ",
+)
+def _half_angle() -> tuple[str, bool]:
+    r, depth = 0.5, 0.2  # the chord at that distance below the contact
+    gamma = float(np.arccos((r - depth) / r))
+    off = [abs(r * np.cos(angle) - (r - depth)) for angle in (gamma, gamma / 2)]
+    return f"off the chord by {off[0]:.1e} at γ, by {off[1]:.3f} at γ/2", off[0] < 1e-12 < off[1]
+
+
+@erratum(
+    "paper W, section IV.E, eq. 4",
+    "d⊥ = 2 ‖s1·p_ψ - s2·p_ψ‖",
+    "d⊥ = |(s1 - s2)·e(ψ)|; the printed factor 2 is 1/r, right for r = ½ only",
+    "how deep particle 2 lies below the tangent where particle 1 touches, for 1000 pairs on disks of r = 0.5 and r = 1",
+)
+def _depth() -> tuple[str, bool]:
+    rng, worst = np.random.default_rng(3), {}
+    for r in (0.5, 1.0):
+        pairs = _pairs(rng, 1000, r)
+        apart = pairs[:, 1] - pairs[:, 0]
+        half = np.arccos(np.clip(np.hypot(*apart.T) / (2 * r), -1, 1))
+        e = _unit(np.arctan2(-apart[:, 1], -apart[:, 0]) + half * rng.uniform(-1, 1, 1000))  # where particle 1 can touch
+        depth = r - np.sum((r * e + apart) * e, axis=1)
+        corrected = np.abs(np.sum(apart * e, axis=1))
+        printed = 2 * np.abs(np.sum(pairs[:, 0] * (r * e), axis=1) - np.sum(pairs[:, 1] * (r * e), axis=1))
+        worst[r] = float(np.abs(corrected - depth).max()), float(np.abs(printed - depth).max())
+    found = "; ".join(f"r = {r:g}: corrected off by {a:.0e} at most, as printed by {b:.2g}" for r, (a, b) in worst.items())
+    return found, max(worst[0.5][0], worst[0.5][1], worst[1.0][0]) < 1e-12 and worst[1.0][1] > 0.5
+
+
+def _lines(distance: float, r: float, *, printed: bool) -> list[Vector]:
+    """Return the lines l1 to l4 of equation 6 for Δ = (distance, 0), particle 1 touching; float64, shape (n, 2) each."""
+    half = float(np.arccos(distance / (2 * r)))
+    low, high = pi - half, pi + half  # equation 2, corrected: θ = π
+    along = np.linspace(low, high, 2001)
+    gamma = np.arccos(1 - distance * np.abs(np.cos(along)) / r)  # 3 and 4, corrected
+    first, last = np.linspace(0, gamma[0], 501), np.linspace(-gamma[-1], 0, 501)
+    at = [np.full(len(first), low), np.full(len(last), high), along, along]
+    lines = [r * (_unit(psi + turn) - _unit(psi)) for psi, turn in zip(at, (first, last, gamma, -gamma), strict=True)]
+    return [-line for line in lines] if printed else lines
+
+
+def _way_out(lines: list[Vector], ahead: Vector) -> float:
+    """Return how far the lines go in a direction: their last crossing of the ray."""
+    furthest = 0.0
+    for line in lines:
+        side, far = line @ np.array([-ahead[1], ahead[0]]), line @ ahead
+        for k in np.flatnonzero(side[:-1] * side[1:] <= 0):
+            share = side[k] / (side[k] - side[k + 1]) if side[k] != side[k + 1] else 0.0
+            furthest = max(furthest, float(far[k] + share * (far[k + 1] - far[k])))
+    return furthest
+
+
+@erratum(
+    "paper W, section IV.E, eq. 6",
+    "l = r (cos ψ - cos(ψ + γ) + sin ψ - sin(ψ + γ)), one number; l2 for γ(ψ_max) < γ < 0",
+    "vectors: l = r (e(ψ + a) - e(ψ)); l2 for -γ(ψ_max) < a < 0",
+    "how far the lines go in 45 directions from Δ = (0.3, 0), against bisection with the exact condition for two moves",
+)
+def _outline() -> tuple[str, bool]:
+    from shoal.steering import disk, reached_in_two_moves
+
+    r, distance = 0.5, 0.3
+    lines, wrong = _lines(distance, r, printed=False), _lines(distance, r, printed=True)
+    off = [0.0, 0.0]
+    for ahead in _unit((np.arange(45) + 0.5) * 2 * pi / 45):
+        low, high = 0.0, 2 * r
+        for _ in range(24):  # what is reached holds Δ = 0, and with each difference all shorter ones
+            middle = (low + high) / 2
+            low, high = (low, middle) if reached_in_two_moves(disk(r), (distance, 0), middle * ahead) is None else (middle, high)
+        off = [max(worst, abs(_way_out(made, ahead) - low)) for worst, made in zip(off, (lines, wrong), strict=True)]
+    found = f"corrected lines off by {off[0]:.1e} at most; the printed ones, their two terms read as a vector, by {off[1]:.2f}"
+    return found, off[0] < 1e-4 and off[1] > 0.1
+
+
+@erratum(
+    "paper W, section IV.E, eq. 7",
+    "‖Δg - C‖² ≥ r² and (Δg - C)·e ≤ r cos γ",
+    "both inequalities the other way round",
+    "2000 two-move outcomes from random contacts, played by the contact world",
+)
+def _inequalities() -> tuple[str, bool]:
+    from shoal.steering import ContactWorld, disk
+
+    world, rng, r = ContactWorld(disk()), np.random.default_rng(1), 0.5
+    corrected, reversed_, count = 0, 0, 0
+    while count < 2000:
+        angle, other = rng.uniform(0, 2 * pi), rng.uniform(-r, r, 2)
+        e = np.array([np.cos(angle), np.sin(angle)])
+        if np.linalg.norm(other) > 0.98 * r:
+            continue
+        depth = float((r * e - other) @ e)  # of particle 2 below the wall that holds particle 1
+        push = rng.uniform(-1, 1, 2)
+        if push @ e < 0:
+            continue  # such a move would take particle 1 off the wall
+        state = world.step(np.stack([r * e, other]), push)
+        delta, centre = state[1] - state[0], -r * e
+        inside = float((delta - centre) @ (delta - centre)) <= r * r + 1e-9
+        above = float((delta - centre) @ e) >= (r - depth) - 1e-9  # r cos γ, γ the half angle of the chord at that depth
+        corrected += inside and above
+        reversed_ += not inside and not above
+        count += 1
+    return f"corrected: {corrected} of {count} hold; as printed: {reversed_}", corrected == count and reversed_ == 0
+
+
+@erratum(
+    "paper W, section IV.E, eq. 8",
+    "ψ = arctan(w.x / w.y), w = Δp - Δg",
+    "ψ = atan2(w.x, -w.y), or that + π: the wall is parallel to w, not its mirror image",
+    "500 goals that particle 2 reaches by a move along the wall: particle 1 sent to ψ, then that move, by the contact world",
+)
+def _contact_of_a_chord() -> tuple[str, bool]:
+    from shoal.steering import ContactWorld, disk
+
+    world, rng, r = ContactWorld(disk()), np.random.default_rng(5), 0.5
+    reached, tried = [0, 0], 0
+    while tried < 500:
+        start, psi = _pairs(rng, 1, r)[0], rng.uniform(0, 2 * pi)
+        apart = start[1] - start[0]
+        there = r * _unit(psi) + apart
+        push = rng.uniform(-1, 1) * _unit(psi + pi / 2)
+        if max(np.hypot(*there), np.hypot(*(there + push))) > 0.99 * r:
+            continue  # not inside, or too near to the wall for the tolerance of contacts
+        tried += 1
+        w = -push
+        for k, (y, x) in enumerate(((w[0], -w[1]), (w[0], w[1]))):
+            angle = np.arctan2(y, x)
+            ways = (world.play(start, [r * _unit(a) - start[0], push])[-1] for a in (angle, angle + pi))
+            reached[k] += any(np.hypot(*(end[1] - end[0] - apart - push)) < 1e-9 for end in ways)
+    return f"corrected: {reached[0]} of {tried} goals reached; as printed: {reached[1]}", reached[0] == tried > 2 * reached[1]
+
+
+@erratum(
+    "paper W, section IV.F",
+    "two moves on a disk reach at most 0.373, from about 0.81 diameters",
+    "0.377, from about 0.8175",
+    "maximum of the exact share over the distance",
+)
+def _most() -> tuple[str, bool]:
+    from shoal.steering.filling import largest_two_move_fraction
+
+    at, most = largest_two_move_fraction()
+    return f"{most:.4f} at {at:.4f}", most > 0.3765 and abs(at - 0.8175) < 0.01
+
+
+@erratum(
+    "paper W, Fig. 15",
+    "the error falls as 8.66 / length³",
+    "only if particle 2 always touches; with the nearer one 0.01 takes half the length",
+    "both, cycle after cycle",
+)
+def _law() -> tuple[str, bool]:
+    from shoal.steering.sweeps import swap_antipodes
+
+    second, nearer = (swap_antipodes(toucher=who).length_to(0.01) for who in ("second", "nearer"))
+    return f"0.01 at length {second:.1f} and {nearer:.1f}; by the law {(8.66 / 0.01) ** (1 / 3):.1f}", nearer < 0.6 * second

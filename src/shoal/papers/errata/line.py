@@ -1,0 +1,141 @@
+"""Errata of one dimension: papers M and D, section III.A, and what their figures 5 and 6 show."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import combinations
+from math import comb
+
+import numpy as np
+
+from shoal.papers.errata.checking import Check, into
+from shoal.papers.recipe import published_curve
+
+CHECKS: list[Check] = []
+erratum = into(CHECKS)
+
+
+def _placements(cells: int, particles: int) -> list[tuple[int, ...]]:
+    return [*combinations(range(1, cells + 1), particles)]
+
+
+def _played(cells: int, start: tuple[int, ...]) -> tuple[int, int]:
+    """Return moves until both ends are found, and until every cell has been visited, too; by moving particles one by one."""
+    particles, visited = list(start), {*start}
+    moves, boundary = 0, 0
+    for step in (-1, 1):
+        while True:
+            moves += 1
+            wall = 1 if step < 0 else cells
+            stuck: set[int] = set()
+            moved = []
+            for place in sorted(particles, reverse=step > 0):
+                blocked = place == wall or place + step in stuck
+                if blocked:
+                    stuck.add(place)
+                moved.append(place if blocked else place + step)
+            touched = wall in stuck
+            particles = moved
+            visited |= {*moved}
+            if touched and (step < 0 or len(visited) == cells):
+                boundary = boundary or (moves if step > 0 else 0)
+                break
+            if touched and step > 0:
+                boundary = boundary or moves
+    return boundary, moves
+
+
+@erratum(
+    "paper D, eq. 2",
+    "mean moves to both ends 3(1+m)/(1+n)",
+    "the same less (m-n+1)/C(m,n), as in paper M, eq. 2",
+    "all placements of n = 3 in m = 9 cells, played particle by particle",
+)
+def _boundary() -> tuple[str, bool]:
+    from shoal.swarm.line import Line
+
+    m, n = 9, 3
+    counted = Fraction(sum(_played(m, p)[0] for p in _placements(m, n)), comb(m, n))
+    exact, printed = Line(m, n).boundary.exact, Fraction(3 * (1 + m), 1 + n)
+    return f"{float(counted):.5f} played, {float(exact):.5f} exact, {float(printed):.5f} by paper D", counted == exact != printed
+
+
+@erratum(
+    "papers M, D, section III.A.2",
+    "full coverage takes 2p + m - p' + 1 + max(g - (p + m - p'), 0) moves",
+    "p + max(R, need): where the largest gap decides the formula counts too much",
+    "all placements of n = 3 in m = 12 cells, played particle by particle",
+)
+def _coverage() -> tuple[str, bool]:
+    from shoal.swarm.line import Line
+
+    m, n = 12, 3
+    counted = Fraction(sum(_played(m, p)[1] for p in _placements(m, n)), comb(m, n))
+    mean = Line(m, n).coverage
+    return (
+        f"{float(counted):.4f} played, {float(mean.exact):.4f} exact, {float(mean.printed):.4f} printed",
+        counted == mean.exact < mean.printed,
+    )
+
+
+@erratum(
+    "paper M, Fig. 6 and the data of Fig. 7",
+    "full coverage of m = 1000, n = 100 takes 60.7 moves",
+    "58.74; the data take gaps as differences of positions, one too many again",
+    "exact counts, and the published curve at m = 5000",
+)
+def _published_coverage() -> tuple[str, bool]:
+    from shoal.swarm.line import Line
+
+    line, curve = Line(1000, 100), published_curve("line-full-coverage-m5000.csv")
+    assert curve.std is not None  # the file has them
+    there = {int(n): (float(mean), float(std)) for n, mean, std in zip(curve.x, curve.mean, curve.std, strict=True)}
+    mean, error = there[1000][0], there[1000][1] / 2000**0.5  # 2000 trials a point
+    other = Line(5000, 1000)
+    exact, theirs = float(other.coverage.exact), float(other.published_coverage)
+    found = f"m = 1000: {float(line.coverage.exact):.2f} exact, {float(line.published_coverage):.2f} with gaps as differences; "
+    found += f"m = 5000, n = 1000: {exact:.2f} exact, {theirs:.2f} with gaps as differences, {mean} ± {error:.2f} published"
+    return found, abs(float(line.published_coverage) - 60.7) < 0.1 and abs(theirs - mean) < 3 * error < mean - exact
+
+
+@erratum(
+    "papers M, D, section III.A.2",
+    "there are C(m-n, n+1) configurations of the gaps",
+    "C(m, n)",
+    "gaps of all placements of 3 in 8 cells, listed",
+)
+def _configurations() -> tuple[str, bool]:
+    m, n = 8, 3
+    gaps = {tuple(np.diff([0, *p, m + 1]).tolist()) for p in _placements(m, n)}
+    return f"{len(gaps)} listed, C(8, 3) = {comb(m, n)}, C(5, 4) = {comb(m - n, n + 1)}", len(gaps) == comb(m, n) != comb(
+        m - n, n + 1
+    )
+
+
+@erratum(
+    "paper M, Fig. 5",
+    "the mean largest gap of 10 in 1000 cells is 273.9 (Monte Carlo)",
+    "272.80, by a closed form",
+    "exact distribution of the largest of all 11 gaps, against 100,000 random placements",
+)
+def _largest_gap() -> tuple[str, bool]:
+    from shoal.swarm.line import Line, sample
+
+    line = Line(1000, 10)
+    exact, drawn = float(line.largest_gap_distribution.mean), sample(line, 100_000, workers=1)
+    error = drawn.standard_error("largest_gap")
+    mean = float(drawn.largest_gap.mean())
+    return f"{exact:.2f} exact, {mean:.2f} ± {error:.2f} drawn", abs(mean - exact) < 4.5 * error and abs(exact - 272.80) < 0.005
+
+
+@erratum(
+    "paper M, Fig. 6",
+    "its caption says n = 10",
+    "its data are of n = 100",
+    "eq. 2 for both",
+)
+def _caption() -> tuple[str, bool]:
+    from shoal.swarm.line import Line
+
+    ten, hundred = (float(Line(1000, n).boundary.exact) for n in (10, 100))
+    return f"n = 10: {ten:.1f}, n = 100: {hundred:.1f}; printed 29.8", abs(hundred - 29.8) < 0.1 < abs(ten - 29.8)

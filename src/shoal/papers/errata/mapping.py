@@ -1,0 +1,113 @@
+"""Errata of mapping and coverage in two dimensions: paper M, section III.B, and the data of Fig. 10."""
+
+from __future__ import annotations
+
+from shoal.papers.errata.checking import Check, into
+from shoal.papers.errata.electing import Ground, plays
+from shoal.papers.errata.exploring import family, guaranteed
+
+CHECKS: list[Check] = []
+erratum = into(CHECKS)
+
+
+@erratum(
+    "paper M, section III.B.1",
+    "one particle maps by depth-first search in 2 (m - 1) moves at most",
+    "in 2 (m - 1) moves and one more for each wall cell that it finds by running into it",
+    "three episodes on each of three maps",
+)
+def _probes() -> tuple[str, bool]:
+    from shoal.lab.trials import run_trials
+    from shoal.swarm.maps import open_map
+
+    words, fits = [], True
+    for name in ("maze:21x15", "htree:300", "vessels:300"):
+        workspace = open_map(name)
+        tree = 2 * (workspace.n_free - 1)
+        played = run_trials(workspace, trials=3, policy="depth-first", particles=1, workers=1)
+        walls = [len(episode.final()[1].obstacles) for episode in played]
+        fits &= all(tree < episode.moves <= tree + found for episode, found in zip(played, walls, strict=True))
+        words.append(f"{name}: {max(e.moves for e in played)} at most, 2 (m - 1) = {tree}, with walls {tree + max(walls)}")
+    return "; ".join(words), fits
+
+
+@erratum(
+    "paper M, section III.B.1",
+    "the best competitive ratio on simple grid graphs is 7/6",
+    "13/11 at least and 5/4 at most (later papers; lengths up to a constant)",
+    "all regions without holes of up to 7 cells, each start, each way to explore them and come back, searched through: which ratio "
+    "can be kept on all of them",
+)
+def _simple_grid_graphs() -> tuple[str, bool]:
+    regions = family(7)
+    kept = {text: guaranteed(regions, over, under) for text, over, under in (("7/6", 7, 6), ("5/4", 5, 4))}
+    words = ", ".join(f"{text}: {'kept' if found else 'by none'}" for text, found in kept.items())
+    return f"{len(regions)} regions with starts; {words}", kept == {"7/6": False, "5/4": True}
+
+
+@erratum(
+    "paper M, algorithm 2",
+    "the elected particle goes to its nearest frontier cell",
+    "where another particle blocks it, that one must take over: with a new path at each move, as the text has it, the algorithm "
+    "goes round for ever else",
+    "30 placements of 20 particles on a maze, played cell by cell until nothing is left or a state comes again; a new path at "
+    "each move, as the text has it, and paths played to their ends, as algorithm 2 has it",
+)
+def _handover() -> tuple[str, bool]:
+    ground = Ground.of("maze:9x7")
+    ended = [sum(plays(ground, seed, **way) for seed in range(30)) for way in ({}, {"whole": True}, {"handover": True})]
+    words = ("with a new path at each move", "with paths played to their ends", "with a new path at each move and the handover")
+    found = ", ".join(f"{count} {way}" for count, way in zip(ended, words, strict=True))
+    return f"of 30 end: {found}", ended[0] < 30 == ended[2]
+
+
+@erratum(
+    "paper M, algorithm 3",
+    "BFS(M, r, frontier): which of several nearest frontier cells comes first is not said",
+    "it matters: on a line, up and down before left and right saves a quarter of the moves",
+    "60 episodes of 50 particles on line:500 by each order of neighbours, on the same seeds",
+)
+def _ties() -> tuple[str, bool]:
+    from shoal.lab.statistics import compare
+    from shoal.lab.trials import run_trials
+    from shoal.swarm.maps import open_map
+
+    workspace = open_map("line:500")
+    moves = [
+        [episode.moves for episode in run_trials(workspace, trials=60, particles=50, workers=1, policy=policy)]
+        for policy in ("closest-frontier", "closest-frontier:neighbours=udlr")
+    ]
+    found = compare(*moves)
+    less = found.difference
+    words = f"less by {-less.mean:.1f} moves [{-less.high:.1f}, {-less.low:.1f}], ratio {found.ratio:.2f}"
+    return words, less.high < 0 and found.ratio < 0.8
+
+
+@erratum(
+    "paper M, theorem 2",
+    "closest-frontier needs m (m + 1) / 2 moves at most",
+    "m (3m + 1): the sum leaves out the walls, which are frontier cells, too",
+    "straight corridors of 1 to 6 cells, one particle",
+)
+def _theorem() -> tuple[str, bool]:
+    from shoal.swarm import run
+    from shoal.swarm.maps import open_map
+
+    rows = [(m, run(open_map(f"line:{m}"), policy="closest-frontier", particles=1).moves) for m in range(1, 7)]
+    words = ", ".join(f"{moves} for {m * (m + 1) // 2}" for m, moves in rows)
+    return f"moves for printed bound: {words}", all(m * (m + 1) // 2 < moves <= m * (3 * m + 1) for m, moves in rows)
+
+
+@erratum(
+    "paper M, data of Fig. 10",
+    "coverage with a particle in every cell takes 1 move",
+    "0: nothing is left to cover; mapping takes 4",
+    "an episode of each on a rectangle of 9 by 7",
+)
+def _full() -> tuple[str, bool]:
+    from shoal.swarm import run
+    from shoal.swarm.maps import open_map
+
+    workspace = open_map("rectangle:9x7")
+    cover, mapped = (run(workspace, task=task, particles=workspace.n_free).moves for task in ("coverage", "mapping"))
+    return f"coverage {cover}, mapping {mapped} moves", (cover, mapped) == (0, 4)
