@@ -14,6 +14,7 @@ from shoal.lab import Store, Sweep
 from shoal.lab.batches import Answer
 from shoal.lab.export import export, frame
 from shoal.lab.sweep import trial_seed
+from shoal.lab.versions import versions
 
 TRIALS = 1_000_000
 POINTS = 1000
@@ -41,7 +42,7 @@ def fill(store: Store, sweep: Sweep, skip: int) -> None:
             for k in range(gap.first, gap.stop)
             if (gap.id * sweep.trials + k) % skip
         ]
-        store.commit(sweep, Answer(rows, [], 0.5, [], "0", {}, "benchmark"))
+        store.commit(sweep, Answer(rows, [], 0.5, [], versions(), "benchmark"))
 
 
 def main() -> None:

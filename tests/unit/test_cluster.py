@@ -62,7 +62,7 @@ def test_a_cluster_with_a_killed_worker_gives_the_same_rows(cluster, tmp_path):
     run_sweep(sweep(), tmp_path / "one", workers=0)
     assert rows_of(tmp_path / "dask") == rows_of(tmp_path / "two") == rows_of(tmp_path / "one")
     with Store(tmp_path / "dask") as store:
-        workers = {worker for (worker,) in store._ask("SELECT DISTINCT worker FROM batches")}
+        workers = {worker for (worker,) in store.ask("SELECT DISTINCT worker FROM batches")}
     assert len(workers) >= 4
 
 

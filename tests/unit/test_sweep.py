@@ -17,11 +17,11 @@ import shoal
 from shoal.cli import run as command
 from shoal.errors import InvalidInputError, OutputError, UnknownNameError
 from shoal.lab import Store, Sweep, run_sweep, sweep_of
-from shoal.lab.batches import check_versions, versions
 from shoal.lab.claim import claim, is_claimed
 from shoal.lab.export import export, frame
 from shoal.lab.schema import FORMAT
 from shoal.lab.sweep import differences, trial_seed
+from shoal.lab.versions import MixedVersionsWarning, check_versions, versions, written
 
 HERE = "tests.unit.sweep_functions"
 NUMBER = {"kind": "function", "function": f"{HERE}:number"}
@@ -320,6 +320,39 @@ def test_workers_with_other_versions_are_refused():
         check_versions(versions() | {"numpy": "1.0"}, worker="w")
     with pytest.raises(InvalidInputError, match="code none instead of"):
         check_versions({name: value for name, value in versions().items() if name != "code"}, worker="w")
+
+
+def test_going_on_with_another_version_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.toml").write_text(SPEC)
+    go = ["sweep", "run", "sweep.toml", "--store", "s.sqlite", "--workers", "0"]
+    assert command(go) == 0
+    ours, old = versions(), versions() | {"shoal": "0.0.9", "code": "beef"}
+    with Store("s.sqlite") as store:
+        assert store.versions("corridors") == store.status("corridors").versions == {written(ours): 16}
+        whole = [*store.rows("corridors")]
+    assert "version" not in capsys.readouterr().err
+    with sqlite3.connect("s.sqlite") as connection:
+        connection.execute("UPDATE batches SET version = ?", (written(old),))
+        connection.execute("DELETE FROM trials WHERE point = 2")
+    connection.close()
+    assert command([*go, "--json"]) == 0
+    captured = capsys.readouterr()
+    told = f"12 rows by shoal 0.0.9, code beef; this is shoal {ours['shoal']}, code {ours['code']}"
+    assert f"shoal: warning: s.sqlite: sweep corridors: expected rows of this version, got {told}." in captured.err
+    result = json.loads(captured.out)
+    assert result["versions"] == [old | {"rows": 12}, ours | {"rows": 4}]
+    assert result["other_versions"]
+    assert command(["sweep", "status", "s.sqlite"]) == 0
+    assert "corridors: 12 rows by shoal 0.0.9, code beef, 4 rows by shoal" in capsys.readouterr().out
+    assert command(["sweep", "summary", "s.sqlite"]) == 0
+    assert "expected rows of one version, got 12 rows by shoal 0.0.9, code beef, 4 rows by" in capsys.readouterr().err
+    assert rows_of("s.sqlite", "corridors") == whole
+    with sqlite3.connect("s.sqlite") as connection:
+        connection.execute("DELETE FROM trials WHERE point = 1")
+    connection.close()
+    with pytest.warns(MixedVersionsWarning, match="8 rows by shoal 0.0.9, code beef, 4 rows by"):
+        run_sweep(Sweep.load("sweep.toml"), "s.sqlite", workers=0)
 
 
 # Stores that cannot be used

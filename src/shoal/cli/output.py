@@ -7,6 +7,7 @@ import os
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -100,6 +101,15 @@ def patience(text: str, *, after: float = 4.0) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
+
+
+@contextmanager
+def warnings_said(category: type[Warning]) -> Iterator[None]:
+    """Print warnings of a kind on stderr as our sentences while the block runs."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", category)
+        warnings.showwarning = lambda message, *_others, **_more: say(f"shoal: warning: {message}")
+        yield
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, print_json, print_table, say
+from shoal.cli.output import check_folder, print_json, print_table, say, warnings_said
 from shoal.cli.sweep import live
 from shoal.errors import InvalidInputError
 
@@ -45,6 +45,7 @@ def reproduce(
 
     Exit code 1 if a figure does not hold what the paper says of it.
     """
+    from shoal.lab.versions import MixedVersionsWarning
     from shoal.papers import recipes
     from shoal.papers import reproduce as reproduce_one
 
@@ -58,7 +59,7 @@ def reproduce(
     found: list[Result] = []
     page: Path | None = None
     if figure is not None:
-        with live(figure) as tell:
+        with live(figure) as tell, warnings_said(MixedVersionsWarning):
             found.append(reproduce_one(figure, out, on_progress=lambda _name: tell, **chosen))
     else:
         page = _all(out, chosen, found)
@@ -78,9 +79,10 @@ def reproduce(
 
 
 def _all(out: Path, chosen: dict[str, Any], found: list[Result]) -> Path:
+    from shoal.lab.versions import MixedVersionsWarning
     from shoal.papers import reproduce_all
 
-    with live("figures") as tell:
+    with live("figures") as tell, warnings_said(MixedVersionsWarning):
 
         def done(result: Result) -> None:
             found.append(result)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, patience, print_json, print_table, quiet, say
+from shoal.cli.output import check_folder, patience, print_json, print_table, quiet, say, warnings_said
 from shoal.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def run(
     Exit code 1 if trials failed.
     """
     from shoal.lab import Store, Sweep, run_sweep
+    from shoal.lab.versions import MixedVersionsWarning
 
     sweep = Sweep.load(spec)
     changes: dict[str, Any] = {name: value for name, value in (("trials", trials), ("seed", seed)) if value is not None}
@@ -87,7 +88,7 @@ def run(
         from shoal.lab.running import prepare
 
         prepare(sweep)
-    with live(sweep.name) as tell:
+    with live(sweep.name) as tell, warnings_said(MixedVersionsWarning):
         status = run_sweep(sweep, store, workers=workers, dask=dask, extend=extend, on_progress=tell)
     written = None
     with Store(store) as opened:
@@ -159,7 +160,17 @@ def _duration(seconds: float) -> str:
 
 
 def _described(status: Status) -> dict[str, Any]:
-    return asdict(status) | {"complete": status.complete, "left": status.left}
+    from shoal.lab.versions import mixture, parsed
+
+    wrote = [parsed(text) | {"rows": count} for text, count in status.versions.items()]
+    more = {"complete": status.complete, "left": status.left, "versions": wrote, "other_versions": bool(mixture(status.versions))}
+    return asdict(status) | more
+
+
+def _provenance(status: Status) -> str:
+    from shoal.lab.versions import mixture
+
+    return mixture(status.versions)
 
 
 def _rows(status: Status) -> list[tuple[str, str]]:
@@ -172,6 +183,8 @@ def _rows(status: Status) -> list[tuple[str, str]]:
     ]
     if not status.complete and status.rate:
         rows.append(("pace", _pace(status.rate, status.left)))
+    if _provenance(status):
+        rows.append(("versions", _provenance(status)))
     return rows
 
 
@@ -201,6 +214,9 @@ def status(
         print_json(result)
     elif not watch or not sys.stdout.isatty():
         _print_drawn(_table(found))
+        for one in found:
+            if _provenance(one):
+                print(f"{one.name}: {_provenance(one)}")
 
 
 def _write_json(path: Path, result: dict[str, Any]) -> None:
@@ -278,6 +294,7 @@ def summary(
         chosen = opened.only(name)
         sweep = opened.sweep(chosen)
         wanted = measure or next((column for column in ("moves", "share") if column in sweep.measures), sweep.measures[0])
+        _say_if_mixed(opened, chosen)
         rows = summarise(opened, chosen, wanted, level=level, method=method)
         pairs = compare_along(opened, chosen, wanted, compare, level=level, method=method) if compare else []
     result = {
@@ -308,6 +325,17 @@ def summary(
         print_table(lines, title=f"{wanted} along {compare}, on the same seeds")
 
 
+def _say_if_mixed(store: Store, name: str) -> None:
+    """Say on stderr that not all rows of a sweep were written by one version."""
+    from shoal.lab.versions import told_apart
+
+    rows = store.versions(name)
+    if len(rows) > 1:
+        names = told_apart(rows)
+        counted = ", ".join(f"{count} rows by {names[text]}" for text, count in rows.items())
+        say(f"shoal: warning: {store.path}: sweep {name}: expected rows of one version, got {counted}")
+
+
 def _words(values: dict[Any, Any]) -> str:
     return ", ".join(f"{name} {value}" for name, value in values.items()) or "all"
 
@@ -334,6 +362,7 @@ def export_(
     _check_table(out)
     with Store(store) as opened:
         chosen = opened.only(name)
+        _say_if_mixed(opened, chosen)
         count = export(opened, chosen, out)
     if json_:
         print_json({"sweep": chosen, "rows": count, "out": str(out)})

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 from shoal.lab.trials import run_trials
 
 if TYPE_CHECKING:
-    from shoal.lab.running import Progress, run_sweep
-    from shoal.lab.store import Status, Store
+    from shoal.lab.running import run_sweep
+    from shoal.lab.status import Progress, Status
+    from shoal.lab.store import Store
     from shoal.lab.sweep import Point, Sweep, sweep_of
 
 # Loaded when first used: `shoal map` needs trials only, and its start is felt.
-_HOMES = {"Point": "sweep", "Progress": "running", "Status": "store", "Store": "store", "Sweep": "sweep"}
+_HOMES = {"Point": "sweep", "Progress": "status", "Status": "status", "Store": "store", "Sweep": "sweep"}
 _HOMES |= {"run_sweep": "running", "sweep_of": "sweep"}
 
 __all__ = ["Point", "Progress", "Status", "Store", "Sweep", "run_sweep", "run_trials", "sweep_of"]

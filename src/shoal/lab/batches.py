@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-import platform
 import socket
 import time
 from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import version
 from math import isfinite
-from pathlib import Path
 from typing import Any
 
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.lab.problems import Problem
 from shoal.lab.sweep import trial_seed
-from shoal.version import __version__
+from shoal.lab.versions import versions
 
 _OPEN = 8  # maps, workspaces and regions that a worker keeps open
 
@@ -72,9 +67,8 @@ class Answer:
     seconds : float
     paces : list of (point, float)
         Seconds a trial, by piece.
-    version : str
     versions : dict
-        See `versions`.
+        See `shoal.lab.versions`.
     worker : str
     """
 
@@ -82,7 +76,6 @@ class Answer:
     failures: list[tuple[int, int, int, str]]
     seconds: float
     paces: list[tuple[int, float]]
-    version: str
     versions: dict[str, str]
     worker: str
 
@@ -121,7 +114,7 @@ def play_batch(batch: Batch) -> Answer:
                 )
         paces.append((piece.point, (time.perf_counter() - start) / (piece.stop - piece.first)))
     seconds = time.perf_counter() - began
-    return Answer(rows, failures, seconds, paces, __version__, versions(), f"{socket.gethostname()}:{os.getpid()}")
+    return Answer(rows, failures, seconds, paces, versions(), f"{socket.gethostname()}:{os.getpid()}")
 
 
 def _written(values: list[Any]) -> str:
@@ -139,29 +132,4 @@ def lost_batch(batch: Batch, why: str) -> Answer:
         for piece in batch.pieces
         for trial in range(piece.first, piece.stop)
     ]
-    return Answer([], failures, 0.0, [], __version__, {}, "")
-
-
-@cache
-def versions() -> dict[str, str]:
-    """Return what results may depend on: versions, and a digest of Shoal's own code."""
-    digest, root = hashlib.blake2b(digest_size=8), Path(__file__).parents[1]
-    for folder in ("swarm", "steering", "search", "lab"):
-        for file in sorted((root / folder).rglob("*.py")):
-            digest.update(file.relative_to(root).as_posix().encode() + file.read_bytes())
-    python = ".".join(platform.python_version_tuple()[:2])
-    ours = {"shoal": __version__, "code": digest.hexdigest(), "python": python}
-    return ours | {"numpy": version("numpy"), "numba": version("numba")}
-
-
-def check_versions(theirs: dict[str, str], *, worker: str) -> None:
-    """Refuse a worker that has other versions than this process.
-
-    Raises
-    ------
-    InvalidInputError
-    """
-    ours = versions()
-    wrong = [f"{name} {theirs.get(name, 'none')} instead of {ours[name]}" for name in ours if theirs.get(name) != ours[name]]
-    if wrong:
-        raise InvalidInputError(f"worker {worker}: expected the versions of this process, got {', '.join(wrong)}")
+    return Answer([], failures, 0.0, [], versions(), "")

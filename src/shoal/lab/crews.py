@@ -12,8 +12,8 @@ from multiprocessing.connection import wait
 from typing import Any, Protocol
 
 from shoal.errors import InvalidInputError, MissingExtraError
-from shoal.lab.batches import check_versions, versions
 from shoal.lab.executors import default_workers, give_up, leave_interruptions_to_us
+from shoal.lab.versions import check_versions, versions
 
 
 class Crew(Protocol):

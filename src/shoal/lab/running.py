@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -12,48 +13,19 @@ from pathlib import Path
 from typing import Any
 
 from shoal.errors import InvalidInputError, ShoalError
-from shoal.lab.batches import Answer, Batch, Piece, check_versions, lost_batch, opened_for, play_batch
+from shoal.lab.batches import Answer, Batch, Piece, lost_batch, opened_for, play_batch
 from shoal.lab.claim import claim
 from shoal.lab.crews import Crew, make_crew
 from shoal.lab.problems import SwarmProblem
-from shoal.lab.store import Gap, Status, Store
+from shoal.lab.status import Gap, Progress, Status
+from shoal.lab.store import Store
 from shoal.lab.sweep import Sweep, digest_of, distinct_sources
+from shoal.lab.versions import MixedVersionsWarning, check_versions, mixture
 
 BATCH_SECONDS = 0.5
 _LARGEST = 20_000  # trials in a batch
 _PIECES = 2_000  # points in a batch
 _DEATHS = 3  # of workers with the same batch, before it is tried alone
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a running sweep is.
-
-    Parameters
-    ----------
-    done, total : int
-        Trials; those done before this run are among them.
-    fresh : int
-        Trials done by this run.
-    failures : int
-        Of this run.
-    deaths : int
-        Workers that died.
-    seconds : float
-        Since this run began.
-    """
-
-    done: int
-    total: int
-    fresh: int
-    failures: int
-    deaths: int
-    seconds: float
-
-    @property
-    def rate(self) -> float:
-        """Trials a second in this run."""
-        return self.fresh / self.seconds if self.seconds > 0 else 0.0
 
 
 OnProgress = Callable[[Progress], None]
@@ -100,6 +72,11 @@ def run_sweep(
         If the store cannot be written; what was committed is kept.
     MissingExtraError
 
+    Warns
+    -----
+    MixedVersionsWarning
+        If other versions of Shoal, Python, NumPy or Numba wrote rows that are there.
+
     Examples
     --------
     >>> import tempfile
@@ -116,10 +93,23 @@ def run_sweep(
             opened.add(sweep, inputs, extend=extend)
             gaps = opened.missing(sweep)
             if gaps:
+                _warn_of_others(opened, sweep.name)
                 _run(sweep, opened, gaps, make_crew(workers, dask), batch_seconds, on_progress)
             elif on_progress is not None:
                 on_progress(Progress(sweep.total, sweep.total, 0, 0, 0, 0.0))
         return opened.status(sweep.name)
+
+
+def _warn_of_others(store: Store, name: str) -> None:
+    mixed = mixture(store.versions(name))
+    if mixed:
+        warnings.warn(
+            f"{store.path}: sweep {name}: expected rows of this version, got {mixed}. Every row stays, and this version plays "
+            "what is missing; if it plays otherwise, they do not fit together. For rows of one version go on with the one that "
+            "began, or give the sweep another name or store",
+            MixedVersionsWarning,
+            stacklevel=3,
+        )
 
 
 def _run(sweep: Sweep, store: Store, gaps: list[Gap], crew: Crew, batch_seconds: float, on_progress: OnProgress | None) -> None:

@@ -6,7 +6,6 @@ import json
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -14,62 +13,15 @@ from typing import Any, Self
 from shoal.errors import InvalidInputError, UnknownNameError
 from shoal.lab.batches import Answer
 from shoal.lab.claim import is_claimed
+from shoal.lab.rows import columns_of
 from shoal.lab.schema import connect, told, transaction
-from shoal.lab.sweep import Point, Sweep, differences, digest_of, sweep_of, trial_seed
+from shoal.lab.status import Gap, Status
+from shoal.lab.sweep import Sweep, differences, digest_of, is_extended, sweep_of
+from shoal.lab.versions import written
 from shoal.version import __version__
 
 _RECENT = 60.0  # seconds over which the rate is measured
 _AT_ONCE = 10_000  # rows read at once
-
-
-@dataclass(frozen=True)
-class Status:
-    """How far a sweep is.
-
-    Parameters
-    ----------
-    name : str
-    done, total : int
-        Trials.
-    failures : int
-        Trials that ended with an error; a later run tries them again.
-    points : int
-    running : bool
-        Whether a process on this machine runs it now.
-    rate : float
-        Trials a second, over the last minute of work; 0 if there was none.
-    seconds : float
-        Time that all workers together have spent.
-    """
-
-    name: str
-    done: int
-    total: int
-    failures: int
-    points: int
-    running: bool
-    rate: float
-    seconds: float
-
-    @property
-    def complete(self) -> bool:
-        """Whether every trial is there."""
-        return self.done == self.total
-
-    @property
-    def left(self) -> float | None:
-        """Seconds until all is done at this rate; None if it is not known."""
-        return (self.total - self.done) / self.rate if self.rate else None
-
-
-@dataclass(frozen=True)
-class Gap:
-    """Trials of a point that are not there: from ``first`` on, up to but without ``stop``."""
-
-    point: Point
-    id: int
-    first: int
-    stop: int
 
 
 class Store:
@@ -109,17 +61,19 @@ class Store:
         """Close the file."""
         self._connection.close()
 
-    def _ask(self, query: str, *values: Any) -> list[tuple[Any, ...]]:
+    def ask(self, query: str, *values: Any) -> list[tuple[Any, ...]]:
+        """Return what SQLite answers; for reading."""
         with told(self.path):
             return self._connection.execute(query, values).fetchall()
 
     @property
     def names(self) -> list[str]:
         """The sweeps in it, in the order in which they began."""
-        return [name for (name,) in self._ask("SELECT name FROM sweeps ORDER BY id")]
+        return [name for (name,) in self.ask("SELECT name FROM sweeps ORDER BY id")]
 
-    def _row(self, name: str) -> tuple[Any, ...]:
-        found = self._ask("SELECT id, spec, inputs, measures, trials, points FROM sweeps WHERE name = ?", name)
+    def row(self, name: str) -> tuple[Any, ...]:
+        """Return (id, spec, inputs, measures, trials, points) of a sweep."""
+        found = self.ask("SELECT id, spec, inputs, measures, trials, points FROM sweeps WHERE name = ?", name)
         if not found:
             raise UnknownNameError(f"{self.path}: no sweep {name!r} (there: {', '.join(self.names) or 'none'})")
         return found[0]
@@ -132,7 +86,7 @@ class Store:
         InvalidInputError, UnknownNameError
         """
         if name is not None:
-            self._row(name)
+            self.row(name)
             return name
         names = self.names
         if len(names) != 1:
@@ -141,11 +95,11 @@ class Store:
 
     def sweep(self, name: str) -> Sweep:
         """Return a sweep as it was run."""
-        return sweep_of(json.loads(self._row(name)[1]), where=f"{self.path}: sweep {name}")
+        return sweep_of(json.loads(self.row(name)[1]), where=f"{self.path}: sweep {name}")
 
     def inputs(self, name: str) -> dict[str, str]:
         """Return the digests of what a sweep opened, by name."""
-        return dict(json.loads(self._row(name)[2]))
+        return dict(json.loads(self.row(name)[2]))
 
     def add(self, sweep: Sweep, inputs: Mapping[str, str], *, extend: bool = False) -> None:
         """Enter a sweep, or see that it is the one that is there.
@@ -173,13 +127,14 @@ class Store:
                 )  # fmt: skip
                 self._enter_points(sweep)
             return
-        _, spec, opened, *_ = self._row(sweep.name)
+        _, spec, opened, *_ = self.row(sweep.name)
         before, then = json.loads(spec), json.loads(opened)
         changed = [*differences(before, json.loads(json.dumps(description)))]
         changed += differences({k: v for k, v in then.items() if k in inputs}, dict(inputs), path="content") if then else []
         if not changed:
             return
-        if extend and self._extends(sweep, before, then, inputs):
+        kept = all(inputs.get(key, digest) == digest for key, digest in then.items())
+        if extend and kept and is_extended(sweep_of(before), sweep):
             with told(self.path), transaction(self._connection):
                 self._connection.execute(
                     "UPDATE sweeps SET spec = ?, inputs = ?, trials = ?, points = ? WHERE name = ?",
@@ -199,18 +154,10 @@ class Store:
             ((sweep.name, point.number, point.key, json.dumps([*point.values.values()])) for point in sweep.points),
         )
 
-    def _extends(self, sweep: Sweep, before: Mapping[str, Any], then: Mapping[str, str], inputs: Mapping[str, str]) -> bool:
-        """Tell whether all that is stored is a part of a sweep."""
-        old = sweep_of(before)
-        keys = {point.key: point.seeds for point in sweep.points}
-        kept = all(keys.get(point.key) == point.seeds for point in old.points)
-        same = all(inputs.get(name, digest) == digest for name, digest in then.items())
-        return kept and same and sweep.trials >= old.trials and sweep.seed == old.seed
-
     def missing(self, sweep: Sweep) -> list[Gap]:
         """Return which trials of a sweep are not there, in order."""
         points = {point.key: point for point in sweep.points}
-        rows = self._ask(
+        rows = self.ask(
             "SELECT p.id, p.key, (SELECT count(*) FROM trials t WHERE t.point = p.id) FROM points p "
             "JOIN sweeps s ON s.id = p.sweep WHERE s.name = ? ORDER BY p.number",
             sweep.name,
@@ -220,9 +167,7 @@ class Store:
             if count == sweep.trials or key not in points:
                 continue
             there = (
-                [trial for (trial,) in self._ask("SELECT trial FROM trials WHERE point = ? ORDER BY trial", number)]
-                if count
-                else []
+                [trial for (trial,) in self.ask("SELECT trial FROM trials WHERE point = ? ORDER BY trial", number)] if count else []
             )
             begin = 0
             for trial in [*there, sweep.trials]:
@@ -237,8 +182,8 @@ class Store:
             batch = self._connection.execute(
                 "INSERT INTO batches (sweep, spec, seed, version, worker, trials, failures, seconds, finished) "
                 "VALUES ((SELECT id FROM sweeps WHERE name = ?),?,?,?,?,?,?,?,?)",
-                (sweep.name, digest_of(json.dumps(sweep.describe())), sweep.seed, answer.version, answer.worker, len(answer.rows),
-                 len(answer.failures), answer.seconds, time.time()),
+                (sweep.name, digest_of(json.dumps(sweep.describe())), sweep.seed, written(answer.versions), answer.worker,
+                 len(answer.rows), len(answer.failures), answer.seconds, time.time()),
             ).lastrowid  # fmt: skip
             self._connection.executemany(
                 "INSERT OR IGNORE INTO trials (point, trial, seed, batch, result) VALUES (?,?,?,?,?)",
@@ -260,16 +205,33 @@ class Store:
 
     def status(self, name: str) -> Status:
         """Return how far a sweep is; also while another process runs it."""
-        number, _, _, _, trials, points = self._row(name)
-        ((done,),) = self._ask("SELECT count(*) FROM trials WHERE point IN (SELECT id FROM points WHERE sweep = ?)", number)
-        ((failed,),) = self._ask("SELECT count(*) FROM failures WHERE point IN (SELECT id FROM points WHERE sweep = ?)", number)
-        ((last, seconds),) = self._ask("SELECT max(finished), coalesce(sum(seconds), 0) FROM batches WHERE sweep = ?", number)
+        number, _, _, _, trials, points = self.row(name)
+        ((done,),) = self.ask("SELECT count(*) FROM trials WHERE point IN (SELECT id FROM points WHERE sweep = ?)", number)
+        ((failed,),) = self.ask("SELECT count(*) FROM failures WHERE point IN (SELECT id FROM points WHERE sweep = ?)", number)
+        ((last, seconds),) = self.ask("SELECT max(finished), coalesce(sum(seconds), 0) FROM batches WHERE sweep = ?", number)
         running = is_claimed(self.path, name)
         rate = self._rate(number, time.time() if running else last or 0.0)
-        return Status(name, done, trials * points, failed, points, running, rate, seconds)
+        return Status(name, done, trials * points, failed, points, running, rate, seconds, self.versions(name))
+
+    def versions(self, name: str) -> dict[str, int]:
+        """Return which versions wrote the rows of a sweep, and how many; the first first."""
+        number, *_ = self.row(name)
+        found = [
+            text for (text,) in self.ask("SELECT version FROM batches WHERE sweep = ? GROUP BY version ORDER BY min(id)", number)
+        ]
+        if len(found) == 1:  # as nearly always: no need to look at every row
+            query = "SELECT count(*) FROM trials WHERE point IN (SELECT id FROM points WHERE sweep = ?)"
+            counts = {found[0]: self.ask(query, number)[0][0]}
+        else:
+            counts = dict(
+                self.ask(
+                    "SELECT b.version, count(*) FROM trials t JOIN batches b ON b.id = t.batch WHERE b.sweep = ? GROUP BY 1", number
+                )
+            )
+        return {text: counts[text] for text in found if counts.get(text)}
 
     def _rate(self, number: int, now: float) -> float:
-        ((count, first),) = self._ask(
+        ((count, first),) = self.ask(
             "SELECT coalesce(sum(trials), 0), min(finished - seconds) FROM batches WHERE sweep = ? AND finished > ?",
             number,
             now - _RECENT,
@@ -279,7 +241,7 @@ class Store:
     def failures(self, name: str, *, limit: int = 1_000_000) -> list[tuple[dict[str, Any], int, int, str]]:
         """Return (values by axis, trial, seed, error) of the trials that failed."""
         axes = [*self.sweep(name).axes]
-        rows = self._ask(
+        rows = self.ask(
             "SELECT p.axes, f.trial, f.seed, f.error FROM failures f JOIN points p ON p.id = f.point "
             "JOIN sweeps s ON s.id = p.sweep WHERE s.name = ? ORDER BY p.number, f.trial LIMIT ?",
             name,
@@ -289,21 +251,21 @@ class Store:
 
     def columns(self, name: str) -> list[str]:
         """Return the names of the columns of a sweep's table: its axes, trial, seed, and what was measured."""
-        _, spec, _, measures, *_ = self._row(name)
+        _, spec, _, measures, *_ = self.row(name)
         axes, taken = [*json.loads(spec)["axes"]], ["trial", "seed", *json.loads(measures)]
         return [f"axis_{axis}" if axis in taken else axis for axis in axes] + taken
 
     def chunks(self, name: str) -> Iterator[list[Sequence[Any]]]:
         """Yield the columns of a sweep's table, some ten thousand rows at a time, ordered by point and trial."""
-        number, _, _, measures, most, _ = self._row(name)
+        number, _, _, measures, most, _ = self.row(name)
         width = len(json.loads(measures))
         axes: list[tuple[list[Any], int]] = []
         waiting = 0
         parts: tuple[list[str], ...] = ([], [], [])
-        for point, values in self._ask("SELECT id, axes FROM points WHERE sweep = ? ORDER BY number", number):
+        for point, values in self.ask("SELECT id, axes FROM points WHERE sweep = ? ORDER BY number", number):
             for first in range(0, most, _AT_ONCE):
                 # Joined by SQLite: two and a half times as fast as a tuple for each row.
-                ((count, *texts),) = self._ask(
+                ((count, *texts),) = self.ask(
                     "SELECT count(*), group_concat(trial), group_concat(seed), group_concat(result) FROM (SELECT * FROM trials "
                     "WHERE point = ? AND trial >= ? AND trial < ? ORDER BY trial)",
                     point,
@@ -316,10 +278,10 @@ class Store:
                     for part, text in zip(parts, texts, strict=True):
                         part.append(text)
                 if waiting >= _AT_ONCE:
-                    yield _columns(axes, parts, width)
+                    yield columns_of(axes, parts, width)
                     axes, parts, waiting = [], ([], [], []), 0
         if axes:
-            yield _columns(axes, parts, width)
+            yield columns_of(axes, parts, width)
 
     def rows(self, name: str) -> Iterator[tuple[Any, ...]]:
         """Yield the rows of a sweep's table, ordered by point and trial."""
@@ -332,41 +294,6 @@ class Store:
         Looked at are SQLite's own structure, that every key and seed is the one that its sweep gives, and that every row has
         as many values as there are measures.
         """
-        faults = [text for (text,) in self._ask("PRAGMA integrity_check(10)") if text != "ok"]
-        faults += [f"table {table}: a row refers to one that is not there" for table, *_ in self._ask("PRAGMA foreign_key_check")]
-        for name in self.names:
-            faults += _faults_of(self, name)
-        return faults
+        from shoal.lab.integrity import faults_of
 
-
-def _columns(axes: list[tuple[list[Any], int]], parts: tuple[list[str], ...], width: int) -> list[Sequence[Any]]:
-    """Return the columns of a chunk; axes come as (values, how many rows)."""
-    first: list[list[Any]] = [[] for _ in axes[0][0]]
-    for values, count in axes:
-        for column, value in zip(first, values, strict=True):
-            column.extend([value] * count)
-    trials, seeds, results = (json.loads(f"[{','.join(part)}]") for part in parts)
-    return [*first, trials, seeds, *(zip(*results, strict=True) if width else ())]
-
-
-def _faults_of(store: Store, name: str) -> Iterator[str]:
-    sweep, (number, _, _, measures, *_) = store.sweep(name), store._row(name)
-    points = {point.key: point for point in sweep.points}
-    width = len(json.loads(measures))
-    stored = store._ask("SELECT id, key FROM points WHERE sweep = ? ORDER BY number", number)
-    if {key for _, key in stored} != {*points}:
-        yield f"sweep {name}: its points are not those of its spec"
-        return
-    for point, key in stored:
-        rows = store._ask("SELECT trial, seed, result FROM trials WHERE point = ?", point)
-        wrong = next((trial for trial, seed, _ in rows if seed != trial_seed(sweep.seed, points[key].seeds, trial)), None)
-        if wrong is not None:
-            yield f"sweep {name}, point {points[key].number}, trial {wrong}: its seed is not the one that the sweep gives"
-        if any(not 0 <= trial < sweep.trials for trial, _, _ in rows):
-            yield f"sweep {name}, point {points[key].number}: a trial that is not of the sweep"
-        try:
-            short = any(len(values) != width for values in json.loads(f"[{','.join([row[2] for row in rows])}]"))
-        except (ValueError, TypeError):
-            short = True
-        if short:
-            yield f"sweep {name}, point {points[key].number}: a row that has not {width} values"
+        return faults_of(self)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from shoal.files import atomic
-from shoal.lab.batches import versions
+from shoal.lab.versions import versions
 from shoal.papers.errata import Finding
 from shoal.papers.recipe import Table
 

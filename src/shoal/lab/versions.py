@@ -1,0 +1,97 @@
+"""What results may depend on besides a sweep: versions of Shoal, of its code, and of what it computes with."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+from shoal.errors import InvalidInputError
+from shoal.version import __version__
+
+
+class MixedVersionsWarning(UserWarning):
+    """A sweep goes on with other versions than those that wrote its rows."""
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return the versions of this process: Shoal's, a digest of its own code, Python's, NumPy's, Numba's."""
+    digest, root = hashlib.blake2b(digest_size=8), Path(__file__).parents[1]
+    for folder in ("swarm", "steering", "search", "lab"):
+        for file in sorted((root / folder).rglob("*.py")):
+            digest.update(file.relative_to(root).as_posix().encode() + file.read_bytes())
+    python = ".".join(platform.python_version_tuple()[:2])
+    ours = {"shoal": __version__, "code": digest.hexdigest(), "python": python}
+    return ours | {"numpy": version("numpy"), "numba": version("numba")}
+
+
+def check_versions(theirs: Mapping[str, str], *, worker: str) -> None:
+    """Refuse a worker that has other versions than this process.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    ours = versions()
+    wrong = [f"{name} {theirs.get(name, 'none')} instead of {ours[name]}" for name in ours if theirs.get(name) != ours[name]]
+    if wrong:
+        raise InvalidInputError(f"worker {worker}: expected the versions of this process, got {', '.join(wrong)}")
+
+
+def written(found: Mapping[str, str]) -> str:
+    """Return versions as a store keeps them.
+
+    Examples
+    --------
+    >>> written({"shoal": "0.1.0", "code": "5f0c"})
+    'shoal 0.1.0, code 5f0c'
+    """
+    return ", ".join(f"{name} {value}" for name, value in found.items())
+
+
+def parsed(text: str) -> dict[str, str]:
+    """Return the versions that a store keeps as text.
+
+    Examples
+    --------
+    >>> parsed("shoal 0.1.0, code 5f0c")
+    {'shoal': '0.1.0', 'code': '5f0c'}
+    """
+    pairs = [part.partition(" ") for part in text.split(", ")]
+    return {name: value for name, _, value in pairs} if all(value for _, _, value in pairs) else {"shoal": text}
+
+
+def told_apart(texts: Iterable[str]) -> dict[str, str]:
+    """Return a short name for each of some versions: Shoal's, and what else differs between them.
+
+    Examples
+    --------
+    >>> list(told_apart(["shoal 1, code a, numpy 2.1", "shoal 1, code a, numpy 2.2"]).values())
+    ['shoal 1, numpy 2.1', 'shoal 1, numpy 2.2']
+    """
+    all_of = {text: parsed(text) for text in texts}
+    names = dict.fromkeys(name for found in all_of.values() for name in found)
+    kept = [name for name in names if name == "shoal" or len({found.get(name) for found in all_of.values()}) > 1]
+    return {text: written({name: found.get(name, "unknown") for name in kept}) for text, found in all_of.items()}
+
+
+def mixture(rows: Mapping[str, int]) -> str:
+    """Return which versions wrote how many rows, if any of them is not this process's; else nothing.
+
+    Examples
+    --------
+    >>> mixture({written(versions()): 5})
+    ''
+    >>> mixture({"shoal 0.0.9, code 5f0c": 5, written(versions()): 2}).startswith("5 rows by shoal 0.0.9, code 5f0c")
+    True
+    """
+    ours = written(versions())
+    names = told_apart([*rows, ours])
+    if not any(text != ours for text in rows):
+        return ""
+    counted = ", ".join(f"{count} rows by {names[text]}" for text, count in rows.items())
+    return f"{counted}; this is {names[ours]}"
