@@ -43,6 +43,7 @@ MODULES = [
     "search.tours",
     "lab.axes",
     "lab.export",
+    "lab.lines",
     "lab.running",
     "lab.statistics",
     "lab.status",

@@ -87,7 +87,10 @@ def test_seeds_depend_on_the_problem_and_not_on_its_place():
         ({"paired": ("nothing",)}, r"paired: expected names of axes \(factor\), got 'nothing'"),
         ({"problem": {"kind": "poetry"}}, "expected a kind, one of swarm, line"),
         ({"problem": {"map": "line:5"}}, "expected a kind"),
-        ({"problem": SWARM, "axes": {"particles": ["few"]}}, "problem at particles = few: particles: .*valid integer, got 'few'"),
+        (
+            {"problem": SWARM, "axes": {"particles": ["few"]}},
+            "problem at particles = few: particles: expected a whole number, got 'few'",
+        ),
         ({"problem": SWARM, "axes": {"legs": [4]}}, "problem at legs = 4: legs: expected no such field, got 4"),
         ({"problem": {"kind": "swarm"}, "axes": {}}, "problem: map: expected this field, got none"),
     ],
@@ -534,3 +537,15 @@ def test_commands(tmp_path, monkeypatch, capsys):
     Path("bad.toml").write_text("name = corridors")
     assert command(["sweep", "run", "bad.toml", "--store", "s.sqlite"]) == 2
     assert "bad.toml: expected TOML" in capsys.readouterr().err
+    for old, new, told in (
+        ("trials = 4", "trails = 4", "bad.toml, line 2: trails: expected no such field, got 4"),
+        ("trials = 4", 'trials = "4"', "bad.toml, line 2: trials: expected a whole number, got '4'"),
+        ('map = "', 'mpa = "', "bad.toml, line 6: problem: mpa: expected no such field"),
+        ("[3, 6]", "[]", "bad.toml, line 9: axes.particles: expected one value or more, got none"),
+        ("[3, 6]", "3", "bad.toml, line 9: axes.particles: expected a list of values or a range, got 3"),
+        ("[3, 6]", '["few"]', "line 9: problem at policy = closest-frontier, particles = few: particles: expected a whole number"),
+    ):
+        Path("bad.toml").write_text(SPEC.replace(old, new))
+        assert command(["sweep", "run", "bad.toml", "--store", "none.sqlite"]) == 2
+        assert told in capsys.readouterr().err
+    assert not Path("none.sqlite").exists()

@@ -391,7 +391,7 @@ def check(
         print_json(result)
     else:
         print_table(
-            [("sweeps", ", ".join(names) or "none"), ("faults", "none" if not faults else "; ".join(faults))], title=str(store)
+            [("store", str(store)), ("sweeps", ", ".join(names) or "none"), ("faults", "; ".join(faults) or "none")], title="check"
         )
     if faults:
         say(f"shoal: {store}: {len(faults)} faults")

@@ -7,7 +7,7 @@ import os
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from shoal.errors import InvalidInputError, OutputError
@@ -53,8 +53,9 @@ def claim(store: Path, name: str) -> Iterator[None]:
             break
         os.close(descriptor)  # its last holder removed it between our two calls
     try:
-        os.ftruncate(descriptor, 0)
-        os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()} since {time.strftime('%F %T')}".encode())
+        with suppress(OSError):  # a full disk: the lock holds all the same, only nobody is told whose it is
+            os.ftruncate(descriptor, 0)
+            os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()} since {time.strftime('%F %T')}".encode())
         yield
     finally:
         path.unlink(missing_ok=True)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import wait
 from typing import Any, Protocol
@@ -78,7 +80,8 @@ class Processes:
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(self.workers, mp_context=context, initializer=_end_with_parent)
         try:
-            return self._pool.submit(function, *arguments)
+            with _interruptions_kept():
+                return self._pool.submit(function, *arguments)
         except BrokenExecutor as error:  # a worker died since the last one: said as the others say it
             future: Future[Any] = Future()
             future.set_exception(error)
@@ -98,6 +101,19 @@ class Processes:
             if at_once:
                 give_up(pool)
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _interruptions_kept() -> Iterator[None]:
+    """Keep Ctrl-C for later while the block runs; processes that it starts never see one.
+
+    A terminal sends it to all processes, and a worker would print a traceback until it has come so far as to ignore it.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _end_with_parent() -> None:

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
 from shoal.errors import InvalidInputError
 from shoal.lab.axes import MAX_POINTS, axis_values
+from shoal.lab.lines import line_of
 from shoal.lab.problems import FunctionProblem, Problem, problem_of, said
 
 MAX_TRIALS = 1_000_000_000
@@ -30,7 +31,7 @@ class SweepForm(BaseModel):
 
     name: str
     problem: dict[str, Any]
-    axes: dict[str, list[Any] | dict[str, Any]] = Field(default_factory=dict)
+    axes: dict[str, Any] = Field(default_factory=dict)
     trials: StrictInt = 1
     seed: StrictInt = 0
     paired: list[str] = Field(default_factory=list)
@@ -183,16 +184,21 @@ class Sweep:
         Raises
         ------
         InvalidInputError
-            With the file and the line or field.
+            With the file, the line and the field.
         """
         source = Path(path)
         try:
-            data = tomllib.loads(source.read_text(encoding="utf-8-sig"))
+            text = source.read_text(encoding="utf-8-sig")
+            data = tomllib.loads(text)
         except OSError as error:
             raise InvalidInputError(f"cannot read {source}: {error.strerror or error}") from None
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise InvalidInputError(f"{source}: expected TOML in UTF-8, got something else: {error}") from None
-        return sweep_of(data, where=str(source))
+        try:
+            return sweep_of(data, where=str(source))
+        except InvalidInputError as error:
+            line = line_of(text, str(error).removeprefix(f"{source}: "))
+            raise InvalidInputError(f"{source}, line {line}{str(error)[len(str(source)) :]}" if line else str(error)) from None
 
 
 def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:

@@ -68,14 +68,24 @@ class Problem(BaseModel, ABC):
         """Play one trial; return what `columns` names: texts, whole numbers, finite floats, truth values or None."""
 
 
+_EXPECTED = {
+    "extra_forbidden": "expected no such field", "missing": "expected this field", "int_type": "expected a whole number",
+    "int_parsing": "expected a whole number", "int_from_float": "expected a whole number", "string_type": "expected a text",
+    "float_type": "expected a number", "float_parsing": "expected a number", "bool_type": "expected true or false",
+    "bool_parsing": "expected true or false", "dict_type": "expected fields with values", "list_type": "expected a list",
+    "tuple_type": "expected a list",
+}  # fmt: skip
+
+
 def said(error: ValidationError, *, where: str) -> str:
     """Return the first thing that is wrong, in one sentence."""
-    first = error.errors()[0]
+    every = error.errors()
+    first = next((one for one in every if one["type"] == "extra_forbidden"), every[0])  # a slip in a name is missing elsewhere, too
     if first["type"] in {"union_tag_not_found", "union_tag_invalid"}:
         given = first["input"].get("kind") if isinstance(first["input"], dict) else first["input"]
         return f"{where}: expected a kind, one of {', '.join(KINDS)}, got {given!r:.80}"
     at = ".".join(str(part) for part in first["loc"] if part not in KINDS)
-    what = {"extra_forbidden": "expected no such field", "missing": "expected this field"}.get(first["type"], first["msg"])
+    what = _EXPECTED.get(first["type"], first["msg"].replace("Input should be ", "expected "))
     came = "none" if first["type"] == "missing" else repr(first["input"])[:80]
     return f"{where}{': ' * bool(at)}{at}: {what[0].lower()}{what[1:]}, got {came}"
 
