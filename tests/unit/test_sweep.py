@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -18,6 +19,7 @@ from shoal.cli import run as command
 from shoal.errors import InvalidInputError, OutputError, UnknownNameError
 from shoal.lab import Store, Sweep, run_sweep, sweep_of
 from shoal.lab.claim import claim, is_claimed
+from shoal.lab.crews import Processes
 from shoal.lab.export import export, frame
 from shoal.lab.schema import FORMAT
 from shoal.lab.sweep import differences, trial_seed
@@ -212,6 +214,17 @@ def test_several_sweeps_in_one_file_and_a_changed_one_is_refused(tmp_path):
             opened.only("third")
 
 
+def test_a_sweep_that_never_began_may_change(tmp_path):
+    store = tmp_path / "s.sqlite"
+    with pytest.raises(InvalidInputError, match="workers: expected a whole number"):
+        run_sweep(numbers(trials=9), store, workers=-1)
+    run_sweep(numbers(name="other", trials=2), store, workers=0)
+    assert run_sweep(numbers(axes={"factor": [1]}), store, workers=0).total == 7
+    with Store(store) as opened:
+        assert sorted(opened.names) == ["numbers", "other"]
+        assert opened.check() == []
+
+
 def test_another_map_under_the_same_name_is_refused(tmp_path):
     picture, store = tmp_path / "map.txt", tmp_path / "s.sqlite"
     picture.write_text("....\n....\n")
@@ -368,6 +381,23 @@ def test_claims_exclude_each_other(tmp_path):
             pass
     assert not is_claimed(tmp_path / "s", "one")
     assert [*tmp_path.iterdir()] == []
+
+
+def test_a_claim_holds_on_a_full_disk(tmp_path, monkeypatch):
+    def full(*_arguments):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    with claim(tmp_path / "s", "one"):
+        assert is_claimed(tmp_path / "s", "one")
+
+
+def test_workers_never_see_an_interruption():
+    """Not even before they are so far as to ignore it: a terminal's Ctrl-C goes to them, too, and each would print a traceback."""
+    crew = Processes(1)
+    assert signal.SIGINT in crew.submit(signal.pthread_sigmask, signal.SIG_BLOCK, ()).result()
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    crew.close(at_once=True)
 
 
 def test_no_store(tmp_path):
@@ -540,7 +570,11 @@ def test_commands(tmp_path, monkeypatch, capsys):
     for old, new, told in (
         ("trials = 4", "trails = 4", "bad.toml, line 2: trails: expected no such field, got 4"),
         ("trials = 4", 'trials = "4"', "bad.toml, line 2: trials: expected a whole number, got '4'"),
-        ('map = "', 'mpa = "', "bad.toml, line 6: problem: mpa: expected no such field"),
+        (
+            'map = "',
+            'mpa = "',
+            "bad.toml, line 6: problem at policy = closest-frontier, particles = 3: mpa: expected no such field",
+        ),
         ("[3, 6]", "[]", "bad.toml, line 9: axes.particles: expected one value or more, got none"),
         ("[3, 6]", "3", "bad.toml, line 9: axes.particles: expected a list of values or a range, got 3"),
         ("[3, 6]", '["few"]', "line 9: problem at policy = closest-frontier, particles = few: particles: expected a whole number"),

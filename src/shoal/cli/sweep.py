@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shoal.cli import options
+from shoal.cli import options, results
 from shoal.cli.output import check_folder, patience, print_json, print_table, quiet, say, warnings_said
+from shoal.cli.results import StoreFile, Unused, check_table, write_json
 from shoal.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -25,19 +24,10 @@ if TYPE_CHECKING:
 
 RUN_EXAMPLE = "Example: shoal sweep run sweep.toml --store results.sqlite"
 STATUS_EXAMPLE = "Example: shoal sweep status results.sqlite"
-SUMMARY_EXAMPLE = "Example: shoal sweep summary results.sqlite --measure moves --compare policy"
-EXPORT_EXAMPLE = "Example: shoal sweep export results.sqlite --out results.csv"
-CHECK_EXAMPLE = "Example: shoal sweep check results.sqlite"
 
 _EVERY = 2.0  # seconds between two looks of --watch
 
 app = typer.Typer(no_args_is_help=True, help="Run sweeps of trials that survive anything, and look at their results.")
-
-StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="The file with the results.", show_default=False)]
-SweepName = Annotated[
-    str | None, typer.Option("--sweep", metavar="NAME", help="Which sweep, if there are several.", show_default=False)
-]
-Unused = Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")]
 
 
 @app.callback()
@@ -83,7 +73,7 @@ def run(
     changes: dict[str, Any] = {name: value for name, value in (("trials", trials), ("seed", seed)) if value is not None}
     sweep = replace(sweep, **changes)
     if out is not None:
-        _check_table(out)
+        check_table(out)
     with patience("compiling kernels: once after an installation, half a minute ..."), quiet():
         from shoal.lab.running import prepare
 
@@ -109,14 +99,6 @@ def run(
             say(f"shoal: {where}trial {trial}, seed {number}: {error}")
         say(f"shoal: {status.failures} trials failed; the same command tries them again")
         raise typer.Exit(1)
-
-
-def _check_table(out: Path) -> None:
-    from shoal.lab.export import SUFFIXES
-
-    if out.suffix not in SUFFIXES:
-        raise InvalidInputError(f"{out}: expected the suffix {' or '.join(SUFFIXES)}, got {out.suffix!r}")
-    check_folder(out.parent)
 
 
 @contextmanager
@@ -209,7 +191,7 @@ def status(
         found = [opened.status(name) for name in opened.names]
     result = {"store": str(store), "sweeps": [_described(one) for one in found]}
     if out is not None:
-        _write_json(out, result)
+        write_json(out, result)
     if json_:
         print_json(result)
     elif not watch or not sys.stdout.isatty():
@@ -217,13 +199,6 @@ def status(
         for one in found:
             if _provenance(one):
                 print(f"{one.name}: {_provenance(one)}")
-
-
-def _write_json(path: Path, result: dict[str, Any]) -> None:
-    from shoal.files import atomic
-
-    with atomic(path) as temporary:
-        temporary.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def _table(found: list[Status]) -> Table:
@@ -266,133 +241,6 @@ def _watch(store: Store) -> None:
             shown.update(_table(found), refresh=True)
 
 
-@app.command("summary", epilog=SUMMARY_EXAMPLE)
-def summary(
-    store: StoreFile,
-    name: SweepName = None,
-    measure: Annotated[str | None, typer.Option("--measure", help="What to look at, such as moves.", show_default=False)] = None,
-    compare: Annotated[
-        str | None,
-        typer.Option(
-            "--compare", metavar="AXIS", help="Compare the values of this paired axis with its first.", show_default=False
-        ),
-    ] = None,
-    level: Annotated[float, typer.Option("--level", help="Of confidence.")] = 0.95,
-    bootstrap: Annotated[bool, typer.Option("--bootstrap", help="Intervals by the bootstrap instead of Student's t.")] = False,
-    seed: Annotated[int, typer.Option("--seed", help="Not used: the bootstrap draws the same numbers each time.")] = 0,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it as JSON, too.", show_default=False)] = None,
-    json_: options.Json = False,
-) -> None:
-    """Show means with confidence intervals, and what differs along a paired axis."""
-    from shoal.lab import Store
-    from shoal.lab.statistics import compare_along, summarise
-
-    if out is not None:
-        check_folder(out.parent)
-    method: Any = "bootstrap" if bootstrap else "t"
-    with Store(store) as opened:
-        chosen = opened.only(name)
-        sweep = opened.sweep(chosen)
-        wanted = measure or next((column for column in ("moves", "share") if column in sweep.measures), sweep.measures[0])
-        _say_if_mixed(opened, chosen)
-        rows = summarise(opened, chosen, wanted, level=level, method=method)
-        pairs = compare_along(opened, chosen, wanted, compare, level=level, method=method) if compare else []
-    result = {
-        "sweep": chosen, "measure": wanted, "level": level, "method": method,
-        "points": [
-            {"axes": row.values, "missing": row.missing, "estimate": row.estimate and _numbers(asdict(row.estimate))}
-            for row in rows
-        ],
-        "comparisons": [
-            {"axes": others, compare: [first, second], "comparison": None if found is None else _numbers(asdict(found))}
-            for others, first, second, found in pairs
-        ],
-    }  # fmt: skip
-    if out is not None:
-        _write_json(out, result)
-    if json_:
-        print_json(result)
-        return
-    print_table(
-        [(_words(row.values), "no trial yet" if row.estimate is None else str(row.estimate)) for row in rows],
-        title=f"{wanted} of {chosen}: mean [{100 * level:g} % interval]",
-    )
-    if pairs:
-        lines = [
-            (_words(others | {compare: f"{second} less {first}"}), "fewer than two pairs" if found is None else str(found))
-            for others, first, second, found in pairs
-        ]
-        print_table(lines, title=f"{wanted} along {compare}, on the same seeds")
-
-
-def _say_if_mixed(store: Store, name: str) -> None:
-    """Say on stderr that not all rows of a sweep were written by one version."""
-    from shoal.lab.versions import told_apart
-
-    rows = store.versions(name)
-    if len(rows) > 1:
-        names = told_apart(rows)
-        counted = ", ".join(f"{count} rows by {names[text]}" for text, count in rows.items())
-        say(f"shoal: warning: {store.path}: sweep {name}: expected rows of one version, got {counted}")
-
-
-def _words(values: dict[Any, Any]) -> str:
-    return ", ".join(f"{name} {value}" for name, value in values.items()) or "all"
-
-
-def _numbers(found: Any) -> Any:
-    """Return what JSON can hold: None for what is not a number."""
-    if isinstance(found, dict):
-        return {name: _numbers(value) for name, value in found.items()}
-    return None if isinstance(found, float) and not isfinite(found) else found
-
-
-@app.command("export", epilog=EXPORT_EXAMPLE)
-def export_(
-    store: StoreFile,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The table: .csv or .parquet.", show_default=False)],
-    name: SweepName = None,
-    seed: Unused = 0,
-    json_: options.Json = False,
-) -> None:
-    """Write the table of a sweep: its axes, trial, seed and what was measured."""
-    from shoal.lab import Store
-    from shoal.lab.export import export
-
-    _check_table(out)
-    with Store(store) as opened:
-        chosen = opened.only(name)
-        _say_if_mixed(opened, chosen)
-        count = export(opened, chosen, out)
-    if json_:
-        print_json({"sweep": chosen, "rows": count, "out": str(out)})
-    else:
-        print_table([("rows", str(count)), ("written", str(out))], title=f"sweep {chosen}")
-
-
-@app.command("check", epilog=CHECK_EXAMPLE)
-def check(
-    store: StoreFile,
-    seed: Unused = 0,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it as JSON, too.", show_default=False)] = None,
-    json_: options.Json = False,
-) -> None:
-    """Check that a store is whole: its structure, keys, seeds and rows. Exit code 1 if it is not."""
-    from shoal.lab import Store
-
-    if out is not None:
-        check_folder(out.parent)
-    with Store(store) as opened:
-        faults, names = opened.check(), opened.names
-    result = {"store": str(store), "sweeps": names, "faults": faults, "whole": not faults}
-    if out is not None:
-        _write_json(out, result)
-    if json_:
-        print_json(result)
-    else:
-        print_table(
-            [("store", str(store)), ("sweeps", ", ".join(names) or "none"), ("faults", "; ".join(faults) or "none")], title="check"
-        )
-    if faults:
-        say(f"shoal: {store}: {len(faults)} faults")
-        raise typer.Exit(1)
+app.command("summary", epilog=results.SUMMARY_EXAMPLE)(results.summary)
+app.command("export", epilog=results.EXPORT_EXAMPLE)(results.export_)
+app.command("check", epilog=results.CHECK_EXAMPLE)(results.check)

@@ -10,7 +10,11 @@ from shoal.lab.sweep import trial_seed
 
 
 def faults_of(store: Store) -> list[str]:
-    """Return what is wrong with a store, one sentence each; see `Store.check`."""
+    """Return what is wrong with a store, one sentence each; nothing if all is well.
+
+    Looked at are SQLite's own structure, that every key and seed is the one that its sweep gives, and that every row has as many
+    values as there are measures.
+    """
     faults = [text for (text,) in store.ask("PRAGMA integrity_check(10)") if text != "ok"]
     faults += [f"table {table}: a row refers to one that is not there" for table, *_ in store.ask("PRAGMA foreign_key_check")]
     for name in store.names:

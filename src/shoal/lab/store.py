@@ -97,10 +97,6 @@ class Store:
         """Return a sweep as it was run."""
         return sweep_of(json.loads(self.row(name)[1]), where=f"{self.path}: sweep {name}")
 
-    def inputs(self, name: str) -> dict[str, str]:
-        """Return the digests of what a sweep opened, by name."""
-        return dict(json.loads(self.row(name)[2]))
-
     def add(self, sweep: Sweep, inputs: Mapping[str, str], *, extend: bool = False) -> None:
         """Enter a sweep, or see that it is the one that is there.
 
@@ -118,6 +114,7 @@ class Store:
             If another sweep of that name is there; the sentence says what differs.
         """
         description = sweep.describe()
+        self._forget_untouched(sweep.name, description)
         if sweep.name not in self.names:
             with told(self.path), transaction(self._connection):
                 self._connection.execute(
@@ -146,6 +143,17 @@ class Store:
         raise InvalidInputError(
             f"{self.path}: expected the sweep {sweep.name} as it was begun, got changes: {'; '.join(changed)} ({hint})"
         )
+
+    def _forget_untouched(self, name: str, description: Mapping[str, Any]) -> None:
+        """Drop another sweep of that name of which no trial was ever played: its workers never came."""
+        if name not in self.names:
+            return
+        number, spec, *_ = self.row(name)
+        begun = self.ask("SELECT 1 FROM batches WHERE sweep = ? LIMIT 1", number)
+        if not begun and json.loads(spec) != json.loads(json.dumps(description)):
+            with told(self.path), transaction(self._connection):
+                self._connection.execute("DELETE FROM points WHERE sweep = ?", (number,))
+                self._connection.execute("DELETE FROM sweeps WHERE id = ?", (number,))
 
     def _enter_points(self, sweep: Sweep) -> None:
         self._connection.executemany(
@@ -289,11 +297,7 @@ class Store:
             yield from zip(*chunk, strict=True)
 
     def check(self) -> list[str]:
-        """Return what is wrong with the file, one sentence each; nothing if all is well.
-
-        Looked at are SQLite's own structure, that every key and seed is the one that its sweep gives, and that every row has
-        as many values as there are measures.
-        """
+        """Return what is wrong with the file, one sentence each; nothing if all is well: see `shoal.lab.integrity`."""
         from shoal.lab.integrity import faults_of
 
         return faults_of(self)

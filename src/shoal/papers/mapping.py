@@ -1,4 +1,4 @@
-"""Paper M: "Mapping and coverage with a particle swarm controlled by uniform inputs" (2017), figures 5 to 11."""
+"""Paper M: "Mapping and coverage with a particle swarm controlled by uniform inputs" (2017), figures 7 to 11."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from shoal.lab.statistics import Row
 from shoal.lab.store import Store
 from shoal.lab.sweep import Sweep
+from shoal.papers.complex_map import free_cells, note_of, on_complex, slug
 from shoal.papers.recipe import (
     NO_DATA,
     Outcome,
@@ -17,6 +18,7 @@ from shoal.papers.recipe import (
     Table,
     counts_of,
     curve_of,
+    ends,
     estimates,
     near,
     published_curve,
@@ -25,7 +27,7 @@ from shoal.papers.recipe import (
 from shoal.views.curves import Curve, Labels, mean_curves
 
 if TYPE_CHECKING:
-    from shoal.swarm.line import Line
+    pass
 
 MAPS = {
     "line:5000": ("linear 1x5000", "closest-frontier-linear-1x5000.csv"),
@@ -36,125 +38,6 @@ POLICIES = ("random-moves", "elect-particle", "closest-frontier")
 PLACEMENTS = ("flood-fill", "region-fill", "uniform")
 TASKS = {"mapping": "mapping", "coverage": "coverage", "subset-coverage": "subset coverage, 10 % of the cells"}
 WITHIN = 0.15  # of the published mean, at every published n
-PLACED = 1_000_000  # of the paper's Monte Carlo
-OTHER_MAP = "the picture of the paper's complex map is not published; this is another one of its kind"
-
-
-def free_cells(name: str) -> int:
-    """Return the number of free cells of a map."""
-    from shoal.swarm.maps import open_map
-
-    return open_map(name).n_free
-
-
-def slug(name: str) -> str:
-    """Return a map's name as part of the name of a sweep."""
-    from shoal.lab.sweep import digest_of
-
-    plain = "".join(c if c.isascii() and c.isalnum() else "-" for c in name)[:30]
-    return f"{plain}-{digest_of(name)[:6]}"
-
-
-def on_complex(name: str, settings: Settings, **axes: Any) -> Sweep:
-    """Return a sweep on the complex map over numbers of particles, all axes but these paired."""
-    chosen = settings.complex
-    return Sweep(
-        name=f"{name}.{slug(chosen)}", problem={"kind": "swarm", "map": chosen},
-        axes=axes | {"particles": counts_of(free_cells(chosen))},
-        trials=settings.of(100, 20), seed=settings.seed, paired=tuple(axes),
-    )  # fmt: skip
-
-
-def note_of(settings: Settings) -> str:
-    """Return what is to be said of the map."""
-    return f"map {settings.complex}: {OTHER_MAP}" if settings.map is None else f"map {settings.map}, not the paper's"
-
-
-# Figs. 5 and 6: one dimension
-
-
-def _line_sweep(name: str, particles: int, settings: Settings) -> Sweep:
-    trials = settings.of(100, 20)
-    problem = {"kind": "line", "cells": 1000, "particles": particles, "placements": PLACED // 100}
-    return Sweep(name=name, problem=problem, trials=trials, seed=settings.seed)
-
-
-def _against(store: Store, sweep: Sweep, wanted: dict[str, tuple[float, float | None]]) -> tuple[Table, bool]:
-    """Return our means beside exact and printed ones, and whether each exact one is within five standard errors of ours."""
-    rows: list[list[Any]] = []
-    fits = True
-    for measure, (exact, printed) in wanted.items():
-        (row,) = estimates(store, sweep, measure)
-        found = row.estimate
-        assert found is not None  # the sweep is complete
-        fits &= abs(found.mean - exact) <= 5 * found.std / found.count**0.5 + 1e-9 if found.count > 1 else True
-        low, high = (found.low, found.high) if found.count > 1 else (found.mean, found.mean)
-        rows.append(
-            [measure, round(found.mean, 3), f"{low:.3f} to {high:.3f}", round(exact, 3), "none" if printed is None else printed]
-        )
-    return Table("means", ["", "ours", "95 % interval", "exact", "printed"], rows), fits
-
-
-def _sampled(line: Line, settings: Settings) -> Any:
-    from shoal.swarm.line import sample
-
-    return sample(line, PLACED // (5 if settings.quick else 1), seed=settings.seed)
-
-
-def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    from shoal.swarm.line import Line
-    from shoal.views.theory import gap_distributions
-
-    line = Line(1000, 10)
-    drawn = _sampled(line, settings)
-    first = float(line.first_distribution.mean)
-    largest, spread = float(line.largest_gap_distribution.mean), float(line.spread_distribution.mean)
-    table, fits = _against(
-        store,
-        sweeps[0],
-        {"first": (first, 90.94), "last": (first, 90.98), "largest_gap": (largest, 273.9), "spread": (spread, None)},
-    )
-    counted = []
-    for name in ("first", "last", "largest_gap", "spread"):
-        values, times = np.unique(getattr(drawn, name), return_counts=True)
-        counted += [[name, int(value), int(count)] for value, count in zip(values, times, strict=True)]
-    sentence = (
-        f"First and last particle: {first:.2f} exact, 90.94 and 90.98 printed, which is the paper's Monte Carlo. The largest gap "
-        f"is {largest:.1f} exact; the printed 273.9 fits gaps taken as differences of positions, one too many between particles."
-    )
-    histogram = Table("placements by value", ["quantity", "value", "placements"], counted, shown=False)
-    return Outcome(gap_distributions(line, drawn), sentence, (table, histogram), fits, f"{NO_DATA} but means in the text")
-
-
-def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    from shoal.swarm.line import Line
-    from shoal.views.theory import move_distributions
-
-    line = Line(1000, 100)
-    drawn = _sampled(line, settings)
-    exact = {name: float(getattr(line, name).exact) for name in ("boundary", "coverage")}
-    table, fits = _against(
-        store,
-        sweeps[0],
-        {
-            "boundary": (exact["boundary"], 29.8),
-            "coverage": (exact["coverage"], 60.7),
-            "printed_coverage": (float(line.coverage.printed), None),
-        },
-    )
-    counted = []
-    for name in ("boundary", "coverage"):
-        values, times = np.unique(getattr(drawn, name), return_counts=True)
-        counted += [[name, int(value), int(count)] for value, count in zip(values, times, strict=True)]
-    published = float(line.published_coverage)
-    sentence = (
-        f"Both ends: {exact['boundary']:.2f} exact, 29.8 printed, so the data are of n = 100 (the caption's n = 10 gives "
-        f"{float(Line(1000, 10).boundary.exact):.0f}). Full coverage: {exact['coverage']:.2f} exact, "
-        f"{float(line.coverage.printed):.2f} by the printed formula, which overcounts; with gaps as differences of positions it "
-        f"gives {published:.2f}, the printed 60.7."
-    )
-    histogram = Table("placements by moves", ["quantity", "moves", "placements"], counted, shown=False)
-    return Outcome(move_distributions(line, drawn), sentence, (table, histogram), fits, f"{NO_DATA} but means in the text")
 
 
 # Fig. 7: four maps, and one dimension
@@ -269,7 +152,10 @@ def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     table = Table(
         "moves until no frontier is left", ["policy", "ours", "95 % interval", "printed"],
         [
-            [row.values["policy"], round(row.estimate.mean, 1), str(row.estimate), printed[row.values["policy"]]]
+            [
+                row.values["policy"], round(row.estimate.mean, 1), "{:.1f} to {:.1f}".format(*ends(row.estimate)),
+                printed[row.values["policy"]],
+            ]
             for row in rows
             if row.estimate
         ],
@@ -300,14 +186,17 @@ def _compared(curves: list[Curve], settings: Settings) -> Table:
             continue
         for n, mean in zip(known.x.tolist(), known.mean.tolist(), strict=True):
             if curve.x.min() <= n <= curve.x.max():
-                ours = near(curve.x, curve.mean, n)
-                rows.append([curve.label, int(n), round(ours, 1), mean, f"{100 * (ours / mean - 1):+.0f}"])
-    return Table("ours and published", ["", "n", "ours", "published", "difference, %"], rows)
+                ours, low, high = (near(curve.x, values, n) for values in (curve.mean, curve.low, curve.high))
+                off = f"{100 * (ours / mean - 1):+.0f}"
+                rows.append([curve.label, int(n), round(ours, 1), f"{low:.1f} to {high:.1f}", mean, off])
+    return Table("ours and published", ["", "n", "ours", "95 % interval", "published", "difference, %"], rows)
 
 
 def _off(table: Table) -> str:
-    off = [abs(float(row[4])) for row in table.rows]
-    return f"ours differ from the published points by {min(off):.0f} to {max(off):.0f} %" if off else NO_DATA
+    off = [abs(float(row[-1])) for row in table.rows]
+    if not off:
+        return "not compared with the published points"
+    return f"ours differ from the published points by {min(off):.0f} to {max(off):.0f} %"
 
 
 def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
@@ -381,11 +270,6 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 RECIPES = (
-    Recipe(
-        "m-fig5", "paper M, Fig. 5", "Gaps of random placements on a line", lambda s: [_line_sweep("m-fig5", 10, s)], _fig5,
-        also="D, Fig. 3",
-    ),
-    Recipe("m-fig6", "paper M, Fig. 6", "Moves on a line", lambda s: [_line_sweep("m-fig6", 100, s)], _fig6, also="D, Fig. 4"),
     Recipe("m-fig7", "paper M, Fig. 7", "Mapping four maps by closest-frontier", _fig7_sweeps, _fig7, True, "D, Fig. 5"),
     Recipe("m-fig8", "paper M, Fig. 8", "Frontier cells by move", _fig8_sweeps, _fig8, True, "D, Fig. 9"),
     Recipe(

@@ -21,17 +21,20 @@ _STYLE = """
 :root { --ink: #22262c; --muted: #6b7280; --line: #e5e7eb; --blue: #0072b2; --good: #00734f; --bad: #b3470a; --soft: #f7f8fa; }
 * { box-sizing: border-box; }
 body { margin: 0; color: var(--ink); background: #fff; font: 16px/1.5 system-ui, "DejaVu Sans", sans-serif; }
-main { max-width: 62rem; margin: 0 auto; padding: 2rem 1.25rem 5rem; }
+main { max-width: 56rem; margin: 0 auto; padding: 2rem 1.25rem 5rem; }
 h1 { font-size: 1.9rem; margin: 0 0 .25rem; letter-spacing: -.01em; }
 h2 { font-size: 1.25rem; margin: 0 0 .5rem; }
 p { margin: .5rem 0; max-width: 46rem; }
 .lead, .source, .files { color: var(--muted); }
-nav { display: grid; grid-template-columns: repeat(auto-fill, minmax(17rem, 1fr)); gap: .2rem 1.5rem; margin: 1.5rem 0 2.5rem;
+nav { columns: 2 20rem; column-gap: 2rem; margin: 1.5rem 0 2.5rem;
   padding: 1rem 1.25rem; background: var(--soft); border-radius: .5rem; font-size: .92rem; }
-nav a { color: var(--ink); text-decoration: none; }
+nav a { display: block; break-inside: avoid; padding: .15rem 0 .15rem 1.4rem; text-indent: -1.4rem; color: var(--ink);
+  text-decoration: none; }
+nav .mark { width: 1.4rem; text-indent: 0; }
 nav a:hover, nav a:focus { text-decoration: underline; }
 section { padding: 2rem 0; border-top: 1px solid var(--line); }
-section img { display: block; max-width: 100%; width: 46rem; height: auto; margin: 1rem 0; }
+.picture { overflow-x: auto; margin: 1rem 0; }
+.picture img { display: block; width: 100%; min-width: 30rem; height: auto; }
 .mark { display: inline-block; min-width: 1.1em; font-weight: 700; }
 .good { color: var(--good); } .bad { color: var(--bad); }
 .scroll { overflow-x: auto;
@@ -42,14 +45,23 @@ th, td { padding: .3rem .7rem; text-align: right; white-space: nowrap;
   border-top: 1px solid var(--line); font-variant-numeric: tabular-nums; }
 th { background: var(--soft); font-weight: 600; position: sticky; top: 0; }
 th:first-child, td:first-child { text-align: left; }
-.errata td { white-space: normal; text-align: left; vertical-align: top; min-width: 8rem; }
-.errata th { text-align: left; }
-.errata .scroll { max-height: none; }
+h3 { font-size: 1.05rem; margin: 2rem 0 .25rem; }
+article { padding: .9rem 0; border-top: 1px solid var(--line); break-inside: avoid; }
+h4 { font-size: .95rem; margin: 0 0 .4rem; }
+dl { display: grid; grid-template-columns: 1fr 1fr; gap: .6rem 2rem; margin: 0; font-size: .9rem; }
+dt { color: var(--muted); font-size: .8rem; }
+dd { margin: 0; overflow-wrap: anywhere; font-variant-numeric: tabular-nums; }
+@media (max-width: 40rem) { dl { grid-template-columns: 1fr; } }
 details summary { cursor: pointer; color: var(--muted); font-size: .9rem; margin-top: .5rem; }
 .files { font-size: .85rem; overflow-wrap: anywhere; }
 .files a { color: var(--blue); }
 @media print { .scroll { max-height: none; } section { break-inside: avoid; } }
 """
+_NAMES = {"shoal": "Shoal", "python": "Python", "numpy": "NumPy", "numba": "Numba"}
+_PAPERS = {
+    "D": "Mapping and coverage: papers M and D", "M": "Mapping and coverage: papers M and D",
+    "W": "Two particles and walls: paper W", "H": "Search along a closed curve: paper H",
+}  # fmt: skip
 _LONG = 14  # rows of a table that are shown without asking
 
 
@@ -64,7 +76,7 @@ def write_page(results: Sequence[Result], findings: Sequence[Finding], path: str
     held = sum(result.outcome.ok for result in results)
     shown = sum(finding.shown for finding in findings)
     trials, seconds = sum(result.trials for result in results), sum(result.seconds for result in results)
-    made = ", ".join(f"{name} {value}" for name, value in versions().items() if name != "code")
+    made = ", ".join(f"{_NAMES[name]} {value}" for name, value in versions().items() if name in _NAMES)
     parts = [
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
         "<meta name='viewport' content='width=device-width, initial-scale=1'>",
@@ -72,8 +84,8 @@ def write_page(results: Sequence[Result], findings: Sequence[Finding], path: str
         "<h1>The papers' figures, reproduced</h1>",
         f"<p class='lead'>{held} of {len(results)} figures hold what the papers say of them; "
         f"{shown} of {len(findings)} errata are shown by their checks. "
-        f"{trials:,} trials; {seconds / 60:.1f} minutes where they were run last; {escape(made)}.</p>",
-        _contents(results),
+        f"{trials:,} trials, {_time(seconds)} for this page; {escape(made)}.</p>",
+        _contents(results, findings),
         *(_figure(result) for result in results),
         _errata(findings),
         "</main></body></html>",
@@ -88,13 +100,21 @@ def _mark(good: bool) -> str:
     return f"<span class='mark {name}' title='{title}'>{sign}</span>"
 
 
-def _contents(results: Sequence[Result]) -> str:
+def _time(seconds: float) -> str:
+    return f"{seconds:.0f} seconds" if seconds < 100 else f"{seconds / 60:.0f} minutes"
+
+
+def _title(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}"
+
+
+def _contents(results: Sequence[Result], findings: Sequence[Finding]) -> str:
     links = [
-        f"<a href='#{result.recipe.name}'>{_mark(result.outcome.ok)} "
-        f"{escape(result.recipe.source)}: {escape(result.recipe.title)}</a>"
+        f"<a href='#{result.recipe.name}'>{_mark(result.outcome.ok)}"
+        f"{escape(_title(result.recipe.source))}: {escape(result.recipe.title)}</a>"
         for result in results
     ]
-    return f"<nav>{''.join(links)}<a href='#errata'>Errata, with their checks</a></nav>"
+    return f"<nav>{''.join(links)}<a href='#errata'><span class='mark'></span>{len(findings)} errata, with their checks</a></nav>"
 
 
 def _figure(result: Result) -> str:
@@ -104,8 +124,8 @@ def _figure(result: Result) -> str:
     files = ", ".join(f"<a href='{escape(path.name)}'>{escape(path.name)}</a>" for path in result.files)
     return (
         f"<section id='{recipe.name}'><h2>{_mark(outcome.ok)} {escape(recipe.title)}</h2>"
-        f"<p class='source'>{escape(recipe.source)}{also} · {result.trials:,} trials · shoal reproduce {recipe.name}</p>"
-        f"<img alt='{escape(recipe.title)}' src='data:image/png;base64,{picture}'>"
+        f"<p class='source'>{escape(_title(recipe.source))}{also} · {result.trials:,} trials · shoal reproduce {recipe.name}</p>"
+        f"<div class='picture'><img alt='{escape(recipe.title)}' src='data:image/png;base64,{picture}'></div>"
         f"<p>{escape(outcome.sentence)}</p>"
         f"{''.join(_table(table) for table in outcome.tables if table.shown and table.rows)}"
         f"<p class='files'>Beside this page: {files}</p></section>"
@@ -116,7 +136,7 @@ def _table(table: Table) -> str:
     head = "".join(f"<th>{escape(str(column))}</th>" for column in table.columns)
     rows = "".join(f"<tr>{''.join(f'<td>{escape(_cell(value))}</td>' for value in row)}</tr>" for row in table.rows)
     drawn = f"<div class='scroll'><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
-    title = escape(table.title)
+    title = escape(_title(table.title))
     if len(table.rows) > _LONG:
         return f"<details open><summary>{title}, {len(table.rows)} rows</summary>{drawn}</details>"
     return f"<details open><summary>{title}</summary>{drawn}</details>"
@@ -127,14 +147,20 @@ def _cell(value: Any) -> str:
 
 
 def _errata(findings: Sequence[Finding]) -> str:
-    rows = "".join(
-        f"<tr><td>{_mark(finding.shown)} "
-        f"{escape(finding.source)}</td><td>{escape(finding.printed)}</td><td>{escape(finding.holds)}</td><td>{escape(finding.check)}</td><td>{escape(finding.found)}</td></tr>"
-        for finding in findings
-    )
-    head = "".join(f"<th>{column}</th>" for column in ("source", "printed", "holds", "check", "found by it, just now"))
+    parts, paper = [], ""
+    for finding in findings:
+        of = _PAPERS[finding.source.removeprefix("papers ").removeprefix("paper ")[0]]
+        if of != paper:
+            parts.append(f"<h3>{escape(of)}</h3>")
+            paper = of
+        parts.append(_erratum(finding))
     return (
-        "<section id='errata' class='errata'><h2>Errata, with their checks</h2><p>What the papers print and does not hold, or "
-        "needs saying. The last column was computed when this page was written.</p><div "
-        f"class='scroll'><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div></section>"
+        "<section id='errata'><h2>Errata, with their checks</h2><p>What the papers print and does not hold, or needs saying. What "
+        f"the checks found was computed when this page was written.</p>{''.join(parts)}</section>"
     )
+
+
+def _erratum(finding: Finding) -> str:
+    told = (("printed", finding.printed), ("holds", finding.holds), ("check", finding.check), ("found by it", finding.found))
+    rows = "".join(f"<div><dt>{name}</dt><dd>{escape(text)}</dd></div>" for name, text in told)
+    return f"<article><h4>{_mark(finding.shown)} {escape(_title(finding.source))}</h4><dl>{rows}</dl></article>"

@@ -48,10 +48,10 @@ class Result:
 @cache
 def recipes() -> Registry[Recipe]:
     """Return all recipes by name, in the order of the papers."""
-    from shoal.papers import mapping, search, steering
+    from shoal.papers import line, mapping, search, steering
 
     found: Registry[Recipe] = Registry("figure")
-    for recipe in (*mapping.RECIPES, *steering.RECIPES, *search.RECIPES):
+    for recipe in (*line.RECIPES, *mapping.RECIPES, *steering.RECIPES, *search.RECIPES):
         found.add(recipe.name, recipe)
     return found
 

@@ -9,10 +9,11 @@ import numpy as np
 
 from shoal.lab.store import Store
 from shoal.lab.sweep import Sweep
+from shoal.papers.goals import goal_data, goal_sweep, goal_table, goals
 from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table
-from shoal.steering import ConvexWorkspace, SteeringProblem, open_workspace, regular_polygon
+from shoal.steering import regular_polygon
 from shoal.steering.filling import DiskFractions, disk_fractions, disk_outlines, largest_two_move_fraction, polygon_filling
-from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, GoalSweep, swap_antipodes
+from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes
 from shoal.views.steering_paper import (
     EXAMPLES,
     PRINTED_FRACTIONS,
@@ -84,7 +85,7 @@ def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         rows.append([sides, claimed[sides], f"{100 * enough[sides]:.0f}", least, max(most), unfilled, len(most)])
     wrong = [n for n in SIDES if enough[n] < 1]
     sentence = (
-        "From random starts the printed number of moves fills the space always for "
+        f"From {len(found[SIDES[0]])} random starts each the printed number of moves fills the space always for "
         f"{', '.join(str(n) for n in SIDES if n not in wrong) or 'no'} sides, and not always for "
         f"{', '.join(map(str, wrong)) or 'none'}: four moves of a triangle leave a corner out, and seven and eight sides may need "
         f"eight. {NO_DATA.capitalize()}; the printed numbers of moves are those of section IV.D."
@@ -160,73 +161,12 @@ def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     return Outcome(disk_sets(), sentence, (shown, data), note=NO_DATA)
 
 
-def _goals(name: str, workspace: str, start: Any, fixed: Any, varied: int, settings: Settings, *, either: bool = False) -> Sweep:
-    """Return a sweep of the goal of one particle over a square around the workspace."""
-    samples = (21 if settings.quick else 61) if workspace == "disk" else (17 if settings.quick else 41)
-    opened = open_workspace(workspace)
-    assert isinstance(opened, ConvexWorkspace)  # named ones are
-    low, high = (-0.5, 0.5) if opened.round else (0.0, 1.0)
-    steps = [round(float(low + (high - low) * (2 * k + 1) / (2 * samples)), 12) for k in range(samples)]
-    problem = {
-        "kind": "steering", "workspace": workspace, "start": [list(point) for point in start],
-        "goal": [list(fixed)] * 2, "varied": varied,
-        "planner": "greedy", "tolerance": 1e-3, "interchangeable": either,
-    }  # fmt: skip
-    return Sweep(name=f"{name}.{samples}", problem=problem, axes={"goal_y": steps, "goal_x": steps}, seed=settings.seed)
-
-
-def _goal_sweep(store: Store, sweep: Sweep) -> GoalSweep:
-    """Return what the drawing takes of a sweep over goals."""
-    problem: Any = sweep.points[0].problem
-    x = np.array(sweep.axes["goal_x"])
-    columns = store.columns(sweep.name)
-    at = {name: columns.index(name) for name in ("status", "moves", "length")}
-    moves, lengths = np.full((len(x), len(x)), np.nan), np.full((len(x), len(x)), np.nan)
-    unsolved = 0
-    for k, row in enumerate(store.rows(sweep.name)):
-        if row[at["status"]] == "solved":
-            moves.flat[k], lengths.flat[k] = row[at["moves"]], row[at["length"]]
-        else:
-            unsolved += row[at["status"]] != "outside"
-    steered = SteeringProblem(
-        open_workspace(problem.workspace),
-        np.array(problem.start),
-        np.array(problem.goal),
-        problem.tolerance,
-        problem.interchangeable,
-    )
-    return GoalSweep(steered, problem.varied, problem.planner, x, np.array(sweep.axes["goal_y"]), moves, lengths, unsolved)
-
-
-def _goal_table(names: list[str], sweeps: list[GoalSweep]) -> Table:
-    rows = [
-        [
-            name,
-            f"{np.nanmean(s.moves):.2f}",
-            int(np.nanmax(s.moves)),
-            f"{np.nanmean(s.lengths):.3f}",
-            f"{np.nanmax(s.lengths):.3f}",
-            s.unsolved,
-        ]
-        for name, s in zip(names, sweeps, strict=True)
-    ]
-    return Table("over all goals", ["", "mean moves", "most moves", "mean length", "longest", "without a plan"], rows)
-
-
-def _goal_data(names: list[str], sweeps: list[GoalSweep]) -> Table:
-    rows = []
-    for name, s in zip(names, sweeps, strict=True):
-        for row, column in np.argwhere(np.isfinite(s.moves)):
-            rows.append([name, s.x[column], s.y[row], int(s.moves[row, column]), round(float(s.lengths[row, column]), 6)])
-    return Table("goal by goal", ["panel", "x", "y", "moves", "length"], rows, shown=False)
-
-
 def _fig14_sweeps(settings: Settings) -> list[Sweep]:
-    return [_goals(f"w-fig14.{k}", "disk", DISK_START, goal, 2, settings) for k, goal in enumerate(DISK_GOALS)]
+    return [goals(f"w-fig14.{k}", "disk", DISK_START, goal, 2, settings) for k, goal in enumerate(DISK_GOALS)]
 
 
 def _fig14(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    made = [_goal_sweep(store, sweep) for sweep in sweeps]
+    made = [goal_sweep(store, sweep) for sweep in sweeps]
     names = [f"goal of particle 1 at {goal}" for goal in DISK_GOALS]
     middle = made[0].moves
     alike = float(np.nanmean(middle == middle.T))
@@ -236,7 +176,7 @@ def _fig14(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         f"{NO_DATA.capitalize()}."
     )
     figure = goal_maps([[(sweep, "moves"), (sweep, "length")] for sweep in made])
-    shown = (_goal_table(names, made), _goal_data(names, made))
+    shown = (goal_table(names, made), goal_data(names, made))
     return Outcome(figure, sentence, shown, not any(sweep.unsolved for sweep in made), NO_DATA)
 
 
@@ -275,14 +215,14 @@ def _fig15(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 def _fig16_sweeps(settings: Settings) -> list[Sweep]:
     return [
-        _goals(f"w-fig16.{k}{'-either' * either}", "square", start, goal, 1, settings, either=either)
+        goals(f"w-fig16.{k}{'-either' * either}", "square", start, goal, 1, settings, either=either)
         for either in (False, True)
         for k, (start, goal) in enumerate(SQUARE_CASES)
     ]
 
 
 def _fig16(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    made = [_goal_sweep(store, sweep) for sweep in sweeps]
+    made = [goal_sweep(store, sweep) for sweep in sweeps]
     alone, either = made[: len(SQUARE_CASES)], made[len(SQUARE_CASES) :]
     rows, worse = [], False
     for k, (one, other, printed) in enumerate(zip(alone, either, (33, 60, 30), strict=True)):
@@ -297,7 +237,7 @@ def _fig16(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     names = [f"case {k + 1}{', interchangeable' * flag}" for flag in (0, 1) for k in range(len(SQUARE_CASES))]
     figure = goal_maps([[(s, "length") for s in alone], [(s, "moves") for s in alone], [(s, "length") for s in either]])
     columns = ["case", "longest", "interchangeable", "less, %", "printed less, %", "most moves"]
-    return Outcome(figure, sentence, (Table("longest plans", columns, rows), _goal_data(names, made)), not worse, NO_DATA)
+    return Outcome(figure, sentence, (Table("longest plans", columns, rows), goal_data(names, made)), not worse, NO_DATA)
 
 
 RECIPES = (

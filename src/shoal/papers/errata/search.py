@@ -19,9 +19,12 @@ erratum = into(CHECKS)
 def _reciprocal() -> tuple[str, bool]:
     from shoal.search.expectation import expected_time, stay_share
 
-    found = {m: expected_time(1024, m).mean for m in (10, 20, 50)}
+    drawn = {m: expected_time(1024, m) for m in (10, 20, 50)}
+    found = {m: one.mean for m, one in drawn.items()}
     fits = all(abs(mean / stay_share(m) - 1) < 0.02 for m, mean in found.items())
-    words = ", ".join(f"{m} robots: {100 * mean:.1f} % (m T_E = {m * mean:.2f})" for m, mean in found.items())
+    words = ", ".join(
+        f"{m} robots: {100 * mean:.1f} ± {100 * drawn[m].error:.1f} % (m T_E = {m * mean:.2f})" for m, mean in found.items()
+    )
     return words, fits and found[20] < 0.2 and 50 * found[50] > 1.3 * 10 * found[10]
 
 

@@ -1,0 +1,174 @@
+"""shoal sweep summary, export, check: what is in a store."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from shoal.cli import options
+from shoal.cli.output import check_folder, print_json, print_table, say
+from shoal.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from shoal.lab import Store
+
+SUMMARY_EXAMPLE = "Example: shoal sweep summary results.sqlite --measure moves --compare policy"
+EXPORT_EXAMPLE = "Example: shoal sweep export results.sqlite --out results.csv"
+CHECK_EXAMPLE = "Example: shoal sweep check results.sqlite"
+
+StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="The file with the results.", show_default=False)]
+SweepName = Annotated[
+    str | None, typer.Option("--sweep", metavar="NAME", help="Which sweep, if there are several.", show_default=False)
+]
+Unused = Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")]
+
+
+def check_table(out: Path) -> None:
+    """Refuse a table that cannot be written."""
+    from shoal.lab.export import SUFFIXES
+
+    if out.suffix not in SUFFIXES:
+        raise InvalidInputError(f"{out}: expected the suffix {' or '.join(SUFFIXES)}, got {out.suffix!r}")
+    check_folder(out.parent)
+
+
+def write_json(path: Path, result: dict[str, Any]) -> None:
+    """Write one JSON object."""
+    from shoal.files import atomic
+
+    with atomic(path) as temporary:
+        temporary.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def summary(
+    store: StoreFile,
+    name: SweepName = None,
+    measure: Annotated[str | None, typer.Option("--measure", help="What to look at, such as moves.", show_default=False)] = None,
+    compare: Annotated[
+        str | None,
+        typer.Option(
+            "--compare", metavar="AXIS", help="Compare the values of this paired axis with its first.", show_default=False
+        ),
+    ] = None,
+    level: Annotated[float, typer.Option("--level", help="Of confidence.")] = 0.95,
+    bootstrap: Annotated[bool, typer.Option("--bootstrap", help="Intervals by the bootstrap instead of Student's t.")] = False,
+    seed: Annotated[int, typer.Option("--seed", help="Not used: the bootstrap draws the same numbers each time.")] = 0,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it as JSON, too.", show_default=False)] = None,
+    json_: options.Json = False,
+) -> None:
+    """Show means with confidence intervals, and what differs along a paired axis."""
+    from shoal.lab import Store
+    from shoal.lab.statistics import compare_along, summarise
+
+    if out is not None:
+        check_folder(out.parent)
+    method: Any = "bootstrap" if bootstrap else "t"
+    with Store(store) as opened:
+        chosen = opened.only(name)
+        sweep = opened.sweep(chosen)
+        wanted = measure or next((column for column in ("moves", "share") if column in sweep.measures), sweep.measures[0])
+        _say_if_mixed(opened, chosen)
+        rows = summarise(opened, chosen, wanted, level=level, method=method)
+        pairs = compare_along(opened, chosen, wanted, compare, level=level, method=method) if compare else []
+    result = {
+        "sweep": chosen, "measure": wanted, "level": level, "method": method,
+        "points": [
+            {"axes": row.values, "missing": row.missing, "estimate": row.estimate and _numbers(asdict(row.estimate))}
+            for row in rows
+        ],
+        "comparisons": [
+            {"axes": others, compare: [first, second], "comparison": None if found is None else _numbers(asdict(found))}
+            for others, first, second, found in pairs
+        ],
+    }  # fmt: skip
+    if out is not None:
+        write_json(out, result)
+    if json_:
+        print_json(result)
+        return
+    print_table(
+        [(_words(row.values), "no trial yet" if row.estimate is None else str(row.estimate)) for row in rows],
+        title=f"{wanted} of {chosen}: mean [{100 * level:g} % interval]",
+    )
+    if pairs:
+        lines = [
+            (_words(others | {compare: f"{second} less {first}"}), "fewer than two pairs" if found is None else str(found))
+            for others, first, second, found in pairs
+        ]
+        print_table(lines, title=f"{wanted} along {compare}, on the same seeds")
+
+
+def _say_if_mixed(store: Store, name: str) -> None:
+    """Say on stderr that not all rows of a sweep were written by one version."""
+    from shoal.lab.versions import told_apart
+
+    rows = store.versions(name)
+    if len(rows) > 1:
+        names = told_apart(rows)
+        counted = ", ".join(f"{count} rows by {names[text]}" for text, count in rows.items())
+        say(f"shoal: warning: {store.path}: sweep {name}: expected rows of one version, got {counted}")
+
+
+def _words(values: dict[Any, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in values.items()) or "all"
+
+
+def _numbers(found: Any) -> Any:
+    """Return what JSON can hold: None for what is not a number."""
+    if isinstance(found, dict):
+        return {name: _numbers(value) for name, value in found.items()}
+    return None if isinstance(found, float) and not isfinite(found) else found
+
+
+def export_(
+    store: StoreFile,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The table: .csv or .parquet.", show_default=False)],
+    name: SweepName = None,
+    seed: Unused = 0,
+    json_: options.Json = False,
+) -> None:
+    """Write the table of a sweep: its axes, trial, seed and what was measured."""
+    from shoal.lab import Store
+    from shoal.lab.export import export
+
+    check_table(out)
+    with Store(store) as opened:
+        chosen = opened.only(name)
+        _say_if_mixed(opened, chosen)
+        count = export(opened, chosen, out)
+    if json_:
+        print_json({"sweep": chosen, "rows": count, "out": str(out)})
+    else:
+        print_table([("rows", str(count)), ("written", str(out))], title=f"sweep {chosen}")
+
+
+def check(
+    store: StoreFile,
+    seed: Unused = 0,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it as JSON, too.", show_default=False)] = None,
+    json_: options.Json = False,
+) -> None:
+    """Check that a store is whole: its structure, keys, seeds and rows. Exit code 1 if it is not."""
+    from shoal.lab import Store
+
+    if out is not None:
+        check_folder(out.parent)
+    with Store(store) as opened:
+        faults, names = opened.check(), opened.names
+    result = {"store": str(store), "sweeps": names, "faults": faults, "whole": not faults}
+    if out is not None:
+        write_json(out, result)
+    if json_:
+        print_json(result)
+    else:
+        print_table(
+            [("store", str(store)), ("sweeps", ", ".join(names) or "none"), ("faults", "; ".join(faults) or "none")], title="check"
+        )
+    if faults:
+        say(f"shoal: {store}: {len(faults)} faults")
+        raise typer.Exit(1)

@@ -1,0 +1,78 @@
+"""Paper W, figures 14 and 16: a plan for each goal of one particle."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from shoal.lab.store import Store
+from shoal.lab.sweep import Sweep
+from shoal.papers.recipe import Settings, Table
+from shoal.steering import ConvexWorkspace, SteeringProblem, open_workspace
+from shoal.steering.sweeps import GoalSweep
+
+
+def goals(name: str, workspace: str, start: Any, fixed: Any, varied: int, settings: Settings, *, either: bool = False) -> Sweep:
+    """Return a sweep of the goal of one particle over a square around the workspace."""
+    samples = (21 if settings.quick else 61) if workspace == "disk" else (17 if settings.quick else 41)
+    opened = open_workspace(workspace)
+    assert isinstance(opened, ConvexWorkspace)  # named ones are
+    low, high = (-0.5, 0.5) if opened.round else (0.0, 1.0)
+    steps = [round(float(low + (high - low) * (2 * k + 1) / (2 * samples)), 12) for k in range(samples)]
+    problem = {
+        "kind": "steering", "workspace": workspace, "start": [list(point) for point in start],
+        "goal": [list(fixed)] * 2, "varied": varied,
+        "planner": "greedy", "tolerance": 1e-3, "interchangeable": either,
+    }  # fmt: skip
+    return Sweep(name=f"{name}.{samples}", problem=problem, axes={"goal_y": steps, "goal_x": steps}, seed=settings.seed)
+
+
+def goal_sweep(store: Store, sweep: Sweep) -> GoalSweep:
+    """Return what the drawing takes of a sweep over goals."""
+    problem: Any = sweep.points[0].problem
+    x = np.array(sweep.axes["goal_x"])
+    columns = store.columns(sweep.name)
+    at = {name: columns.index(name) for name in ("status", "moves", "length")}
+    moves, lengths = np.full((len(x), len(x)), np.nan), np.full((len(x), len(x)), np.nan)
+    unsolved = 0
+    for k, row in enumerate(store.rows(sweep.name)):
+        if row[at["status"]] == "solved":
+            moves.flat[k], lengths.flat[k] = row[at["moves"]], row[at["length"]]
+        else:
+            unsolved += row[at["status"]] != "outside"
+    steered = SteeringProblem(
+        open_workspace(problem.workspace),
+        np.array(problem.start),
+        np.array(problem.goal),
+        problem.tolerance,
+        problem.interchangeable,
+    )
+    return GoalSweep(steered, problem.varied, problem.planner, x, np.array(sweep.axes["goal_y"]), moves, lengths, unsolved)
+
+
+def goal_table(names: list[str], sweeps: list[GoalSweep]) -> Table:
+    """Return moves and lengths over all goals of each sweep."""
+    rows = [
+        [
+            name,
+            f"{np.nanmean(s.moves):.2f} ± {np.nanstd(s.moves):.2f}",
+            int(np.nanmax(s.moves)),
+            f"{np.nanmean(s.lengths):.3f} ± {np.nanstd(s.lengths):.3f}",
+            f"{np.nanmax(s.lengths):.3f}",
+            s.unsolved,
+        ]
+        for name, s in zip(names, sweeps, strict=True)
+    ]
+    return Table(
+        "over all goals: mean ± standard deviation", ["", "moves", "most moves", "length", "longest", "without a plan"], rows
+    )
+
+
+def goal_data(names: list[str], sweeps: list[GoalSweep]) -> Table:
+    """Return moves and length goal by goal."""
+    rows = []
+    for name, s in zip(names, sweeps, strict=True):
+        for row, column in np.argwhere(np.isfinite(s.moves)):
+            rows.append([name, s.x[column], s.y[row], int(s.moves[row, column]), round(float(s.lengths[row, column]), 6)])
+    return Table("goal by goal", ["panel", "x", "y", "moves", "length"], rows, shown=False)
