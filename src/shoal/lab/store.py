@@ -214,12 +214,12 @@ class Store:
     def status(self, name: str) -> Status:
         """Return how far a sweep is; also while another process runs it."""
         number, _, _, _, trials, points = self.row(name)
-        ((done,),) = self.ask("SELECT count(*) FROM trials WHERE point IN (SELECT id FROM points WHERE sweep = ?)", number)
+        versions = self.versions(name)
         ((failed,),) = self.ask("SELECT count(*) FROM failures WHERE point IN (SELECT id FROM points WHERE sweep = ?)", number)
         ((last, seconds),) = self.ask("SELECT max(finished), coalesce(sum(seconds), 0) FROM batches WHERE sweep = ?", number)
         running = is_claimed(self.path, name)
         rate = self._rate(number, time.time() if running else last or 0.0)
-        return Status(name, done, trials * points, failed, points, running, rate, seconds, self.versions(name))
+        return Status(name, sum(versions.values()), trials * points, failed, points, running, rate, seconds, versions)
 
     def versions(self, name: str) -> dict[str, int]:
         """Return which versions wrote the rows of a sweep, and how many; the first first."""
