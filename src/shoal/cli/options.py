@@ -55,7 +55,8 @@ ScanEvery = Annotated[
     typer.Option(
         "--scan-every",
         metavar="RULE",
-        help="Equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most cells for its price).",
+        help="Equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most cells for its price). With noise "
+        "a number: so many commands of a plan, or fewer where it ends.",
     ),
 ]
 ScanCost = Annotated[float, typer.Option("--scan-cost", help="Price of a scan, in any unit.")]

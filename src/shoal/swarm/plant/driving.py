@@ -111,8 +111,8 @@ class Tracker(Protocol):
     def finished(self) -> bool:
         """Whether nothing is left that could be done."""
 
-    def foreseen(self, command: str, steps: int) -> NDArray[np.int64] | None:
-        """Return where the particles will be after ``steps`` equal commands if that is certain and tells nothing, else None."""
+    def blind(self, command: str, steps: int, moves: int) -> list[tuple[int, int, int]] | None:
+        """Take in ``steps`` equal commands without a scan, as `update`; return None, changing nothing, if a scan is needed."""
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64], moves: int) -> list[tuple[int, int, int]]:
         """Take in a scan after ``steps`` equal commands; return (done, frontier, travelled) of each."""
@@ -199,17 +199,20 @@ def drive(
         chosen.check(Frame(plant.shape), plant.rule)
     check_scanning(scanning, chosen, plant.rule)
     if noise is not None:
-        check_noisy(noise, confidence, rule=plant.rule, task=Mapping(), every_move=scanning.every_move)
+        check_noisy(noise, confidence, rule=plant.rule, task=Mapping(), scanning=scanning)
+
+    asked = None if noise is None else AskedRuns(chosen, trial_rng(seed), scanning.step)
 
     def runs(belief: Belief) -> Runs:
-        rng = trial_rng(seed)
-        return AskedRuns(chosen, rng) if noise is not None else runs_of(scanning, chosen, Mapping(), plant.rule, belief, rng, None)
+        return asked or runs_of(scanning, chosen, Mapping(), plant.rule, belief, trial_rng(seed), None)
 
-    known = scanning.kind == "adaptive"
+    def may_skip(move: int) -> bool:
+        return scanning.kind == "adaptive" if asked is None else not asked.due and move < max_moves
+
     return _driven(
         plant,
         runs,
-        lambda _move: known,
+        may_skip,
         max_moves,
         log,
         on_moves,
@@ -339,14 +342,14 @@ def _loop(
                 log.command(len(course.codes) + step + 1, command)
             plant.send(command)
         moves = len(course.codes) + steps
-        cells = tracker.foreseen(command, steps) if may_skip(moves) else None
-        scanned = cells is None
-        if cells is None:
+        rows = tracker.blind(command, steps, moves) if may_skip(moves) else None
+        scanned = rows is None
+        if rows is None:
             cells = check_cells(plant.observe(), plant.shape, what="positions")
             if log is not None:
                 log.scan(moves, cells)
-        code = int(encode(command, ndim=len(plant.shape))[0])
-        course.add(code, tracker.update(command, steps, cells, moves), scanned=scanned)
+            rows = tracker.update(command, steps, cells, moves)
+        course.add(int(encode(command, ndim=len(plant.shape))[0]), rows, scanned=scanned)
         runs.scan_after(tracker.belief, tracker.state, len(tracker.belief.known) - known)  # told, so that it learns
         if on_moves is not None:
             on_moves(moves, len(tracker.belief.frontier))

@@ -47,7 +47,12 @@ class ExactTracker:
         """Whether nothing is left to do."""
         return self.belief.complete
 
-    def foreseen(self, command: str, steps: int) -> NDArray[np.int64] | None:
+    def blind(self, command: str, steps: int, moves: int) -> list[tuple[int, int, int]] | None:
+        """Take in ``steps`` equal commands without a scan, as `update`; return None if that would try an unknown cell."""
+        cells = self._foreseen(command, steps)
+        return None if cells is None else self.update(command, steps, cells, moves)
+
+    def _foreseen(self, command: str, steps: int) -> NDArray[np.int64] | None:
         """Return where the particles will be after ``steps`` equal commands if no unknown cell is tried, else None."""
         from shoal.swarm.engine import pushed
 
@@ -112,7 +117,7 @@ class ExactTracker:
 
 
 class NoisyTracker:
-    """Belief of a mapping, from positions that may be wrong, after each command.
+    """Belief of a mapping, from positions that may be wrong.
 
     Parameters
     ----------
@@ -133,15 +138,22 @@ class NoisyTracker:
         """Whether no frontier cell is left that a particle could get to."""
         return self._noisy.finished
 
-    def foreseen(self, command: str, steps: int) -> None:
-        """Return None: with noise nothing is certain."""
-        return
+    def blind(self, command: str, steps: int, moves: int) -> list[tuple[int, int, int]]:
+        """Take in ``steps`` equal commands without a scan, as `update`: particles may have gone on, and nothing is learnt."""
+        for _ in range(steps):
+            self._noisy.spread(command)
+        self._take_over()
+        return [(0, self._noisy.remaining, 0)] * steps
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64], moves: int) -> list[tuple[int, int, int]]:
-        """Take in what a scan after one command shows; return (done, frontier, 0): how far particles went is not known."""
+        """Take in what a scan after ``steps`` equal commands shows; return (done, frontier, 0) of each.
+
+        How far particles went is not known.
+        """
+        rows = self.blind(command, steps - 1, moves)
         done = self._noisy.update(command, Board.of_cells(self._frame, cells))
         self._take_over()
-        return [(done, self._noisy.remaining, 0)]
+        return [*rows, (done, self._noisy.remaining, 0)]
 
     def _take_over(self) -> None:
         self.belief, self.state = self._noisy.belief, SwarmState(self._noisy.occupied)
