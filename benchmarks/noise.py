@@ -146,7 +146,7 @@ def endings(count: int, first: int, *, mixed: bool = False) -> int:
         workspace = GridWorkspace(free)
         noise = Noise(*rng.uniform(0, rng.choice([0.02, 0.1, 0.5]), size=3))
         policy = "elect-particle" if rng.random() < 0.05 else "closest-frontier"
-        confidence = float(rng.choice([0.6, 0.9, 0.99, 0.9999]))
+        confidence = float(rng.choice([0.8, 0.9, 0.99, 0.9999]))
         n, every = int(rng.integers(1, workspace.n_free + 1)), int(rng.choice([1, 2, 4, 50])) if mixed else 1
         if policy == "elect-particle":
             every = 1  # it has to see its particle

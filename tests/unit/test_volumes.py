@@ -17,8 +17,9 @@ from shoal.swarm.generators.vessels3d import grow_tree, murray_radius
 from shoal.swarm.kernels.paths import path_lengths
 from shoal.views.figures import final_map, map_figure
 from shoal.views.films import write_film
+from shoal.views.looks import codes_of
 from shoal.views.player.page import player_data
-from shoal.views.volume import Slices, codes_of, sheet, slice_pictures, turned_view, workspace_codes
+from shoal.views.volume import Fit, Slices, sheet, sheet_width, slice_pictures, turned_view, workspace_codes
 
 nibabel = pytest.importorskip("nibabel")
 BLOCK = np.random.default_rng(3).random((4, 5, 6)) < 0.7
@@ -249,7 +250,23 @@ def test_slices_cut_where_most_is_free():
     assert (front.shape[:2], above.shape[:2], right.shape[:2]) == ((6, 7), (5, 7), (6, 5))
     assert (front[3, 1:-1] == 255).all()
     state, belief = run(workspace, particles=5).final()
-    assert sheet(codes_of(state, belief), slices, azimuth=0.3, side=120).shape == (120, 178, 3)
+    assert sheet(codes_of(state, belief), slices, azimuth=0.3, side=120).shape == (120, sheet_width((5, 6, 7), 120), 3)
+
+
+@pytest.mark.parametrize("spacing", [None, (3.0, 1.0, 1.0)])
+def test_a_fitted_view_shows_all_from_every_side_as_large_as_it_can(spacing):
+    free = np.zeros((12, 30, 40), bool)
+    free[3, 5:25, 4] = free[3:9, 24, 4] = free[8, 24, 4:9] = True  # in a corner of the array
+    workspace = GridWorkspace(free, spacing=spacing)
+    codes, fit = workspace_codes(workspace), Fit.of(workspace)
+    largest = 0
+    for azimuth in np.linspace(0, 2 * np.pi, 9):
+        picture = turned_view(codes, azimuth=azimuth, side=300, spacing=spacing, fit=fit)
+        lit = np.argwhere(picture.max(axis=2) > 60)  # brighter than the background
+        assert lit.min() > 0
+        assert lit.max() < 299
+        largest = max(largest, *np.ptp(lit, axis=0))
+    assert largest > 225
 
 
 def test_command_line(tmp_path, capsys):

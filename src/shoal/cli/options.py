@@ -90,7 +90,7 @@ Misplace = Annotated[
 ]
 Miss = Annotated[float, typer.Option("--miss", help="Probability that a particle is not seen in a scan, 0 to 0.5.")]
 Confidence = Annotated[
-    float, typer.Option("--confidence", help="With noise: the probability from which a cell counts as settled, above 0.5.")
+    float, typer.Option("--confidence", help="With noise: the probability from which a cell counts as settled, above 0.75.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")]
 Vessels = Annotated[bool, typer.Option("--vessels", help="MAP is a photograph: segment its vessels (needs the extra 'imaging').")]

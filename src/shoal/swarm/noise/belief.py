@@ -65,7 +65,7 @@ class NoisyBelief:
         The first scan.
     noise : Noise
     confidence : float
-        Above 0.5: a cell counts as free or as an obstacle from this probability on.
+        Above 0.75: a cell counts as free or as an obstacle from this probability on.
 
     Raises
     ------

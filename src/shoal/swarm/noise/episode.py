@@ -14,8 +14,9 @@ from shoal.swarm.belief import Belief
 from shoal.swarm.boards import Board, Frame
 from shoal.swarm.episode import Episode, Verification
 from shoal.swarm.kernels import noise, noisy_play
-from shoal.swarm.noise.belief import NoisyBelief
+from shoal.swarm.noise.belief import NoisyBelief, inner_of
 from shoal.swarm.noise.model import CONFIDENCE, Noise
+from shoal.swarm.noise.moments import Moment, looks_of
 from shoal.swarm.noise.plant import seen_board, truth_of
 from shoal.swarm.state import SwarmState
 
@@ -100,8 +101,20 @@ class NoisyEpisode(Episode):
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield at the start and after each move where particles are believed to be, and the belief."""
+        for belief in self._beliefs():
+            yield SwarmState(belief.occupied), belief.belief
+
+    def moments(self) -> Iterator[Moment]:
+        """Yield at the start and after each move where the particles are, and what the belief holds of each cell."""
+        shape, truth = self.workspace.shape, np.pad(self.workspace.free, 1)
+        for belief in self._beliefs():
+            particles = np.array(inner_of(belief.haze.there, shape, rim=1), dtype=np.bool_)
+            yield Moment(particles, looks_of(belief, truth))
+
+    def _beliefs(self) -> Iterator[NoisyBelief]:
+        """Yield the belief, which changes in place, at the start and after each move."""
         belief, rng = self._begin()
-        yield SwarmState(belief.occupied), belief.belief
+        yield belief
         for code, scanned in zip(self.codes, self.scanned.tolist(), strict=True):
             noise.move_hazy(belief.haze, code, rng)
             if scanned:
@@ -109,7 +122,7 @@ class NoisyEpisode(Episode):
                 belief.learn(code)
             else:
                 belief.foretell(code)
-            yield SwarmState(belief.occupied), belief.belief
+            yield belief
 
     def final(self) -> tuple[SwarmState, Belief]:
         """Return where particles are believed to be at the end, and the belief."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,6 +19,7 @@ from shoal.swarm.episode import STATUSES, Episode
 from shoal.swarm.noise.asking import AskedRuns
 from shoal.swarm.noise.model import CONFIDENCE, Noise
 from shoal.swarm.noise.running import check_noisy
+from shoal.swarm.plant.course import Course
 from shoal.swarm.plant.log import DriveLog, RecordedPlant
 from shoal.swarm.plant.protocol import Plant, check_cells
 from shoal.swarm.plant.remote import LinkCounts
@@ -31,7 +32,6 @@ from shoal.swarm.state import SwarmState
 from shoal.swarm.stepwise import OnMoves, Runs, runs_of
 from shoal.swarm.tasks import Mapping
 from shoal.swarm.workspace import GridWorkspace
-from shoal.version import __version__
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,8 @@ class Drive:
     cells : ndarray of int64, shape (n, ndim)
         Where the particles are believed to be at the end.
     episode : Episode or None
-        The run as an episode, in a workspace of the free cells that were found: to film, draw and verify. None with noise.
+        The run as an episode, in a workspace of the free cells that were found: to film, draw and verify. With noise a
+        `shoal.swarm.noise.SeenEpisode`; None if no free cell was found.
     link : LinkCounts or None
         What happened on the line of a remote plant.
     seconds : float
@@ -116,24 +117,6 @@ class Tracker(Protocol):
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64], moves: int) -> list[tuple[int, int, int]]:
         """Take in a scan after ``steps`` equal commands; return (done, frontier, travelled) of each."""
-
-
-@dataclass
-class _Course:
-    """What was sent, and what it brought."""
-
-    codes: list[int] = field(default_factory=list)
-    rows: list[tuple[int, int, int]] = field(default_factory=list)
-    scanned: list[bool] = field(default_factory=list)
-    idle: int = 0
-    last: tuple[int, int] = (0, 0)  # (travelled, done) of the last run
-
-    def add(self, code: int, rows: list[tuple[int, int, int]], *, scanned: bool) -> None:
-        self.codes += [code] * len(rows)
-        self.rows += rows
-        self.scanned += [False] * (len(rows) - 1) + [scanned]
-        self.last = sum(row[2] for row in rows), sum(row[0] for row in rows)
-        self.idle = 0 if any(self.last) else self.idle + 1
 
 
 def drive(
@@ -256,11 +239,14 @@ def _driven(
     confidence: float = CONFIDENCE,
 ) -> Drive:
     began = time.perf_counter()
-    status, course = "interrupted", _Course()
+    status, course = "interrupted", Course()
     try:
         first = check_cells(plant.observe(), plant.shape, what="positions")
-        exact = ExactTracker(plant.shape, plant.rule, first) if noise is None else None
-        tracker: Tracker = exact or NoisyTracker(plant.shape, first, noise or Noise(), confidence)
+        tracker: ExactTracker | NoisyTracker
+        if noise is None:
+            tracker = ExactTracker(plant.shape, plant.rule, first)
+        else:
+            tracker = NoisyTracker(plant.shape, first, noise, confidence)
         if log is not None:
             said = {} if noise is None else {"noise": dict(vars(noise)), "confidence": confidence}
             log.begin(plant, policy=policy, seed=seed, scan_every=scanning.every, **said)
@@ -276,7 +262,8 @@ def _driven(
     seconds = time.perf_counter() - began
     if log is not None:
         log.end(status, moves=len(course.codes), belief=tracker.belief)
-    episode = None if exact is None else _episode(plant, policy, seed, scanning, exact, course, status, seconds)
+    about: dict[str, Any] = {"policy": policy, "seed": seed, "scanning": scanning, "noise": noise, "confidence": confidence}
+    episode = course.episode(plant, tracker, status=status, seconds=seconds, **about)
     return Drive(
         policy,
         status,
@@ -320,7 +307,7 @@ def _loop(
     runs: Runs,
     may_skip: Callable[[int], bool],
     tracker: Tracker,
-    course: _Course,
+    course: Course,
     max_moves: int,
     log: DriveLog | None,
     on_moves: OnMoves | None,
@@ -353,39 +340,3 @@ def _loop(
         runs.scan_after(tracker.belief, tracker.state, len(tracker.belief.known) - known)  # told, so that it learns
         if on_moves is not None:
             on_moves(moves, len(tracker.belief.frontier))
-
-
-def _episode(
-    plant: Plant,
-    policy: str,
-    seed: int,
-    scanning: ScanRule,
-    tracker: ExactTracker,
-    course: _Course,
-    status: str,
-    seconds: float,
-) -> Episode:
-    """Return the run as an episode in the map that was found: there every particle moves as it did."""
-    columns: Any = np.array(course.rows, dtype=np.int64).reshape(-1, 3)
-    here = SwarmState.of_cells(tracker.frame, tracker.start, shared=plant.rule == "merge").occupied
-    return Episode(
-        workspace=GridWorkspace(tracker.belief.open.inner, name=plant.name),
-        start=tracker.start,
-        codes=np.array(course.codes, dtype=np.int8),
-        rule=plant.rule,
-        task="mapping",
-        policy=policy,
-        placement="given",
-        targets=None,
-        seed=seed,
-        trial=0,
-        status=status,
-        first_frontier=len(here.dilated() - here),
-        done=columns[:, 0].astype(np.int32),
-        frontier=columns[:, 1].astype(np.int32),
-        travelled=columns[:, 2].copy(),
-        seconds=seconds,
-        version=__version__,
-        scanning=scanning,
-        scanned=np.array(course.scanned, dtype=np.bool_),
-    )

@@ -41,6 +41,7 @@ class ExactTracker:
         self.state = self._state(cells, 0)
         here = self.state.occupied
         self.belief = Belief(open=here, known=here, frontier=here.dilated() - here)
+        self.first_frontier = len(self.belief.frontier)
 
     @property
     def finished(self) -> bool:
@@ -126,12 +127,18 @@ class NoisyTracker:
         The first positions; there may be none.
     noise : Noise
     confidence : float
+
+    Attributes
+    ----------
+    sights : list of ndarray of int64, shape (k, ndim)
+        What each scan showed.
     """
 
     def __init__(self, shape: tuple[int, ...], cells: NDArray[np.int64], noise: Noise, confidence: float) -> None:
         self._frame = Frame(shape)
         self._noisy = NoisyBelief(shape, Board.of_cells(self._frame, cells), noise, confidence)
         self._take_over()
+        self.start, self.first_frontier, self.sights = self.state.cells, self._noisy.remaining, [cells]
 
     @property
     def finished(self) -> bool:
@@ -152,6 +159,7 @@ class NoisyTracker:
         """
         rows = self.blind(command, steps - 1, moves)
         done = self._noisy.update(command, Board.of_cells(self._frame, cells))
+        self.sights.append(cells)
         self._take_over()
         return [*rows, (done, self._noisy.remaining, 0)]
 
