@@ -92,6 +92,17 @@ def nifti(data, **options):
     return nibabel.Nifti1Image(np.asarray(data), np.eye(4), **options).to_bytes()
 
 
+def archive(*, trailer=None, more=b""):
+    whole = gzip.compress(nifti(np.ones((5, 5, 5), np.uint8)) + more)
+    return whole if trailer is None else whole[: -len(trailer)] + trailer
+
+
+def header_with(at, dtype, number):
+    image = bytearray(nifti(np.ones((2, 2, 2), np.uint8)))
+    image[at : at + np.dtype(dtype).itemsize] = np.array(number, dtype).tobytes()
+    return bytes(image)
+
+
 def huge():
     image = bytearray(nifti(np.ones((2, 2, 2), np.uint8)))
     image[40:48] = np.array([3, 30000, 30000, 30000], "<i2").tobytes()
@@ -107,6 +118,10 @@ BAD = {
     "nan.nii": (nifti(np.full((3, 3, 3), np.nan, np.float32)), "expected finite numbers, got nan at cell (0, 0, 0)"),
     "huge.nii": (huge(), "expected 1 to 268435456 voxels, got (30000, 30000, 30000)"),
     "cut.nii.gz": (gzip.compress(nifti(np.random.default_rng(1).random((20, 20, 20))))[:4000], "got a damaged or cut off one"),
+    "flipped.nii.gz": (archive(trailer=bytes(8)), "got a damaged or cut off one: CRC check failed"),
+    "long.nii.gz": (archive(more=bytes(3_000_000)), "expected 477 bytes of a volume, as its header says, got more"),
+    "kind.nii": (header_with(70, "<i2", 9999), "got a damaged or cut off one: data code 9999 not recognized"),
+    "place.nii": (header_with(108, "<f4", np.nan), "got a damaged or cut off one"),
     "cut.nii": (nifti(np.random.default_rng(1).random((20, 20, 20)))[:4000], "got a damaged or cut off one"),
     "noise.nii": (bytes(range(256)) * 4, "expected a NIfTI volume, got a damaged or cut off one"),
     "noise.nii.gz": (bytes(range(256)) * 4, "expected a NIfTI volume, got a damaged or cut off one"),

@@ -256,12 +256,12 @@ def _driven(
         try:
             with interruption_held():
                 plant.stop()
-        finally:
+        finally:  # even if the rig did not confirm the stop
             if log is not None and status == "interrupted":
                 log.end(status)
+            elif log is not None:
+                log.end(status, moves=len(course.codes), belief=tracker.belief)
     seconds = time.perf_counter() - began
-    if log is not None:
-        log.end(status, moves=len(course.codes), belief=tracker.belief)
     about: dict[str, Any] = {"policy": policy, "seed": seed, "scanning": scanning, "noise": noise, "confidence": confidence}
     episode = course.episode(plant, tracker, status=status, seconds=seconds, **about)
     return Drive(
