@@ -82,6 +82,8 @@ MODULES = [
     "views.figures",
     "views.films",
     "views.volume",
+    "views.looks",
+    "views.player.moments",
     "views.player.page",
 ]
 
