@@ -1,6 +1,7 @@
 """Mapping with noise: how right, how many moves, how honest the stated confidence is; and that every episode ends.
 
 python -m benchmarks.noise                       200 trials of acceptance and the calibration plot (docs/images/noise.png)
+python -m benchmarks.noise --scans 1 2 4         what fewer scans cost, ten trials each
 python -m benchmarks.noise --endings 20000       so many episodes of random maps, rates, confidences and policies
 """
 
@@ -58,6 +59,24 @@ def measure(trials: int, image: Path) -> int:
     return broken
 
 
+def fewer_scans(every: list[int], trials: int, particles: int) -> int:
+    """Print moves, scans, cost and rates for scans after at most so many commands; return how many promises are broken."""
+    workspace, broken = open_map(MAP), 0
+    print(f"{MAP}, {particles} particles, slip {NOISE.slip:g}, misplace {NOISE.misplace:g}, {trials} trials, 10 a scan, 1 a move")
+    for step in every:
+        episodes = [run(workspace, particles=particles, noise=NOISE, trial=trial, scan_every=step) for trial in range(trials)]
+        moves, scans, cost = (np.mean([getattr(e, name) for e in episodes]) for name in ("moves", "scans", "cost"))
+        errors = [episode.errors for episode in episodes if isinstance(episode, NoisyEpisode)]
+        right, worst = np.mean([e.right for e in errors]), min(e.right for e in errors)
+        wrong = ", ".join(f"{sum(getattr(e, n) for e in errors)} {n}" for n in ("false_free", "false_obstacles", "undecided"))
+        print(
+            f"  scan-every {step}: {moves:.1f} moves, {scans:.1f} scans, cost {cost:.0f}; "
+            f"{100 * right:.4f} % right, at worst {100 * worst:.3f} %; in all {wrong}"
+        )
+        broken += int(worst < 0.995)
+    return broken
+
+
 def stated_and_true(episode: NoisyEpisode) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the probabilities of all cells that something is known of, after a third of the moves, and whether they are free."""
     from dataclasses import replace
@@ -111,8 +130,8 @@ def logit(share: NDArray[np.float64] | float) -> NDArray[np.float64]:
     return np.log(share / (1 - np.asarray(share)))
 
 
-def endings(count: int, first: int) -> int:
-    """Play random episodes with noise; return how many did not end of themselves."""
+def endings(count: int, first: int, *, mixed: bool = False) -> int:
+    """Play random episodes with noise, of random scan rules if mixed; return how many did not end of themselves."""
     statuses: Counter[str] = Counter()
     began, longest = time.process_time(), 0
     for seed in range(first, first + count):
@@ -127,9 +146,11 @@ def endings(count: int, first: int) -> int:
         workspace = GridWorkspace(free)
         noise = Noise(*rng.uniform(0, rng.choice([0.02, 0.1, 0.5]), size=3))
         policy = "elect-particle" if rng.random() < 0.05 else "closest-frontier"
-        confidence = float(rng.choice([0.6, 0.9, 0.99, 0.9999]))
-        n = int(rng.integers(1, workspace.n_free + 1))
-        episode = run(workspace, particles=n, noise=noise, policy=policy, confidence=confidence, seed=seed)
+        confidence = float(rng.choice([0.8, 0.9, 0.99, 0.9999]))
+        n, every = int(rng.integers(1, workspace.n_free + 1)), int(rng.choice([1, 2, 4, 50])) if mixed else 1
+        if policy == "elect-particle":
+            every = 1  # it has to see its particle
+        episode = run(workspace, particles=n, noise=noise, policy=policy, confidence=confidence, seed=seed, scan_every=every)
         statuses[episode.status] += 1
         longest = max(longest, episode.moves)
         if (seed + 1) % 1000 == 0:
@@ -140,14 +161,19 @@ def endings(count: int, first: int) -> int:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, default=200)
+    parser.add_argument("--trials", type=int, help="default 200, of --scans 10")
+    parser.add_argument("--scans", type=int, nargs="+", metavar="K", help="compare scans after at most so many commands instead")
+    parser.add_argument("--particles", type=int, default=PARTICLES, help="of --scans")
     parser.add_argument("--image", type=Path, default=IMAGE)
     parser.add_argument("--endings", type=int, help="play so many random episodes instead")
     parser.add_argument("--first", type=int, default=0, help="the first seed of these")
+    parser.add_argument("--mixed", action="store_true", help="of these each with a scan after at most 1, 2, 4 or 50 commands")
     given = parser.parse_args()
     if given.endings:
-        return int(endings(given.endings, given.first) > 0)
-    return int(measure(given.trials, given.image) > 0)
+        return int(endings(given.endings, given.first, mixed=given.mixed) > 0)
+    if given.scans:
+        return int(fewer_scans(given.scans, given.trials or 10, given.particles) > 0)
+    return int(measure(given.trials or 200, given.image) > 0)
 
 
 if __name__ == "__main__":

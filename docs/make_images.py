@@ -22,6 +22,7 @@ from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach,
 from shoal.steering.filling import disk_fractions, largest_two_move_fraction, polygon_filling
 from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes, sweep_goals
 from shoal.swarm.line import Line, sample
+from shoal.swarm.noise import Noise
 from shoal.swarm.scanning import EveryStep, Hyperexponential, Powers
 from shoal.views.figures import frontier_plot, map_figure, save_figure
 from shoal.views.search import expected_time_figure, search_figure, timeline_figure
@@ -49,6 +50,8 @@ def mapping() -> None:
     save("mapping-frontier.png", frontier_plot([episode]))
     tree = run(open_map("vessels3d:6000"), particles=600, seed=SEED)
     save("volume.png", map_figure(tree, moves=tree.moves // 4), colours=256)
+    hazy = run(open_map("vessels:1000"), particles=60, seed=2, noise=Noise(slip=0.1, misplace=0.05), confidence=0.8)
+    save("noise-map.png", map_figure(hazy, moves=hazy.moves // 3))
 
 
 def tours() -> None:

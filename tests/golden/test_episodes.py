@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from shoal import open_map, run
+from shoal.swarm.noise import Noise
 
 FILE = Path(__file__).parent / "episodes.json"
 MAPS = ("line:200", "rectangle:12x70", "htree:400", "maze:31x21:4")
@@ -45,6 +46,28 @@ def test_episode(case):
     assert played(*case) == json.loads(FILE.read_text())[" ".join(case)]
 
 
+NOISY = [
+    (name, policy, every)
+    for name in ("maze:31x21:4", "vessels3d:300")
+    for policy, steps in (("closest-frontier", "14"), ("elect-particle", "1"))
+    for every in steps
+]
+
+
+def played_with_noise(name: str, policy: str, every: str) -> list[object]:
+    """Return [moves, status, digest of the commands, scans, cells travelled]."""
+    noise = Noise(slip=0.1, misplace=0.05, miss=0.05)
+    episode = run(open_map(name), policy=policy, particles=20, seed=5, noise=noise, scan_every=every)
+    digest = hashlib.sha256(episode.commands.encode()).hexdigest()[:16]
+    return [episode.moves, episode.status, digest, episode.scans, episode.distance]
+
+
+@pytest.mark.parametrize("case", NOISY, ids=" ".join)
+def test_episode_with_noise(case):
+    assert played_with_noise(*case) == json.loads(FILE.read_text())[" ".join(("noise", *case))]
+
+
 if __name__ == "__main__":
-    rows = (f" {json.dumps(' '.join(case))}: {json.dumps(played(*case))}" for case in CASES)
+    rows = [f" {json.dumps(' '.join(case))}: {json.dumps(played(*case))}" for case in CASES]
+    rows += [f" {json.dumps(' '.join(('noise', *case)))}: {json.dumps(played_with_noise(*case))}" for case in NOISY]
     FILE.write_text("{\n" + ",\n".join(rows) + "\n}\n")

@@ -80,7 +80,8 @@ class Belief:
             known[cell] = 1 - (1 - self.slip) * room
         return known[cell]
 
-    def update(self, step, seen):
+    def foreseen(self, step):
+        """Return how likely each particle stays at a command, and where particles are after it."""
         known = {}
         staying = {cell: self.stays(cell, step, known) for cell in self.window if self.inside[cell]}
         moved = dict.fromkeys(self.window, 0.0)
@@ -88,6 +89,14 @@ class Belief:
             moved[cell] += self.inside[cell] * stay
             if plus(cell, step) in self.window:
                 moved[plus(cell, step)] += self.inside[cell] * (1 - stay)
+        return staying, moved
+
+    def spread(self, step):
+        """A command that no scan follows."""
+        self.inside = {cell: held if held > FAINT else 0.0 for cell, held in self.foreseen(step)[1].items()}
+
+    def update(self, step, seen):
+        staying, moved = self.foreseen(step)
         logit, inside = dict(self.logit), dict.fromkeys(self.window, 0.0)
         for cell in self.window:
             behind = plus(cell, step, -1)

@@ -141,10 +141,10 @@ for shape in ((3, 5), (6, 64), (2, 3, 4)):
     free.flat[0] = True
     cells = np.argwhere(free)
     start = cells[rng.choice(len(cells), size=max(1, len(cells) // 4), replace=False)]
-    for noise in (Noise(0.1, 0.05, 0.1), Noise(), Noise(0.0, 0.2, 0.0)):
-        e = run(GridWorkspace(free), start=start, noise=noise, max_moves=60)
+    for noise, every in ((Noise(0.1, 0.05, 0.1), 1), (Noise(), 2), (Noise(0.0, 0.2, 0.0), 5)):
+        e = run(GridWorkspace(free), start=start, noise=noise, scan_every=every, max_moves=60)
         print(shape, e.commands, e.status, e.done.tolist(), e.frontier.tolist(), e.travelled.tolist())
-        print(e.probability.round(9).tolist(), e.errors)
+        print(e.scanned.tolist(), e.probability.round(9).tolist(), e.errors)
 """
 
 

@@ -353,7 +353,8 @@ OUTPUTS = [
     (f"{LINE} --film /proc/nowhere/x.gif", "cannot write into the folder /proc/nowhere"),
     (f"{LINE} --film {{bad}}/letter.txt/x.gif", "cannot write into the folder {bad}/letter.txt: Not a directory"),
     (f"{LINE} --film {{out}}/folder.gif/", "folder.gif: it is a folder"),
-    ("map line:9 -n 2 --slip 0.1 --film {out}/x.html", "the HTML player: expected an episode without noise"),
+    ("map line:9 -n 2 --slip 0.1 --scan-every hyper", "noise: expected scan-every as a number of commands"),
+    ("map line:9 -n 2 --slip 0.1 --confidence 0.7", "confidence: expected a probability above 0.75"),
     (f"{LINE} --out {{bad}}/letter.txt", "cannot write into the folder {bad}/letter.txt: Not a directory"),
     (f"{LINE} --out {{bad}}/letter.txt/below", "cannot write into the folder {bad}/letter.txt/below: Not a directory"),
     (f"{LINE} --out /proc/nowhere", "cannot write into the folder /proc/nowhere"),
@@ -721,8 +722,8 @@ def test_interrupted_while_it_films(tmp_path, monkeypatch, capfd, suffix):
 
     frames = films.film_frames
 
-    def three(*arguments):
-        for count, frame in enumerate(frames(*arguments)):
+    def three(*arguments, **options):
+        for count, frame in enumerate(frames(*arguments, **options)):
             if count == 3:
                 raise KeyboardInterrupt
             yield frame

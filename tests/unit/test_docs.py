@@ -64,7 +64,9 @@ MODULES = [
     "swarm.noise.belief",
     "swarm.noise.episode",
     "swarm.noise.model",
+    "swarm.noise.moments",
     "swarm.noise.plant",
+    "swarm.noise.seen",
     "swarm.placement",
     "swarm.plant.driving",
     "swarm.plant.lines",
@@ -84,6 +86,8 @@ MODULES = [
     "views.figures",
     "views.films",
     "views.volume",
+    "views.looks",
+    "views.player.moments",
     "views.player.page",
 ]
 

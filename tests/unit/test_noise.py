@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from shoal.cli import run as shoal
 from shoal.swarm.boards import Board, Frame
 from shoal.swarm.noise import Noise, NoisyBelief, NoisyEpisode, NoisyPlant
 from shoal.swarm.plant import DriveLog, drive, replay_log
+from shoal.swarm.scanning import ScanRule
 
 SOME = Noise(slip=0.05, misplace=0.01, miss=0.02)
+COLUMNS = ("done", "frontier", "travelled", "scanned")
 
 
 def test_without_noise_the_map_is_that_of_an_episode_without():
@@ -67,13 +70,42 @@ def test_every_policy_ends_and_replays(policy, tmp_path):
     assert frames[-1][1].known == episode.final()[1].known
 
 
-def test_compiled_and_step_by_step_are_the_same():
+@pytest.mark.parametrize("every", [1, 2, 5])
+def test_compiled_and_step_by_step_are_the_same(every):
     for seed in range(4):
-        options = {"particles": 9, "noise": SOME, "seed": seed}
+        options = {"particles": 9, "noise": SOME, "seed": seed, "scan_every": every, "max_moves": 40 if seed else 10_000}
         compiled, stepwise = (run(open_map("cave:18x14:2"), stepwise=slow, **options) for slow in (False, True))
         assert compiled.commands == stepwise.commands
-        for name in ("done", "frontier", "travelled"):
+        for name in ("done", "frontier", "travelled", "scanned"):
             np.testing.assert_array_equal(getattr(compiled, name), getattr(stepwise, name))
+
+
+def test_fewer_scans():
+    """Not more than so many commands go without a scan, none is wasted at the end, and the episode replays."""
+    episode = run(open_map("vessels:300"), particles=6, noise=SOME, seed=1, scan_every=4)
+    assert episode.status == "complete"
+    assert episode.errors.right > 0.98
+    between = np.diff(np.flatnonzero(np.concatenate([[True], episode.scanned])))
+    assert set(between) == {1, 2, 3, 4}
+    assert episode.scanned[-1]
+    assert episode.scans < 0.9 * episode.moves
+    assert episode.cost == episode.moves + 10 * episode.scans
+    assert not episode.done[~episode.scanned].any()  # what has not been looked at is not known
+    assert episode.verify()
+    assert [len(belief.known) for _, belief in episode.frames()][-1] == len(episode.final()[1].known)
+    other = episode.scanned.copy()
+    other[np.flatnonzero(other)[3]] = False
+    assert not replace(episode, scanned=other).verify()
+
+
+def test_scans_that_do_not_fit_the_rule_are_noticed():
+    episode = run(open_map("maze:11x9"), particles=4, noise=SOME, seed=1)
+    stored = replace(episode, scanning=ScanRule(step=2), scanned=np.zeros(episode.moves, np.bool_), done=0 * episode.done)
+    again = replace(stored, frontier=stored._end[1].frontier, travelled=stored._end[1].travelled)
+    assert again.verify().message == "no scan after move 2, 2 moves after the one before"
+    assert replace(again, codes=again.codes[:1], **{n: getattr(again, n)[:1] for n in COLUMNS}).verify().message == (
+        "no scan after the last move, 1"
+    )
 
 
 def test_any_noise_ends():
@@ -83,7 +115,8 @@ def test_any_noise_ends():
         free = rng.random(shape) < 0.7
         free.flat[0] = True
         noise = Noise(*rng.uniform(0, 0.5, size=3))
-        episode = run(GridWorkspace(free), particles=1 + seed % int(free.sum()), noise=noise, confidence=0.99, seed=seed)
+        n, every = 1 + seed % int(free.sum()), (1, 2, 30)[seed % 3]
+        episode = run(GridWorkspace(free), particles=n, noise=noise, confidence=0.99, seed=seed, scan_every=every)
         assert episode.status in {"complete", "stalled"}
 
 
@@ -122,8 +155,9 @@ def test_a_particle_that_is_lost_is_found_again():
         ({"noise": 0.1}, "noise: expected a Noise, got 0.1"),
         ({"noise": SOME, "rule": "merge"}, "noise: expected rule block, got merge"),
         ({"noise": SOME, "task": "coverage"}, "noise: expected the task mapping, got coverage"),
-        ({"noise": SOME, "scan_every": 3}, "noise: expected a scan after every move"),
-        ({"noise": SOME, "confidence": 0.5}, "confidence: expected a probability above 0.5, at most 0.99999, got 0.5"),
+        ({"noise": SOME, "scan_every": "doubling"}, "noise: expected scan-every as a number of commands, .* got doubling"),
+        ({"noise": SOME, "scan_every": "adaptive"}, "noise: expected scan-every as a number of commands, .* got adaptive"),
+        ({"noise": SOME, "confidence": 0.75}, "confidence: expected a probability above 0.75 .* at most 0.99999, got 0.75"),
         ({"noise": SOME, "confidence": True}, "got True"),
     ],
 )
@@ -141,17 +175,22 @@ def test_bad_rates(rate):
 def test_a_noisy_plant_is_driven(tmp_path):
     workspace = open_map("maze:11x9")
     rng = np.random.default_rng(2)
-    for policy in ("closest-frontier", "elect-particle"):
-        log = tmp_path / f"{policy}.jsonl"
+    for policy, every in (("closest-frontier", 1), ("elect-particle", 1), ("closest-frontier", 3)):
+        log = tmp_path / f"{policy}-{every}.jsonl"
         plant = NoisyPlant(workspace, workspace.cells[::9], SOME, rng)
-        driven = drive(plant, policy=policy, noise=SOME, log=DriveLog(log))
+        driven = drive(plant, policy=policy, noise=SOME, scan_every=every, log=DriveLog(log))
         assert driven.status == "complete"
+        assert driven.scanned.all() == (every == 1)
         assert sum(driven.compared(workspace).values()) == 0
         result, verified = replay_log(log)
         assert verified, verified.message
         assert result.commands == driven.commands
-    with pytest.raises(InvalidInputError, match="a scan after every move"):
-        drive(plant, noise=SOME, scan_every=2)
+        np.testing.assert_array_equal(result.scanned, driven.scanned)
+    cut = drive(NoisyPlant(workspace, workspace.cells[::9], SOME, rng), noise=SOME, scan_every=50, max_moves=9)
+    assert cut.status == "limit"
+    assert cut.scanned[-1]
+    with pytest.raises(InvalidInputError, match="scan-every as a number of commands"):
+        drive(plant, noise=SOME, scan_every="adaptive")
 
 
 def test_command(tmp_path, capsys):
@@ -168,8 +207,8 @@ def test_command(tmp_path, capsys):
     assert "% of the cells" in capsys.readouterr().out
     assert shoal(["replay", str(out / "episode.npz")]) == 0
     assert "with noise replayed: all the same" in " ".join(capsys.readouterr().out.split())
-    assert shoal([*words, "--film", str(tmp_path / "film.html")]) == 2
-    assert "expected an episode without noise" in capsys.readouterr().err
+    assert shoal([*words, "--scan-every", "adaptive"]) == 2
+    assert "scan-every as a number of commands" in capsys.readouterr().err
     assert shoal(["map", "line:5", "-n", "1", "--slip", "0.7"]) == 2
     assert "slip: expected a probability, 0 to 0.5, got 0.7" in capsys.readouterr().err
     assert shoal(["map", "line:5", "-n", "1", "--confidence", "0.9"]) == 2

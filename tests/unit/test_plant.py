@@ -435,6 +435,67 @@ def test_command_with_a_program_as_rig(tmp_path, capsys):
     assert "no answer from the rig" in capsys.readouterr().err
 
 
+DYING = """
+import json, pathlib, sys, zlib
+def say(**message):
+    text = json.dumps(message, separators=(",", ":"))[:-1]
+    print(f'{text},"crc":"{zlib.crc32(text.encode()):08x}"}}', flush=True)
+with open(sys.argv[1], "a") as heard:
+    for line in filter(str.strip, sys.stdin):
+        message = json.loads(line)
+        print(message["type"], file=heard, flush=True)
+        if message["type"] == "hello":
+            say(type="welcome", protocol=1, session=message["session"], seq=0, shape=[2, 3], rule="block", name="dying")
+        elif message["type"] == "observe":
+            say(type="positions", seq=message["seq"], cells=[[0, 0]])
+        elif message["type"] == "stop" and sys.argv[2] == "stops":
+            say(type="stopped")
+        elif message["type"] == "command" and sys.argv[2] == "stops":
+            sys.exit(3)
+        elif message["type"] == "command":
+            say(type="done", seq=message["seq"])
+"""
+
+
+def dying(tmp_path, how):
+    (tmp_path / "rig.py").write_text(DYING)
+    return f"exec:{sys.executable} {tmp_path / 'rig.py'} {tmp_path / 'heard.txt'} {how}"
+
+
+def test_a_rig_that_dies_at_a_command_is_told_to_stop_all_the_same(tmp_path, capsys):
+    """It comes back as one that knows nothing of what was done: the drive ends, after a stop command over a new line."""
+    assert shoal(["drive", "--plant", dying(tmp_path, "stops"), "--timeout", "0.5", "--patience", "2"]) == 2
+    said = capsys.readouterr().err
+    assert "started anew" in said
+    assert len(said.strip().splitlines()) == 1
+    assert (tmp_path / "heard.txt").read_text().split() == ["hello", "observe", "command", "hello", "stop"]
+
+
+def test_a_log_ends_with_the_map_even_if_the_rig_does_not_confirm_the_stop(tmp_path, capsys):
+    words = ["drive", "--plant", dying(tmp_path, "goes on"), "--timeout", "0.1", "--patience", "0.3", "--max-moves", "3"]
+    assert shoal([*words, "--log", str(tmp_path / "log.jsonl")]) == 2
+    assert "has not confirmed the stop command" in capsys.readouterr().err
+    last = json.loads((tmp_path / "log.jsonl").read_text().splitlines()[-1])
+    assert (last["kind"], last["status"], last["moves"]) == ("end", "limit", 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"scan_every": "often"}, "line 1: scan-every: expected 1 to"),
+        ({"noise": {"slip": 0.9}, "confidence": 0.99}, "line 1: slip: expected a probability"),
+        ({"noise": {"slip": 0.1}}, "line 1: confidence: expected a probability"),
+    ],
+)
+def test_headers_with_which_no_drive_began(tmp_path, change, words):
+    header = {"kind": "header", "log": "shoal-drive", "format": 1, "version": "1", "plant": "p", "shape": [2, 2], "rule": "block"}
+    header |= {"policy": "x", "seed": 1} | change
+    lines = [header, {"kind": "scan", "move": 0, "cells": [[0, 0]], "time": 0.0}]
+    (tmp_path / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    with pytest.raises(InvalidInputError, match=words):
+        replay_log(tmp_path / "log.jsonl")
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_on_the_command_line_stops_the_rig(tmp_path, number):
     """The rig takes a second for a command; the stop command ends it."""

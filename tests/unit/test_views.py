@@ -14,7 +14,6 @@ from PIL import Image
 
 from shoal import GridWorkspace, InvalidInputError, open_map, run, run_trials
 from shoal.swarm.display import PALETTE, belief_raster, in_strips, workspace_raster
-from shoal.swarm.noise import Noise
 from shoal.views.figures import final_map, frontier_plot, map_figure, save_figure
 from shoal.views.films import film_frames, shown_moves, write_film
 from shoal.views.player.page import player_page
@@ -117,5 +116,3 @@ def test_player_page_holds_the_episode(episode, tmp_path):
     data = json.loads(re.search(r'<script[^>]*type="application/json"[^>]*>(.*?)</script>', page, re.S).group(1))
     assert data["commands"] == episode.commands
     assert data["shape"] == [11, 15]
-    with pytest.raises(InvalidInputError, match="without noise"):
-        player_page(run(GridWorkspace(np.ones((2, 2), bool)), particles=1, noise=Noise(slip=0.1)))

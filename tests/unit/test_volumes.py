@@ -17,8 +17,9 @@ from shoal.swarm.generators.vessels3d import grow_tree, murray_radius
 from shoal.swarm.kernels.paths import path_lengths
 from shoal.views.figures import final_map, map_figure
 from shoal.views.films import write_film
+from shoal.views.looks import codes_of
 from shoal.views.player.page import player_data
-from shoal.views.volume import Slices, codes_of, sheet, slice_pictures, turned_view, workspace_codes
+from shoal.views.volume import Fit, Slices, sheet, sheet_width, slice_pictures, turned_view, workspace_codes
 
 nibabel = pytest.importorskip("nibabel")
 BLOCK = np.random.default_rng(3).random((4, 5, 6)) < 0.7
@@ -91,6 +92,17 @@ def nifti(data, **options):
     return nibabel.Nifti1Image(np.asarray(data), np.eye(4), **options).to_bytes()
 
 
+def archive(*, trailer=None, more=b""):
+    whole = gzip.compress(nifti(np.ones((5, 5, 5), np.uint8)) + more)
+    return whole if trailer is None else whole[: -len(trailer)] + trailer
+
+
+def header_with(at, dtype, number):
+    image = bytearray(nifti(np.ones((2, 2, 2), np.uint8)))
+    image[at : at + np.dtype(dtype).itemsize] = np.array(number, dtype).tobytes()
+    return bytes(image)
+
+
 def huge():
     image = bytearray(nifti(np.ones((2, 2, 2), np.uint8)))
     image[40:48] = np.array([3, 30000, 30000, 30000], "<i2").tobytes()
@@ -106,6 +118,10 @@ BAD = {
     "nan.nii": (nifti(np.full((3, 3, 3), np.nan, np.float32)), "expected finite numbers, got nan at cell (0, 0, 0)"),
     "huge.nii": (huge(), "expected 1 to 268435456 voxels, got (30000, 30000, 30000)"),
     "cut.nii.gz": (gzip.compress(nifti(np.random.default_rng(1).random((20, 20, 20))))[:4000], "got a damaged or cut off one"),
+    "flipped.nii.gz": (archive(trailer=bytes(8)), "got a damaged or cut off one: CRC check failed"),
+    "long.nii.gz": (archive(more=bytes(3_000_000)), "expected 477 bytes of a volume, as its header says, got more"),
+    "kind.nii": (header_with(70, "<i2", 9999), "got a damaged or cut off one: data code 9999 not recognized"),
+    "place.nii": (header_with(108, "<f4", np.nan), "got a damaged or cut off one"),
     "cut.nii": (nifti(np.random.default_rng(1).random((20, 20, 20)))[:4000], "got a damaged or cut off one"),
     "noise.nii": (bytes(range(256)) * 4, "expected a NIfTI volume, got a damaged or cut off one"),
     "noise.nii.gz": (bytes(range(256)) * 4, "expected a NIfTI volume, got a damaged or cut off one"),
@@ -249,7 +265,23 @@ def test_slices_cut_where_most_is_free():
     assert (front.shape[:2], above.shape[:2], right.shape[:2]) == ((6, 7), (5, 7), (6, 5))
     assert (front[3, 1:-1] == 255).all()
     state, belief = run(workspace, particles=5).final()
-    assert sheet(codes_of(state, belief), slices, azimuth=0.3, side=120).shape == (120, 178, 3)
+    assert sheet(codes_of(state, belief), slices, azimuth=0.3, side=120).shape == (120, sheet_width((5, 6, 7), 120), 3)
+
+
+@pytest.mark.parametrize("spacing", [None, (3.0, 1.0, 1.0)])
+def test_a_fitted_view_shows_all_from_every_side_as_large_as_it_can(spacing):
+    free = np.zeros((12, 30, 40), bool)
+    free[3, 5:25, 4] = free[3:9, 24, 4] = free[8, 24, 4:9] = True  # in a corner of the array
+    workspace = GridWorkspace(free, spacing=spacing)
+    codes, fit = workspace_codes(workspace), Fit.of(workspace)
+    largest = 0
+    for azimuth in np.linspace(0, 2 * np.pi, 9):
+        picture = turned_view(codes, azimuth=azimuth, side=300, spacing=spacing, fit=fit)
+        lit = np.argwhere(picture.max(axis=2) > 60)  # brighter than the background
+        assert lit.min() > 0
+        assert lit.max() < 299
+        largest = max(largest, *np.ptp(lit, axis=0))
+    assert largest > 225
 
 
 def test_command_line(tmp_path, capsys):

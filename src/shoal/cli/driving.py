@@ -7,6 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +18,7 @@ from shoal.cli.output import check_outputs, check_seed, moves_told, patience, pr
 from shoal.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from shoal.swarm import GridWorkspace
+    from shoal.swarm import Episode, GridWorkspace
     from shoal.swarm.noise import Noise
     from shoal.swarm.plant import Drive, Plant, RemotePlant
 
@@ -83,10 +84,6 @@ def drive(
     shape = None if size is None else _size(size)
     book = None if log is None else DriveLog(log)
     noise = noise_of(slip, misplace, miss, confidence)
-    if noise and (out or film):
-        raise InvalidInputError(
-            "drive with noise: expected no figures or films, as its way is not known, got --out or --film (use --log)"
-        )
     problem: dict[str, Any] = noise | {"policy": policy, "seed": seed, "max_moves": max_moves, "scan_every": scan_every}
     with _terminated_as_interrupted():
         opened = _opened(
@@ -204,7 +201,9 @@ def _report(
     about = summary(result, plant, truth, seed=seed)
     written = [] if log is None else [log]
     if result.episode is not None:
-        written += write_outputs([result.episode], about, out, film)
+        written += write_outputs([_with_truth(result.episode, truth)], about, out, film)
+    elif out or film:
+        say("shoal: no free cell was found: nothing to draw or film")
     if json_:
         print_json(about if verified is None else about | {"verified": verified[0] == "yes", "message": verified[1]})
         return
@@ -232,6 +231,13 @@ def _report(
     print_table(
         [*rows, ("time", f"{result.seconds:.2f} s"), *(("written", str(path)) for path in written)], title=f"drive of {plant.name}"
     )
+
+
+def _with_truth(episode: Episode, truth: GridWorkspace | None) -> Episode:
+    """Return an episode of a drive with noise with the true map, so that it shows what was settled wrongly; others as they are."""
+    from shoal.swarm.noise import SeenEpisode
+
+    return replace(episode, truth=truth.free) if isinstance(episode, SeenEpisode) and truth is not None else episode
 
 
 def replay_drive(log: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:

@@ -55,7 +55,8 @@ ScanEvery = Annotated[
     typer.Option(
         "--scan-every",
         metavar="RULE",
-        help="Equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most cells for its price).",
+        help="Equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most cells for its price). With noise "
+        "a number: so many commands of a plan, or fewer where it ends.",
     ),
 ]
 ScanCost = Annotated[float, typer.Option("--scan-cost", help="Price of a scan, in any unit.")]
@@ -89,7 +90,7 @@ Misplace = Annotated[
 ]
 Miss = Annotated[float, typer.Option("--miss", help="Probability that a particle is not seen in a scan, 0 to 0.5.")]
 Confidence = Annotated[
-    float, typer.Option("--confidence", help="With noise: the probability from which a cell counts as settled, above 0.5.")
+    float, typer.Option("--confidence", help="With noise: the probability from which a cell counts as settled, above 0.75.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")]
 Vessels = Annotated[bool, typer.Option("--vessels", help="MAP is a photograph: segment its vessels (needs the extra 'imaging').")]

@@ -336,18 +336,21 @@ def write_outputs(episodes: list[Episode], result: dict[str, Any], out: Path | N
     written: list[Path] = []
     if out is not None:
         from shoal.files import atomic
+        from shoal.swarm.noise import SeenEpisode
         from shoal.views.figures import final_map, frontier_plot, save_figure
 
         for name, figure in (("map.png", final_map(episodes[0])), ("frontier.png", frontier_plot(episodes))):
             save_figure(figure, out / name)
             written.append(out / name)
         _remove_earlier(out)
+        kept = [episode for episode in episodes if not isinstance(episode, SeenEpisode)]  # of a drive with noise its log is kept
         names = ["episode.npz"] if len(episodes) == 1 else [f"episodes/{e.trial:05d}.npz" for e in episodes]
         with progress("episodes", len(episodes), shown=len(episodes) > 100) as advance:
-            for done, (episode, name) in enumerate(zip(episodes, names, strict=True), start=1):
+            for done, (episode, name) in enumerate(zip(kept, names, strict=False), start=1):
                 episode.save(out / name)
                 advance(done)
-        written.append(out / names[0] if len(names) == 1 else out / "episodes")
+        if kept:
+            written.append(out / names[0] if len(names) == 1 else out / "episodes")
         with atomic(out / "summary.json") as temporary:
             temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
         written.append(out / "summary.json")

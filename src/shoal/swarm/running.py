@@ -81,8 +81,8 @@ def run(
     scan_cost, move_cost : float
         Prices, which an adaptive policy weighs.
     noise : Noise, optional
-        Particles slip and are seen wrongly; then the episode is a `shoal.swarm.noise.NoisyEpisode`. Task mapping, rule block, a
-        scan after each move.
+        Particles slip and are seen wrongly; then the episode is a `shoal.swarm.noise.NoisyEpisode`. Task mapping, rule block,
+        ``scan_every`` a number: so many commands of a plan, or fewer where it ends, are sent before each scan.
     confidence : float
         With noise: the probability from which a cell counts as settled.
     stepwise : bool
@@ -131,7 +131,7 @@ def run(
     if noise is not None:
         from shoal.swarm.noise.running import check_noisy, play_noisy
 
-        check_noisy(noise, confidence, rule=rule, task=todo, every_move=scanning.every_move)
+        check_noisy(noise, confidence, rule=rule, task=todo, scanning=scanning)
         return play_noisy(blank, chosen, noise, confidence, rng, max_moves, stepwise=stepwise, on_moves=on_moves)
     state = world.initial(cells)
     belief = todo.begin(world, state, targets)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import gzip
+import logging
 import re
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -17,6 +21,7 @@ from shoal.swarm.workspace import MAX_CELLS, GridWorkspace
 
 NIFTI = (".nii", ".nii.gz")
 EVEN = 1e-3  # so much may sides of a voxel differ and yet count as those that the header says
+CHUNK = 1 << 20  # bytes
 
 
 @dataclass(frozen=True)
@@ -112,7 +117,7 @@ def read_nifti(path: Path, options: VolumeOptions) -> tuple[NDArray[Any], tuple[
     MissingExtraError
     """
     nibabel = _nibabel()
-    with warnings.catch_warnings(), nibabel.imageglobals.LoggingOutputSuppressor():
+    with warnings.catch_warnings(), _hushed(nibabel.imageglobals.logger):
         warnings.simplefilter("ignore")
         try:
             image = nibabel.Nifti1Image.from_filename(path) if _is_first(path, nibabel) else nibabel.load(path)
@@ -120,6 +125,7 @@ def read_nifti(path: Path, options: VolumeOptions) -> tuple[NDArray[Any], tuple[
             while len(shape) > 3 and shape[-1] == 1:
                 shape = shape[:-1]
             _check_shape(path, shape, image.get_data_dtype())
+            _check_archive(path, getattr(image.dataobj, "offset", 0) + int(np.prod(shape)) * image.get_data_dtype().itemsize)
             image = nibabel.as_closest_canonical(image)
             data = np.asanyarray(image.dataobj).reshape(image.shape[:3])
             sides = tuple(float(side) for side in image.header.get_zooms()[:3])
@@ -132,6 +138,29 @@ def read_nifti(path: Path, options: VolumeOptions) -> tuple[NDArray[Any], tuple[
         raise InvalidInputError(f"{path}: expected voxels with sides above 0, got {sides}")
     free = options.free(np.ascontiguousarray(data[::-1, ::-1, ::-1].transpose(1, 2, 0)), path)
     return free, (sides[1], sides[2], sides[0])
+
+
+@contextmanager
+def _hushed(logger: logging.Logger) -> Iterator[None]:
+    """Keep a library from saying on stderr what our error says."""
+    before = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
+
+
+def _check_archive(path: Path, expected: int) -> None:
+    """Read a compressed volume to its end, where the checksum of all of it is: nibabel stops before."""
+    if not path.name.lower().endswith(".gz"):
+        return
+    with gzip.open(path) as file:
+        size = 0
+        while piece := file.read(CHUNK):
+            size += len(piece)
+            if size > expected + CHUNK:
+                raise InvalidInputError(f"{path}: expected {expected} bytes of a volume, as its header says, got more")
 
 
 def _is_first(path: Path, nibabel: Any) -> bool:
@@ -162,8 +191,6 @@ def _one_line(error: BaseException) -> str:
 
 def nifti_bytes(workspace: GridWorkspace, *, compressed: bool) -> bytes:
     """Return a 3-D workspace as a NIfTI file of zeros and ones, with its voxel size."""
-    import gzip
-
     nibabel = _nibabel()
     data = workspace.free.transpose(2, 0, 1)[::-1, ::-1, ::-1].astype(np.uint8)
     sides = workspace.spacing or (1.0, 1.0, 1.0)

@@ -13,9 +13,11 @@ import numpy as np
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
 from shoal.swarm import Episode
-from shoal.swarm.display import PALETTE, belief_raster, in_strips
+from shoal.swarm.display import PALETTE, in_strips
+from shoal.swarm.noise import SeenEpisode
 from shoal.views.charts import MUTED, new_figure, plain_axes, set_title
-from shoal.views.volume import Slices, codes_of
+from shoal.views.looks import HAZY, WRONG_FREE, codes_after, ink_of
+from shoal.views.volume import Fit, Slices
 from shoal.views.volume import sheet as volume_sheet
 
 if TYPE_CHECKING:
@@ -44,16 +46,12 @@ def map_figure(episode: Episode, *, moves: int) -> Figure:
     """
     if not 0 <= moves <= episode.moves:
         raise InvalidInputError(f"moves: expected 0 to {episode.moves}, got {moves}")
-    if moves == episode.moves:
-        state, belief = episode.final()
-    else:
-        state, belief = next(frame for i, frame in enumerate(episode.frames()) if i == moves)
-    workspace = episode.workspace
+    workspace, ink, codes = episode.workspace, ink_of(episode), codes_after(episode, moves)
     if workspace.ndim == 3:
-        codes = codes_of(state, belief)
-        sheet = volume_sheet(codes, Slices.of(workspace), azimuth=CORNER, side=900, spacing=workspace.spacing)
+        slices, fit = Slices.of(workspace), Fit.of(workspace)
+        sheet = volume_sheet(codes, slices, azimuth=CORNER, side=900, spacing=workspace.spacing, ink=ink, fit=fit)
     else:
-        sheet = in_strips(belief_raster(state, belief))
+        sheet = in_strips(ink.colours[codes])
     height, width = sheet.shape[:2]
     inches = 6.4
     figure = new_figure(inches, float(np.clip(inches * height / width + 0.9, 2.2, 9.5)))
@@ -63,21 +61,25 @@ def map_figure(episode: Episode, *, moves: int) -> Figure:
     scans = 1 + int(np.count_nonzero(episode.scanned[:moves]))
     looked = "" if episode.scanned.all() else f" and {scans} scans"
     set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}")
-    _legend(axes, coverage=episode.targets is not None)
+    _legend(axes, coverage=episode.targets is not None, hazy=ink is HAZY, seen=isinstance(episode, SeenEpisode))
     return figure
 
 
-def _legend(axes: Axes, *, coverage: bool) -> None:
+def _legend(axes: Axes, *, coverage: bool, hazy: bool, seen: bool) -> None:
     from matplotlib.patches import Patch
 
     names = dict(_LEGEND, frontier="not covered yet") if coverage else _LEGEND
+    if seen:
+        names = names | {"particle": "seen at the last scan"}
     handles = [
         Patch(facecolor=PALETTE[key], edgecolor=MUTED, linewidth=0.5, label=name)
         for key, name in names.items()
         if not (coverage and key == "unknown")
     ]
+    if hazy:
+        handles.append(Patch(facecolor=WRONG_FREE, edgecolor=MUTED, linewidth=0.5, label="settled wrongly"))
     axes.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=5, frameon=False, fontsize=8,
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=len(handles), frameon=False, fontsize=8,
         handlelength=1, handleheight=1, columnspacing=1.4,
     )  # fmt: skip
 

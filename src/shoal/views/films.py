@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from shoal.files import atomic
 from shoal.swarm import Episode
-from shoal.swarm.display import PALETTE, belief_raster, in_strips
+from shoal.swarm.display import PALETTE, in_strips
 from shoal.views.encoding import LONGEST, SIDE, OnFrame, check_film, counted, palette_of, write_gif, write_mp4
-from shoal.views.volume import Slices, codes_of, sheet
+from shoal.views.looks import codes_by_move, ink_of
+from shoal.views.volume import Fit, Slices, sheet, sheet_width
 
 _SECONDS = 20.0
 TURNS = 2  # of a volume in a film
-VOLUME_SIDE = 560  # pixels of the view that turns
+VOLUME_SIDE = {".gif": 440, ".mp4": 670}  # pixels of the view that turns
 VOLUME_FRAMES = 400  # of a film of one
 
 
@@ -48,19 +49,26 @@ def write_film(episode: Episode, path: str | os.PathLike[str], *, on_frame: OnFr
             return
         longest = LONGEST[suffix] if episode.workspace.ndim == 2 else VOLUME_FRAMES
         shown = shown_moves(episode.moves, longest)  # of longer episodes every k-th
-        frames = counted(film_frames(episode, shown), len(shown), on_frame)
+        side = SIDE[suffix] if episode.workspace.ndim == 2 else VOLUME_SIDE[suffix]
+        frames = counted(film_frames(episode, shown, side=side), len(shown), on_frame)
         rate = float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60))
         if suffix == ".gif":
-            write_gif(temporary, frames, rate, palette=_palette(episode), side=SIDE[suffix])
+            write_gif(temporary, frames, rate, palette=_palette(episode), side=_film_side(episode, side))
         else:
-            write_mp4(temporary, frames, rate, side=SIDE[suffix])
+            write_mp4(temporary, frames, rate, side=_film_side(episode, side))
+
+
+def _film_side(episode: Episode, side: int) -> int:
+    """Return the longer side of a film: that of a 3-D workspace is drawn as large as it is shown."""
+    workspace = episode.workspace
+    return side if workspace.ndim == 2 else sheet_width(tuple(n + 2 for n in workspace.shape), side, workspace.spacing)
 
 
 def _palette(episode: Episode) -> bytes:
     """Return the colours of a GIF; those of a 3-D workspace come in shades."""
     if episode.workspace.ndim == 2:
-        return bytes.fromhex("".join(colour[1:] for colour in PALETTE.values()))
-    middle = film_frames(episode, np.unique([0, episode.moves // 2, episode.moves]))
+        return ink_of(episode).colours.tobytes()
+    middle = film_frames(episode, np.unique([0, episode.moves // 2, episode.moves]), side=VOLUME_SIDE[".gif"])
     return palette_of(list(middle))
 
 
@@ -75,18 +83,22 @@ def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, moves, min(moves + 1, max(2, at_most))).round().astype(np.int64))
 
 
-def film_frames(episode: Episode, shown: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-    """Yield the picture after each move in ``shown``, one pixel a cell (3-D: a view that turns, and slices); uint8, (H, W, 3)."""
+def film_frames(episode: Episode, shown: NDArray[np.int64], *, side: int = VOLUME_SIDE[".gif"]) -> Iterator[NDArray[np.uint8]]:
+    """Yield the picture after each move in ``shown``; uint8, shape (H, W, 3).
+
+    In 2-D it has one pixel a cell; in 3-D it is a view that turns, with ``side`` pixels, and slices.
+    """
     wanted = set(shown.tolist())
-    slices = Slices.of(episode.workspace) if episode.workspace.ndim == 3 else None
-    for move, (state, belief) in enumerate(episode.frames()):
+    workspace = episode.workspace
+    volume = (Slices.of(workspace), Fit.of(workspace)) if workspace.ndim == 3 else None
+    ink = ink_of(episode)
+    for move, codes in enumerate(codes_by_move(episode)):
         if move in wanted:
-            if slices is not None:
+            if volume is not None:
                 turn = 2 * np.pi * TURNS * move / max(1, episode.moves)
-                codes = codes_of(state, belief)
-                picture = sheet(codes, slices, azimuth=turn, side=VOLUME_SIDE, spacing=episode.workspace.spacing)
+                picture = sheet(codes, volume[0], azimuth=turn, side=side, spacing=workspace.spacing, ink=ink, fit=volume[1])
             else:
-                picture = in_strips(belief_raster(state, belief))
+                picture = in_strips(ink.colours[codes])
             yield picture if episode.scanned.all() else np.vstack([picture, scan_strip(episode.scanned, move, picture.shape[1])])
 
 

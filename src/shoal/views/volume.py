@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from shoal.swarm import Belief, GridWorkspace, SwarmState
+from shoal.swarm import GridWorkspace
 from shoal.swarm import belief as states
 from shoal.swarm.display import PALETTE
+from shoal.views.looks import PLAIN, Ink
 
 ELEVATION = 0.35  # radians above the middle from which is looked
 FARTHEST = 0.45  # brightness of what is farthest away
-BACKGROUND = "obstacle"
+BACKGROUND = tuple(bytes.fromhex(PALETTE["obstacle"][1:]))
 FINEST = 4  # pixels of a cell, before the picture is enlarged
 GAP = 8  # pixels between the parts of a sheet
-PARTICLE = 4
-_NAMES = ("unknown", "frontier", "free", "obstacle", "particle")
-_COLOURS = np.array([tuple(bytes.fromhex(PALETTE[name][1:])) for name in _NAMES], dtype=np.uint8)
-_SHOWN = np.array([False, True, True, False, True])  # nothing would be seen behind unknown cells and obstacles
+NARROWEST, WIDEST = 0.31, 0.42  # of the side of a sheet: the width of its slices, and of their names
+LEAST_LINE = 13  # pixels, of a line of words
 
 
 @dataclass(frozen=True)
@@ -38,27 +38,72 @@ class Slices:
         return cls(*(int(np.argmax(count)) for count in counts))
 
 
-def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
-    """Return what each cell looks like, an index into the palette; uint8, with one cell of rim on each side."""
-    codes = belief.states
-    codes[state.occupied.mask] = PARTICLE
-    return codes
+@dataclass(frozen=True)
+class Fit:
+    """How much of a volume a view shows that turns: as little as holds what is drawn, from whichever side it is seen.
+
+    Parameters
+    ----------
+    centre : tuple of float
+        What is turned about: layer, row and column, in the units of the cells' sizes, from the corner of the rim.
+    wide, tall : float
+        What must fit, in the same units.
+    middle : float
+        How far below the centre the middle of the picture is.
+    """
+
+    centre: tuple[float, float, float]
+    wide: float
+    tall: float
+    middle: float = 0.0
+
+    @classmethod
+    def of_box(cls, shape: tuple[int, ...], sizes: NDArray[np.float64], elevation: float) -> Fit:
+        """Return the fit of a whole array, rim included."""
+        extent = np.array(shape) * sizes
+        wide = float(np.hypot(extent[0], extent[2]))  # whichever way it is turned
+        z, y, x = (extent / 2).tolist()
+        return cls((z, y, x), wide, float(extent[1]) * np.cos(elevation) + wide * np.sin(elevation))
+
+    @classmethod
+    def of(cls, workspace: GridWorkspace, elevation: float = ELEVATION) -> Fit:
+        """Return the fit of the free cells of a workspace and the walls around them."""
+        sizes = _sizes(workspace.spacing)
+        margin = 1.5 * float(sizes.max())
+        places = (workspace.cells + 1.5) * sizes  # the rim has the first cell
+        z, y, x = ((places.min(axis=0) + places.max(axis=0)) / 2).tolist()
+        away = np.hypot(places[:, 0] - z, places[:, 2] - x)
+        height = (places[:, 1] - y) * np.cos(elevation)
+        top, bottom = float((height - away * np.sin(elevation)).min()), float((height + away * np.sin(elevation)).max())
+        return cls((z, y, x), 2 * (float(away.max()) + margin), bottom - top + 2 * margin, (top + bottom) / 2)
+
+
+def _sizes(spacing: tuple[float, ...] | None) -> NDArray[np.float64]:
+    """Return the size of a cell along each axis, the smallest 1."""
+    return np.array(spacing or (1.0, 1.0, 1.0)) / min(spacing or (1.0,))
 
 
 def workspace_codes(workspace: GridWorkspace) -> NDArray[np.uint8]:
-    """Return the same of a workspace of which everything is known."""
+    """Return what each cell looks like of a workspace of which everything is known; uint8, with one cell of rim on each side."""
     return np.pad(np.where(workspace.free, states.FREE, states.OBSTACLE).astype(np.uint8), 1, constant_values=states.OBSTACLE)
 
 
 def turned_view(
-    codes: NDArray[np.uint8], *, azimuth: float, side: int, spacing: tuple[float, ...] | None = None, elevation: float = ELEVATION
+    codes: NDArray[np.uint8],
+    *,
+    azimuth: float,
+    side: int,
+    spacing: tuple[float, ...] | None = None,
+    elevation: float = ELEVATION,
+    ink: Ink = PLAIN,
+    fit: Fit | None = None,
 ) -> NDArray[np.uint8]:
     """Return known-free cells, frontier and particles as seen from a turning place; uint8, shape (side, side, 3).
 
     Parameters
     ----------
     codes : ndarray of uint8, shape (D + 2, H + 2, W + 2)
-        As of `codes_of`.
+        As of `shoal.views.looks.codes_by_move`.
     azimuth : float
         Radians; 0 looks at layer 0, with row 0 on top.
     side : int
@@ -67,35 +112,40 @@ def turned_view(
         Size of a cell along each axis; only their ratio matters.
     elevation : float
         Radians above the middle from which is looked.
+    ink : Ink
+        The colours of the codes.
+    fit : Fit, optional
+        How much is shown; the whole array if none.
     """
-    sizes = np.array(spacing or (1.0, 1.0, 1.0)) / min(spacing or (1.0,))
-    background = _COLOURS[_NAMES.index(BACKGROUND)]
-    cells = _surface(codes)
+    sizes = _sizes(spacing)
+    background, cells = BACKGROUND, _surface(codes, ink)
     if not len(cells):
         return np.full((side, side, 3), background, dtype=np.uint8)
-    extent = np.array(codes.shape) * sizes
-    wide = float(np.hypot(extent[0], extent[2]))  # whichever way it is turned
-    tall = float(extent[1]) * np.cos(elevation) + wide * np.sin(elevation)
-    coarse = max(1, int(0.96 * side / max(wide, tall) * float(sizes.max()) / FINEST))  # large cells need no fine picture
+    fit = fit or Fit.of_box(codes.shape, sizes, elevation)
+    largest = max(fit.wide, fit.tall)
+    coarse = max(1, int(0.96 * side / largest * float(sizes.max()) / FINEST))  # large cells need no fine picture
     small = -(-side // coarse)
     picture = np.full((small, small, 3), background, dtype=np.uint8)
-    scale = 0.96 * small / max(wide, tall)
-    z, y, x = ((cells + 0.5) * sizes - extent / 2).T * scale
+    scale = 0.96 * small / largest
+    z, y, x = ((cells + 0.5) * sizes - np.array(fit.centre)).T * scale
     across, away = x * np.cos(azimuth) + z * np.sin(azimuth), z * np.cos(azimuth) - x * np.sin(azimuth)
-    down, depth = y * np.cos(elevation) - away * np.sin(elevation), away * np.cos(elevation) + y * np.sin(elevation)
+    down, depth = (
+        y * np.cos(elevation) - away * np.sin(elevation) - fit.middle * scale,
+        away * np.cos(elevation) + y * np.sin(elevation),
+    )
     order = np.argsort(-depth, kind="stable")  # the nearest last, over all others
     nearness = 1 - (depth - depth.min()) / max(1e-9, float(np.ptp(depth)))
     shade = (FARTHEST + (1 - FARTHEST) * nearness)[:, None]
-    colours = (_COLOURS[codes[tuple(cells.T)]] * shade).astype(np.uint8)[order]
+    colours = (ink.colours[codes[tuple(cells.T)]] * shade).astype(np.uint8)[order]
     size = max(1, int(np.ceil(scale * float(sizes.max()))))
     left, top = (np.floor(place[order] + small / 2 - size / 2).astype(np.int64) for place in (across, down))
     _splat(picture, left, top, depth[order], colours, size)
     return picture.repeat(coarse, axis=0).repeat(coarse, axis=1)[:side, :side]
 
 
-def _surface(codes: NDArray[np.uint8]) -> NDArray[np.int64]:
+def _surface(codes: NDArray[np.uint8], ink: Ink) -> NDArray[np.int64]:
     """Return the cells that are drawn and have a neighbour that is not, or lie in the rim; int64, shape (n, 3)."""
-    shown = np.pad(_SHOWN[codes], 1).ravel()
+    shown = np.pad(ink.solid[codes], 1).ravel()
     flat = np.flatnonzero(shown)
     hidden = np.ones(len(flat), dtype=np.bool_)
     shape = tuple(side + 2 for side in codes.shape)
@@ -124,29 +174,61 @@ def _splat(
             picture[y[inside], x[inside]] = colours[inside]
 
 
-def slice_pictures(codes: NDArray[np.uint8], slices: Slices) -> list[NDArray[np.uint8]]:
+def slice_pictures(codes: NDArray[np.uint8], slices: Slices, ink: Ink = PLAIN) -> list[NDArray[np.uint8]]:
     """Return the three slices, one pixel a cell, rim included: from the front, from above, from the right."""
     front = codes[slices.layer + 1]
     above = codes[::-1, slices.row + 1]  # what is in front is below
     right = codes[:, :, slices.column + 1].T
-    return [_COLOURS[cut] for cut in (front, above, right)]
+    return [ink.colours[cut] for cut in (front, above, right)]
+
+
+def sheet_width(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None = None) -> int:
+    """Return how wide a sheet of an array of codes of that shape is."""
+    return side + GAP + _room(shape, side, spacing)[1]
+
+
+def _room(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None) -> tuple[int, int, int]:
+    """Return how high and wide the slices of a sheet may get, and how high their names are; pixels."""
+    line = max(LEAST_LINE, side // 30)
+    high = (side - 2 * GAP) // 3 - line
+    deep, tall, wide = (length * size for length, size in zip(shape, _sizes(spacing), strict=True))
+    widest = max(wide / tall, wide / deep, deep / tall) * high
+    return high, round(float(np.clip(widest, NARROWEST * side, WIDEST * side))), line
 
 
 def sheet(
-    codes: NDArray[np.uint8], slices: Slices, *, azimuth: float, side: int, spacing: tuple[float, ...] | None = None
+    codes: NDArray[np.uint8],
+    slices: Slices,
+    *,
+    azimuth: float,
+    side: int,
+    spacing: tuple[float, ...] | None = None,
+    ink: Ink = PLAIN,
+    fit: Fit | None = None,
 ) -> NDArray[np.uint8]:
-    """Return a picture of the turned view with the slices in a column on its right; uint8, shape (side, about 1.4 side, 3)."""
+    """Return a picture of the turned view with named slices in a column on its right; uint8, shape (side, about 1.4 side, 3)."""
     sizes = spacing or (1.0, 1.0, 1.0)
     lengths = [(sizes[1], sizes[2]), (sizes[0], sizes[2]), (sizes[1], sizes[0])]
-    pictures = slice_pictures(codes, slices)
-    room = (side - 2 * GAP) // 3, round(0.42 * side)
-    whole = np.full((side, side + GAP + room[1], 3), 255, dtype=np.uint8)
-    whole[:, :side] = turned_view(codes, azimuth=azimuth, side=side, spacing=spacing)
-    for number, (picture, (tall, wide)) in enumerate(zip(pictures, lengths, strict=True)):
+    names = f"layer {slices.layer}, from the front", f"row {slices.row}, from above", f"column {slices.column}, from the right"
+    *room, line = _room(codes.shape, side, spacing)
+    whole = np.full((side, sheet_width(codes.shape, side, spacing), 3), 255, dtype=np.uint8)
+    whole[:, :side] = turned_view(codes, azimuth=azimuth, side=side, spacing=spacing, ink=ink, fit=fit)
+    for number, (picture, (tall, wide), name) in enumerate(zip(slice_pictures(codes, slices, ink), lengths, names, strict=True)):
         scale = min(room[0] / (picture.shape[0] * tall), room[1] / (picture.shape[1] * wide))
         height, width = max(1, int(picture.shape[0] * tall * scale)), max(1, int(picture.shape[1] * wide * scale))
         method = Image.Resampling.NEAREST if height >= picture.shape[0] else Image.Resampling.BOX
         drawn = np.asarray(Image.fromarray(picture).resize((width, height), method))
-        top, left = number * (room[0] + GAP) + (room[0] - height) // 2, side + GAP + (room[1] - width) // 2
-        whole[top : top + height, left : left + width] = drawn
+        top, left = number * (room[0] + line + GAP), side + GAP
+        whole[top : top + line, left:] = _written(name, room[1], line)
+        whole[top + line : top + line + height, left : left + width] = drawn
     return whole
+
+
+@lru_cache(maxsize=16)
+def _written(words: str, width: int, height: int) -> NDArray[np.uint8]:
+    """Return a line of words, dark on white; uint8, shape (height, width, 3)."""
+    from shoal.views.canvas import Canvas
+
+    canvas = Canvas(width, height)
+    canvas.text((0, 0.72 * height), words, PALETTE["obstacle"], 0.74 * height)
+    return canvas.frame()

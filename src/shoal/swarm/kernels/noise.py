@@ -124,6 +124,14 @@ def foresee(haze, command):
 
 
 @kernel
+def spread_hazy(haze, command):
+    """Take in a command that no scan follows: particles go where they may have gone, and nothing is learnt of the cells."""
+    foresee(haze, command)
+    for at in range(haze.inside.shape[0]):
+        haze.inside[at] = haze.moved[at] if haze.moved[at] > FAINT else 0.0
+
+
+@kernel
 def stray(haze, at, but):
     """Return the probability that a scan shows in a cell a particle of a neighbouring one, other than ``but``."""
     share = (1.0 - haze.rates[MISS]) * haze.rates[MISPLACE] / haze.offsets.shape[0]

@@ -1,5 +1,7 @@
 """Whole episodes with noise: closest-frontier, planned anew after each scan, and a guard that ends every one of them.
 
+Of each plan so many commands are sent as the scan rule allows, or all if they are fewer; then a scan follows.
+
 A cell that has been settled once counts as progress once, however often belief changes afterwards. If nothing makes progress within
 a budget of moves that depends on the way to the target, the target is given up for good. Each of the two can happen once a cell,
 so every episode ends.
@@ -14,11 +16,12 @@ from numpy.typing import NDArray
 
 from shoal.swarm.kernels.bits import ONE, TOP, ZERO, popcount, put
 from shoal.swarm.kernels.compiling import kernel
-from shoal.swarm.kernels.noise import learn_hazy, look, move_hazy, settle
+from shoal.swarm.kernels.noise import learn_hazy, look, move_hazy, settle, spread_hazy
 from shoal.swarm.kernels.search import ahead, nearest
 
 RUNNING, COMPLETE, STALLED = 0, 1, 2
-BUDGET, REMAINING, UNDECIDED, WAKES = 0, 1, 2, 3  # entries of Guard.memory; UNDECIDED: cells given up; WAKES: see wake
+BUDGET, REMAINING, UNDECIDED, WAKES, AT, LEFT = 0, 1, 2, 3, 4, 5  # entries of Guard.memory
+# UNDECIDED: cells given up. WAKES: see wake. AT: place in the plan. LEFT: commands of it to send before the next scan.
 PATIENCE, TIMES = 50, 5  # the budget for a way of d moves: PATIENCE + TIMES d
 
 
@@ -27,7 +30,7 @@ class Guard(NamedTuple):
 
     settled: NDArray[np.uint64]  # cells that have been settled at some time
     given_up: NDArray[np.uint64]
-    memory: NDArray[np.int64]  # (4,)
+    memory: NDArray[np.int64]  # (6,)
 
 
 class Log(NamedTuple):
@@ -37,6 +40,7 @@ class Log(NamedTuple):
     done: NDArray[np.int32]  # cells settled for the first time
     frontier: NDArray[np.int32]
     travelled: NDArray[np.int64]
+    scanned: NDArray[np.bool_]  # whether a scan followed
 
 
 @kernel
@@ -98,8 +102,11 @@ def anybody(board):
 
 
 @kernel
-def choose(field, search, guard):
-    """Plan the way to the nearest frontier cell, giving up those that take too long; return its length, 0 if there is none."""
+def choose(field, search, guard, most):
+    """Plan the way to the nearest frontier cell, giving up those that take too long.
+
+    Return how many commands of it to send before the next scan, at most ``most``; 0 if there is none.
+    """
     memory = guard.memory
     if memory[REMAINING] == 0:
         return wake(field, search, guard)
@@ -110,8 +117,9 @@ def choose(field, search, guard):
         if memory[BUDGET] < 0:
             memory[BUDGET] = PATIENCE + TIMES * length
         if memory[BUDGET] > 0:
-            memory[BUDGET] -= 1
-            return length
+            steps = min(length, most)
+            memory[BUDGET] -= steps
+            return steps
         row, column = search.origin[0], search.origin[1]
         for i in range(length):
             row, column = ahead(row, column, search.plan[i], field.rows)
@@ -123,32 +131,43 @@ def choose(field, search, guard):
 
 
 @kernel
-def play_hazy(haze, field, search, guard, rng, log):
-    """Play until the log is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED)."""
+def play_hazy(haze, field, search, guard, rng, log, every, limit):
+    """Play until the log is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
+
+    A scan follows at most ``every`` commands, and the last of ``limit``, which is at least the length of the log.
+    """
     memory = guard.memory
     for move in range(log.commands.shape[0]):
-        length = choose(field, search, guard)
-        if length == 0:
-            return move, COMPLETE if memory[UNDECIDED] == 0 and anybody(field.open) and anybody(field.occupied) else STALLED
-        command = search.plan[0]
-        travelled = move_hazy(haze, command, rng)
-        look(haze, rng)
-        learn_hazy(haze, command)
-        fresh = refresh(haze, field, guard)
-        if fresh > 0:
+        if memory[LEFT] == 0:
+            memory[AT], memory[LEFT] = 0, choose(field, search, guard, min(every, limit - move))
+            if memory[LEFT] == 0:
+                return move, COMPLETE if memory[UNDECIDED] == 0 and anybody(field.open) and anybody(field.occupied) else STALLED
+        log.commands[move] = search.plan[memory[AT]]
+        memory[AT] += 1
+        memory[LEFT] -= 1
+        log.scanned[move] = memory[LEFT] == 0
+        step_hazy(haze, field, guard, rng, log, move)
+        if log.done[move] > 0:
             memory[BUDGET] = -1
-        log.commands[move], log.done[move] = command, fresh
-        log.frontier[move], log.travelled[move] = memory[REMAINING], travelled
     return log.commands.shape[0], RUNNING
 
 
 @kernel
-def follow_hazy(haze, field, guard, rng, log):
-    """Play the commands of the log instead of planning: a replay."""
-    for move in range(log.commands.shape[0]):
-        command = log.commands[move]
-        travelled = move_hazy(haze, command, rng)
+def step_hazy(haze, field, guard, rng, log, move):
+    """Send the command that the log has for a move, scan if it says so, and fill in the other columns."""
+    command = log.commands[move]
+    log.travelled[move] = move_hazy(haze, command, rng)
+    if log.scanned[move]:
         look(haze, rng)
         learn_hazy(haze, command)
-        log.done[move] = refresh(haze, field, guard)
-        log.frontier[move], log.travelled[move] = guard.memory[REMAINING], travelled
+    else:
+        spread_hazy(haze, command)
+    log.done[move] = refresh(haze, field, guard)
+    log.frontier[move] = guard.memory[REMAINING]
+
+
+@kernel
+def follow_hazy(haze, field, guard, rng, log):
+    """Send the commands of the log, with its scans, instead of planning: a replay."""
+    for move in range(log.commands.shape[0]):
+        step_hazy(haze, field, guard, rng, log, move)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from shoal.swarm.noise.belief import NoisyBelief
 from shoal.swarm.noise.episode import MapErrors, NoisyEpisode
 from shoal.swarm.noise.model import CONFIDENCE, Noise
+from shoal.swarm.noise.moments import Moment
 from shoal.swarm.noise.plant import NoisyPlant
+from shoal.swarm.noise.seen import SeenEpisode
 
-__all__ = ["CONFIDENCE", "MapErrors", "Noise", "NoisyBelief", "NoisyEpisode", "NoisyPlant"]
+__all__ = ["CONFIDENCE", "MapErrors", "Moment", "Noise", "NoisyBelief", "NoisyEpisode", "NoisyPlant", "SeenEpisode"]

@@ -17,14 +17,16 @@ LONG = 20
 
 
 class AskedRuns:
-    """One command at a time; a plan without memory is dropped after its first command, as the scan may change it.
+    """One command at a time; ``due`` says whether a scan is to follow it.
 
+    It does after ``every`` commands, and where a plan ends. A plan without memory is dropped then, as the scan may change it.
     A policy that settles no new cell for `LONG` times the moves that closest-frontier may take across all free cells known is
     stopped, so that every episode ends.
     """
 
-    def __init__(self, policy: Policy, rng: Generator) -> None:
-        self.policy, self.rng = policy, rng
+    def __init__(self, policy: Policy, rng: Generator, every: int = 1) -> None:
+        self.policy, self.rng, self.every = policy, rng, every
+        self.unseen, self.due = 0, True
         self.memory: Any = None
         self.plan, self.in_vain, self.wakes = "", 0, 0
 
@@ -34,7 +36,7 @@ class AskedRuns:
         if self.in_vain > LONG * (PATIENCE + TIMES * len(view.belief.open)):
             return None
         if not view.belief.open:  # scans that are often wrong need a few moves to be sure of a first free cell
-            self.wakes += 1
+            self.wakes, self.unseen, self.due = self.wakes + 1, 0, True
             letters = letters_of(view.occupied.frame.ndim)
             return (letters[(self.wakes - 1) % len(letters)], 1) if self.wakes <= PATIENCE else None
         if view.belief.complete:
@@ -44,10 +46,13 @@ class AskedRuns:
             if not self.plan:
                 return None
             encode(self.plan, ndim=view.occupied.frame.ndim)
-        command, rest = self.plan[0], self.plan[1:]
-        self.plan = "" if self.memory is None else rest
+        command, self.plan = self.plan[0], self.plan[1:]
+        self.due = self.unseen + 1 >= self.every or not self.plan
+        self.unseen = 0 if self.due else self.unseen + 1
+        if self.due and self.memory is None:
+            self.plan = ""
         return command, 1
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Scan after each command."""
-        return True
+        """Tell whether the scan after the last command was due."""
+        return self.due

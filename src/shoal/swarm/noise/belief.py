@@ -56,7 +56,7 @@ def inner_of(flat: NDArray[np.generic], shape: tuple[int, ...], *, rim: int = 0)
 
 
 class NoisyBelief:
-    """What is known of each cell, in log-odds; it changes in place with each scan.
+    """What is known of each cell, in log-odds; it changes in place with each command and scan.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class NoisyBelief:
         The first scan.
     noise : Noise
     confidence : float
-        Above 0.5: a cell counts as free or as an obstacle from this probability on.
+        Above 0.75: a cell counts as free or as an obstacle from this probability on.
 
     Raises
     ------
@@ -74,7 +74,8 @@ class NoisyBelief:
     Notes
     -----
     Each move spreads the particles over the cells where they may have gone; the scan then weighs each cell, together with the one
-    behind it, by Bayes' rule. Cells are taken as independent beyond that. Docs: docs/concepts/noise.md.
+    behind it, by Bayes' rule. Cells are taken as independent beyond that. A move without a scan only spreads the particles.
+    Docs: docs/concepts/noise.md.
 
     Examples
     --------
@@ -117,9 +118,18 @@ class NoisyBelief:
         kernels.learn_hazy(self.haze, code)
         return int(noisy_play.refresh(self.haze, self._field, self.guard))
 
-    def play(self, search: Search, rng: Generator, log: noisy_play.Log) -> tuple[int, int]:
-        """Play closest-frontier until the log is full; return (moves, status code)."""
-        played, status = noisy_play.play_hazy(self.haze, self._field, search, self.guard, rng, log)
+    def spread(self, command: str) -> None:
+        """Take in a command that no scan follows: particles may have gone on, and no cell is known any better."""
+        self.foretell(encode(command, ndim=self.frame.ndim)[0])
+
+    def foretell(self, code: np.int8) -> None:
+        """Do what `spread` does, for the code of a command."""
+        kernels.spread_hazy(self.haze, code)
+        noisy_play.refresh(self.haze, self._field, self.guard)
+
+    def play(self, search: Search, rng: Generator, log: noisy_play.Log, *, every: int, limit: int) -> tuple[int, int]:
+        """Play closest-frontier until the log is full; return (moves, status code); see `noisy_play.play_hazy`."""
+        played, status = noisy_play.play_hazy(self.haze, self._field, search, self.guard, rng, log, every, limit)
         return int(played), int(status)
 
     def follow(self, rng: Generator, log: noisy_play.Log) -> None:
@@ -174,7 +184,7 @@ class NoisyBelief:
 def guard_of(frame: Frame) -> noisy_play.Guard:
     """Return the guard of an episode that begins."""
     size = frame.words[0] * frame.words[1]
-    memory = np.array([-1, 0, 0, 0], dtype=np.int64)
+    memory = np.array([-1, 0, 0, 0, 0, 0], dtype=np.int64)
     return noisy_play.Guard(np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory)
 
 

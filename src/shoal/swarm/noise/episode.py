@@ -14,8 +14,9 @@ from shoal.swarm.belief import Belief
 from shoal.swarm.boards import Board, Frame
 from shoal.swarm.episode import Episode, Verification
 from shoal.swarm.kernels import noise, noisy_play
-from shoal.swarm.noise.belief import NoisyBelief
+from shoal.swarm.noise.belief import NoisyBelief, inner_of
 from shoal.swarm.noise.model import CONFIDENCE, Noise
+from shoal.swarm.noise.moments import Moment, looks_of
 from shoal.swarm.noise.plant import seen_board, truth_of
 from shoal.swarm.state import SwarmState
 
@@ -100,13 +101,28 @@ class NoisyEpisode(Episode):
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield at the start and after each move where particles are believed to be, and the belief."""
-        belief, rng = self._begin()
-        yield SwarmState(belief.occupied), belief.belief
-        for code in self.codes:
-            noise.move_hazy(belief.haze, code, rng)
-            noise.look(belief.haze, rng)
-            belief.learn(code)
+        for belief in self._beliefs():
             yield SwarmState(belief.occupied), belief.belief
+
+    def moments(self) -> Iterator[Moment]:
+        """Yield at the start and after each move where the particles are, and what the belief holds of each cell."""
+        shape, truth = self.workspace.shape, np.pad(self.workspace.free, 1)
+        for belief in self._beliefs():
+            particles = np.array(inner_of(belief.haze.there, shape, rim=1), dtype=np.bool_)
+            yield Moment(particles, looks_of(belief, truth))
+
+    def _beliefs(self) -> Iterator[NoisyBelief]:
+        """Yield the belief, which changes in place, at the start and after each move."""
+        belief, rng = self._begin()
+        yield belief
+        for code, scanned in zip(self.codes, self.scanned.tolist(), strict=True):
+            noise.move_hazy(belief.haze, code, rng)
+            if scanned:
+                noise.look(belief.haze, rng)
+                belief.learn(code)
+            else:
+                belief.foretell(code)
+            yield belief
 
     def final(self) -> tuple[SwarmState, Belief]:
         """Return where particles are believed to be at the end, and the belief."""
@@ -114,21 +130,33 @@ class NoisyEpisode(Episode):
         return SwarmState(belief.occupied), belief.belief
 
     def verify(self) -> Verification:
-        """Replay the commands with the same noise; compare all metrics."""
+        """Replay the commands and scans with the same noise; compare all metrics."""
         log = self._end[1]
         for name in ("done", "frontier", "travelled"):
             mine, theirs = getattr(self, name), getattr(log, name)
             if (mine != theirs).any():
                 move = int(np.argmax(mine != theirs))
                 return Verification(False, f"{name} differs at move {move + 1}: {mine[move]} stored, {theirs[move]} replayed")
+        wrong = self._wrong_scan()
+        if wrong is not None:
+            return Verification(False, wrong)
         return Verification(True, f"{self.moves} moves of {self.n_particles} particles with noise replayed: all the same")
+
+    def _wrong_scan(self) -> str | None:
+        """Return what is wrong with the scans, None if they fit the rule; unlike without noise a plan may turn before its scan."""
+        unseen, most = 0, self.scanning.step
+        for move, scan in enumerate(self.scanned.tolist(), start=1):
+            unseen = 0 if scan else unseen + 1
+            if unseen == most:
+                return f"no scan after move {move}, {most} moves after the one before"
+        return f"no scan after the last move, {self.moves}" if unseen else None
 
     @cached_property
     def _end(self) -> tuple[NoisyBelief, noisy_play.Log]:
         """The belief at the end, and the metrics as replayed."""
         belief, rng = self._begin()
         log = new_log(self.moves)
-        log.commands[:] = self.codes
+        log.commands[:], log.scanned[:] = self.codes, self.scanned
         belief.follow(rng, log)
         return belief, log
 
@@ -147,4 +175,10 @@ def noise_rng(seed: int, trial: int) -> Generator:
 
 def new_log(moves: int) -> noisy_play.Log:
     """Return an empty log with room for that many moves."""
-    return noisy_play.Log(np.zeros(moves, np.int8), np.zeros(moves, np.int32), np.zeros(moves, np.int32), np.zeros(moves, np.int64))
+    return noisy_play.Log(
+        commands=np.zeros(moves, np.int8),
+        done=np.zeros(moves, np.int32),
+        frontier=np.zeros(moves, np.int32),
+        travelled=np.zeros(moves, np.int64),
+        scanned=np.zeros(moves, np.bool_),
+    )

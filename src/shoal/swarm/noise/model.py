@@ -64,6 +64,9 @@ def bound_of(confidence: Any) -> float:
     4.6
     """
     number = isinstance(confidence, int | float) and not isinstance(confidence, bool)
-    if not number or not 0.5 < float(confidence) <= SUREST:
-        raise InvalidInputError(f"confidence: expected a probability above 0.5, at most {SUREST:g}, got {confidence!r}")
+    if not number or not 1 - PRIOR < float(confidence) <= SUREST:
+        raise InvalidInputError(
+            f"confidence: expected a probability above {1 - PRIOR:g} (with which any unknown cell is an obstacle), "
+            f"at most {SUREST:g}, got {confidence!r}"
+        )
     return log(float(confidence) / (1 - float(confidence)))

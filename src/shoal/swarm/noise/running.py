@@ -20,6 +20,7 @@ from shoal.swarm.noise.episode import NoisyEpisode, new_log, noise_rng
 from shoal.swarm.noise.model import Noise, bound_of
 from shoal.swarm.noise.plant import seen_board, truth_of
 from shoal.swarm.policies import Policy, View
+from shoal.swarm.scanning.runs import ScanRule
 from shoal.swarm.state import SwarmState
 from shoal.swarm.stepwise import OnMoves
 from shoal.swarm.tasks import Mapping
@@ -27,7 +28,7 @@ from shoal.swarm.tasks import Mapping
 PIECE = 256  # moves between two moments at which progress is shown and Ctrl-C takes effect
 
 
-def check_noisy(noise_: Noise, confidence: float, *, rule: str, task: Any, every_move: bool) -> None:
+def check_noisy(noise_: Noise, confidence: float, *, rule: str, task: Any, scanning: ScanRule) -> None:
     """Refuse what is not modelled with noise.
 
     Raises
@@ -41,9 +42,9 @@ def check_noisy(noise_: Noise, confidence: float, *, rule: str, task: Any, every
         raise InvalidInputError(f"noise: expected rule block, got {rule}")
     if not isinstance(task, Mapping):
         raise InvalidInputError(f"noise: expected the task mapping, got {getattr(task, 'name', task)}")
-    if not every_move:
+    if scanning.kind != "equal":
         raise InvalidInputError(
-            "noise: expected a scan after every move (scan-every 1), as no outcome is certain, got another rule"
+            f"noise: expected scan-every as a number of commands, as no outcome is certain beforehand, got {scanning.every}"
         )
 
 
@@ -67,16 +68,15 @@ def play_noisy(
     began = time.perf_counter()
     compiled = getattr(policy, "kind", "") == "closest-frontier" and not stepwise
     player = _compiled if compiled else _stepwise
-    log, status = player(belief, policy, luck, rng, max_moves, on_moves)
+    log, status = player(belief, policy, luck, rng, blank.scanning.step, max_moves, on_moves)
     values = {field.name: getattr(blank, field.name) for field in fields(Episode)}
     values |= {"codes": log.commands, "done": log.done, "frontier": log.frontier, "travelled": log.travelled}
-    values |= {"scanned": np.ones(len(log.commands), dtype=np.bool_), "status": status, "first_frontier": first}
-    values |= {"seconds": time.perf_counter() - began}
+    values |= {"scanned": log.scanned, "status": status, "first_frontier": first, "seconds": time.perf_counter() - began}
     return NoisyEpisode(**values, noise=noise_, confidence=confidence)
 
 
 def _compiled(
-    belief: NoisyBelief, policy: Any, luck: Generator, _rng: Generator, max_moves: int, on_moves: OnMoves | None
+    belief: NoisyBelief, policy: Any, luck: Generator, _rng: Generator, every: int, max_moves: int, on_moves: OnMoves | None
 ) -> tuple[noisy_play.Log, str]:
     from shoal.swarm.engine import search_of
 
@@ -85,7 +85,7 @@ def _compiled(
     pieces, moves, ended = [], 0, noisy_play.RUNNING
     while moves < max_moves and ended == noisy_play.RUNNING:
         piece = new_log(min(PIECE, max_moves - moves))
-        played, ended = belief.play(search, luck, piece)
+        played, ended = belief.play(search, luck, piece, every=every, limit=max_moves - moves)
         kept: list[Any] = [column[:played] for column in piece]
         pieces.append(noisy_play.Log(*kept))
         moves += played
@@ -105,10 +105,10 @@ def _joined(pieces: list[noisy_play.Log]) -> noisy_play.Log:
 
 
 def _stepwise(
-    belief: NoisyBelief, policy: Policy, luck: Generator, rng: Generator, max_moves: int, on_moves: OnMoves | None
+    belief: NoisyBelief, policy: Policy, luck: Generator, rng: Generator, every: int, max_moves: int, on_moves: OnMoves | None
 ) -> tuple[noisy_play.Log, str]:
-    runs, last = AskedRuns(policy, rng), (0, 0)
-    rows: list[tuple[int, int, int, int]] = []
+    runs, last = AskedRuns(policy, rng, every), (0, 0)
+    rows: list[tuple[int, int, int, int, bool]] = []
     status = "limit"
     while True:
         if belief.remaining == 0 and belief.finished:
@@ -123,13 +123,17 @@ def _stepwise(
             break
         code = encode(run[0], ndim=belief.frame.ndim)[0]
         travelled = int(noise.move_hazy(belief.haze, code, luck))
-        noise.look(belief.haze, luck)
-        done = belief.learn(code)
+        scan, done = runs.due or len(rows) + 1 == max_moves, 0
+        if scan:
+            noise.look(belief.haze, luck)
+            done = belief.learn(code)
+        else:
+            belief.foretell(code)
         last = travelled, done
-        rows.append((code, done, belief.remaining, travelled))
+        rows.append((code, done, belief.remaining, travelled, scan))
         if on_moves is not None:
             on_moves(len(rows), belief.remaining)
-    log, table = new_log(len(rows)), np.array(rows, dtype=np.int64).reshape(-1, 4)
+    log, table = new_log(len(rows)), np.array(rows, dtype=np.int64).reshape(-1, len(noisy_play.Log._fields))
     columns: list[Any] = list(log)
     for number, column in enumerate(columns):
         column[:] = table[:, number]

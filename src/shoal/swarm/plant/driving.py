@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,6 +19,7 @@ from shoal.swarm.episode import STATUSES, Episode
 from shoal.swarm.noise.asking import AskedRuns
 from shoal.swarm.noise.model import CONFIDENCE, Noise
 from shoal.swarm.noise.running import check_noisy
+from shoal.swarm.plant.course import Course
 from shoal.swarm.plant.log import DriveLog, RecordedPlant
 from shoal.swarm.plant.protocol import Plant, check_cells
 from shoal.swarm.plant.remote import LinkCounts
@@ -31,7 +32,6 @@ from shoal.swarm.state import SwarmState
 from shoal.swarm.stepwise import OnMoves, Runs, runs_of
 from shoal.swarm.tasks import Mapping
 from shoal.swarm.workspace import GridWorkspace
-from shoal.version import __version__
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,8 @@ class Drive:
     cells : ndarray of int64, shape (n, ndim)
         Where the particles are believed to be at the end.
     episode : Episode or None
-        The run as an episode, in a workspace of the free cells that were found: to film, draw and verify. None with noise.
+        The run as an episode, in a workspace of the free cells that were found: to film, draw and verify. With noise a
+        `shoal.swarm.noise.SeenEpisode`; None if no free cell was found.
     link : LinkCounts or None
         What happened on the line of a remote plant.
     seconds : float
@@ -111,29 +112,11 @@ class Tracker(Protocol):
     def finished(self) -> bool:
         """Whether nothing is left that could be done."""
 
-    def foreseen(self, command: str, steps: int) -> NDArray[np.int64] | None:
-        """Return where the particles will be after ``steps`` equal commands if that is certain and tells nothing, else None."""
+    def blind(self, command: str, steps: int, moves: int) -> list[tuple[int, int, int]] | None:
+        """Take in ``steps`` equal commands without a scan, as `update`; return None, changing nothing, if a scan is needed."""
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64], moves: int) -> list[tuple[int, int, int]]:
         """Take in a scan after ``steps`` equal commands; return (done, frontier, travelled) of each."""
-
-
-@dataclass
-class _Course:
-    """What was sent, and what it brought."""
-
-    codes: list[int] = field(default_factory=list)
-    rows: list[tuple[int, int, int]] = field(default_factory=list)
-    scanned: list[bool] = field(default_factory=list)
-    idle: int = 0
-    last: tuple[int, int] = (0, 0)  # (travelled, done) of the last run
-
-    def add(self, code: int, rows: list[tuple[int, int, int]], *, scanned: bool) -> None:
-        self.codes += [code] * len(rows)
-        self.rows += rows
-        self.scanned += [False] * (len(rows) - 1) + [scanned]
-        self.last = sum(row[2] for row in rows), sum(row[0] for row in rows)
-        self.idle = 0 if any(self.last) else self.idle + 1
 
 
 def drive(
@@ -199,17 +182,20 @@ def drive(
         chosen.check(Frame(plant.shape), plant.rule)
     check_scanning(scanning, chosen, plant.rule)
     if noise is not None:
-        check_noisy(noise, confidence, rule=plant.rule, task=Mapping(), every_move=scanning.every_move)
+        check_noisy(noise, confidence, rule=plant.rule, task=Mapping(), scanning=scanning)
+
+    asked = None if noise is None else AskedRuns(chosen, trial_rng(seed), scanning.step)
 
     def runs(belief: Belief) -> Runs:
-        rng = trial_rng(seed)
-        return AskedRuns(chosen, rng) if noise is not None else runs_of(scanning, chosen, Mapping(), plant.rule, belief, rng, None)
+        return asked or runs_of(scanning, chosen, Mapping(), plant.rule, belief, trial_rng(seed), None)
 
-    known = scanning.kind == "adaptive"
+    def may_skip(move: int) -> bool:
+        return scanning.kind == "adaptive" if asked is None else not asked.due and move < max_moves
+
     return _driven(
         plant,
         runs,
-        lambda _move: known,
+        may_skip,
         max_moves,
         log,
         on_moves,
@@ -253,11 +239,14 @@ def _driven(
     confidence: float = CONFIDENCE,
 ) -> Drive:
     began = time.perf_counter()
-    status, course = "interrupted", _Course()
+    status, course = "interrupted", Course()
     try:
         first = check_cells(plant.observe(), plant.shape, what="positions")
-        exact = ExactTracker(plant.shape, plant.rule, first) if noise is None else None
-        tracker: Tracker = exact or NoisyTracker(plant.shape, first, noise or Noise(), confidence)
+        tracker: ExactTracker | NoisyTracker
+        if noise is None:
+            tracker = ExactTracker(plant.shape, plant.rule, first)
+        else:
+            tracker = NoisyTracker(plant.shape, first, noise, confidence)
         if log is not None:
             said = {} if noise is None else {"noise": dict(vars(noise)), "confidence": confidence}
             log.begin(plant, policy=policy, seed=seed, scan_every=scanning.every, **said)
@@ -267,13 +256,14 @@ def _driven(
         try:
             with interruption_held():
                 plant.stop()
-        finally:
+        finally:  # even if the rig did not confirm the stop
             if log is not None and status == "interrupted":
                 log.end(status)
+            elif log is not None:
+                log.end(status, moves=len(course.codes), belief=tracker.belief)
     seconds = time.perf_counter() - began
-    if log is not None:
-        log.end(status, moves=len(course.codes), belief=tracker.belief)
-    episode = None if exact is None else _episode(plant, policy, seed, scanning, exact, course, status, seconds)
+    about: dict[str, Any] = {"policy": policy, "seed": seed, "scanning": scanning, "noise": noise, "confidence": confidence}
+    episode = course.episode(plant, tracker, status=status, seconds=seconds, **about)
     return Drive(
         policy,
         status,
@@ -317,7 +307,7 @@ def _loop(
     runs: Runs,
     may_skip: Callable[[int], bool],
     tracker: Tracker,
-    course: _Course,
+    course: Course,
     max_moves: int,
     log: DriveLog | None,
     on_moves: OnMoves | None,
@@ -339,50 +329,14 @@ def _loop(
                 log.command(len(course.codes) + step + 1, command)
             plant.send(command)
         moves = len(course.codes) + steps
-        cells = tracker.foreseen(command, steps) if may_skip(moves) else None
-        scanned = cells is None
-        if cells is None:
+        rows = tracker.blind(command, steps, moves) if may_skip(moves) else None
+        scanned = rows is None
+        if rows is None:
             cells = check_cells(plant.observe(), plant.shape, what="positions")
             if log is not None:
                 log.scan(moves, cells)
-        code = int(encode(command, ndim=len(plant.shape))[0])
-        course.add(code, tracker.update(command, steps, cells, moves), scanned=scanned)
+            rows = tracker.update(command, steps, cells, moves)
+        course.add(int(encode(command, ndim=len(plant.shape))[0]), rows, scanned=scanned)
         runs.scan_after(tracker.belief, tracker.state, len(tracker.belief.known) - known)  # told, so that it learns
         if on_moves is not None:
             on_moves(moves, len(tracker.belief.frontier))
-
-
-def _episode(
-    plant: Plant,
-    policy: str,
-    seed: int,
-    scanning: ScanRule,
-    tracker: ExactTracker,
-    course: _Course,
-    status: str,
-    seconds: float,
-) -> Episode:
-    """Return the run as an episode in the map that was found: there every particle moves as it did."""
-    columns: Any = np.array(course.rows, dtype=np.int64).reshape(-1, 3)
-    here = SwarmState.of_cells(tracker.frame, tracker.start, shared=plant.rule == "merge").occupied
-    return Episode(
-        workspace=GridWorkspace(tracker.belief.open.inner, name=plant.name),
-        start=tracker.start,
-        codes=np.array(course.codes, dtype=np.int8),
-        rule=plant.rule,
-        task="mapping",
-        policy=policy,
-        placement="given",
-        targets=None,
-        seed=seed,
-        trial=0,
-        status=status,
-        first_frontier=len(here.dilated() - here),
-        done=columns[:, 0].astype(np.int32),
-        frontier=columns[:, 1].astype(np.int32),
-        travelled=columns[:, 2].copy(),
-        seconds=seconds,
-        version=__version__,
-        scanning=scanning,
-        scanned=np.array(course.scanned, dtype=np.bool_),
-    )

@@ -13,11 +13,12 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypeVar
 
 from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.swarm.plant.messages import LONGEST_LINE
 
+T = TypeVar("T")
 BAUD = 115200
 CHUNK = 65536
 WRITING = 5.0  # seconds that a write may take before the line counts as cut
@@ -91,6 +92,13 @@ class _cuts:  # noqa: N801  # a context manager, read as a word
             raise LineCutError(str(error) or type(error).__name__) from error
 
 
+def _opened(end: T | None) -> T:
+    """Return one end of a line if it is open; one that is not, as between two attempts to open it again, counts as cut."""
+    if end is None:
+        raise EOFError("the line is not open")
+    return end
+
+
 class SerialLine(Line):
     """A serial port, by pyserial.
 
@@ -115,12 +123,13 @@ class SerialLine(Line):
         self._port = self._make(self._device, self._baud, timeout=0, write_timeout=WRITING)
 
     def _write(self, data: bytes) -> None:
-        self._port.write(data)
+        _opened(self._port).write(data)
 
     def _read(self, timeout: float) -> bytes:
-        self._port.timeout = timeout
-        first: bytes = self._port.read(1)
-        return first + bytes(self._port.read(self._port.in_waiting)) if first else b""
+        port = _opened(self._port)
+        port.timeout = timeout
+        first: bytes = port.read(1)
+        return first + bytes(port.read(port.in_waiting)) if first else b""
 
     def close(self) -> None:
         """Close the port."""
@@ -148,15 +157,15 @@ class TcpLine(Line):
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def _write(self, data: bytes) -> None:
-        assert self._socket is not None
-        self._socket.settimeout(WRITING)
-        self._socket.sendall(data)
+        connection = _opened(self._socket)
+        connection.settimeout(WRITING)
+        connection.sendall(data)
 
     def _read(self, timeout: float) -> bytes:
-        assert self._socket is not None
-        if not select.select([self._socket], [], [], timeout)[0]:
+        connection = _opened(self._socket)
+        if not select.select([connection], [], [], timeout)[0]:
             return b""
-        data = self._socket.recv(CHUNK)
+        data = connection.recv(CHUNK)
         if not data:
             raise EOFError("the other end has closed the connection")
         return data
@@ -189,9 +198,7 @@ class ChildLine(Line):
         threading.Thread(target=_pump, args=(child.stdout, self._came), daemon=True).start()
 
     def _write(self, data: bytes) -> None:
-        assert self._child is not None
-        assert self._child.stdin is not None
-        self._child.stdin.write(data)
+        _opened(_opened(self._child).stdin).write(data)
 
     def _read(self, timeout: float) -> bytes:
         try:

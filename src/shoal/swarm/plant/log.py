@@ -248,7 +248,22 @@ def read_log(path: str | os.PathLike[str]) -> RecordedPlant:
     entries = [_entry(source, number, line) for number, line in enumerate(whole, start=1)]
     if not entries or not isinstance(entries[0], _Header):
         raise InvalidInputError(f"{source}, line 1: expected the header of a log, got {lines[0][:60].decode(errors='replace')!r}")
+    _check_header(source, entries[0])
     return _recorded(source, entries[0], entries)
+
+
+def _check_header(source: Path, header: _Header) -> None:
+    """Refuse a header with which no drive can have begun."""
+    from shoal.swarm.noise.model import Noise, bound_of
+    from shoal.swarm.scanning.runs import ScanRule
+
+    try:
+        ScanRule.parse(header.scan_every)
+        if header.noise is not None:
+            Noise(**header.noise)
+            bound_of(header.confidence)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{source}, line 1: {error}") from None
 
 
 def _entry(source: Path, number: int, line: bytes) -> _Entry:

@@ -41,13 +41,19 @@ class ExactTracker:
         self.state = self._state(cells, 0)
         here = self.state.occupied
         self.belief = Belief(open=here, known=here, frontier=here.dilated() - here)
+        self.first_frontier = len(self.belief.frontier)
 
     @property
     def finished(self) -> bool:
         """Whether nothing is left to do."""
         return self.belief.complete
 
-    def foreseen(self, command: str, steps: int) -> NDArray[np.int64] | None:
+    def blind(self, command: str, steps: int, moves: int) -> list[tuple[int, int, int]] | None:
+        """Take in ``steps`` equal commands without a scan, as `update`; return None if that would try an unknown cell."""
+        cells = self._foreseen(command, steps)
+        return None if cells is None else self.update(command, steps, cells, moves)
+
+    def _foreseen(self, command: str, steps: int) -> NDArray[np.int64] | None:
         """Return where the particles will be after ``steps`` equal commands if no unknown cell is tried, else None."""
         from shoal.swarm.engine import pushed
 
@@ -112,7 +118,7 @@ class ExactTracker:
 
 
 class NoisyTracker:
-    """Belief of a mapping, from positions that may be wrong, after each command.
+    """Belief of a mapping, from positions that may be wrong.
 
     Parameters
     ----------
@@ -121,27 +127,41 @@ class NoisyTracker:
         The first positions; there may be none.
     noise : Noise
     confidence : float
+
+    Attributes
+    ----------
+    sights : list of ndarray of int64, shape (k, ndim)
+        What each scan showed.
     """
 
     def __init__(self, shape: tuple[int, ...], cells: NDArray[np.int64], noise: Noise, confidence: float) -> None:
         self._frame = Frame(shape)
         self._noisy = NoisyBelief(shape, Board.of_cells(self._frame, cells), noise, confidence)
         self._take_over()
+        self.start, self.first_frontier, self.sights = self.state.cells, self._noisy.remaining, [cells]
 
     @property
     def finished(self) -> bool:
         """Whether no frontier cell is left that a particle could get to."""
         return self._noisy.finished
 
-    def foreseen(self, command: str, steps: int) -> None:
-        """Return None: with noise nothing is certain."""
-        return
+    def blind(self, command: str, steps: int, moves: int) -> list[tuple[int, int, int]]:
+        """Take in ``steps`` equal commands without a scan, as `update`: particles may have gone on, and nothing is learnt."""
+        for _ in range(steps):
+            self._noisy.spread(command)
+        self._take_over()
+        return [(0, self._noisy.remaining, 0)] * steps
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64], moves: int) -> list[tuple[int, int, int]]:
-        """Take in what a scan after one command shows; return (done, frontier, 0): how far particles went is not known."""
+        """Take in what a scan after ``steps`` equal commands shows; return (done, frontier, 0) of each.
+
+        How far particles went is not known.
+        """
+        rows = self.blind(command, steps - 1, moves)
         done = self._noisy.update(command, Board.of_cells(self._frame, cells))
+        self.sights.append(cells)
         self._take_over()
-        return [(done, self._noisy.remaining, 0)]
+        return [*rows, (done, self._noisy.remaining, 0)]
 
     def _take_over(self) -> None:
         self.belief, self.state = self._noisy.belief, SwarmState(self._noisy.occupied)

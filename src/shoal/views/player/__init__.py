@@ -1,7 +1,8 @@
 """The player: one HTML page, with nothing outside it, that plays a swarm episode, a steering episode or a search.
 
 The page of a swarm episode simulates it again from its start and its commands, so the file stays small: some 70 kB, of
-which the episode takes a few. Those of a steering episode and of a search are told the ways, in straight pieces.
+which the episode takes a few. With noise it cannot, and is told what there is to see at each move. Those of
+a steering episode and of a search are told the ways, in straight pieces.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ _MARKER = re.compile(r"<!-- shoal:(\w+) -->")
 _SHARED = {"css": "player.css", "head": "head.html", "buttons": "buttons.html", "hands": "hands.js", "desk": "desk.js"}
 _SWARM = _SHARED | {
     "simulate": "simulate.js",
+    "recorded": "",
     "picture": "picture.js",
     "chart": "chart.js",
     "player": "player.js",
@@ -60,6 +62,9 @@ def render(data: dict[str, object]) -> str:
         - ``scanned`` : None or missing if a scan followed every command; else base64 of ``numpy.packbits`` of whether one
           followed each.
         - ``status`` : ``"complete"``, ``"stalled"`` or ``"limit"``.
+        - With noise instead of ``start`` and ``targets``: ``moments`` : base64 of `shoal.views.player.moments.packed_moments`;
+          ``looks`` : what their numbers mean; ``noise`` : rates by name; ``goal`` : how many cells there are to settle;
+          ``truth`` : whether it is known what is wrong; ``seen`` : whether particles are where they were seen, not where they are.
 
     Returns
     -------
@@ -87,7 +92,8 @@ def render(data: dict[str, object]) -> str:
     """
     shape = data.get("shape")
     volume = isinstance(shape, list) and len(shape) == 3
-    return _assembled("player.html", _VOLUME if volume else _SWARM, data)
+    files = _VOLUME if volume else _SWARM
+    return _assembled("player.html", files | {"recorded": "recorded.js"} if "moments" in data else files, data)
 
 
 def render_steering(data: dict[str, object]) -> str:

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.swarm import Episode
-from shoal.swarm.noise import NoisyEpisode
+from shoal.swarm.noise import NoisyEpisode, SeenEpisode, moments
+from shoal.views.looks import FRONTIER_TINT
 from shoal.views.player import render
+from shoal.views.player.moments import packed_moments
 
 LARGEST = 2_000_000_000
 """Cells times moves that a page still plays smoothly enough."""
@@ -22,10 +24,8 @@ def player_page(episode: Episode) -> str:
     Raises
     ------
     InvalidInputError
-        If map and episode together are too large for a browser, or the episode has noise.
+        If map and episode together are too large for a browser.
     """
-    if isinstance(episode, NoisyEpisode):
-        raise InvalidInputError("the HTML player: expected an episode without noise, which a page can simulate (use .gif or .mp4)")
     work = episode.workspace.free.size * max(1, episode.moves)
     if work > LARGEST or episode.workspace.free.size > LARGEST // 100:
         raise InvalidInputError(
@@ -36,7 +36,6 @@ def player_page(episode: Episode) -> str:
 
 def player_data(episode: Episode) -> dict[str, object]:
     """Return the data contract of `shoal.views.player.render` for an episode."""
-    flat = np.ravel_multi_index(tuple(episode.start.T), episode.workspace.shape)
     return {
         "title": f"{episode.task.capitalize()} of {episode.workspace.name}",
         "map": episode.workspace.name,
@@ -46,13 +45,42 @@ def player_data(episode: Episode) -> dict[str, object]:
         "shape": list(episode.workspace.shape),
         "spacing": None if episode.workspace.spacing is None else list(episode.workspace.spacing),
         "free": _packed(episode.workspace.free),
-        "start": base64.b64encode(flat.astype("<u4").tobytes()).decode(),
-        "targets": None if episode.targets is None else _packed(episode.targets),
         "commands": episode.commands,
         "scanned": None if episode.scanned.all() else _packed(episode.scanned),
         "status": episode.status,
         "seed": episode.seed,
         "version": episode.version,
+    } | (_recorded(episode) if isinstance(episode, NoisyEpisode | SeenEpisode) else _simulated(episode))
+
+
+def _simulated(episode: Episode) -> dict[str, object]:
+    """Return what a page needs to simulate an episode again."""
+    flat = np.ravel_multi_index(tuple(episode.start.T), episode.workspace.shape)
+    return {
+        "start": base64.b64encode(flat.astype("<u4").tobytes()).decode(),
+        "targets": None if episode.targets is None else _packed(episode.targets),
+    }
+
+
+def _recorded(episode: NoisyEpisode | SeenEpisode) -> dict[str, object]:
+    """Return what there is to see of an episode with noise, which a page cannot simulate."""
+    if isinstance(episode, SeenEpisode):
+        seen, truth, goal = True, episode.truth is not None, len(episode.final()[1].known)
+    else:
+        seen, truth, goal = False, True, episode.errors.free + episode.errors.walls
+    return {
+        "moments": base64.b64encode(packed_moments(episode.moments())).decode(),
+        "looks": {
+            "unknown": moments.UNKNOWN,
+            "free": moments.FREE,
+            "frontier": moments.FRONTIER,
+            "wrong": moments.FALSE_FREE,
+            "tint": FRONTIER_TINT,
+        },
+        "noise": {**vars(episode.noise), "confidence": episode.confidence},
+        "goal": goal,
+        "seen": seen,
+        "truth": truth,
     }
 
 

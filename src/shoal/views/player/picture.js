@@ -58,10 +58,10 @@ const ShoalPicture = (() => {
       this.painted = -1; // the move that the image shows
     }
 
-    /** Colours as [r, g, b]: unknown, frontier, free, obstacle, particle, shared, label. */
+    /** Colours as [r, g, b]: unknown, frontier, free, obstacle, particle, shared, wrong, label. */
     setPalette(palette) {
       this.palette = palette;
-      this.packed = ["unknown", "frontier", "free", "obstacle"].map((name) => packColour(palette[name]));
+      this.packed = this.timeline.shades(palette).map(packColour);
       this.painted = -1;
       this.discs = new Map();
     }
@@ -167,7 +167,7 @@ const ShoalPicture = (() => {
     paint(n) {
       const words = new Uint32Array(this.pixels.data.buffer), { timeline, packed, layout, x, y } = this;
       for (let cell = 0; cell < x.length; cell++) {
-        words[y[cell] * layout.width + x[cell]] = packed[timeline.state(cell, n)];
+        words[y[cell] * layout.width + x[cell]] = packed[timeline.shadeOf(cell, n)];
       }
       this.imagePen.putImageData(this.pixels, 0, 0);
       this.painted = n;

@@ -41,7 +41,8 @@
     const facts = [data.map, data.task, data.policy, plural(world.start.length, "particle"), ending];
     ShoalDesk.showFacts(facts.map(text));
     $("of").textContent = `of ${number(length)}`;
-    $("shareWord").textContent = covering ? "covered" : "classified";
+    $("shareWord").textContent = covering ? "covered" : !world.noise ? "classified" : world.truth ? "right" : "settled";
+    $("particleWord").textContent = world.seen ? "Seen at the last scan" : "Particles";
     $("frontierWord").textContent = covering ? "To cover" : "Frontier";
     $("chartTitle").textContent = covering ? "Cells to cover by move" : "Frontier cells by move";
     $("unknownRow").hidden = covering;
@@ -49,11 +50,13 @@
     $("depth").toggleAttribute("hidden", world.shape.length === 2); // an SVG element has no property hidden
     $("dragKeys").hidden = world.shape.length === 2;
     $("scansRow").hidden = !world.scanned;
-    $("particles").textContent = number(world.start.length);
+    $("wrongRow").hidden = !world.truth;
+    $("rampRow").hidden = !world.noise;
     $("scrub").max = length;
     fillRows($("details"), [
       ["Map", world.shape.join(" × ")],
       ["Rule", world.rule],
+      ...Object.entries(world.noise ?? {}).map(([name, rate]) => [name[0].toUpperCase() + name.slice(1), String(rate)]),
       ["Seed", data.seed == null ? "none" : text(data.seed)],
       ["Shoal", text(data.version) || "unknown"],
     ]);
@@ -167,6 +170,8 @@
       $("share").textContent = `${share === 1 ? "100" : (Math.floor(share * 1000) / 10).toFixed(1)} %`;
       $("bar").style.transform = `scaleX(${share})`;
       for (const name of ["frontier", "free", "obstacle"]) $(name).textContent = number(timeline[name][move]);
+      $("particles").textContent = number(swarm.pos.length);
+      if (world.truth) $("wrong").textContent = number(timeline.wrong[move]);
       if (world.scanned) $("scans").textContent = number(timeline.scans[move]);
       $("compass").querySelector(".ring").classList.toggle("scan", !!world.scanned && (move === 0 || !!world.scanned[move - 1]));
       if (world.rule === "merge") $("shared").textContent = number(swarm.count.reduce((n, c) => n + (c > 1), 0));
@@ -216,7 +221,7 @@
     function setTheme(theme) {
       const read = ShoalDesk.wearTheme(theme);
       const palette = { label: read("soft") };
-      for (const name of ["unknown", "frontier", "free", "obstacle", "particle", "shared"]) palette[name] = read(name);
+      for (const name of ["unknown", "frontier", "free", "obstacle", "particle", "shared", "wrong"]) palette[name] = read(name);
       picture.setPalette(palette);
       const css = (name, alpha) => ShoalPicture.cssColour(read(name), alpha);
       colours = {
@@ -290,7 +295,7 @@
     function snapshot() {
       const cells = new Set(Array.from(swarm.pos, (cell) => ShoalSim.flatIndex(world, cell)));
       return {
-        scans: timeline.scans[move], frontier: timeline.frontier[move], free: timeline.free[move], obstacle: timeline.obstacle[move],
+        ...(world.noise && { wrong: timeline.wrong[move] }), scans: timeline.scans[move], frontier: timeline.frontier[move], free: timeline.free[move], obstacle: timeline.obstacle[move],
         particles: world.start.length, cells: [...cells].sort((a, b) => a - b),
       };
     }

@@ -350,6 +350,16 @@ const ShoalSim = (() => {
       return this.since[cell] <= n ? FRONTIER : UNKNOWN;
     }
 
+    /** How a cell looks after move n: an index into `shades`. */
+    shadeOf(cell, n) {
+      return this.state(cell, n);
+    }
+
+    /** The colour of each look. */
+    shades(palette) {
+      return [palette.unknown, palette.frontier, palette.free, palette.obstacle];
+    }
+
     /** The share of cells classified (coverage: of targets covered) after move n, between 0 and 1. */
     progress(n) {
       if (this.goal === 0) return 1;
@@ -386,5 +396,7 @@ const ShoalSim = (() => {
     return count;
   }
 
-  return { UNKNOWN, FRONTIER, FREE, OBSTACLE, COMMANDS, DataError, readWorld, flatIndex, Swarm, Timeline };
+  const reading = { bytes: bytesOf, board: readBoard, commands: readCommands, scans: readScans, shape: checkShape };
+
+  return { reading, UNKNOWN, FRONTIER, FREE, OBSTACLE, COMMANDS, DataError, readWorld, flatIndex, Swarm, Timeline };
 })();

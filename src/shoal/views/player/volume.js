@@ -9,6 +9,7 @@ const ShoalPicture = (() => {
   const FARTHEST = 0.45; // brightness of what is farthest away
   const TURN = 0.008; // radians a pixel of drag
   const CLOSEST = 12; // times that one may zoom in
+  const MOST_OF_STAGE = 0.86; // of its height, for the slice and what belongs to it
   const { FRONTIER, FREE } = ShoalSim;
 
   const cssColour = ([r, g, b], alpha = 1) => `rgb(${r} ${g} ${b} / ${alpha})`;
@@ -38,13 +39,42 @@ const ShoalPicture = (() => {
       this.cells = Int32Array.from(near);
       this.place = new Float32Array(3 * near.length); // across, down, into the picture, from the middle
       const sides = spacing ?? [1, 1, 1], least = Math.min(...sides);
-      const [dz, dy, dx] = sides.map((side) => side / least), depth = wall.length / layer;
+      this.sides = sides.map((side) => side / least);
+      const [dz, dy, dx] = this.sides;
       near.forEach((cell, i) => {
         const z = Math.floor(cell / layer), y = Math.floor((cell - z * layer) / cols), x = cell % cols;
-        this.place.set([(x + 0.5 - cols / 2) * dx, (y + 0.5 - rows / 2) * dy, (z + 0.5 - depth / 2) * dz], 3 * i);
+        this.place.set([x * dx, y * dy, z * dz], 3 * i);
       });
-      this.extent = { wide: Math.hypot(cols * dx, depth * dz), tall: rows * dy, cell: Math.max(dx, dy, dz) };
-      this.depth = depth;
+      this.depth = wall.length / layer;
+      this.centre();
+    }
+
+    /** Put the middle of what is drawn where it is turned about, and find how much room it takes from whichever side it is seen. */
+    centre() {
+      const { place } = this, cell = Math.max(...this.sides), low = [Infinity, Infinity, Infinity], high = low.map((x) => -x);
+      place.forEach((x, i) => {
+        low[i % 3] = Math.min(low[i % 3], x);
+        high[i % 3] = Math.max(high[i % 3], x);
+      });
+      let wide = 0, top = 0, bottom = 0;
+      const rise = Math.cos(ELEVATION), tip = Math.sin(ELEVATION);
+      for (let i = 0; i < place.length; i += 3) {
+        for (let k = 0; k < 3; k++) place[i + k] -= (low[k] + high[k]) / 2;
+        const away = Math.hypot(place[i], place[i + 2]), down = place[i + 1] * rise;
+        wide = Math.max(wide, 2 * away);
+        top = Math.min(top, down - away * tip);
+        bottom = Math.max(bottom, down + away * tip);
+      }
+      this.extent = { wide: wide + cell, tall: bottom - top + cell, middle: (top + bottom) / 2, cell };
+    }
+
+    /** The part of the canvas that the cloud is fitted into: left of the slice, or below it, where it gets larger. */
+    room() {
+      const { width, height } = this.canvas, { wide, tall } = this.extent, panel = this.panel ?? [0, 0];
+      const scale = ([, , w, h]) => Math.min(w / wide, h / tall);
+      const rooms = [[0, 0, width - panel[0], height], [0, panel[1], width, height - panel[1]]];
+      const [left, top, w, h] = scale(rooms[0]) >= scale(rooms[1]) ? rooms[0] : rooms[1];
+      return { x: left + w / 2, y: top + h / 2, scale: 0.96 * scale([0, 0, w, h]) };
     }
 
     /** The slice with most free cells along the axis of the cut. */
@@ -65,28 +95,28 @@ const ShoalPicture = (() => {
 
     listen() {
       const $ = (id) => document.getElementById(id);
+      this.slice = $("slice");
       const show = () => {
         $("cut").max = this.cutLength() - 1;
         $("cut").value = this.cutPlace;
         $("cutAt").textContent = String(this.cutPlace - 1); // the rim has -1
+        this.fitSlice();
         if (this.packed) this.drawSlice();
       };
       $("axis").addEventListener("change", () => {
         this.cutAxis = Number($("axis").value);
         this.cutPlace = this.fullest();
         show();
+        if (this.packed && this.shown) this.drawCloud(...this.shown); // the panel has another size
       });
       $("cut").addEventListener("input", () => { this.cutPlace = Number($("cut").value); show(); });
-      this.slice = $("slice");
       show();
     }
 
     setPalette(palette) {
       this.palette = palette;
-      this.packed = ["unknown", "frontier", "free", "obstacle", "particle"].map((name) => {
-        const [r, g, b] = palette[name];
-        return ((255 << 24) | (b << 16) | (g << 8) | r) >>> 0;
-      });
+      this.shades = [...this.timeline.shades(palette), palette.particle]; // by look; the last is that of a particle
+      this.packed = this.shades.map(([r, g, b]) => ((255 << 24) | (b << 16) | (g << 8) | r) >>> 0);
     }
 
     resize(cssWidth, cssHeight, ratio) {
@@ -95,6 +125,22 @@ const ShoalPicture = (() => {
       this.canvas.height = Math.max(1, Math.round(cssHeight * ratio));
       this.pixels = this.pen.createImageData(this.canvas.width, this.canvas.height);
       this.near = new Float32Array(this.canvas.width * this.canvas.height);
+      this.fitSlice();
+    }
+
+    /** Give the slice the size that its panel has room for, cells in their true shape; note what the panel takes of the canvas. */
+    fitSlice() {
+      const { slice, canvas, ratio } = this, panel = slice.parentElement;
+      if (!ratio) return;
+      const [dz, dy, dx] = this.sides, { rows, cols } = this.world, stage = canvas.getBoundingClientRect();
+      const [tall, wide] = [[rows * dy, cols * dx], [this.depth * dz, cols * dx], [rows * dy, this.depth * dz]][this.cutAxis];
+      slice.style.width = slice.style.height = "0";
+      const most = MOST_OF_STAGE * stage.height - panel.offsetHeight, inner = panel.clientWidth - 2 * parseFloat(getComputedStyle(panel).paddingLeft);
+      const scale = Math.min(inner / wide, most / tall);
+      slice.style.width = `${scale * wide}px`;
+      slice.style.height = `${scale * tall}px`;
+      const box = panel.getBoundingClientRect();
+      this.panel = [(stage.right - box.left) * ratio, (box.bottom - stage.top) * ratio];
     }
 
     fit() {
@@ -127,8 +173,8 @@ const ShoalPicture = (() => {
       const words = new Uint32Array(this.pixels.data.buffer);
       words.fill(0);
       near.fill(Infinity);
-      const { wide, tall, cell: side } = this.extent;
-      const scale = (0.96 * this.zoom * Math.min(width / wide, height / (tall + wide * Math.sin(ELEVATION))));
+      const { wide, tall, middle, cell: side } = this.extent, room = this.room();
+      const scale = room.scale * this.zoom, across = room.x, down = room.y - scale * middle;
       const size = Math.max(1, Math.ceil(scale * side)), half = size / 2;
       const [ca, sa, ce, se] = [Math.cos(this.azimuth), Math.sin(this.azimuth), Math.cos(this.elevation), Math.sin(this.elevation)];
       const reach = wide / 2 + tall / 2;
@@ -138,10 +184,10 @@ const ShoalPicture = (() => {
         if (state !== FREE && state !== FRONTIER) continue;
         const x = place[3 * i], y = place[3 * i + 1], z = place[3 * i + 2];
         const away = z * ca - x * sa, depth = away * ce + y * se;
-        const left = Math.floor(width / 2 + scale * (x * ca + z * sa) - half);
-        const top = Math.floor(height / 2 + scale * (y * ce - away * se) - half);
+        const left = Math.floor(across + scale * (x * ca + z * sa) - half);
+        const top = Math.floor(down + scale * (y * ce - away * se) - half);
         if (left < 0 || top < 0 || left + size > width || top + size > height) continue;
-        const [r, g, b] = held ? this.palette.particle : this.palette[state === FREE ? "free" : "frontier"];
+        const [r, g, b] = held ? this.palette.particle : this.shades[timeline.shadeOf(cell, n)];
         const shade = clamp(FARTHEST + (1 - FARTHEST) * (0.5 - depth / (1.2 * reach)), FARTHEST, 1);
         const word = ((255 << 24) | ((b * shade) << 16) | ((g * shade) << 8) | (r * shade)) >>> 0;
         for (let py = top; py < top + size; py++) {
@@ -171,7 +217,7 @@ const ShoalPicture = (() => {
       for (let y = 0; y < height; y++) {
         for (let x = 0; x < width; x++) {
           const cell = cellAt(y, x);
-          words[y * width + x] = this.packed[swarm.count[cell] ? 4 : this.timeline.state(cell, n)];
+          words[y * width + x] = swarm.count[cell] ? this.packed.at(-1) : this.packed[this.timeline.shadeOf(cell, n)];
         }
       }
       pen.putImageData(pixels, 0, 0);

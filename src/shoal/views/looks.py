@@ -1,0 +1,89 @@
+"""How cells look in pictures of episodes: without noise five colours, with noise a shade from obstacle over unknown to free."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.swarm import Belief, Episode, SwarmState
+from shoal.swarm.display import PALETTE
+from shoal.swarm.noise import NoisyEpisode, SeenEpisode, moments
+
+WRONG_FREE, WRONG_OBSTACLE = "#d63aa8", "#86126a"
+"""Settled wrongly: an obstacle as free, a free cell as obstacle. Told apart from particles with every common colour blindness."""
+
+FRONTIER_TINT = 0.65
+"""How much of a frontier cell's colour is that of the frontier, with noise."""
+
+
+@dataclass(frozen=True)
+class Ink:
+    """The colours of codes.
+
+    Parameters
+    ----------
+    colours : ndarray of uint8, shape (n, 3)
+        The last is that of a particle.
+    solid : ndarray of bool, shape (n,)
+        Drawn in a 3-D view: behind unknown cells and obstacles nothing would be seen.
+    """
+
+    colours: NDArray[np.uint8]
+    solid: NDArray[np.bool_]
+
+    @property
+    def particle(self) -> int:
+        """The code of a particle."""
+        return len(self.colours) - 1
+
+
+def _colour(text: str) -> NDArray[np.float64]:
+    return np.array(tuple(bytes.fromhex(text[1:])), dtype=np.float64)
+
+
+def _hazy() -> Ink:
+    obstacle, unknown, free, frontier = (_colour(PALETTE[name]) for name in ("obstacle", "unknown", "free", "frontier"))
+    shares = np.linspace(-1, 1, 2 * moments.LEVELS + 1)[:, None]
+    shades = np.where(shares < 0, unknown + shares * (unknown - obstacle), unknown + shares * (free - unknown))
+    others = [_colour(text) for text in (WRONG_FREE, WRONG_OBSTACLE, PALETTE["particle"])]
+    colours = np.vstack([shades, FRONTIER_TINT * frontier + (1 - FRONTIER_TINT) * shades, others])
+    solid = np.zeros(len(colours), dtype=np.bool_)
+    solid[[moments.FREE, *range(moments.FRONTIER, len(colours))]] = True
+    return Ink(colours.round().astype(np.uint8), solid)
+
+
+_NAMES = ("unknown", "frontier", "free", "obstacle", "particle")
+PLAIN = Ink(np.array([_colour(PALETTE[name]) for name in _NAMES], dtype=np.uint8), np.array([False, True, True, False, True]))
+HAZY = _hazy()
+
+
+def ink_of(episode: Episode) -> Ink:
+    """Return the colours for an episode."""
+    return HAZY if isinstance(episode, NoisyEpisode | SeenEpisode) else PLAIN
+
+
+def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
+    """Return what each cell looks like without noise, a code of `PLAIN`; uint8, with one cell of rim on each side."""
+    codes = belief.states
+    codes[state.occupied.mask] = PLAIN.particle
+    return codes
+
+
+def codes_by_move(episode: Episode) -> Iterator[NDArray[np.uint8]]:
+    """Yield what each cell looks like at the start and after each move, codes of the episode's ink; uint8, with the rim."""
+    if isinstance(episode, NoisyEpisode | SeenEpisode):
+        for moment in episode.moments():
+            yield np.where(moment.particles, np.uint8(HAZY.particle), moment.looks)
+    else:
+        for state, belief in episode.frames():
+            yield codes_of(state, belief)
+
+
+def codes_after(episode: Episode, moves: int) -> NDArray[np.uint8]:
+    """Return what each cell looks like after so many moves; uint8, with the rim."""
+    if moves == episode.moves and ink_of(episode) is PLAIN:
+        return codes_of(*episode.final())  # the whole replay in compiled code
+    return next(codes for i, codes in enumerate(codes_by_move(episode)) if i == moves)
