@@ -30,7 +30,7 @@ def search(
     region: SearchRegion | str | os.PathLike[str],
     *,
     robots: int,
-    footprint: float,
+    footprint: ArrayLike,
     starts: str | ArrayLike | os.PathLike[str] = "random",
     tour: str | TourMaker = "spanning-tree",
     allocation: str = "hop",
@@ -82,7 +82,7 @@ def search(
         Whether robots and messages are simulated; by default if cells times robots are at most a million.
     live : float, optional
         Cells a second: instead of a simulation, one process a robot over real UDP (`shoal.search.live`). Of the faults only
-        `Crash`, by killing the process, of the networks only ``loss``.
+        `Crash`, by killing the process, of the networks only ``loss``; vehicles meet the obstacles, robots learn of them there.
     seed : int
 
     Returns
@@ -188,6 +188,7 @@ def scenario_of(
         detection=detection,
         false_alarm=false_alarm,
         obstacles=obstacles,
+        widths=tuple(int(width) for width in plan.widths),
         seed=seed,
     )
 
