@@ -202,7 +202,8 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
         ("messages", f"{result['messages']['sent']} sent, {result['messages']['lost']} lost; {result['takeovers']} takeovers"),
     ]
     for route in result["routes"][:_ROWS]:
-        told = f"{route['status']}: {route['cells']} cells, {route['length_m']:.5g} m, {route['turns']} turns"
+        stops = "" if route["stops"] == route["cells"] else f" from {route['stops']} stops with {route['footprint_m']:g} m"
+        told = f"{route['status']}: {route['cells']} cells{stops}, {route['length_m']:.5g} m, {route['turns']} turns"
         rows.append((f"robot {route['robot']}", told))
     if len(result["routes"]) > _ROWS:
         rows.append(("", f"and {len(result['routes']) - _ROWS} more"))

@@ -116,6 +116,17 @@ def bits_to_array(bits: int, n: int) -> NDArray[np.bool_]:
     return np.unpackbits(data, count=n, bitorder="little").astype(np.bool_)
 
 
+def array_to_bits(members: NDArray[np.bool_]) -> int:
+    """Return the set of numbers at which a bool array is true.
+
+    Examples
+    --------
+    >>> array_to_bits(np.array([True, False, True, False]))
+    5
+    """
+    return int.from_bytes(np.packbits(members, bitorder="little").tobytes(), "little")
+
+
 def at_least(sets: list[int], k: int) -> int:
     """Return the cells that are in k or more of the sets.
 

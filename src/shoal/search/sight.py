@@ -6,6 +6,7 @@ its own piece lies in the footprint and inside of that is joined to where the ro
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -90,11 +91,26 @@ class RegionSight(MaskSight):
     def __init__(self, grid: CellGrid, tour: Tour) -> None:
         super().__init__(tour)
         self._grid = grid
-        index = grid.ordinals(tour.cells)
-        self._stands = grid.stand_points[grid.stand_starts[index]]
         self._half, self._room = 0.0, None
-        self._single = np.diff(grid.stand_starts)[index] == 1  # its own piece only, seen from one place
-        self._whole = grid.clipped.whole[tuple(tour.cells.T)] & self._single
+
+    # Found when the first wide footprint asks: most searches have none.
+
+    @cached_property
+    def _index(self) -> Numbers:
+        return self._grid.ordinals(self._cells)
+
+    @cached_property
+    def _stands(self) -> NDArray[np.float64]:
+        return np.asarray(self._grid.stand_points[self._grid.stand_starts[self._index]])
+
+    @cached_property
+    def _single(self) -> NDArray[np.bool_]:
+        """Which cells are only their own piece, seen from one place."""
+        return np.asarray(np.diff(self._grid.stand_starts)[self._index] == 1)
+
+    @cached_property
+    def _whole(self) -> NDArray[np.bool_]:
+        return np.asarray(self._grid.clipped.whole[tuple(self._cells.T)] & self._single)
 
     def _plain(self, cell: int, around: Numbers, block: NDArray[np.int64]) -> bool:
         return len(around) == block.size and bool(self._whole[around].all())

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.search.bits import bits_of, bits_to_array
+from shoal.search.bits import array_to_bits, bits_of, bits_to_array
 from shoal.search.corners import inside, pulled
 from shoal.search.ground import GroundPaths, length_of
 from shoal.search.tours import Tour
@@ -96,11 +96,10 @@ class CellWays:
 
     def _join(self, steps: NDArray[np.float64]) -> None:
         """Link cells that follow each other on the tour, but are in different parts of the graph."""
-        parts = self._parts(0)
-        for cell in range(self._n):
+        labels = self._labels(0)
+        for cell in np.flatnonzero(labels != np.roll(labels, -1)).tolist():
             other = (cell + 1) % self._n
-            if not parts[cell] >> other & 1:
-                self._links[cell, other] = self._links[other, cell] = float(steps[cell])
+            self._links[cell, other] = self._links[other, cell] = float(steps[cell])
         self._remember()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -150,13 +149,15 @@ class CellWays:
         return tuple(dijkstra(self._graph(closed & ~(1 << here)), indices=here, return_predecessors=True))
 
     def _components(self, closed: int) -> list[int]:
+        labels = self._labels(closed)
+        sets = [array_to_bits(labels == label) for label in range(int(labels.max()) + 1)]
+        return [sets[label] for label in labels.tolist()]
+
+    def _labels(self, closed: int) -> NDArray[np.int32]:
+        """Return which connected part of the graph each cell is in; int32, shape (N,)."""
         from scipy.sparse.csgraph import connected_components
 
-        count, labels = connected_components(self._graph(closed), directed=False)
-        sets = [0] * count
-        for cell, label in enumerate(labels.tolist()):
-            sets[label] |= 1 << cell
-        return [sets[label] for label in labels.tolist()]
+        return np.asarray(connected_components(self._graph(closed), directed=False)[1])
 
     def _open_graph(self, closed: int) -> Any:
         """Return the graph of neighbouring cells that are not closed."""

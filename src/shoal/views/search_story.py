@@ -123,14 +123,15 @@ class SearchStory:
     def others(self, robot: int) -> Numbers:
         """Return whose part each cell belonged to that a robot stopped to search, 0 where it was its own work; int64, shape (k,).
 
-        With a wider footprint: whose most of the cells were that it had not seen before.
+        With a wider footprint: its own if any was that it had not seen before, else whose most of these were.
         """
         owner, ranks = self.owners
         theirs = owner[self.episode.robots[robot].cells]
         if self.episode.plan.widths[robot] > 1:
             fresh = np.ones(self.n_cells, dtype=np.bool_)
             for k, seen in enumerate(self.episode.seen[robot]):
-                theirs[k] = np.bincount(owner[seen[fresh[seen]]], minlength=1).argmax()
+                whose = owner[seen[fresh[seen]]]
+                theirs[k] = robot + 1 if robot + 1 in whose else np.bincount(whose, minlength=1).argmax()
                 fresh[seen] = False
         number, fold = robot + 1, self.episode.scenario.brief.fold
         if number not in ranks:
@@ -151,6 +152,11 @@ class SearchStory:
                 new = earliest < times[cells]
                 times[cells[new]], by[cells[new]] = earliest[new], number
         return times, by
+
+    def seen_at(self, robot: int) -> Floats:
+        """Return when a robot first saw each cell that it searched, rising; float64, shape (k,)."""
+        log = self.episode.robots[robot]
+        return np.sort(_earliest(self.episode.seen[robot], log)[1]) if len(log.cells) else np.zeros(0)
 
     @cached_property
     def taken(self) -> NDArray[np.bool_]:

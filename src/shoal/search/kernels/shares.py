@@ -158,7 +158,7 @@ def hop_costs(ahead, points, places, far, rates, gains, firsts, latest):
     """
     m, n = places.shape[0], points.shape[0]
     powers = rates * gains
-    whole, power = ahead[n], powers.sum()
+    whole, power, straight = ahead[n], powers.sum(), far.shape[0] == 0
     best = np.inf
     alike = powers.max() == powers.min()
     cells = np.zeros(m, dtype=np.int64)
@@ -169,7 +169,8 @@ def hop_costs(ahead, points, places, far, rates, gains, firsts, latest):
                 robot = (i + turn) % m
                 if turn == 0 or not alike:  # else all turns have the same arcs
                     cells[i] = np.searchsorted(ahead, level + 1e-9, side="right") - 1
-                worst = max(worst, away(points, places, far, robot, cells[i] % n) / rates[robot] + whole / power)
+                way = flown(points, places, robot, cells[i] % n) if straight else far[robot, cells[i] % n]
+                worst = max(worst, way / rates[robot] + whole / power)
                 if worst > 1.5 * best and turn > 0:  # bisection will not make that the best
                     worst = np.inf
                     break
