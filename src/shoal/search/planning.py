@@ -178,6 +178,8 @@ def plan_search(
     """
     if isinstance(robots, bool) or not isinstance(robots, int | np.integer) or robots < 1:
         raise InvalidInputError(f"robots: expected a whole number, 1 or more, got {robots!r}")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InvalidInputError(f"seed: expected a whole number, 0 or more, got {seed!r}")
     area = region if isinstance(region, SearchRegion) else open_region(region)
     footprints = check_footprints(footprint, robots)
     speeds = _rates(rates, robots)

@@ -44,7 +44,7 @@ def search_data(episode: SearchEpisode) -> dict[str, object]:
         - ``first`` : when each searched cell was first searched, float32, rising; ``by``, ``where``, ``taken`` : by which robot
           (uint16), at row * columns + column (uint32), and whether it was another's part (uint8).
         - ``robots`` : for each its ``times`` (float32) and ``places`` between which it moves straight (uint16, x and y in turn, in
-          65,535ths of the box from its lower left), ``visits`` (of each cell, float32), ``stretches`` [begin, end, kind, other], ``outline``
+          65,535ths of the box from its lower left), ``visits`` (float32), ``stretches`` [begin, end, kind, other], ``outline``
           (sides around what it took over, uint16: column, row, column, row), ``liar``.
         - ``obstacles`` : list of row * columns + column and when it was found.
         - ``findings`` : list of x, y, when the cell was first searched, and confidence.
