@@ -223,11 +223,7 @@ def replay_search(episode_file: Path, seed: int | None, out: Path | None, film: 
         episode = SearchEpisode.load(episode_file)
         check_seed(episode_file, seed, episode.seed)
         verified = episode.verify()
-        message = (
-            "planned and played again, all robots do what the episode says"
-            if verified
-            else "planned and played again, robots do not do what the episode says"
-        )
+        message = _verdict(verified, live=episode.live is not None)
         result = episode.report() | {"verified": verified, "message": message}
     written = write_outputs(episode, result, out, film) if verified else []
     if json_:
@@ -237,6 +233,12 @@ def replay_search(episode_file: Path, seed: int | None, out: Path | None, film: 
     if not verified:
         say(f"shoal: {episode_file}: {message}")
         raise typer.Exit(1)
+
+
+def _verdict(verified: bool, *, live: bool) -> str:
+    if live:  # what processes did cannot be played again
+        return f"a live search, which {'is' if verified else 'is not'} at one with itself: what was searched, and when"
+    return f"planned and played again, {'all robots do' if verified else 'robots do not do'} what the episode says"
 
 
 def demo_search(out: Path, *, seed: int, json_: bool) -> None:
