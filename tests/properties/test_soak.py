@@ -21,8 +21,8 @@ SEARCHES = int(os.environ.get("SHOAL_SOAK", "2000"))
 CHUNKS = 20
 
 
-def play(seed):
-    scenario = random_scenario(seed)
+def play(seed, *, wide=False):
+    scenario = random_scenario(seed, wide=wide)
     world = World(scenario, check=Checker(scenario))
     outcome = world.run(until=60 * scenario.brief.course.whole * scenario.brief.fold + 1000)
     check_outcome(scenario, outcome)
@@ -33,6 +33,11 @@ def play(seed):
 def test_random_searches_hold_all_invariants(chunk):
     for seed in range(chunk, SEARCHES, CHUNKS):
         play(seed)
+
+
+def test_random_searches_with_wide_footprints_hold_all_invariants():
+    widths = {width for seed in range(SEARCHES // 50) for width in play(seed, wide=True)[0].widths}
+    assert widths == {1, 3, 5}
 
 
 def test_scenarios_are_of_all_kinds():

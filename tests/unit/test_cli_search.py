@@ -113,6 +113,8 @@ def test_a_search_that_nobody_survives_fails(capsys):
         ("square:100 --robots 2 --footprint 10 --tour hilbrt", "hilbert"),
         ("square:100 --robots 2 --footprint 10 --allocation hope", "hop"),
         ("square:100 --robots 2 --footprint 10 --film film.avi", "film.avi"),
+        ("square:100 --robots 2 --footprint 10 --seed -1", "seed: expected a whole number, 0 or more, got -1"),
+        ("square:100 --robots 2 --footprint 10 --obstacles 3.5", "3.5: expected a table of obstacles file, got no such file"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments, words, capsys, tmp_path, monkeypatch):

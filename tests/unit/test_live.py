@@ -26,6 +26,7 @@ from shoal.search.live.outcome import covered_share, searched_by
 from shoal.search.live.vehicle import Vehicle
 from shoal.search.messages import Beacon, Sign, decode, encode
 from shoal.search.robot import Brief, Robot, advance
+from shoal.search.ways import CellWays
 
 
 def brief_of(rows: int, columns: int, **options: object) -> Brief:
@@ -110,7 +111,9 @@ def test_two_of_four_killed_and_a_third_of_the_messages_lost(channel):
     assert 0 < outcome.lost < outcome.heard
     assert nobody_shared_a_cell(outcome)
     last = min(event.time for event in outcome.events if event.kind == "declared")
-    assert covered_share([event for event in outcome.events if event.time <= last], 36) == 1.0  # nobody declares too early
+    assert (
+        covered_share([event for event in outcome.events if event.time <= last], (1 << 36) - 1) == 1.0
+    )  # nobody declares too early
     assert children() == set()
     assert descriptors() == before
     assert outcome.port not in udp_ports()
@@ -145,6 +148,27 @@ def test_a_robot_finds_things_and_goes_home_in_between():
     assert seen[-1].kind == "declared"
     home = tuple(brief.course.points[0])
     assert [event.place for event in outcome.events if event.kind == "recharged"] == [home] * 3
+
+
+def test_obstacles_are_met_and_told_of():
+    """Two robots, one of them with a wide footprint; neither knows of the wall, which leaves one cell behind it out of reach."""
+    tour = make_tour("hilbert-rectangle", (5, 6))
+    wall = [int(tour.position[row, col]) for row, col in ((0, 1), (1, 1), (1, 0), (3, 3))]
+    brief = Brief(Course(tour, ways=CellWays(tour)), "stay", hello=8.0)
+    starts = [int(tour.position[4, 0]), int(tour.position[4, 5])]
+    outcome = run_live(brief, starts, obstacles=wall, widths=[1, 3], loss=0.2, speed=100.0)
+    assert outcome.complete
+    assert outcome.covered == 1.0
+    met = {event.cell for event in outcome.events if event.kind == "obstructed"}
+    assert met
+    assert met <= set(wall)
+    for event in outcome.events:
+        if event.kind == "searched":
+            assert not {event.cell, *event.through} & set(wall)
+    assert any(len(event.around) > 2 for event in outcome.events if event.robot == 2)
+    assert nobody_shared_a_cell(outcome)
+    with pytest.raises(InvalidInputError, match="expected a course with ways from cell to cell"):
+        run_live(brief_of(3, 4), [0], obstacles=[2])
 
 
 def test_all_killed():

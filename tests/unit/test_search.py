@@ -11,7 +11,7 @@ import shapely
 from numpy.testing import assert_array_equal
 
 from shoal.errors import InvalidInputError, UnknownNameError
-from shoal.search import Course, SearchEpisode, Sweep, allocate, make_tour, plan_search, search
+from shoal.search import Course, SearchEpisode, Sweep, allocate, make_tour, open_region, plan_search, search
 from shoal.search.bits import at_least, cells_of, next_in, run, runs, turned
 from shoal.search.episode import RobotLog
 from shoal.search.events import Begin, Blocked, Declare, Go, Heard, Send, Sensed, Wake, WakeAt
@@ -405,8 +405,32 @@ def test_a_search_with_obstacles_is_saved_and_verified(tmp_path):
     assert SearchEpisode.load(tmp_path / "e.json").verify()
     with pytest.raises(InvalidInputError, match="none where a robot starts"):
         search("square:20", robots=1, footprint=10, obstacles=4)
-    with pytest.raises(InvalidInputError, match="no obstacles"):
-        search("square:100", robots=3, footprint=10, obstacles=2, live=20.0)
+
+
+@pytest.mark.parametrize("seed", [4, 7])
+def test_no_way_home_leads_through_obstacles(seed):
+    """With these seeds a robot has come across a corner, and knew no way back through the cells that it had been in."""
+    episode = search("square:100", robots=3, footprint=10, loss=0.3, seed=seed, energy=260.0, obstacles=6)
+    rows, cols = episode.plan.tour.cells[[*episode.scenario.obstacles]].T
+    inside = shapely.union_all(shapely.box(10 * cols, 90 - 10 * rows, 10 * cols + 10, 100 - 10 * rows)).buffer(-1e-6)
+    assert episode.complete
+    assert not any(shapely.LineString(route.points).intersects(inside) for route in episode.routes)
+
+
+def test_parts_are_shared_by_the_ways_that_robots_go():
+    yard = open_region("rectangle:200x100", no_go=[[(99, 0), (101, 0), (101, 90), (99, 90)]])
+    plan = plan_search(yard, robots=6, footprint=10, starts="clustered", seed=1)
+    straight = Course(plan.tour, plan.course.points, steps=plan.course.steps, ways=plan.course.ways)
+    found = {}
+    for course in (plan.course, straight):
+        given = allocate(course, plan.starts, places=plan.places / 10)
+        found[course] = max(
+            plan.route(robot, plan.numbers(sweeps)[:1]).length / 10 + course.search_cost(sweeps[0].first, sweeps[0].count)
+            for robot, sweeps in enumerate(given.sweeps)
+            if sweeps
+        )
+    assert found[plan.course] == pytest.approx(plan.allocation.makespan, rel=0.02)  # what is planned is what it takes
+    assert found[plan.course] < 0.98 * found[straight]
 
 
 def test_two_robots_share_the_part_of_a_dead_one():

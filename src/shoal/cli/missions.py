@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from shoal.cli import options
+from shoal.cli import search_options as given
 from shoal.cli.output import check_folder, print_json, print_table, say
 from shoal.errors import InvalidInputError
 
@@ -28,61 +29,56 @@ def _missions() -> None:
     """Look over mission files."""
 
 
+Folder = Annotated[
+    Path,
+    typer.Argument(metavar="DIR", help="A folder of mission files: .plan .waypoints .geojson .kml .gpx .csv.", show_default=False),
+]
+Footprint = Annotated[
+    str,
+    typer.Option(
+        "--footprint",
+        metavar="METRES",
+        help="Side of the square that a vehicle sees; where they differ, one a robot: 2,2,6. Without it coverage is not measured.",
+        show_default=False,
+    ),
+]
+Least = Annotated[float, typer.Option("--least", help="Least share of the region that must be seen, 0 to 1.")]
+Format = Annotated[
+    str | None,
+    typer.Option(
+        "--format",
+        help="Whose files to fly: plan, wpl, geojson, kml, gpx or csv; default: the first that is there.",
+        show_default=False,
+    ),
+]
+Cap = Annotated[
+    int | None,
+    typer.Option(
+        "--cap", help="Most mission items that a vehicle stores; default: 2000 for PX4, 700 for ArduPilot.", show_default=False
+    ),
+]
+Vehicle = Annotated[str | None, typer.Option("--vehicle", help="px4 or ardupilot: which one it has to be.", show_default=False)]
+Seed = Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        "--out", metavar="FOLDER", help="Write check.json and, with --footprint, uncovered.geojson there.", show_default=False
+    ),
+]
+
+
 @app.command("check", epilog=CHECK_EXAMPLE)
 def check(
-    folder: Annotated[
-        Path,
-        typer.Argument(
-            metavar="DIR", help="A folder of mission files: .plan .waypoints .geojson .kml .gpx .csv.", show_default=False
-        ),
-    ],
-    region: Annotated[
-        str,
-        typer.Argument(
-            metavar="REGION",
-            help="What was to be searched: .geojson .json .kml .gpkg .shp .csv, or a name such as rectangle:200x100.",
-            show_default=False,
-        ),
-    ],
-    footprint: Annotated[
-        float | None,
-        typer.Option(
-            "--footprint",
-            help="Side of the square that a vehicle sees, in metres. Without it coverage is not measured.",
-            show_default=False,
-        ),
-    ] = None,
-    least: Annotated[float, typer.Option("--least", help="Least share of the region that must be seen, 0 to 1.")] = 0.999,
-    format_: Annotated[
-        str | None,
-        typer.Option(
-            "--format",
-            help="Whose files to fly: plan, wpl, geojson, kml, gpx or csv; default: the first that is there.",
-            show_default=False,
-        ),
-    ] = None,
-    no_go: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--no-go", metavar="FILE", help="Zones to keep out of, in the units of REGION. May be given again.", show_default=False
-        ),
-    ] = None,
-    cap: Annotated[
-        int | None,
-        typer.Option(
-            "--cap", help="Most mission items that a vehicle stores; default: 2000 for PX4, 700 for ArduPilot.", show_default=False
-        ),
-    ] = None,
-    vehicle: Annotated[
-        str | None, typer.Option("--vehicle", help="px4 or ardupilot: which one it has to be.", show_default=False)
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")] = 0,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", metavar="FOLDER", help="Write check.json and, with --footprint, uncovered.geojson there.", show_default=False
-        ),
-    ] = None,
+    folder: Folder,
+    region: given.Region,
+    footprint: Footprint = "",
+    least: Least = 0.999,
+    format_: Format = None,
+    no_go: given.NoGo = None,
+    cap: Cap = None,
+    vehicle: Vehicle = None,
+    seed: Seed = 0,
+    out: Out = None,
     json_: options.Json = False,
 ) -> None:
     """Read mission files back: look for mistakes, and measure what vehicles that follow them see of a region.
@@ -96,8 +92,9 @@ def check(
         raise InvalidInputError(f"--least: expected a share from 0 to 1, got {least!r}")
     if out is not None:
         check_folder(out)
+    sides = given.parse_footprint(footprint) if footprint.strip() else None
     searched = open_region(region, no_go=no_go or None)
-    result = check_missions(folder, searched, footprint, format=format_, cap=cap, vehicle=vehicle)
+    result = check_missions(folder, searched, sides, format=format_, cap=cap, vehicle=vehicle)
     written = [] if out is None else _write(result, out)
     if json_:
         print_json(result.report())
@@ -132,7 +129,7 @@ def _print(result: MissionCheck, written: list[Path]) -> None:
         rows.append(("coverage", "not measured: give --footprint"))
     else:
         rows += [
-            ("seen", f"{100 * seen.covered_fraction:.6g} % with a footprint of {result.footprint:g} m"),
+            ("seen", f"{100 * seen.covered_fraction:.6g} % with {_footprint(result.footprint)}"),
             ("not seen", f"{seen.uncovered_m2:.6g} m²"),
             ("outside", f"{seen.outside_m:.6g} m of {seen.length_m:.6g} m"),
         ]
@@ -140,6 +137,12 @@ def _print(result: MissionCheck, written: list[Path]) -> None:
     rows += [(finding.severity, text) for finding, text in _shown(result.findings)]
     rows += [("written", str(path)) for path in written]
     print_table(rows, title="mission check")
+
+
+def _footprint(sides: float | tuple[float, ...] | None) -> str:
+    if not isinstance(sides, tuple):
+        return f"a footprint of {sides:g} m"
+    return f"footprints of {', '.join(f'{side:g}' for side in sides)} m"
 
 
 def _shown(findings: tuple[Finding, ...]) -> list[tuple[Finding, str]]:

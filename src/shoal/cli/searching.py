@@ -7,11 +7,12 @@ from collections.abc import Callable
 from functools import partial
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from shoal.cli import options
+from shoal.cli import search_options as given
 from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, progress, say
 from shoal.errors import InvalidInputError
 
@@ -24,127 +25,41 @@ COMPILING = "compiling kernels: once after an installation, half a minute ..."
 VEHICLES = ("px4", "ardupilot")
 _ROWS = 12
 
-Region = Annotated[
-    str,
-    typer.Argument(
-        metavar="REGION",
-        help="square:SIDE, rectangle:WxH, circle:RADIUS or ring:OUTERxINNER in metres, or a file: .geojson, .json, .kml, .gpkg, "
-        ".shp or .csv (metres).",
-        show_default=False,
-    ),
-]
-
 
 def search(
-    region: Region,
-    robots: Annotated[int, typer.Option("--robots", help="How many there are.", show_default=False)],
-    footprint: Annotated[
-        float, typer.Option("--footprint", help="Side of the square that a robot sees, metres.", show_default=False)
-    ],
-    starts: Annotated[
-        str, typer.Option("--starts", help="random, clustered, line, or a CSV file of points, one a robot.")
-    ] = "random",
-    tour: Annotated[
-        str,
-        typer.Option("--tour", help="spanning-tree, comb, hilbert-rectangle, hilbert, moore, open-hilbert or MODULE:ATTRIBUTE."),
-    ] = "spanning-tree",
-    allocation: Annotated[
-        str, typer.Option("--allocation", help="hop, two-way, individual-shift, common-shift, stay or MODULE:ATTRIBUTE.")
-    ] = "hop",
-    no_go: Annotated[
-        list[Path] | None, typer.Option("--no-go", help="A file of zones to keep out of. May be given again.", show_default=False)
-    ] = None,
-    turn_cost: Annotated[float, typer.Option("--turn-cost", help="What a turn costs, in cells.")] = 0.0,
-    speed: Annotated[float, typer.Option("--speed", help="Metres a second.")] = 1.0,
-    rates: Annotated[
-        str, typer.Option("--rates", metavar="R,R,...", help="Speeds of the robots, as multiples of --speed.", show_default=False)
-    ] = "",
-    energy: Annotated[
-        float, typer.Option("--energy", help="Metres that a robot can go before it must be back at its start.")
-    ] = inf,
-    recharge: Annotated[float, typer.Option("--recharge", help="Seconds that it stays there.")] = 0.0,
-    fold: Annotated[int, typer.Option("--fold", help="How many different robots must search each cell.")] = 1,
-    transit: Annotated[
-        bool, typer.Option("--transit", help="Robots fly: they may cross what lies between the parts of a region.")
-    ] = False,
-    loss: Annotated[float, typer.Option("--loss", help="Share of messages that are lost.")] = 0.0,
-    network: Annotated[
-        str,
-        typer.Option(
-            "--network",
-            metavar="MODEL,...",
-            help="perfect, loss:P, bursts:WORSEN:MEND, range:CELLS, partition:SINCE:UNTIL, delay:MEAN, duplicates:P, corruption:P.",
-        ),
-    ] = "perfect",
-    kill: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--kill",
-            metavar="ROBOT@TIME",
-            help="The robot dies then: robots from 1 on, time as that of so many cells. May be given again.",
-            show_default=False,
-        ),
-    ] = None,
-    targets: Annotated[int, typer.Option("--targets", help="How many things to find there are, in random cells.")] = 0,
-    detection: Annotated[float, typer.Option("--detection", help="Probability that a robot finds what is in a cell.")] = 1.0,
-    false_alarm: Annotated[float, typer.Option("--false-alarm", help="Probability that it finds what is not there.")] = 0.0,
-    obstacles: Annotated[
-        str,
-        typer.Option(
-            "--obstacles",
-            metavar="N|FILE",
-            help="Cells that cannot be entered, as robots find out on the way: a number of random ones, or a CSV file of points.",
-        ),
-    ] = "0",
-    missions: Annotated[
-        Path | None, typer.Option("--missions", metavar="DIR", help="Write a mission for each robot there.", show_default=False)
-    ] = None,
-    format_: Annotated[
-        str,
-        typer.Option(
-            "--format",
-            metavar="NAME,...",
-            help="Formats of the missions: plan, wpl, geojson, kml, gpx, csv; default: all that can say where the region is.",
-            show_default=False,
-        ),
-    ] = "",
-    vehicle: Annotated[str, typer.Option("--vehicle", help="px4 or ardupilot.")] = "px4",
-    kind: Annotated[str, typer.Option("--kind", help="multirotor or rover.")] = "multirotor",
-    altitude: Annotated[
-        float | None, typer.Option("--altitude", help="Metres above the start; 30 for a multirotor.", show_default=False)
-    ] = None,
-    cap: Annotated[int | None, typer.Option("--cap", help="Mission items that the vehicle stores.", show_default=False)] = None,
-    simulate: Annotated[
-        bool | None,
-        typer.Option(
-            "--simulate/--no-simulate",
-            help="Simulate robots and messages; default: if cells times robots are a million or less.",
-            show_default=False,
-        ),
-    ] = None,
-    live: Annotated[
-        bool, typer.Option("--live", help="One process a robot over real UDP instead of a simulation; --kill kills the process.")
-    ] = False,
-    live_speed: Annotated[float, typer.Option("--live-speed", help="Cells a second of a live robot.")] = 20.0,
+    region: given.Region,
+    robots: given.Robots,
+    footprint: given.Footprint,
+    starts: given.Starts = "random",
+    tour: given.TourName = "spanning-tree",
+    allocation: given.AllocationName = "hop",
+    no_go: given.NoGo = None,
+    turn_cost: given.TurnCost = 0.0,
+    speed: given.Speed = 1.0,
+    rates: given.Rates = "",
+    energy: given.Energy = inf,
+    recharge: given.Recharge = 0.0,
+    fold: given.Fold = 1,
+    transit: given.Transit = False,
+    loss: given.Loss = 0.0,
+    network: given.NetworkName = "perfect",
+    kill: given.Kill = None,
+    targets: given.Targets = 0,
+    detection: given.Detection = 1.0,
+    false_alarm: given.FalseAlarm = 0.0,
+    obstacles: given.Obstacles = "0",
+    missions: given.Missions = None,
+    format_: given.Formats = "",
+    vehicle: given.Vehicle = "px4",
+    kind: given.Kind = "multirotor",
+    altitude: given.Altitude = None,
+    cap: given.Cap = None,
+    simulate: given.Simulate = None,
+    live: given.Live = False,
+    live_speed: given.LiveSpeed = 20.0,
     seed: options.Seed = 0,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            metavar="FOLDER",
-            help="Write region.png, timeline.png, the episode and summary.json there.",
-            show_default=False,
-        ),
-    ] = None,
-    film: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--film",
-            metavar="FILE",
-            help="Write a film of the search: .gif, .mp4 or .html (the player). May be given again.",
-            show_default=False,
-        ),
-    ] = None,
+    out: given.Out = None,
+    film: given.Film = None,
     json_: options.Json = False,
 ) -> None:
     """Search a region with robots that have no coordinator: they share a closed tour, and who lives takes over from who dies.
@@ -157,36 +72,24 @@ def search(
 
     area = open_region(region, no_go=list(no_go) if no_go else None)
     faults = crashes_of(kill or [], robots=robots)
+    writer = None if missions is None else MissionWriter(missions, format_, vehicle, kind, altitude, cap)
     check_outputs(out, film)
     with patience("searching with one process a robot ..." if live else COMPILING):
         episode = run(
-            area,
-            robots=robots,
-            footprint=footprint,
-            starts=starts,
-            tour=tour,
-            allocation=allocation,
-            turn_cost=turn_cost,
-            rates=parse_rates(rates),
-            transit=transit,
-            loss=loss,
-            network="" if network == "perfect" else network,
-            faults=faults,
-            fold=fold,
-            energy=energy,
-            recharge=recharge,
-            targets=targets,
+            area, robots=robots, footprint=given.parse_footprint(footprint), starts=starts, tour=tour, allocation=allocation,
+            turn_cost=turn_cost, rates=given.parse_numbers("--rates", rates), transit=transit, loss=loss,
+            network="" if network == "perfect" else network, faults=faults, fold=fold, energy=energy, recharge=recharge,
+            targets=targets, detection=detection, false_alarm=false_alarm, speed=speed,
             obstacles=int(obstacles) if obstacles.lstrip("-").isdecimal() else obstacles,
-            detection=detection,
-            false_alarm=false_alarm,
-            speed=speed,
-            simulate=simulate,
-            live=live_speed if live else None,
-            seed=seed,
-        )
-        result = episode.report()
-    written = [] if missions is None else _write_missions(episode, missions, format_, vehicle, kind, altitude, cap)
-    written += write_outputs(episode, result, out, film)
+            simulate=simulate, live=live_speed if live else None, seed=seed,
+        )  # fmt: skip
+    finish(episode, [] if writer is None else writer.write(episode), out, film, json_=json_)
+
+
+def finish(episode: SearchEpisode, written: list[Path], out: Path | None, film: list[Path] | None, *, json_: bool) -> None:
+    """Write and print what came of a search; exit code 1 if it was not completed."""
+    result = episode.report()
+    written = written + write_outputs(episode, result, out, film)
     if json_:
         print_json(result)
     else:
@@ -196,60 +99,59 @@ def search(
         raise typer.Exit(1)
 
 
-def parse_rates(text: str) -> list[float] | None:
-    """Return the numbers of ``--rates``.
+class MissionWriter:
+    """Writes the missions of a plan: what each robot does if nothing goes wrong.
 
     Raises
     ------
-    InvalidInputError
-
-    Examples
-    --------
-    >>> parse_rates("1,1.5")
-    [1.0, 1.5]
+    InvalidInputError, UnknownNameError
+        At once, before anything is searched, if an option is not right.
     """
-    if not text.strip():
-        return None
-    try:
-        return [float(word) for word in text.split(",")]
-    except ValueError:
-        raise InvalidInputError(f"--rates: expected numbers separated by commas, one a robot, got {text[:80]!r}") from None
+
+    def __init__(
+        self, folder: Path, formats: str, vehicle: str, kind: str, altitude: float | None = None, cap: int | None = None
+    ) -> None:
+        from shoal.search.missions.files import FORMATS
+
+        self.folder = folder
+        self.formats = [name.strip() for name in formats.split(",") if name.strip()]
+        for name in self.formats:
+            FORMATS.get(name)
+        self.vehicle = _one_of("--vehicle", vehicle, VEHICLES)
+        self.kind = _one_of("--kind", kind, ("multirotor", "rover"))
+        self.altitude, self.cap = altitude, cap
+
+    def write(self, episode: SearchEpisode) -> list[Path]:
+        """Write them; return the files."""
+        from shoal.search.missions import missions_of, write_missions
+
+        plan = episode.plan
+        found: list[Mission] = []
+        energy = episode.scenario.brief.energy * plan.grid.size
+        for robot in range(len(plan.places)):
+            stops = plan.stops(robot)
+            if not len(stops):
+                continue  # in reserve
+            found += missions_of(
+                plan.route(robot, stops).points,
+                plan.grid.region.frame,
+                robot=robot + 1,
+                home=plan.places[robot],
+                kind=self.kind,
+                vehicle=self.vehicle,
+                altitude=self.altitude,
+                speed=episode.speed * float(plan.rates[robot]),
+                cap=self.cap,
+                max_length=None if energy == inf else energy,
+                ways=plan.paths.leg,
+            )
+        return write_missions(found, self.folder, formats=self.formats or None)
 
 
-def _write_missions(
-    episode: SearchEpisode, folder: Path, formats: str, vehicle: str, kind: str, altitude: float | None, cap: int | None
-) -> list[Path]:
-    """Write the missions of the plan: what each robot does if nothing goes wrong."""
-    from shoal.search.missions import missions_of, write_missions
-
-    plan = episode.plan
-    found: list[Mission] = []
-    energy = episode.scenario.brief.energy * plan.grid.size
-    for robot, sweeps in enumerate(plan.allocation.sweeps):
-        numbers = plan.numbers(sweeps)
-        if not len(numbers):
-            continue  # in reserve
-        found += missions_of(
-            plan.route(robot, numbers).points,
-            plan.grid.region.frame,
-            robot=robot + 1,
-            home=plan.places[robot],
-            kind=_one_of("--kind", kind, ("multirotor", "rover")),
-            vehicle=_one_of("--vehicle", vehicle, VEHICLES),
-            altitude=altitude,
-            speed=episode.speed * float(plan.rates[robot]),
-            cap=cap,
-            max_length=None if energy == inf else energy,
-            ways=plan.paths.leg,
-        )
-    names = [name.strip() for name in formats.split(",") if name.strip()]
-    return write_missions(found, folder, formats=names or None)
-
-
-def _one_of(option: str, given: str, known: tuple[str, ...]) -> Any:
-    if given not in known:
-        raise InvalidInputError(f"{option}: expected {' or '.join(known)}, got {given[:40]!r}")
-    return given
+def _one_of(option: str, word: str, known: tuple[str, ...]) -> Any:
+    if word not in known:
+        raise InvalidInputError(f"{option}: expected {' or '.join(known)}, got {word[:40]!r}")
+    return word
 
 
 def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
@@ -300,7 +202,8 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
         ("messages", f"{result['messages']['sent']} sent, {result['messages']['lost']} lost; {result['takeovers']} takeovers"),
     ]
     for route in result["routes"][:_ROWS]:
-        told = f"{route['status']}: {route['cells']} cells, {route['length_m']:.5g} m, {route['turns']} turns"
+        stops = "" if route["stops"] == route["cells"] else f" from {route['stops']} stops with {route['footprint_m']:g} m"
+        told = f"{route['status']}: {route['cells']} cells{stops}, {route['length_m']:.5g} m, {route['turns']} turns"
         rows.append((f"robot {route['robot']}", told))
     if len(result["routes"]) > _ROWS:
         rows.append(("", f"and {len(result['routes']) - _ROWS} more"))
@@ -320,11 +223,7 @@ def replay_search(episode_file: Path, seed: int | None, out: Path | None, film: 
         episode = SearchEpisode.load(episode_file)
         check_seed(episode_file, seed, episode.seed)
         verified = episode.verify()
-        message = (
-            "planned and played again, all robots do what the episode says"
-            if verified
-            else "planned and played again, robots do not do what the episode says"
-        )
+        message = _verdict(verified, live=episode.live is not None)
         result = episode.report() | {"verified": verified, "message": message}
     written = write_outputs(episode, result, out, film) if verified else []
     if json_:
@@ -334,6 +233,12 @@ def replay_search(episode_file: Path, seed: int | None, out: Path | None, film: 
     if not verified:
         say(f"shoal: {episode_file}: {message}")
         raise typer.Exit(1)
+
+
+def _verdict(verified: bool, *, live: bool) -> str:
+    if live:  # what processes did cannot be played again
+        return f"a live search, which {'is' if verified else 'is not'} at one with itself: what was searched, and when"
+    return f"planned and played again, {'all robots do' if verified else 'robots do not do'} what the episode says"
 
 
 def demo_search(out: Path, *, seed: int, json_: bool) -> None:
@@ -357,7 +262,7 @@ def demo_search(out: Path, *, seed: int, json_: bool) -> None:
             seed=seed,
         )
         result = episode.report()
-    written = _write_missions(episode, out / "missions", "plan,kml", "px4", "multirotor", None, None)
+    written = MissionWriter(out / "missions", "plan,kml", "px4", "multirotor").write(episode)
     written += write_outputs(episode, result, out, [out / "search.html"])
     if json_:
         print_json(result | {"files": [str(path) for path in written]})

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 def run(first: int, count: int, n: int) -> int:
@@ -85,6 +88,43 @@ def cells_of(bits: int) -> Iterator[int]:
         low = bits & -bits
         yield low.bit_length() - 1
         bits ^= low
+
+
+def bits_of(cells: Iterable[int]) -> int:
+    """Return the set of some cells.
+
+    Examples
+    --------
+    >>> bin(bits_of([1, 2, 4]))
+    '0b10110'
+    """
+    bits = 0
+    for cell in cells:
+        bits |= 1 << cell
+    return bits
+
+
+def bits_to_array(bits: int, n: int) -> NDArray[np.bool_]:
+    """Return a set of numbers below n as a bool array of shape (n,).
+
+    Examples
+    --------
+    >>> bits_to_array(0b101, 4).tolist()
+    [True, False, True, False]
+    """
+    data = np.frombuffer(bits.to_bytes((n + 7) // 8, "little"), dtype=np.uint8)
+    return np.unpackbits(data, count=n, bitorder="little").astype(np.bool_)
+
+
+def array_to_bits(members: NDArray[np.bool_]) -> int:
+    """Return the set of numbers at which a bool array is true.
+
+    Examples
+    --------
+    >>> array_to_bits(np.array([True, False, True, False]))
+    5
+    """
+    return int.from_bytes(np.packbits(members, bitorder="little").tobytes(), "little")
 
 
 def at_least(sets: list[int], k: int) -> int:

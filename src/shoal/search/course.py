@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
+from shoal.search.sight import MaskSight, Numbers, Sight
 from shoal.search.tours import Tour
 from shoal.search.ways import Ways
 
 Floats = NDArray[np.float64]
+_RECKONED = 1_000_000  # cells times robots: ways between more are taken as straight
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,10 @@ class Course:
         The length of the way from each cell to the next, where it is not the straight one; the last back to the first cell.
     ways : Ways, optional
         How far it is between any two cells; straight if not given.
+    sight : Sight, optional
+        What is seen from a cell with a footprint of several cells; all that is not behind what is no cell if not given.
+    reckoned : bool
+        Whether `allocate` asks the ways for the lengths of all that it compares; straight ones do otherwise.
 
     Raises
     ------
@@ -43,6 +49,8 @@ class Course:
     turn_cost: float = 0.0
     steps: Floats = None  # type: ignore[assignment]  # settled below
     ways: Ways | None = None
+    sight: Sight = None  # type: ignore[assignment]  # settled below
+    reckoned: bool = False
 
     def __post_init__(self) -> None:
         cells = self.tour.cells.astype(np.float64)
@@ -59,6 +67,8 @@ class Course:
             raise InvalidInputError(f"steps: expected {len(cells)} lengths, 0 or more, got shape {steps.shape}")
         if self.stepwise:
             steps = np.maximum(steps, self._lengths())
+        if self.sight is None:
+            object.__setattr__(self, "sight", MaskSight(self.tour))
         object.__setattr__(self, "points", given)
         object.__setattr__(self, "steps", steps.astype(np.float64))
 
@@ -146,6 +156,19 @@ class Course:
     def length(self, here: int, cell: int, closed: int = 0) -> float:
         """Return the length of the way between two cells given by their numbers on the tour, in sides of a cell."""
         return self.between(here, cell) if self.ways is None else self.ways.length(here, cell, closed)
+
+    def seen(self, cell: int, width: int) -> Numbers:
+        """Return the cells that a robot sees from one with a footprint of so many cells' width, as numbers on the tour, rising."""
+        return self.sight.seen(cell, width)
+
+    def far(self, starts: NDArray[np.int64]) -> Floats:
+        """Return how far it is from some cells to all; float64, shape (m, N), or (0, 0) where ways are taken as straight.
+
+        They are where nothing is in the way, unless ``reckoned``, and for more than a million cells times robots.
+        """
+        if self.ways is None or not self.reckoned or len(starts) * self.n > _RECKONED:
+            return np.zeros((0, 0))
+        return np.array([self.ways.lengths(int(start)) for start in starts])
 
     @cached_property
     def _levels(self) -> list[float]:

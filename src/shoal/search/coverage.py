@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from shoal.errors import InvalidInputError
 from shoal.search.region import TOUCH, SearchRegion
 from shoal.search.rings import Points, check_points
+from shoal.search.sight import check_footprints
 
 _FEW = 48  # swept shapes that are united at once
 _SMALLEST = 0.5  # of a footprint: blocks are not cut further, for what lies about a smaller one mostly covers it
@@ -44,7 +45,9 @@ class Coverage:
     length_m: float
 
 
-def coverage_check(region: SearchRegion, routes: Sequence[ArrayLike], footprint: float, *, tolerance: float = TOUCH) -> Coverage:
+def coverage_check(
+    region: SearchRegion, routes: Sequence[ArrayLike], footprint: ArrayLike, *, tolerance: float = TOUCH
+) -> Coverage:
     """Return what vehicles on some routes saw and where they left the region.
 
     A vehicle sees the square of side ``footprint`` around it, its sides along the axes, all along its legs. From inside, a vehicle
@@ -55,8 +58,8 @@ def coverage_check(region: SearchRegion, routes: Sequence[ArrayLike], footprint:
     region : SearchRegion
     routes : sequence of array_like of float, each of shape (k, 2)
         One for each vehicle: points in metres, straight legs between them. A route of one point is a vehicle that stands.
-    footprint : float
-        Metres.
+    footprint : float, or array_like of float
+        Metres; one for all, or one a route.
     tolerance : float
         Metres by which a leg may leave the region before it counts as outside: files round the coordinates of routes.
 
@@ -73,14 +76,16 @@ def coverage_check(region: SearchRegion, routes: Sequence[ArrayLike], footprint:
     """
     import shapely
 
-    if isinstance(footprint, bool) or not 0 < float(footprint) < np.inf:
-        raise InvalidInputError(f"footprint: expected a length above 0 in metres, got {footprint!r}")
+    sides = check_footprints(footprint, len(routes), what="route")
     if isinstance(tolerance, bool) or not 0 <= float(tolerance) < np.inf:
         raise InvalidInputError(f"tolerance: expected a length of 0 or more in metres, got {tolerance!r}")
     ways = [check_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
     starts, ends = _legs(ways)
-    swept = _swept(*_once(starts, ends), float(footprint) / 2)
-    uncovered = _without(region.area, swept, float(footprint))
+    swept = [
+        _swept(*_once(*_legs([way for way, own in zip(ways, sides, strict=True) if own == side])), side / 2)
+        for side in np.unique(sides).tolist()
+    ]
+    uncovered = _without(region.area, np.concatenate(swept), float(sides.min())) if swept else region.area
     left = float(uncovered.area)
     lengths = np.hypot(*(ends - starts).T)
     lines = shapely.linestrings(np.stack([starts, ends], axis=1))

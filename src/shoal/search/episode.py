@@ -26,6 +26,7 @@ from pydantic import (
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
 from shoal.search import faults
+from shoal.search.bits import bits_of, bits_to_array
 from shoal.search.coverage import Coverage, coverage_check
 from shoal.search.findings import Finding, merged
 from shoal.search.formats.text import check_file, read_text
@@ -48,7 +49,7 @@ class RobotLog:
     Parameters
     ----------
     cells : ndarray of int64, shape (k,)
-        The cells that it searched in their order, as numbers on the tour.
+        The cells in which it stopped to search them, and with a wider footprint those around, as numbers on the tour.
     times : ndarray of float64, shape (k,)
         When it had searched each, in the time of a cell.
     states : tuple of (float, str)
@@ -147,12 +148,14 @@ class SearchEpisode:
     def coverage(self) -> Coverage:
         """What the robots have seen of the region, checked apart from the cells."""
         liars = {fault.robot for fault in self.scenario.faults if isinstance(fault, faults.Liar)}
-        ways = [
-            route.points
-            for number, route in enumerate(self.routes, start=1)
-            if number not in liars and self.robots[number - 1].cells.size
-        ]
-        return coverage_check(self.plan.grid.region, ways, self.plan.grid.footprint)
+        seeing = [robot for robot, log in enumerate(self.robots) if robot + 1 not in liars and log.cells.size]
+        ways = [self.routes[robot].points for robot in seeing]
+        return coverage_check(self.plan.grid.region, ways, self.plan.footprints[seeing] if seeing else self.plan.grid.footprint)
+
+    @cached_property
+    def seen(self) -> tuple[tuple[NDArray[np.int64], ...], ...]:
+        """By robot, the cells that it saw from each in which it stopped, as numbers on the tour."""
+        return tuple(tuple(self.plan.seen(robot, log.cells)) for robot, log in enumerate(self.robots))
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
@@ -162,12 +165,9 @@ class SearchEpisode:
         for number in tellers:
             for cell, witnesses in self.robots[number - 1].found:
                 reports.setdefault(cell, set()).update(witnesses)
-        searched = {}
-        for number, log in enumerate(self.robots, start=1):
-            bits = 0
-            for cell in log.cells.tolist():
-                bits |= 1 << cell
-            searched[number] = bits
+        searched = {
+            number: bits_of(int(cell) for cells in seen for cell in cells) for number, seen in enumerate(self.seen, start=1)
+        }
         return merged(self.scenario, reports, searched)
 
     @cached_property
@@ -181,10 +181,7 @@ class SearchEpisode:
     @property
     def unreachable(self) -> int:
         """How many cells without an obstacle no robot could reach."""
-        goal = self.scenario.blocked
-        for number in range(1, len(self.robots) + 1):
-            goal |= self.scenario.reach(number)
-        return len(self.plan.course) - goal.bit_count()
+        return len(self.plan.course) - (self.scenario.blocked | self.scenario.goal).bit_count()
 
     def report(self) -> dict[str, Any]:
         """Return the JSON object of ``shoal search``."""
@@ -220,7 +217,9 @@ class SearchEpisode:
         return {
             "robot": robot + 1,
             "start": self.plan.places[robot].tolist(),
-            "cells": len(log.cells),
+            "footprint_m": float(self.plan.footprints[robot]),
+            "cells": len(log.cells) if self.plan.widths[robot] == 1 else len(np.unique(np.concatenate([*self.seen[robot], []]))),
+            "stops": len(log.cells),
             "length_m": route.length,
             "turns": max(len(ways) - 1, 0),
             "status": log.status,
@@ -263,7 +262,7 @@ class SearchEpisode:
             kind="search",
             version=self.version,
             region=RegionForm(name=region.name, area=shapely.to_wkt(region.area, rounding_precision=-1), frame=frame),
-            footprint=self.plan.grid.footprint,
+            footprint=self.plan.footprints.tolist(),
             tour=self.plan.tour.name,
             allocation=self.plan.allocation.method,
             turn_cost=self.plan.course.turn_cost,
@@ -339,9 +338,10 @@ class SearchEpisode:
 
         if self.live is not None:
             first = np.full(len(self.plan.course), inf)
-            for log in self.robots:
-                np.minimum.at(first, log.cells, log.times)
-            return float(first.max()) == self.covered_at
+            for log, seen in zip(self.robots, self.seen, strict=True):
+                for cells, moment in zip(seen, log.times.tolist(), strict=True):
+                    first[cells] = np.minimum(first[cells], moment)
+            return float(first[bits_to_array(self.scenario.goal, len(first))].max()) == self.covered_at
         other = played_again(self._form())
         return (
             len(other.robots) == len(self.robots)
@@ -387,7 +387,7 @@ class EpisodeForm(BaseModel):
     kind: Literal["search"]
     version: str
     region: RegionForm
-    footprint: PositiveFloat
+    footprint: PositiveFloat | list[PositiveFloat]
     tour: str
     allocation: str
     turn_cost: NonNegativeFloat

@@ -31,11 +31,15 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Sensed:
-    """The robot has come to the cell that it wanted to search and has searched it; ``found`` if there is something."""
+    """The robot has come to the cell that it wanted to search and has searched it; ``found`` if there is something.
+
+    What it has found in cells around, which it sees with a wider footprint, is ``beside``.
+    """
 
     time: float
     cell: int
     found: bool = False
+    beside: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

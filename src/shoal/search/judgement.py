@@ -78,5 +78,8 @@ def settled(robot: Robot, time: float) -> int:
 
 
 def known_free(robot: Robot) -> int:
-    """Return the cells, as bits, that it knows to be free of obstacles."""
-    return robot.passed | at_least(list(robot.searched.values()), 1)
+    """Return the cells, as bits, that it knows to be free of obstacles: it or another one that sees no farther has been there."""
+    wide = {number for number, peer in robot.peers.items() if peer.sign.width > 1}
+    if robot.width > 1:
+        wide.add(robot.number)
+    return robot.passed | at_least([cells for number, cells in robot.searched.items() if number not in wide], 1)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 from zlib import crc32
 
-from pydantic import BaseModel, ConfigDict, NonNegativeInt, PositiveFloat, StringConstraints, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, StringConstraints, ValidationError
 
 from shoal.errors import InvalidInputError
+from shoal.search.sight import WIDEST, check_odd
 
 VERSION: Literal[1] = 1
 Status = Literal["listening", "searching", "waiting", "complete"]
@@ -17,13 +18,17 @@ Status = Literal["listening", "searching", "waiting", "complete"]
 
 @dataclass(frozen=True, slots=True)
 class Sign:
-    """The latest sign of life of a robot: its number, how many beacons it had sent, where it started, its speed and its status."""
+    """The latest sign of life of a robot: its number, how many beacons it had sent, where it started, its speed and its status.
+
+    Besides, how many cells wide its footprint is.
+    """
 
     robot: int
     count: int
     start: int
     rate: float
     status: Status
+    width: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +55,7 @@ class Beacon:
     closed: tuple[tuple[int, int], ...] = ()
 
 
+Width = Annotated[int, Field(ge=1, le=WIDEST), AfterValidator(check_odd)]
 Bits = Annotated[str, StringConstraints(pattern="^[0-9a-f]+$")]
 
 
@@ -63,6 +69,7 @@ class SignForm(BaseModel):
     start: NonNegativeInt
     rate: PositiveFloat
     status: Status
+    width: Width = 1
 
 
 class BeaconForm(BaseModel):
@@ -89,7 +96,7 @@ def encode(beacon: Beacon) -> bytes:
     body: dict[str, Any] = {
         "version": VERSION,
         "sender": beacon.sender,
-        "signs": [{name: getattr(sign, name) for name in SignForm.model_fields} for sign in beacon.signs],
+        "signs": [_told(sign) for sign in beacon.signs],
         "searched": {robot: f"{bits:x}" for robot, bits in beacon.searched},
         "found": {cell: f"{bits:x}" for cell, bits in beacon.found},
     }
@@ -97,6 +104,13 @@ def encode(beacon: Beacon) -> bytes:
         body["closed"] = {robot: f"{bits:x}" for robot, bits in beacon.closed}
     text = json.dumps(body, separators=(",", ":")).encode()
     return f"{crc32(text):08x}".encode() + text
+
+
+def _told(sign: Sign) -> dict[str, Any]:
+    told = {name: getattr(sign, name) for name in SignForm.model_fields}
+    if sign.width == 1:
+        del told["width"]
+    return told
 
 
 def decode(data: bytes) -> Beacon:
@@ -116,5 +130,5 @@ def decode(data: bytes) -> Beacon:
         closed = tuple((robot, int(bits, 16)) for robot, bits in form.closed.items())
     except (ValidationError, ValueError) as error:
         raise InvalidInputError(f"beacon: expected a beacon of version {VERSION}, got {str(error).splitlines()[0]}") from None
-    signs = tuple(Sign(sign.robot, sign.count, sign.start, sign.rate, sign.status) for sign in form.signs)
+    signs = tuple(Sign(sign.robot, sign.count, sign.start, sign.rate, sign.status, sign.width) for sign in form.signs)
     return Beacon(form.sender, signs, searched, found, closed)

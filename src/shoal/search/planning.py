@@ -20,6 +20,9 @@ from shoal.search.course import Course
 from shoal.search.formats.text import check_file, read_text
 from shoal.search.ground import GroundPaths, Route
 from shoal.search.region import SearchRegion, open_region
+from shoal.search.sight import RegionSight, cell_side, check_footprints, widths_of
+from shoal.search.stops import stops_of
+from shoal.search.sweeps import numbers_of
 from shoal.search.tours import Tour, TourMaker, make_tour
 from shoal.search.ways import CellWays, RegionWays, Ways
 
@@ -45,6 +48,8 @@ class SearchPlan:
     rates : ndarray of float64, shape (m,)
         Their speeds, as multiples of the common one.
     allocation : Allocation
+    footprints : ndarray of float64, shape (m,)
+        Sides of the squares that they see, metres.
     transit : bool
         Whether ways may lead from one part of the region to another, outside.
     """
@@ -55,6 +60,7 @@ class SearchPlan:
     starts: NDArray[np.int64]
     rates: NDArray[np.float64]
     allocation: Allocation
+    footprints: NDArray[np.float64]
     transit: bool = False
 
     @property
@@ -67,10 +73,25 @@ class SearchPlan:
         """Ways inside the region."""
         return GroundPaths(self.grid, transit=self.transit)
 
+    @cached_property
+    def widths(self) -> NDArray[np.int64]:
+        """How many cells wide each footprint counts, int64, shape (m,)."""
+        return widths_of(self.footprints, self.grid.size)
+
     def numbers(self, sweeps: Sequence[Sweep]) -> NDArray[np.int64]:
         """Return the cells of sweeps in the order of the visit, as numbers on the tour; int64, shape (k,)."""
-        found = [(sweep.first + sweep.step * np.arange(sweep.count)) % len(self.course) for sweep in sweeps]
-        return np.concatenate([np.zeros(0, dtype=np.int64), *found])
+        return numbers_of(sweeps, len(self.course))
+
+    def stops(self, robot: int) -> NDArray[np.int64]:
+        """Return where a robot, counted from 0, stops to see its part, as numbers on the tour; int64, shape (k,)."""
+        cells = self.numbers(self.allocation.sweeps[robot])
+        width = int(self.widths[robot])
+        return cells if width == 1 or not len(cells) else stops_of(self.course, width, cells)[0]
+
+    def seen(self, robot: int, stops: ArrayLike) -> list[NDArray[np.int64]]:
+        """Return the cells that a robot, counted from 0, sees from each stop, as numbers on the tour."""
+        width = int(self.widths[robot])
+        return [self.course.seen(int(stop), width) for stop in np.asarray(stops)]
 
     def route(self, robot: int, numbers: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> Route:
         """Return the way of a robot from its start through cells given by their numbers on the tour.
@@ -105,7 +126,7 @@ def plan_search(
     region: SearchRegion | str | os.PathLike[str],
     *,
     robots: int,
-    footprint: float,
+    footprint: ArrayLike,
     starts: str | ArrayLike | os.PathLike[str] = "random",
     tour: str | TourMaker = "spanning-tree",
     allocation: str = "hop",
@@ -122,8 +143,10 @@ def plan_search(
     region : SearchRegion, str or path
         As `open_region` takes it.
     robots : int
-    footprint : float
-        Side of the square that a robot sees, metres.
+    footprint : float, or array_like of float, shape (robots,)
+        Side of the square that a robot sees, metres; where they differ, one a robot. Then cells are those of the smallest, or
+        smaller if so all together see more a second (`cell_side`), and a footprint counts as the largest odd number of cells that
+        it holds.
     starts : str, path or array_like of float, shape (robots, 2)
         "random", "clustered", "line" (along the western border), points in metres, or a CSV file of points: x and y in metres, or
         longitude and latitude for a region on the earth.
@@ -155,8 +178,13 @@ def plan_search(
     """
     if isinstance(robots, bool) or not isinstance(robots, int | np.integer) or robots < 1:
         raise InvalidInputError(f"robots: expected a whole number, 1 or more, got {robots!r}")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InvalidInputError(f"seed: expected a whole number, 0 or more, got {seed!r}")
     area = region if isinstance(region, SearchRegion) else open_region(region)
-    grid = cells_of(area, footprint)
+    footprints = check_footprints(footprint, robots)
+    speeds = _rates(rates, robots)
+    side = cell_side(footprints, speeds)
+    grid = cells_of(area, side)
     if len(area.parts) > 1 and not transit:
         raise InvalidInputError(
             f"region {area.name!r}: expected one part, as robots stay inside, got {len(area.parts)}; allow transit for robots that "
@@ -168,9 +196,20 @@ def plan_search(
     course = _course(made, GroundPaths(grid, transit=transit), turn_cost, stepwise=stepwise)
     places = start_points(grid, starts, robots, np.random.default_rng(seed))
     numbers = made.position[tuple(grid.cell_of(places).T)]
-    speeds = np.ones(robots) if rates is None else np.asarray(rates, dtype=np.float64)
-    given = allocate(course, numbers, method=allocation, rates=speeds, places=places / grid.size)
-    return SearchPlan(grid, course, places, numbers, speeds, given, transit)
+    widths = widths_of(footprints, grid.size)
+    given = allocate(course, numbers, method=allocation, rates=speeds, places=places / grid.size, widths=widths)
+    return SearchPlan(grid, course, places, numbers, speeds, given, footprints, transit)
+
+
+def _rates(rates: ArrayLike | None, robots: int) -> NDArray[np.float64]:
+    """Return the speeds of robots."""
+    try:
+        speeds = np.ones(robots) if rates is None else np.asarray(rates, dtype=np.float64)
+    except (TypeError, ValueError):
+        speeds = np.zeros(0)
+    if speeds.shape != (robots,) or not (np.isfinite(speeds) & (speeds > 0)).all():
+        raise InvalidInputError(f"rates: expected {robots} speeds above 0, got {rates!r:.200}")
+    return speeds
 
 
 def _course(tour: Tour, paths: GroundPaths, turn_cost: float, *, stepwise: bool) -> Course:
@@ -186,7 +225,15 @@ def _course(tour: Tour, paths: GroundPaths, turn_cost: float, *, stepwise: bool)
     if stepwise or not _is_convex(grid.region.area):
         cellwise = CellWays(tour, doors_east=grid.doors_east, doors_south=grid.doors_south, steps=steps / grid.size)
         ways = cellwise if stepwise else RegionWays(paths, tour, cellwise)
-    return Course(tour, firsts / grid.size, turn_cost=turn_cost, steps=steps / grid.size, ways=ways)
+    return Course(
+        tour,
+        firsts / grid.size,
+        turn_cost=turn_cost,
+        steps=steps / grid.size,
+        ways=ways,
+        sight=RegionSight(grid, tour),
+        reckoned=True,
+    )
 
 
 def _is_convex(area: Any) -> bool:

@@ -18,7 +18,8 @@ from collections.abc import Mapping
 from math import inf
 
 from shoal.search.allocation import Sweep
-from shoal.search.bits import last_in, next_in
+from shoal.search.arrivals import LOOK, blocked, obstructed, sensed
+from shoal.search.bits import bits_of, bits_to_array, last_in, next_in
 from shoal.search.events import (
     Action,
     Begin,
@@ -38,13 +39,12 @@ from shoal.search.judgement import is_live, known_free, obstacles, patience, rea
 from shoal.search.messages import Beacon, Sign
 from shoal.search.sharing import cost_of_all, parts_of, previous_in
 from shoal.search.state import Brief, Peer, Robot
+from shoal.search.stops import best_stop
 from shoal.search.ways import CellWays
 
 __all__ = ["LOOK", "Brief", "Robot", "advance"]
 
 _HELLOS = 8  # beacons while robots listen
-_AVOIDED = 3.0  # cells: how long a robot goes elsewhere after its way was blocked
-LOOK = 1.0  # cells: what it costs to come up to an obstacle from the middle of the cell before it, and back
 
 
 def advance(robot: Robot, event: Event) -> tuple[Robot, list[Action]]:
@@ -70,11 +70,11 @@ def advance(robot: Robot, event: Event) -> tuple[Robot, list[Action]]:
         case Heard():
             robot = heard(robot, event.beacon, time)
         case Sensed():
-            robot = _sensed(robot, event.cell, event.found)
+            robot = sensed(robot, event)
         case Blocked():
-            robot = _blocked(robot, event.cell, time)
+            robot = blocked(robot, event.cell, time)
         case Obstructed():
-            robot = _obstructed(robot, event.cell, event.at)
+            robot = obstructed(robot, event.cell, event.at)
         case Recharged():
             robot = robot.but(cell=robot.start, fresh=True, target=None, left=robot.brief.energy)
     if robot.status == "listening" and time >= robot.began + robot.brief.hello - 1e-9:
@@ -101,7 +101,7 @@ def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
     robot = robot.but(count=robot.count + 1, next_beat=time + pause)
     if robot.status == "complete":
         robot = robot.but(lingering=robot.lingering - 1)
-    own = Sign(robot.number, robot.count, robot.start, robot.rate, robot.status)
+    own = Sign(robot.number, robot.count, robot.start, robot.rate, robot.status, robot.width)
     signs = (own, *(peer.sign for peer in robot.peers.values()))
     closed = tuple(robot.closed.items())
     actions.append(Send(Beacon(robot.number, signs, tuple(robot.searched.items()), tuple(robot.found.items()), closed)))
@@ -139,46 +139,11 @@ def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], .
     return known
 
 
-def _sensed(robot: Robot, cell: int, something: bool) -> Robot:
-    cost = robot.cost
-    searched = {**robot.searched, robot.number: robot.mine | 1 << cell}
-    found = robot.found
-    if something:
-        found = {**found, cell: found.get(cell, 0) | 1 << robot.number}
-    passed = robot.passed | _bits_of(robot.through) if robot.through else robot.passed
-    left = robot.left - cost
-    return robot.but(searched=searched, found=found, cell=cell, fresh=False, target=None, through=(), passed=passed, left=left)
-
-
-def _blocked(robot: Robot, cell: int, time: float) -> Robot:
-    """Go elsewhere for a while: two robots that want to pass one another would stand there for ever."""
-    at = robot.but(cell=cell, fresh=True, target=None, through=(), left=robot.left - robot.cost)
-    passed = robot.passed | _bits_of(robot.through)
-    return at.but(passed=passed, avoided=robot.avoided | 1 << cell, avoided_until=time + _AVOIDED)
-
-
-def _obstructed(robot: Robot, cell: int, at: int) -> Robot:
-    """Stand before an obstacle, and tell of it."""
-    course = robot.brief.course
-    way = robot.through[: robot.through.index(at) + 1] if at in robot.through else ()
-    left = robot.left - course.length(robot.cell, at) - LOOK
-    closed = {**robot.closed, robot.number: robot.closed.get(robot.number, 0) | 1 << cell}
-    passed, fresh = robot.passed | _bits_of(way), robot.fresh or at != robot.cell
-    return robot.but(target=None, through=(), cell=at, fresh=fresh, closed=closed, passed=passed, left=left)
-
-
-def _bits_of(cells: tuple[int, ...]) -> int:
-    bits = 0
-    for cell in cells:
-        bits |= 1 << cell
-    return bits
-
-
 def _allotted(robot: Robot, time: float) -> Robot:
     """Allot the tour to all robots heard of, if that leaves enough time to search all the rest alone."""
     brief, n = robot.brief, len(robot.brief.course)
-    known = {robot.number: (robot.start, robot.rate)}
-    known |= {number: (peer.sign.start % n, peer.sign.rate) for number, peer in robot.peers.items()}
+    known = {robot.number: (robot.start, robot.rate, robot.width)}
+    known |= {number: (peer.sign.start % n, peer.sign.rate, peer.sign.width) for number, peer in robot.peers.items()}
     parts = parts_of(brief.course, brief.method, tuple((number, *known[number]) for number in sorted(known)))
     own = next(index for index, part in enumerate(parts) if part.robot == robot.number)
     allotted = robot.but(parts=parts, own=own, status="searching", allotted_to=len(known))
@@ -229,7 +194,26 @@ def decided(robot: Robot, time: float) -> tuple[Robot, Action | None, float]:
         cell, wake = _left_cell(robot, wanted, time)
     if cell is None:
         return robot.but(status="waiting"), None, wake
-    return _on_the_way(robot, cell)
+    robot = robot.but(aim=cell)
+    return _on_the_way(robot, cell if robot.width == 1 else _stop_for(robot, cell, own, wanted, time))
+
+
+def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> int:
+    """Return where to see most of the part that a cell is in; the cell itself if then it could not search all the rest in time.
+
+    What is in time is reckoned as if it saw a cell only, so that it never waits for more than it can do.
+    """
+    course, n, closed = robot.brief.course, len(robot.brief.course), obstacles(robot)
+    part = next(part for part in robot.parts if part.bits >> cell & 1)
+
+    def cost(stop: int) -> float:
+        return step_cost(course, robot.cell, stop, robot.fresh, closed)
+
+    shut = (robot.avoided if time < robot.avoided_until else 0) | robot.brief.everything & ~own | closed
+    stop = best_stop(course, robot.width, robot.cell, bits_to_array(wanted & part.bits, n), cell, cost, shut)
+    left = wanted & ~bits_of(course.seen(stop, robot.width).tolist())
+    need = cost(stop) + cost_of_all(course, left, stop, False, closed)
+    return stop if time + need / robot.rate <= robot.deadline else cell
 
 
 def _on_the_way(robot: Robot, cell: int) -> tuple[Robot, Action, float]:

@@ -16,7 +16,7 @@ from shoal.search.episode import SearchEpisode
 from shoal.search.faults import Fault
 from shoal.search.network import network_of
 from shoal.search.planning import SearchPlan, plan_search, read_points
-from shoal.search.played import as_planned, lived, simulated
+from shoal.search.played import Played, as_planned, lived, simulated
 from shoal.search.region import SearchRegion
 from shoal.search.robot import Brief
 from shoal.search.scenario import Scenario
@@ -30,7 +30,7 @@ def search(
     region: SearchRegion | str | os.PathLike[str],
     *,
     robots: int,
-    footprint: float,
+    footprint: ArrayLike,
     starts: str | ArrayLike | os.PathLike[str] = "random",
     tour: str | TourMaker = "spanning-tree",
     allocation: str = "hop",
@@ -82,7 +82,7 @@ def search(
         Whether robots and messages are simulated; by default if cells times robots are at most a million.
     live : float, optional
         Cells a second: instead of a simulation, one process a robot over real UDP (`shoal.search.live`). Of the faults only
-        `Crash`, by killing the process, of the networks only ``loss``.
+        `Crash`, by killing the process, of the networks only ``loss``; vehicles meet the obstacles, robots learn of them there.
     seed : int
 
     Returns
@@ -136,15 +136,8 @@ def search(
         if network:
             raise InvalidInputError("live: expected no network but a share of lost messages")
         scenario, played = lived(scenario, live=live, loss=loss)
-    elif wanted:
-        played = simulated(plan, scenario)
-    elif faults or loss or network or fold > 1 or energy < inf or plan.course.stepwise:
-        raise InvalidInputError(
-            f"search: expected at most {SIMULATED} cells times robots for loss, networks, faults, energy, fold and "
-            f"obstacles, which are simulated, got {len(plan.course)} times {robots}; ask for the simulation to have it anyway"
-        )
     else:
-        played = as_planned(plan)
+        played = simulated(plan, scenario) if wanted else _as_planned(plan, scenario)
     return SearchEpisode(
         plan=plan,
         scenario=scenario,
@@ -158,6 +151,17 @@ def search(
         seconds=time.perf_counter() - began,
         version=__version__,
     )
+
+
+def _as_planned(plan: SearchPlan, scenario: Scenario) -> Played:
+    """Return what comes of a plan if nothing is simulated; refuse what only a simulation shows."""
+    brief = scenario.brief
+    if scenario.faults or scenario.network.media or brief.fold > 1 or brief.energy < inf or plan.course.stepwise:
+        raise InvalidInputError(
+            f"search: expected at most {SIMULATED} cells times robots for loss, networks, faults, energy, fold and obstacles, "
+            f"which are simulated, got {len(plan.course)} times {len(plan.places)}; ask for the simulation to have it anyway"
+        )
+    return as_planned(plan)
 
 
 def scenario_of(
@@ -188,6 +192,7 @@ def scenario_of(
         detection=detection,
         false_alarm=false_alarm,
         obstacles=obstacles,
+        widths=tuple(int(width) for width in plan.widths),
         seed=seed,
     )
 

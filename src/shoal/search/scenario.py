@@ -7,11 +7,27 @@ from functools import cached_property
 from itertools import pairwise
 from math import inf
 
+import numpy as np
+
 from shoal.errors import InvalidInputError
+from shoal.search.bits import bits_of
+from shoal.search.course import Course
 from shoal.search.faults import Fault, WrongPosition
 from shoal.search.network import Network
 from shoal.search.robot import Brief
+from shoal.search.sight import check_widths
 from shoal.search.ways import CellWays
+
+
+def first_obstacle(course: Course, blocked: int, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
+    """Return the first of some cells, as bits, that is in the way, None if none is, and how many cells of the way are before it."""
+    ways = course.ways
+    if blocked and isinstance(ways, CellWays):
+        for index, (one, other) in enumerate(pairwise((here, *through))):
+            for cell in (other, *ways.beside(one, other)):
+                if blocked >> cell & 1:
+                    return cell, index
+    return None, len(through)
 
 
 @dataclass(frozen=True)
@@ -35,6 +51,8 @@ class Scenario:
         Probability that it finds something where nothing is.
     obstacles : tuple of int
         Cells that cannot be entered, which robots find out when they come to them; on courses with ways from cell to cell.
+    widths : tuple of int
+        How many cells wide the footprint of each robot is, odd.
     seed : int
     """
 
@@ -47,6 +65,7 @@ class Scenario:
     detection: float = 1.0
     false_alarm: float = 0.0
     obstacles: tuple[int, ...] = ()
+    widths: tuple[int, ...] = ()
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -57,6 +76,9 @@ class Scenario:
             object.__setattr__(self, "rates", (1.0,) * m)
         if len(self.rates) != m or any(not 0 < rate < inf for rate in self.rates):
             raise InvalidInputError(f"rates: expected {m} speeds above 0, got {list(self.rates)!r:.200}")
+        if not self.widths:
+            object.__setattr__(self, "widths", (1,) * m)
+        check_widths(np.asarray(self.widths), m, self.brief.course.tour)
         for fault in self.faults:
             if not 1 <= fault.robot <= m:
                 raise InvalidInputError(f"fault: expected a robot from 1 to {m}, got {fault}")
@@ -80,13 +102,20 @@ class Scenario:
 
     def obstacle_on(self, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
         """Return the first obstacle that a robot meets on a way, and how many cells of the way are before it."""
-        ways = self.brief.course.ways
-        if self.blocked and isinstance(ways, CellWays):
-            for index, (one, other) in enumerate(pairwise((here, *through))):
-                for cell in (other, *ways.beside(one, other)):
-                    if self.blocked >> cell & 1:
-                        return cell, index
-        return None, len(through)
+        return first_obstacle(self.brief.course, self.blocked, here, through)
+
+    @cached_property
+    def goal(self) -> int:
+        """The cells, as bits, that some robot can reach."""
+        found = 0
+        for number in range(1, len(self.starts) + 1):
+            found |= self.reach(number)
+        return found
+
+    def seen(self, number: int, cell: int) -> int:
+        """Return the cells, as bits, that a robot sees from one."""
+        width = self.widths[number - 1]
+        return 1 << cell if width == 1 else bits_of(self.brief.course.seen(cell, width).tolist())
 
     def reach(self, number: int) -> int:
         """Return the cells, as bits, that a robot can reach."""

@@ -23,8 +23,8 @@ _LARGEST = 10  # rows and columns
 _MOST_ROBOTS = 30
 
 
-def random_scenario(seed: int) -> Scenario:
-    """Return the scenario of a number.
+def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
+    """Return the scenario of a number; if ``wide``, with footprints of 1 to 5 cells' width and parts shared by real ways.
 
     Examples
     --------
@@ -34,7 +34,7 @@ def random_scenario(seed: int) -> Scenario:
     rng = np.random.default_rng(seed)
     tour = make_tour(str(rng.choice(TOURS)), random_mask(rng))
     ways = CellWays(tour) if rng.random() < _STEPWISE else None
-    course = Course(tour, turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])), ways=ways)
+    course = Course(tour, turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])), ways=ways, reckoned=wide)
     n, m = len(course), int(rng.integers(1, _MOST_ROBOTS + 1) if rng.random() < 0.1 else min(rng.geometric(0.18), _MOST_ROBOTS))
     whole = course.whole
     fold = int(rng.choice([1, 1, 1, 2, 3]))
@@ -60,6 +60,7 @@ def random_scenario(seed: int) -> Scenario:
         detection=float(rng.choice([1.0, 0.8])),
         false_alarm=float(rng.choice([0.0, 0.02])),
         obstacles=() if ways is None else random_obstacles(rng, n, starts),
+        widths=tuple(int(width) for width in np.random.default_rng([seed, 1]).choice([1, 1, 3, 5], size=m)) if wide else (),
         seed=seed,
     )
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
-from shoal.search.allocation import Sweep, allocate
+from shoal.search.allocation import Sweep, sweeps_of
 from shoal.search.bits import run, runs
 from shoal.search.course import Course
 
@@ -22,20 +22,20 @@ class Part:
 
 
 @lru_cache(maxsize=256)
-def parts_of(course: Course, method: str, robots: tuple[tuple[int, int, float], ...]) -> tuple[Part, ...]:
+def parts_of(course: Course, method: str, robots: tuple[tuple[int, int, float, int], ...]) -> tuple[Part, ...]:
     """Return the parts of all robots in the order of the tour, those in reserve where they start.
 
     Parameters
     ----------
     course : Course
     method : str
-    robots : tuple of (number, start, rate)
+    robots : tuple of (number, start, rate, width)
         In the order of the numbers, so that all robots compute the same.
     """
     n = len(course)
-    allocation = allocate(course, [start for _, start, _ in robots], method=method, rates=[rate for _, _, rate in robots])
+    _, starts, rates, widths = zip(*robots, strict=True)
     parts = []
-    for (number, start, _), sweeps in zip(robots, allocation.sweeps, strict=True):
+    for (number, start, *_), sweeps in zip(robots, sweeps_of(course, method, starts, rates, widths), strict=True):
         bits, lows = 0, []
         for sweep in sweeps:
             low = sweep.first if sweep.step > 0 else (sweep.first - sweep.count + 1) % n

@@ -70,6 +70,8 @@ class Robot:
         The number on the tour of the cell in which it starts.
     rate : float
         How fast it moves and searches.
+    width : int
+        How many cells wide its footprint is, odd.
     status : str
         "listening", "searching", "waiting", "complete".
     cell : int
@@ -78,6 +80,8 @@ class Robot:
         Whether it has searched nothing since it was in ``cell`` without searching it.
     target : int or None
         The cell that it is on the way to.
+    aim : int or None
+        What it goes there for: that cell, or with a wider footprint one that it sees from there.
     through : tuple of int
         The cells of that way, if there may be obstacles.
     cost : float
@@ -94,7 +98,7 @@ class Robot:
     closed : mapping of int to int
         By robot, the cells that it says cannot be entered, as bits.
     passed : int
-        The cells that it has been in, as bits; kept where there may be obstacles.
+        The cells that it has been in or come by across a corner, as bits: they are free. Kept where there may be obstacles.
     avoided : int
         Cells where its way was blocked, until ``avoided_until``.
     count : int
@@ -119,10 +123,12 @@ class Robot:
     brief: Brief
     start: int
     rate: float = 1.0
+    width: int = 1
     status: Status = "listening"
     cell: int = 0
     fresh: bool = True
     target: int | None = None
+    aim: int | None = None
     through: tuple[int, ...] = ()
     cost: float = 0.0
     parts: tuple[Part, ...] = ()

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
+from shoal.search.bits import array_to_bits, bits_of, bits_to_array
 from shoal.search.corners import inside, pulled
 from shoal.search.ground import GroundPaths, length_of
 from shoal.search.tours import Tour
@@ -30,6 +31,9 @@ class Ways(Protocol):
 
         ``closed`` are cells, as bits, that the way may not enter; infinite if there is none.
         """
+
+    def lengths(self, here: int) -> NDArray[np.float64]:
+        """Return about how far it is from a cell to all, in sides of a cell; finite; float64, shape (N,)."""
 
 
 class CellWays:
@@ -92,11 +96,10 @@ class CellWays:
 
     def _join(self, steps: NDArray[np.float64]) -> None:
         """Link cells that follow each other on the tour, but are in different parts of the graph."""
-        parts = self._parts(0)
-        for cell in range(self._n):
+        labels = self._labels(0)
+        for cell in np.flatnonzero(labels != np.roll(labels, -1)).tolist():
             other = (cell + 1) % self._n
-            if not parts[cell] >> other & 1:
-                self._links[cell, other] = self._links[other, cell] = float(steps[cell])
+            self._links[cell, other] = self._links[other, cell] = float(steps[cell])
         self._remember()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -109,6 +112,10 @@ class CellWays:
     def length(self, here: int, cell: int, closed: int = 0) -> float:
         """Return the length of the shortest way, in sides of a cell; infinite if there is none."""
         return float(self._found(here, closed)[0][cell])
+
+    def lengths(self, here: int) -> NDArray[np.float64]:
+        """Return how far it is from a cell to all, in sides of a cell; the cells' number where there is no way."""
+        return np.minimum(self._found(here, 0)[0], float(self._n))
 
     def cells(self, here: int, cell: int, closed: int = 0) -> tuple[int, ...]:
         """Return the cells of the shortest way after the first one, as numbers on the tour; none if there is no way."""
@@ -128,6 +135,10 @@ class CellWays:
             return ()
         return int(self._position[row, to_col]), int(self._position[to_row, col])
 
+    def crossed(self, here: int, through: tuple[int, ...]) -> int:
+        """Return the cells, as bits, that are open if a robot came this way: those that it entered, and those beside its steps."""
+        return bits_of(cell for one, other in pairwise((here, *through)) for cell in (other, *self.beside(one, other)))
+
     def reach(self, cell: int, closed: int = 0) -> int:
         """Return the cells, as bits, that can be reached from one; itself, too, even if it is closed."""
         return self._parts(closed & ~(1 << cell))[cell]
@@ -138,13 +149,15 @@ class CellWays:
         return tuple(dijkstra(self._graph(closed & ~(1 << here)), indices=here, return_predecessors=True))
 
     def _components(self, closed: int) -> list[int]:
+        labels = self._labels(closed)
+        sets = [array_to_bits(labels == label) for label in range(int(labels.max()) + 1)]
+        return [sets[label] for label in labels.tolist()]
+
+    def _labels(self, closed: int) -> NDArray[np.int32]:
+        """Return which connected part of the graph each cell is in; int32, shape (N,)."""
         from scipy.sparse.csgraph import connected_components
 
-        count, labels = connected_components(self._graph(closed), directed=False)
-        sets = [0] * count
-        for cell, label in enumerate(labels.tolist()):
-            sets[label] |= 1 << cell
-        return [sets[label] for label in labels.tolist()]
+        return np.asarray(connected_components(self._graph(closed), directed=False)[1])
 
     def _open_graph(self, closed: int) -> Any:
         """Return the graph of neighbouring cells that are not closed."""
@@ -186,6 +199,7 @@ class RegionWays:
         grid = paths.grid
         self._paths, self._cells, self._size = paths, cells, grid.size
         self._places = grid.stand_points[grid.stand_starts[grid.ordinals(tour.cells)]]
+        self._rows_cols = tour.cells.astype(np.float64)
         self._known: dict[tuple[int, int], float] = {}
         self._steps: dict[tuple[int, int], NDArray[np.float64]] = {}
 
@@ -196,6 +210,14 @@ class RegionWays:
         if length is None:
             length = self._known[key] = self._measure(*key) / self._size
         return length
+
+    def lengths(self, here: int) -> NDArray[np.float64]:
+        """Return about how far it is from a cell to all: straight, and by how much walls make the way from cell to cell longer."""
+        straight = np.hypot(*(self._places - self._places[here]).T) / self._size
+        rows, cols = np.abs(self._rows_cols - self._rows_cols[here]).T
+        free = np.maximum(rows, cols) + (_DIAGONAL - 1) * np.minimum(rows, cols)
+        found = self._cells.lengths(here)
+        return np.asarray(straight + np.where(found < len(found), np.maximum(found - free, 0.0), 0.0))
 
     def _measure(self, here: int, cell: int) -> float:
         region, ends = self._paths.grid.region, self._places[[here, cell]]
@@ -213,9 +235,3 @@ class RegionWays:
         if points is None:
             points = self._steps[here, cell] = self._paths.legs(self._places[[here, cell]]).points[1:]
         return points
-
-
-def bits_to_array(bits: int, n: int) -> NDArray[np.bool_]:
-    """Return a set of numbers below n, as bits, as a bool array of shape (n,)."""
-    data = np.frombuffer(bits.to_bytes((n + 7) // 8, "little"), dtype=np.uint8)
-    return np.unpackbits(data, count=n, bitorder="little").astype(np.bool_)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from shoal.errors import InvalidInputError
+from shoal.search.bits import cells_of
 from shoal.search.events import (
     Action,
     Begin,
@@ -55,6 +56,7 @@ class Vehicle:
     liar: bool = False
     searching: int | None = None  # the cell that it is in to search it
     going: int | None = None
+    aimed: int | None = None  # what it last went to a cell for: `Robot.aim`
     tries: int = 0
     wake: float = inf
     travelled: float = 0.0
@@ -117,9 +119,7 @@ class World:
         self.rng = np.random.default_rng(scenario.seed)
         self.time = 0.0
         self.covered = 0  # by robots that do not lie, as bits
-        self.goal = 0  # what can be searched
-        for number in range(1, len(scenario.starts) + 1):
-            self.goal |= scenario.reach(number)
+        self.goal = scenario.goal
         self.searched: dict[int, int] = {}  # by robot, what it has searched in truth
         self.covered_at = inf
         self.declared: dict[int, float] = {}
@@ -136,15 +136,15 @@ class World:
 
     def _vehicle(self, number: int) -> Vehicle:
         scenario, brief = self.scenario, self.scenario.brief
-        start, rate = scenario.starts[number - 1], scenario.rates[number - 1]
+        start, rate, width = scenario.starts[number - 1], scenario.rates[number - 1], scenario.widths[number - 1]
         believed = start
-        body = Vehicle(Robot(number, brief, start, rate), start, rate, energy=brief.energy)
+        body = Vehicle(Robot(number, brief, start, rate, width), start, rate, energy=brief.energy)
         for fault in scenario.faults:
             if fault.robot != number:
                 continue
             if isinstance(fault, WrongPosition):
                 believed = (start + fault.off) % len(brief.course)
-                body.robot = Robot(number, brief, believed, rate)
+                body.robot = Robot(number, brief, believed, rate, width)
             elif isinstance(fault, Battery):
                 body.energy = fault.energy
             elif isinstance(fault, Liar):
@@ -253,20 +253,26 @@ class World:
             self._do_enter(vehicle, cell)
             return
         scenario, number = self.scenario, vehicle.robot.number
-        chance = scenario.detection if cell in scenario.targets else scenario.false_alarm
-        found = bool(self.rng.random() < (0.5 if vehicle.liar else chance)) if chance or vehicle.liar else False
+        found = self._finds(vehicle, cell)
+        seen = scenario.seen(number, cell)
+        beside = () if seen == 1 << cell else tuple(one for one in cells_of(seen) if one != cell and self._finds(vehicle, one))
         if not vehicle.liar:
-            self.searched[number] |= 1 << cell
-            if not self.covered >> cell & 1:
-                self.covered |= 1 << cell
-                if self.covered == self.goal:
+            self.searched[number] |= seen
+            if seen & ~self.covered:
+                self.covered |= seen
+                if self.covered_at == inf and not self.goal & ~self.covered:
                     self.covered_at = self.time
         vehicle.visits.append((self.time, cell))
         vehicle.detours.append(vehicle.passing + vehicle.robot.through[:-1])
         vehicle.passing = ()
-        vehicle.going = None
-        self._write(vehicle, "searched", cell=cell, found=found)
-        self._do_event(vehicle, Sensed(self.time, cell, found))
+        vehicle.going, vehicle.aimed = None, vehicle.robot.aim
+        self._write(vehicle, "searched", cell=cell, found=found, **({"beside": beside} if beside else {}))
+        self._do_event(vehicle, Sensed(self.time, cell, found, beside))
+
+    def _finds(self, vehicle: Vehicle, cell: int) -> bool:
+        """Tell whether a robot takes a cell for one with something to find."""
+        chance = self.scenario.detection if cell in self.scenario.targets else self.scenario.false_alarm
+        return bool(self.rng.random() < (0.5 if vehicle.liar else chance)) if chance or vehicle.liar else False
 
     def _do_obstructed(self, vehicle: Vehicle, found: tuple[int, int]) -> None:
         cell, vehicle.place = found
@@ -311,7 +317,7 @@ class World:
 
     def _go(self, vehicle: Vehicle, cell: int, through: tuple[int, ...]) -> None:
         robot, course = vehicle.robot, self.scenario.brief.course
-        if self._takes_over(vehicle, cell):
+        if self._takes_over(vehicle):
             self.takeovers += 1
             self._write(vehicle, "takes over", cell=cell)
         vehicle.going, vehicle.tries = cell, 0
@@ -334,11 +340,11 @@ class World:
             vehicle.passing += way
             self._post(self.time + cost / self._rate(vehicle), vehicle.robot.number, "obstructed", (obstacle, at))
 
-    def _takes_over(self, vehicle: Vehicle, cell: int) -> bool:
+    def _takes_over(self, vehicle: Vehicle) -> bool:
         """Tell whether a robot begins with the part of another one that it takes for dead."""
         robot = vehicle.robot
-        part = next(part for part in robot.parts if part.bits >> cell & 1)
-        again = bool(vehicle.visits) and bool(part.bits >> vehicle.visits[-1][1] & 1)
+        part = next(part for part in robot.parts if robot.aim is not None and part.bits >> robot.aim & 1)
+        again = vehicle.aimed is not None and bool(part.bits >> vehicle.aimed & 1)
         return not again and not is_live(robot, part.robot, self.time)
 
     def _spend(self, vehicle: Vehicle, cost: float) -> bool:

@@ -99,15 +99,15 @@ class SearchStory:
     @cached_property
     def owners(self) -> tuple[Numbers, dict[int, int]]:
         """Whose each cell was to search, by number on the tour (0: nobody's), and the order of the robots round the tour."""
-        episode, course = self.episode, self.episode.plan.course
+        episode, course, scenario = self.episode, self.episode.plan.course, self.episode.scenario
         owner = np.zeros(self.n_cells, dtype=np.int64)
         if not episode.simulated:
             works = list(enumerate(episode.plan.allocation.sweeps, start=1))
         else:
             off = {fault.robot: fault.off for fault in episode.scenario.faults if isinstance(fault, WrongPosition)}
             known = [
-                (number, (start + off.get(number, 0)) % self.n_cells, rate)
-                for number, (start, rate) in enumerate(zip(episode.scenario.starts, episode.scenario.rates, strict=True), start=1)
+                (number, (start + off.get(number, 0)) % self.n_cells, rate, width)
+                for number, (start, rate, width) in enumerate(zip(scenario.starts, scenario.rates, scenario.widths, strict=True), 1)
                 if episode.robots[number - 1].states[:1] != ((0.0, "dead"),)
             ]
             parts = parts_of(course, episode.plan.allocation.method, tuple(known)) if known else ()
@@ -121,9 +121,18 @@ class SearchStory:
         return self.episode.plan.allocation.sweeps[robot]
 
     def others(self, robot: int) -> Numbers:
-        """Return whose part each cell that a robot searched belonged to, 0 where it was its own work; int64, shape (k,)."""
+        """Return whose part each cell belonged to that a robot stopped to search, 0 where it was its own work; int64, shape (k,).
+
+        With a wider footprint: its own if any was that it had not seen before, else whose most of these were.
+        """
         owner, ranks = self.owners
         theirs = owner[self.episode.robots[robot].cells]
+        if self.episode.plan.widths[robot] > 1:
+            fresh = np.ones(self.n_cells, dtype=np.bool_)
+            for k, seen in enumerate(self.episode.seen[robot]):
+                whose = owner[seen[fresh[seen]]]
+                theirs[k] = robot + 1 if robot + 1 in whose else np.bincount(whose, minlength=1).argmax()
+                fresh[seen] = False
         number, fold = robot + 1, self.episode.scenario.brief.fold
         if number not in ranks:
             return theirs
@@ -139,17 +148,23 @@ class SearchStory:
         times, by = np.full(self.n_cells, inf), np.zeros(self.n_cells, dtype=np.int64)
         for number, log in enumerate(self.episode.robots, start=1):
             if number not in self.liars and log.cells.size:
-                cells, earliest = _earliest(log)
+                cells, earliest = _earliest(self.episode.seen[number - 1], log)
                 new = earliest < times[cells]
                 times[cells[new]], by[cells[new]] = earliest[new], number
         return times, by
+
+    def seen_at(self, robot: int) -> Floats:
+        """Return when a robot first saw each cell that it searched, rising; float64, shape (k,)."""
+        log = self.episode.robots[robot]
+        return np.sort(_earliest(self.episode.seen[robot], log)[1]) if len(log.cells) else np.zeros(0)
 
     @cached_property
     def taken(self) -> NDArray[np.bool_]:
         """Which cells were first searched by a robot that had taken them over; bool, by number on the tour."""
         found = np.zeros(self.n_cells, dtype=np.bool_)
-        for robot, log in enumerate(self.episode.robots):
-            over = log.cells[self.others(robot) > 0]
+        for robot in range(self.n_robots):
+            seen = self.episode.seen[robot]
+            over = np.concatenate([*(seen[k] for k in np.flatnonzero(self.others(robot) > 0)), np.zeros(0, dtype=np.int64)])
             found[over[self.first[1][over] == robot + 1]] = True
         return found
 
@@ -320,9 +335,9 @@ def _length(way: Floats) -> float:
     return float(np.hypot(*np.diff(way, axis=0).T).sum())
 
 
-def _earliest(log: RobotLog) -> tuple[Numbers, Floats]:
-    cells, index = np.unique(log.cells, return_index=True)
-    return cells, log.times[index]
+def _earliest(seen: tuple[Numbers, ...], log: RobotLog) -> tuple[Numbers, Floats]:
+    cells, index = np.unique(np.concatenate(seen), return_index=True)
+    return cells, log.times[np.repeat(np.arange(len(seen)), [len(some) for some in seen])[index]]
 
 
 def _add_searching(found: list[Stretch], begin: float, end: float, times: Floats, others: Numbers) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from shoal.search.bits import at_least
+from shoal.search.bits import at_least, bits_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,14 +18,21 @@ class LiveEvent:
         In the time that a robot of speed 1 takes for a cell.
     robot : int
     kind : str
-        A status ("listening", "searching", "waiting", "complete"); "enters", "leaves", "searched", "blocked" with a cell; "home",
-        "recharged", "declared"; "killed", "stopped" (at the time limit) and "failed" (with a reason) come from the outside.
+        A status ("listening", "searching", "waiting", "complete"); "enters", "leaves", "searched", "blocked" (by another robot),
+        "obstructed" with a cell; "home", "recharged", "declared"; "killed", "stopped" (at the time limit) and "failed" (with a
+        reason) come from the outside.
     cell : int or None
     found : bool
         Whether something was found in the cell.
     place : tuple of float
         Where the robot is, as `Course.points`; empty if it is not the robot that tells.
     reason : str
+    through : tuple of int
+        The cells that a robot has passed since it last searched one, where it goes from cell to cell.
+    around : tuple of int
+        The cells that it has seen besides, with a wider footprint.
+    beside : tuple of int
+        Those of them with something to find.
     """
 
     time: float
@@ -35,6 +42,9 @@ class LiveEvent:
     found: bool = False
     place: tuple[float, ...] = ()
     reason: str = ""
+    through: tuple[int, ...] = ()
+    around: tuple[int, ...] = ()
+    beside: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -44,9 +54,9 @@ class LiveOutcome:
     Parameters
     ----------
     complete : bool
-        Every cell was searched in truth, and every robot that was left alive, at least one, declared it.
+        Every cell that some robot can reach was searched in truth, and every robot that was left alive, at least one, declared it.
     covered : float
-        The share of cells that were searched in truth: by any robot, up to its death.
+        The share of cells that were searched in truth, by any robot, up to its death; of those that some robot can reach.
     declared, killed : dict of int to float
         When each robot declared the search complete, and when it was killed.
     failed : dict of int to str
@@ -91,10 +101,10 @@ def searched_by(events: Sequence[LiveEvent]) -> dict[int, int]:
     searched: dict[int, int] = {}
     for event in events:
         if event.kind == "searched" and event.cell is not None:
-            searched[event.robot] = searched.get(event.robot, 0) | 1 << event.cell
+            searched[event.robot] = searched.get(event.robot, 0) | bits_of((event.cell, *event.around))
     return searched
 
 
-def covered_share(events: Sequence[LiveEvent], cells: int) -> float:
-    """Return the share of the cells that were searched."""
-    return at_least(list(searched_by(events).values()), 1).bit_count() / cells
+def covered_share(events: Sequence[LiveEvent], goal: int) -> float:
+    """Return the share of some cells, as bits, that were searched."""
+    return (at_least(list(searched_by(events).values()), 1) & goal).bit_count() / goal.bit_count()

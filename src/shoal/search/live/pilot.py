@@ -5,7 +5,8 @@ from __future__ import annotations
 import selectors
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import dist, inf
 from typing import Any
 
@@ -19,6 +20,7 @@ from shoal.search.events import (
     Go,
     GoHome,
     Heard,
+    Obstructed,
     Recharged,
     Send,
     Sensed,
@@ -31,11 +33,20 @@ from shoal.search.live.radio import Radio
 from shoal.search.live.task import LiveTask
 from shoal.search.live.vehicle import Vehicle
 from shoal.search.messages import decode, encode
-from shoal.search.robot import Robot, advance
+from shoal.search.robot import LOOK, Robot, advance
+from shoal.search.scenario import first_obstacle
 
 _TRIES = 8  # how often a robot knocks at a cell that another one is in, before it goes elsewhere
 _KNOCK = 0.25  # cells, in time, between
 _LONGEST = 0.5  # seconds: no sleep is longer
+
+
+@dataclass(frozen=True, slots=True)
+class Halt:
+    """What comes of a way with an obstacle, which only the vehicle meets: it ends in the cell before it, ``at``."""
+
+    obstacle: int
+    at: int
 
 
 class Pilot:
@@ -73,7 +84,8 @@ class Pilot:
         self.vehicle = Vehicle(0.0, self._stops, self._stops)
         self._cell: int | None = robot.start  # in the middle of which it stands
         self._inside: int | None = None  # the cell that it is in to search it
-        self._going: Go | GoHome | None = None
+        self._going: Go | GoHome | Halt | None = None
+        self._passed: tuple[int, ...] = ()  # the cells that it has passed since it last searched one
         self._tries = 0
         self._rest = -inf  # until when the vehicle waits
         self._wake = inf
@@ -124,10 +136,14 @@ class Pilot:
 
     def _act(self, action: Action) -> None:
         match action:
-            case Go(cell):
-                self._set_out(action, cell)
+            case Go(cell, through):
+                obstacle, free = first_obstacle(self.task.brief.course, self.task.blocked, self.robot.cell, through)
+                if obstacle is None:
+                    self._set_out(action, cell)
+                else:
+                    self._set_out_for_obstacle(obstacle, through[:free])
             case GoHome():
-                self._set_out(action, self.robot.start)
+                self._go_home(action)
             case Send(beacon):
                 self.radio.send(encode(beacon))
             case WakeAt(moment):
@@ -149,22 +165,43 @@ class Pilot:
     def _stops_of(self, cell: int) -> tuple[float, ...]:
         return tuple(float(x) for x in self.task.brief.course.points[cell])
 
-    def _set_out(self, aim: Go | GoHome, cell: int) -> None:
+    def _set_out(self, aim: Go, cell: int) -> None:
         """Begin a leg; what it costs is what the robot reckons with, unless it stands before a cell instead of in one."""
-        course, goal = self.task.brief.course, self._stops_of(cell)
-        away = dist(self.vehicle.place, goal)
-        if isinstance(aim, GoHome):
-            self.report("home")
-            way, length = away, away + 1.0  # it ends one cell before the end
+        course = self.task.brief.course
+        if aim.through:
+            length = self.robot.cost
         elif self._cell is None:
-            way = length = max(away, 1.0) + course.turn_cost
+            length = max(dist(self.vehicle.place, self._stops_of(cell)), 1.0) + course.turn_cost
         else:
             length = step_cost(course, self._cell, cell, self.robot.fresh)
-            way = length - 1.0 if self.robot.fresh else length
-        self.vehicle = replace(self.vehicle, time=self.now).sent(goal, way=way, length=length)
-        self._going, self._cell, self._tries, self._rest = aim, None, 0, -inf
-        if length > 1.0 + 1e-12 or isinstance(aim, GoHome):
+        way = length - 1.0 if self.robot.fresh and self._cell is not None else length
+        self._drive_to(aim, cell, way, length)
+        if length > 1.0 + 1e-12:
             self._leave()  # on the way it is in no cell to search it
+
+    def _set_out_for_obstacle(self, obstacle: int, way: tuple[int, ...]) -> None:
+        """Begin a leg to the cell before an obstacle; coming up to that and back is a part of it."""
+        at = way[-1] if way else self.robot.cell
+        self._passed += way
+        cost = self._length_of(way) + LOOK
+        self._drive_to(Halt(obstacle, at), at, cost, cost + 1.0)  # it ends one cell before the end
+        self._leave()
+
+    def _go_home(self, aim: GoHome) -> None:
+        home = self.robot.start
+        away = self._length_of(aim.through) if aim.through else dist(self.vehicle.place, self._stops_of(home))
+        self._passed += aim.through
+        self.report("home")
+        self._drive_to(aim, home, away, away + 1.0)
+        self._leave()
+
+    def _length_of(self, through: tuple[int, ...]) -> float:
+        course = self.task.brief.course
+        return sum(course.length(one, other) for one, other in pairwise((self.robot.cell, *through)))
+
+    def _drive_to(self, aim: Go | GoHome | Halt, cell: int, way: float, length: float) -> None:
+        self.vehicle = replace(self.vehicle, time=self.now).sent(self._stops_of(cell), way=way, length=length)
+        self._going, self._cell, self._tries, self._rest = aim, None, 0, -inf
 
     def _due(self) -> float:
         """Return when the vehicle is to be looked at again."""
@@ -181,13 +218,25 @@ class Pilot:
             return
         if isinstance(going, GoHome):
             self._come_home(now)
+        elif isinstance(going, Halt):
+            self.vehicle = self.vehicle.stopped()
+            self._going, self._cell = None, going.at
+            self.report("obstructed", going.obstacle)
+            self._feed(Obstructed(self.now, going.obstacle, going.at))
         elif self.vehicle.limit < self.vehicle.length:
             self._come_in(going.cell, now)
         else:
-            self._going, self._cell = None, going.cell
-            found = going.cell in self.task.targets
-            self.report("searched", going.cell, found=found)
-            self._feed(Sensed(self.now, going.cell, found))
+            self._search(going)
+
+    def _search(self, going: Go) -> None:
+        cell = self._cell = going.cell
+        around = self.task.seen(self.robot.width, cell)
+        beside = tuple(one for one in around if one in self.task.targets)
+        found = cell in self.task.targets
+        through, self._passed, self._going = self._passed + going.through[:-1], (), None
+        more = {name: cells for name, cells in (("through", through), ("around", around), ("beside", beside)) if cells}
+        self.report("searched", cell, found=found, **more)
+        self._feed(Sensed(self.now, cell, found, beside))
 
     def _come_in(self, cell: int, now: float) -> None:
         if presence.enter(self._ground, cell):
@@ -202,6 +251,8 @@ class Pilot:
             self._tries += 1
             self._rest = now + _KNOCK / self.robot.rate
             return
+        if isinstance(self._going, Go):
+            self._passed += self._going.through
         self._going = None
         self.report("blocked", cell)
         self._feed(Blocked(self.now, cell))

@@ -22,7 +22,6 @@ from shoal.search.live.pilot import Pilot
 from shoal.search.live.radio import Radio
 from shoal.search.live.task import LiveTask
 from shoal.search.messages import Beacon, Sign, decode, encode
-from shoal.search.robot import Robot
 from shoal.search.sharing import parts_of
 
 _STARTER = 0  # standard input
@@ -58,7 +57,7 @@ def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
 
 def _warm(task: LiveTask) -> None:
     """Do once what takes long the first time."""
-    parts_of(task.brief.course, task.brief.method, ((1, task.starts[0], 1.0),))
+    parts_of(task.brief.course, task.brief.method, ((1, task.starts[0], 1.0, 1),))
     decode(encode(Beacon(1, (Sign(1, 0, 0, 1.0, "listening"),), ())))
 
 
@@ -75,8 +74,7 @@ def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> 
         if word is None:
             return 1
         radio.tell(word["ports"])
-        robot = Robot(number, task.brief, task.starts[number - 1], task.rates[number - 1])
-        pilot = Pilot(task, robot, radio, ground=file, lifeline=orders, epoch=word["epoch"], tell=tell)
+        pilot = Pilot(task, task.robot(number), radio, ground=file, lifeline=orders, epoch=word["epoch"], tell=tell)
         return 0 if pilot.run() else 1
     except BrokenPipeError:
         return 1

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from math import inf
-from typing import Literal
+from typing import Any, Literal
 
 from shoal.errors import InvalidInputError
 from shoal.search.faults import Crash
@@ -34,6 +34,8 @@ def run_live(
     loss: float = 0.0,
     kill: Sequence[Crash] = (),
     targets: Sequence[int] = (),
+    obstacles: Sequence[int] = (),
+    widths: Sequence[int] = (),
     speed: float = 10.0,
     channel: Literal["auto", "multicast", "unicast"] = "auto",
     port: int = 0,
@@ -58,6 +60,10 @@ def run_live(
         Whose process is killed (SIGKILL), and when, in the time that a robot of speed 1 takes for a cell.
     targets : sequence of int
         Cells with something to find.
+    obstacles : sequence of int
+        Cells that cannot be entered, as robots find out when they come to them; on a course with ways from cell to cell.
+    widths : sequence of int
+        How many cells wide the footprint of each robot is, odd; 1 if not given.
     speed : float
         Cells a second of a robot of speed 1: the time itself is real.
     channel : str
@@ -91,7 +97,42 @@ def run_live(
     (True, 1.0, [1, 2])
     """
     speeds = () if rates is None else tuple(float(rate) for rate in rates)
-    scenario = Scenario(brief, tuple(int(start) for start in starts), speeds, network_of(loss=loss), tuple(kill))
+    scenario = Scenario(
+        brief,
+        tuple(int(start) for start in starts),
+        speeds,
+        network_of(loss=loss),
+        tuple(kill),
+        obstacles=tuple(obstacles),
+        widths=tuple(widths),
+    )
+    _check(brief, speed=speed, kill=kill, targets=targets, port=port)
+    _check_size(scenario, len(targets))
+    parts_of(brief.course, brief.method, ((1, starts[0], 1.0, 1),))  # compiled once, not by each process
+    if timeout is None:
+        timeout = _SLACK[0] + _SLACK[1] * brief.course.whole / min(scenario.rates) / speed
+    with ExitStack() as stack:
+        used, port = _reserved(channel, port, stack)
+        task = LiveTask(
+            brief,
+            scenario.starts,
+            scenario.rates,
+            speed,
+            used,
+            port,
+            loss,
+            seed,
+            frozenset(targets),
+            scenario.blocked,
+            scenario.widths,
+        )
+        began = time.monotonic()
+        with Fleet(task) as fleet:
+            fleet.wait_ready(_STARTUP)
+            return _Watch(fleet, task, on_event, time.monotonic() - began).run(kill, timeout)
+
+
+def _check(brief: Brief, *, speed: float, kill: Sequence[Crash], targets: Sequence[int], port: int) -> None:
     if os.name != "posix":
         raise InvalidInputError(f"live search: expected a POSIX system (Linux, macOS), got {os.name}")
     if not 0 < speed < inf:
@@ -103,27 +144,17 @@ def run_live(
         raise InvalidInputError(f"targets: expected cells from 0 to {len(brief.course) - 1}, got {list(targets)!r:.200}")
     if not 0 <= port <= 65_535:
         raise InvalidInputError(f"port: expected a number from 1 to 65535, or 0 for a free one, got {port!r}")
-    _check_size(brief, len(starts), len(targets))
-    parts_of(brief.course, brief.method, ((1, starts[0], 1.0),))  # compiled once, not by each process
-    if timeout is None:
-        timeout = _SLACK[0] + _SLACK[1] * brief.course.whole / min(scenario.rates) / speed
-    with ExitStack() as stack:
-        used, port = _reserved(channel, port, stack)
-        task = LiveTask(brief, scenario.starts, scenario.rates, speed, used, port, loss, seed, frozenset(targets))
-        began = time.monotonic()
-        with Fleet(task) as fleet:
-            fleet.wait_ready(_STARTUP)
-            return _Watch(fleet, task, on_event, time.monotonic() - began).run(kill, timeout)
 
 
-def _check_size(brief: Brief, robots: int, targets: int) -> None:
+def _check_size(scenario: Scenario, targets: int) -> None:
     """Refuse a search whose beacons would be larger than a datagram."""
-    signs = tuple(Sign(number, 10**9, len(brief.course), 1 / 3, "listening") for number in range(1, robots + 1))
+    brief, robots = scenario.brief, len(scenario.starts)
+    cells = len(brief.course)
+    signs = tuple(Sign(number, 10**9, cells, 1 / 3, "listening", scenario.widths[number - 1]) for number in range(1, robots + 1))
     searched = tuple((number, brief.everything) for number in range(1, robots + 1))
-    found = tuple((len(brief.course) + cell, 2 << robots) for cell in range(targets))
-    size = len(encode(Beacon(robots, signs, searched, found)))
+    found = tuple((cells + cell, 2 << robots) for cell in range(targets))
+    size = len(encode(Beacon(robots, signs, searched, found, searched if scenario.obstacles else ())))
     if size > LARGEST:
-        cells = len(brief.course)
         raise InvalidInputError(
             f"live search: expected beacons of at most {LARGEST} bytes, got {size} for {cells} cells and {robots} robots"
         )
@@ -179,9 +210,9 @@ class _Watch:
             self._note(LiveEvent(self._now, number, kind))
 
     def _take(self, member: Member, report: Report) -> None:
-        time_, place = report.get("time", self._now), tuple(report.get("place", ()))
-        found, reason = report.get("found", False), report.get("reason", "")
-        self._note(LiveEvent(time_, member.number, report["kind"], report.get("cell"), found, place, reason))
+        told: dict[str, Any] = {name: report[name] for name in ("cell", "found", "reason") if name in report}
+        told |= {name: tuple(report[name]) for name in ("place", "through", "around", "beside") if name in report}
+        self._note(LiveEvent(report.get("time", self._now), member.number, report["kind"], **told))
 
     def _note(self, event: LiveEvent) -> None:
         self._events.append(event)
@@ -200,7 +231,7 @@ class _Watch:
         for number in members.keys() - failed.keys() - {robot for ended in times.values() for robot in ended}:
             failed[number] = "its process ended without a word"
         events = tuple(sorted(self._events, key=lambda event: event.time))
-        covered = covered_share(events, len(self._task.brief.course))
+        covered = covered_share(events, self._task.goal)
         left = members.keys() - times["killed"].keys() - failed.keys()
         sent, heard, lost = (sum(member.counts[k] for member in members.values()) for k in range(3))
         return LiveOutcome(

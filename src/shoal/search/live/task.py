@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from shoal.search.live.radio import Channel
-from shoal.search.robot import Brief
+from shoal.search.robot import Brief, Robot
+from shoal.search.ways import CellWays
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,10 @@ class LiveTask:
     seed : int
     targets : frozenset of int
         Cells with something to find.
+    blocked : int
+        Cells, as bits, that cannot be entered. The vehicle runs into them; its robot knows nothing of them.
+    widths : tuple of int
+        Of the footprint of each robot; 1 if there are none.
     """
 
     brief: Brief
@@ -38,3 +43,26 @@ class LiveTask:
     loss: float
     seed: int
     targets: frozenset[int]
+    blocked: int = 0
+    widths: tuple[int, ...] = ()
+
+    def robot(self, number: int) -> Robot:
+        """Return a robot as it is switched on."""
+        return Robot(
+            number, self.brief, self.starts[number - 1], self.rates[number - 1], self.widths[number - 1] if self.widths else 1
+        )
+
+    def seen(self, width: int, cell: int) -> tuple[int, ...]:
+        """Return the cells that are seen from one with a footprint of so many cells' width, without itself."""
+        return tuple(one for one in self.brief.course.seen(cell, width).tolist() if one != cell) if width > 1 else ()
+
+    @property
+    def goal(self) -> int:
+        """The cells, as bits, that some robot can reach."""
+        ways = self.brief.course.ways
+        if not isinstance(ways, CellWays):
+            return self.brief.everything
+        found = 0
+        for start in self.starts:
+            found |= ways.reach(start, self.blocked)
+        return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from shoal.errors import InvalidInputError
 from shoal.files import atomic
 from shoal.search.coverage import Coverage, coverage_check
 from shoal.search.missions.files import FORMATS, format_of
-from shoal.search.missions.findings import Finding
+from shoal.search.missions.findings import Finding, Sheet
 from shoal.search.missions.lint import examine
 from shoal.search.missions.rules import ROUNDING, metres_of
 from shoal.search.region import SearchRegion
@@ -36,8 +37,8 @@ class MissionCheck:
     coverage : Coverage or None
         None if no footprint was given.
     n_waypoints : int
-    footprint : float or None
-        Metres.
+    footprint : float, tuple of float or None
+        Metres; of all, or of each robot.
     """
 
     region: SearchRegion
@@ -46,7 +47,7 @@ class MissionCheck:
     findings: tuple[Finding, ...]
     coverage: Coverage | None
     n_waypoints: int
-    footprint: float | None
+    footprint: float | tuple[float, ...] | None
 
     @property
     def errors(self) -> tuple[Finding, ...]:
@@ -62,7 +63,7 @@ class MissionCheck:
             "format": self.format,
             "files": list(self.files),
             "waypoints": self.n_waypoints,
-            "footprint_m": self.footprint,
+            "footprint_m": list(self.footprint) if isinstance(self.footprint, tuple) else self.footprint,
             "length_m": None if seen is None else seen.length_m,
             "covered_fraction": None if seen is None else seen.covered_fraction,
             "uncovered_m2": None if seen is None else seen.uncovered_m2,
@@ -100,7 +101,7 @@ class MissionCheck:
 def check_missions(
     folder: str | os.PathLike[str],
     region: SearchRegion,
-    footprint: float | None,
+    footprint: float | Sequence[float] | None,
     *,
     format: str | None = None,  # noqa: A002  # what it is called everywhere else
     cap: int | None = None,
@@ -115,8 +116,9 @@ def check_missions(
     ----------
     folder : path
     region : SearchRegion
-    footprint : float or None
-        Metres: the side of the square that a vehicle sees. None looks for mistakes only.
+    footprint : float, sequence of float or None
+        Metres: the side of the square that a vehicle sees; of several, one a robot in the order of their numbers. None looks for
+        mistakes only.
     format : str, optional
         Whose files are flown; the first of ``FORMATS`` that is in the folder if not given.
     cap, vehicle : optional
@@ -125,7 +127,8 @@ def check_missions(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If there are no mission files (of the format), or region and missions are not both in degrees or both in metres.
+        If there are no mission files (of the format), region and missions are not both in degrees or both in metres, or there is a
+        mission of a robot without a footprint.
     """
     if not Path(folder).is_dir():
         raise InvalidInputError(
@@ -143,7 +146,7 @@ def check_missions(
     if footprint is not None:
         ways = [metres_of(sheet, region)[1:] for sheet in flown]
         ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region, and among the findings
-        coverage = coverage_check(region, ways, footprint, tolerance=ROUNDING)
+        coverage = coverage_check(region, ways, _footprints(flown, footprint), tolerance=ROUNDING)
     return MissionCheck(
         region=region,
         format=chosen,
@@ -151,5 +154,17 @@ def check_missions(
         findings=tuple(finding for sheet in sheets for finding in sheet.findings),
         coverage=coverage,
         n_waypoints=sum(len(sheet.points) for sheet in flown),
-        footprint=footprint,
+        footprint=tuple(footprint) if isinstance(footprint, Sequence) else footprint,
     )
+
+
+def _footprints(flown: list[Sheet], footprint: float | Sequence[float]) -> float | list[float]:
+    """Return the footprint of the vehicle that follows each mission."""
+    if not isinstance(footprint, Sequence):
+        return footprint
+    for sheet in flown:
+        if not 1 <= (sheet.robot or 1) <= len(footprint):
+            raise InvalidInputError(
+                f"{sheet.file}: expected a robot from 1 to {len(footprint)}, as there are footprints, got {sheet.robot}"
+            )
+    return [footprint[(sheet.robot or 1) - 1] for sheet in flown]

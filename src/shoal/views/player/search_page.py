@@ -55,7 +55,7 @@ def search_data(episode: SearchEpisode) -> dict[str, object]:
         If the search is too large for a browser.
     """
     story, plan = SearchStory(episode), episode.plan
-    visits = sum(len(log.cells) for log in episode.robots)
+    visits = sum(len(story.seen_at(robot)) for robot in range(story.n_robots))
     if visits > LARGEST:
         raise InvalidInputError(f"the HTML player: expected at most {LARGEST} visits of cells, got {visits} (use .gif or .mp4)")
     left, right, bottom, top = story.extent
@@ -102,7 +102,7 @@ def _robot(story: SearchStory, robot: int) -> dict[str, Any]:
     return {
         "times": _text(motion.times, "<f4"),
         "places": _text(np.clip(places, 0, _STEPS), "<u2"),
-        "visits": _text(story.episode.robots[robot].times, "<f4"),
+        "visits": _text(story.seen_at(robot), "<f4"),
         "stretches": [[one.begin, one.end, one.kind, one.other] for one in story.stretches[robot]],
         "outline": _text(np.rint(sides).reshape(-1), "<u2"),
         "liar": robot + 1 in story.liars,
