@@ -22,19 +22,31 @@ input or output (one sentence on stderr, nothing half-written), 130 interrupted.
 """
 
 
-def help_of(command: str) -> str:
-    """Return a command's help, as a narrow terminal without colours shows it."""
+EACH = """
+import sys
+from shoal.cli import run
+for command in sys.argv[1:]:
+    run([*command.split(), "--help"])
+    print(end="\\f")
+"""
+
+
+def helps_of(commands: list[str]) -> list[str]:
+    """Return the help of each command, as a narrow terminal without colours shows it."""
     environment = {name: value for name, value in os.environ.items() if name not in COLOURED}
     environment |= {"COLUMNS": WIDTH, "TERMINAL_WIDTH": WIDTH, "TERM": "dumb", "NO_COLOR": "1", "PYTHONUTF8": "1"}
-    arguments = [sys.executable, "-c", "from shoal.cli import main; main()", *command.split(), "--help"]
+    arguments = [sys.executable, "-c", EACH, *commands]
     text = subprocess.run(arguments, env=environment, check=True, capture_output=True, text=True).stdout
-    return "\n".join(line.rstrip() for line in text.strip().splitlines())
+    return ["\n".join(line.rstrip() for line in one.strip().splitlines()) for one in text.split("\f")[:-1]]
 
 
 def page() -> str:
     """Return the text of docs/cli.md."""
-    names = ("", *command_names())
-    sections = (f"\n## shoal{' ' * bool(command)}{command}\n\n```text\n{help_of(command)}\n```\n" for command in names)
+    names = ["", *command_names()]
+    sections = [
+        f"\n## shoal{' ' * bool(name)}{name}\n\n```text\n{text}\n```\n"
+        for name, text in zip(names, helps_of(names), strict=True)
+    ]
     return INTRO + "".join(sections)
 
 
