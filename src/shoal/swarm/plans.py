@@ -38,6 +38,10 @@ class FirstPlan(BeamRollout):
     kind: ClassVar[str] = "offline"
     tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(width=24, depth=12, leaves=6, variations=12)
 
+    def settings(self, particles: int) -> tuple[float, ...]:
+        """Return the budget as it is, however many particles there are, and the tuning."""
+        return (self.budget, *self.tuning)
+
 
 def plan_coverage(
     workspace: GridWorkspace,
@@ -115,7 +119,7 @@ def plan_from(belief: Belief, state: SwarmState, rule: str, budget: float, rng: 
 
 def first_plan(belief: Belief, state: SwarmState, rule: str, budget: float, rng: Generator) -> tuple[Any, NDArray[np.int8]]:
     """Return the planner that made it, and the commands of a first plan."""
-    game = planning.Game(FirstPlan(budget=budget), belief, rule=rule, mapping=False, rng=rng)
+    game = planning.Game(FirstPlan(budget=budget), state, belief, rule=rule, mapping=False, rng=rng)
     field = field_of(belief.open.words, state, belief)  # changed as the plan is played
     pieces, status = [np.zeros(0, dtype=np.int8)], RUNNING
     while status == RUNNING:
