@@ -18,7 +18,6 @@ from shoal import GridWorkspace, open_map, run
 from shoal.cli.demo import retina
 from shoal.swarm.bounds import lower_bound
 from shoal.swarm.imaging import segment_vessels
-from shoal.swarm.plans import OfflineRollout
 from shoal.swarm.policies import BeamRollout, Policy, make_policy
 
 COUNTS = (100, 500, 1000, 2500, 4000)
@@ -44,9 +43,7 @@ VARIANTS = {
 
 
 def policy_of(name: str) -> Policy:
-    """Return a policy by name, the one of `plan_coverage` ("offline"), or a variant by one of `VARIANTS`."""
-    if name == "offline":
-        return OfflineRollout()
+    """Return a policy by name, or a variant by one of `VARIANTS`."""
     return variant(name, **VARIANTS[name]) if name in VARIANTS else make_policy(name)
 
 

@@ -33,7 +33,9 @@ def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
         belief = todo.update(belief, "lurdio"[command], state.occupied, after.occupied)
         state = after
     policy = make_policy("rollout")
-    mind = planning.planner_of(world.frame, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings)
+    mind = planning.planner_of(
+        world.frame, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings(len(start))
+    )
     mind.survey.tallies[:, 0] = rng.integers(0, 6, survey.TALLIES)
     mind.survey.tallies[:, 1] = rng.integers(0, 1 + mind.survey.tallies[:, 0])
     field = field_of(belief.open.words, state, belief)

@@ -13,7 +13,6 @@ from shoal import open_map, run
 from shoal.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, make_policy
 from shoal.swarm.bounds import LowerBound, lower_bound, mapping_optimum, optimum
-from shoal.swarm.plans import plan_coverage
 from shoal.swarm.policies import POLICIES, BeamRollout
 
 SMALL: dict[str, float] = {
@@ -237,19 +236,3 @@ def test_optimal_mappings():
 def test_what_bounds_refuse(call, message):
     with pytest.raises(InvalidInputError, match=message):
         call()
-
-
-def test_a_plan_of_a_coverage():
-    workspace = open_map("cave:20x15")
-    start = run(workspace, particles=12).start
-    targets = workspace.free & (np.arange(workspace.shape[1]) % 3 == 0)
-    for wanted in (None, targets):
-        plan = plan_coverage(workspace, start, targets=wanted, budget=400)
-        played = run(workspace, task="coverage", start=start, policy=f"manual:{plan}")
-        covered = np.zeros_like(workspace.free)
-        for state, _ in played.frames():
-            covered |= state.occupied.inner
-        assert covered[workspace.free if wanted is None else wanted].all()
-        assert len(plan_coverage(workspace, start, targets=wanted, budget=400, attempts=3)) <= len(plan)
-    with pytest.raises(InvalidInputError, match="attempts: expected 1 or more, got 0"):
-        plan_coverage(workspace, start, attempts=0)

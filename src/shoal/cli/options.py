@@ -22,14 +22,14 @@ PolicyName = Annotated[
     typer.Option(
         "--policy",
         help="best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, depth-first, sweep, "
-        "manual:COMMANDS or MODULE:ATTRIBUTE; options follow a colon, as in closest-frontier:ties=row-major.",
+        "offline (coverages), manual:COMMANDS or MODULE:ATTRIBUTE; options follow a colon, as in closest-frontier:ties=row-major.",
     ),
 ]
 Budget = Annotated[
     float | None,
     typer.Option(
         "--budget",
-        help="Planners (best, rollout): moves that may be imagined for each move sent, on average.",
+        help="Planners (best, rollout, offline): moves that may be imagined for each move sent, on average.",
         show_default=False,
     ),
 ]

@@ -140,7 +140,7 @@ def cover(
 
 def _thinking(policy: str, budget: float | None, time_per_move: float | None) -> str:
     """Return the policy with the options of --budget and --time-per-move."""
-    from shoal.swarm.policies import Budgeted, make_policy
+    from shoal.swarm.policies import make_policy
 
     given = {"budget": budget, "milliseconds": time_per_move}
     wanted = [f"{name}={value:.17g}" for name, value in given.items() if value is not None]
@@ -149,8 +149,9 @@ def _thinking(policy: str, budget: float | None, time_per_move: float | None) ->
     option = "--budget" if budget is not None else "--time-per-move"
     if len(wanted) > 1:
         raise InvalidInputError("expected --budget or --time-per-move, got both")
-    if not isinstance(make_policy(policy), Budgeted):
-        raise InvalidInputError(f"{option}: expected a policy that plans (best, beam-rollout or rollout), got {policy}")
+    if not hasattr(make_policy(policy), wanted[0].partition("=")[0]):
+        able = "best, beam-rollout, rollout or offline" if budget is not None else "best, beam-rollout or rollout"
+        raise InvalidInputError(f"{option}: expected a policy that plans ({able}), got {policy}")
     return policy + ("," if ":" in policy else ":") + wanted[0]
 
 

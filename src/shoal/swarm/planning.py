@@ -46,8 +46,11 @@ def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: 
         across=boards(guess.PAIRS),
         beside=boards(guess.PAIRS),
         chances=np.zeros(survey.FINE),
-        likely=np.zeros(survey.FINE, dtype=np.bool_),
-        unlikely=np.zeros(survey.FINE, dtype=np.bool_),
+        likely=np.zeros(survey.COARSE, dtype=np.int64),
+        unlikely=np.zeros(survey.COARSE, dtype=np.int64),
+        active=np.zeros(size, dtype=np.int64),
+        near=np.zeros(size, dtype=np.int64),
+        listed=np.zeros(size, dtype=np.bool_),
         **extents,
     )
     memory = np.zeros(planner.MEMORY, dtype=np.int64)
@@ -125,10 +128,13 @@ class Game:
 
     cut_within_run = False  # there is a scan after every move
 
-    def __init__(self, policy: PlannerPolicy, belief: Belief, *, rule: str, mapping: bool, rng: Generator) -> None:
+    def __init__(
+        self, policy: PlannerPolicy, state: SwarmState, belief: Belief, *, rule: str, mapping: bool, rng: Generator
+    ) -> None:
         seed = 0 if belief.complete else seed_of(rng)
         self.code, self.rule, self.mapping, self.pace = policy.code, RULE_CODES[rule], mapping, Pace(policy.milliseconds)
-        self.mind = planner_of(belief.open.frame, belief, rule=rule, mapping=mapping, seed=seed, options=policy.settings)
+        options = policy.settings(len(state.occupied))
+        self.mind = planner_of(belief.open.frame, belief, rule=rule, mapping=mapping, seed=seed, options=options)
 
     def play_on(self, field: moves.Field, log: play.Log) -> tuple[int, int]:
         """Play until the log is full; return (moves, status code)."""
@@ -174,7 +180,8 @@ def decide(policy: PlannerPolicy, view: View, memory: Any, rng: Generator) -> tu
     belief, frame = view.belief, view.occupied.frame
     field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # the truth is not looked at
     if memory is None:
-        mind = planner_of(frame, belief, rule=view.rule, mapping=view.mapping, seed=seed_of(rng), options=policy.settings)
+        options = policy.settings(len(view.occupied))
+        mind = planner_of(frame, belief, rule=view.rule, mapping=view.mapping, seed=seed_of(rng), options=options)
         pace = Pace(policy.milliseconds)
     else:
         mind, pace = memory.planner, memory.pace

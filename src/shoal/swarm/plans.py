@@ -3,40 +3,44 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
+from shoal.swarm import planning
+from shoal.swarm.belief import Belief
+from shoal.swarm.commands import decode
+from shoal.swarm.engine import RUNNING, field_of, new_log
+from shoal.swarm.kernels import anneal, rollout
 from shoal.swarm.policies import BeamRollout
+from shoal.swarm.policies.offline import PLAN_BUDGET
 from shoal.swarm.policies.planner import Tuning
-from shoal.swarm.running import run
+from shoal.swarm.running import trial_rng
+from shoal.swarm.state import SwarmState
 from shoal.swarm.tasks import Coverage
 from shoal.swarm.workspace import GridWorkspace
+from shoal.swarm.world import GridWorld, check_start
 
-OFFLINE_BUDGET = 8_000.0  # imagined moves a move: nobody waits between two moves
+FIRST_SHARE = 0.25  # of the budget, for the plan that annealing begins with
+HEAT, COOL = 3.0, 0.1  # moves that a worse plan may be longer, at first and at last
+LEAST = 200  # commands that the budget is reckoned for, if a plan has fewer: short ones are cheap
+PIECES = 60  # of annealing, each at one heat; between two of them Python may be interrupted
+PLACES = 64  # states kept on the way of a plan
 
 
 @dataclass(frozen=True)
-class OfflineRollout(BeamRollout):
-    """beam-rollout that searches wider and longer."""
+class FirstPlan(BeamRollout):
+    """beam-rollout that searches wider; its plan is where annealing begins."""
 
+    kind: ClassVar[str] = "offline"
     tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(width=24, depth=12, leaves=6, variations=12)
-    budget: float = OFFLINE_BUDGET
 
-
-@dataclass(frozen=True, eq=False)
-class _Given(Coverage):
-    """Coverage of given cells."""
-
-    name: ClassVar[str] = "coverage"
-    targets: NDArray[np.bool_] | None = None
-
-    def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Return the given cells, or all free ones."""
-        return workspace.free if self.targets is None else self.targets
+    def settings(self, particles: int) -> tuple[float, ...]:
+        """Return the budget as it is, however many particles there are, and the tuning."""
+        return (self.budget, *self.tuning)
 
 
 def plan_coverage(
@@ -45,13 +49,13 @@ def plan_coverage(
     *,
     targets: NDArray[np.bool_] | None = None,
     rule: str = "block",
-    budget: float = OFFLINE_BUDGET,
+    budget: float = PLAN_BUDGET,
     attempts: int = 1,
     seed: int = 0,
 ) -> str:
     """Return commands that bring some particle onto every free cell, or every target: a plan, as nothing is left to chance.
 
-    The planner beam-rollout with the map itself for a prediction.
+    The planner beam-rollout with the map itself for a prediction makes a first plan; simulated annealing makes it shorter.
 
     Parameters
     ----------
@@ -63,9 +67,9 @@ def plan_coverage(
     rule : str
         "block" or "merge".
     budget : float
-        Moves that may be imagined for each command of the plan, on average.
+        Moves that may be imagined for each command of the plan, on average; of at least 200 commands.
     attempts : int
-        Plans of which the shortest is returned; each with other random variations.
+        Plans of which the shortest is returned; each with other random changes.
     seed : int
 
     Raises
@@ -84,7 +88,43 @@ def plan_coverage(
     """
     if attempts < 1:
         raise InvalidInputError(f"attempts: expected 1 or more, got {attempts}")
-    task = _Given(targets=None if targets is None else np.asarray(targets, dtype=np.bool_))
-    options = {"task": task, "policy": OfflineRollout(budget=budget), "start": start, "rule": rule, "seed": seed}
-    episodes = [run(workspace, trial=trial, **options) for trial in range(attempts)]  # type: ignore[arg-type]  # of mixed types
-    return min((episode.commands for episode in episodes), key=len)
+    world = GridWorld(workspace, rule)
+    state = world.initial(check_start(workspace, start, rule=rule))
+    wanted = workspace.free if targets is None else np.asarray(targets, dtype=np.bool_)
+    belief = Coverage().begin(world, state, wanted)
+    plans = [plan_from(belief, state, rule, budget, trial_rng(seed, trial)) for trial in range(attempts)]
+    return min(plans, key=len)
+
+
+def plan_from(belief: Belief, state: SwarmState, rule: str, budget: float, rng: Generator) -> str:
+    """Return commands that cover what is left to cover in a known map."""
+    FirstPlan().check(state.occupied.frame, rule)
+    planning.load_kernels()
+    if belief.complete:
+        return ""
+    mind, first = first_plan(belief, state, rule, budget * FIRST_SHARE, rng)
+    room = 2 * len(first) + 8 * anneal.LONGEST_CHANGE
+    every = max(4, -(-room // PLACES))
+    plan, trial, shortest = (np.zeros(room, dtype=np.int8) for _ in range(3))
+    kept = np.zeros((room // every + 1, *mind.root.shape), dtype=np.uint64)
+    course = anneal.Course(plan, trial, shortest, kept, every)
+    plan[: len(first)] = shortest[: len(first)] = first
+    length = fewest = len(first)
+    rollout.look(field_of(belief.open.words, state, belief), False, mind)
+    whole = budget * (1 - FIRST_SHARE) * max(LEAST, len(first))
+    for heat in np.geomspace(HEAT, COOL, PIECES):
+        length, fewest, _ = anneal.anneal(mind, course, length, fewest, heat, whole / PIECES)
+    return decode(shortest[:fewest])
+
+
+def first_plan(belief: Belief, state: SwarmState, rule: str, budget: float, rng: Generator) -> tuple[Any, NDArray[np.int8]]:
+    """Return the planner that made it, and the commands of a first plan."""
+    game = planning.Game(FirstPlan(budget=budget), state, belief, rule=rule, mapping=False, rng=rng)
+    field = field_of(belief.open.words, state, belief)  # changed as the plan is played
+    pieces, status = [np.zeros(0, dtype=np.int8)], RUNNING
+    while status == RUNNING:
+        log = new_log(256)
+        played, status = game.play_on(field, log)
+        pieces.append(log.commands[:played])
+    assert game.remaining == 0  # the task has refused what cannot be covered
+    return game.mind, np.concatenate(pieces)

@@ -220,7 +220,7 @@ def _game(
     if isinstance(policy, PlannerPolicy):
         from shoal.swarm import planning
 
-        return planning.Game(policy, belief, rule=world.rule, mapping=task.mapping, rng=rng)
+        return planning.Game(policy, state, belief, rule=world.rule, mapping=task.mapping, rng=rng)
     from shoal.swarm import engine
 
     mind = engine.mind_of(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shoal.swarm.kernels.bits import ONE, TOP, ZERO
 from shoal.swarm.kernels.compiling import kernel
 from shoal.swarm.kernels.moves import DOWN, IN, LEFT, RIGHT, UP
-from shoal.swarm.kernels.survey import FINE, chance
+from shoal.swarm.kernels.survey import COARSE, FINE, chance
 
 UNLIKELY = 0.25  # chance below which a cell is taken to be wall before others are looked at
 FEWEST = 4  # cells seen in similar surroundings without which nothing is taken to be wall
@@ -32,8 +32,11 @@ class Guess(NamedTuple):
     across: NDArray[np.uint64]  # (PAIRS, words): cells whose neighbours above and below are in such states
     beside: NDArray[np.uint64]  # (PAIRS, words): the same for left and right
     chances: NDArray[np.float64]  # (FINE,): how likely a cell is to be free in each surroundings
-    likely: NDArray[np.bool_]  # (FINE,): surroundings in which a cell is taken to be free
-    unlikely: NDArray[np.bool_]  # (FINE,): surroundings in which a cell is taken to be wall at once
+    likely: NDArray[np.int64]  # (COARSE,): surroundings in which a cell is taken to be free: a bit for each pair beside it
+    unlikely: NDArray[np.int64]  # (COARSE,): those in which it is taken to be wall at once
+    active: NDArray[np.int64]  # the words with cells of this layer
+    near: NDArray[np.int64]  # those and the words beside them
+    listed: NDArray[np.bool_]  # (words,): whether a word is in the list that is being made
     layers: int
     rows: int
     width: int
@@ -44,34 +47,66 @@ def predict(field, tallies, guess, depth, likely, sure):
     """Fill ``guess.open`` with the cells known to be free and those predicted so, layer by layer."""
     for fine in range(FINE):
         guess.chances[fine] = chance(tallies, fine, fine // PAIRS)
-        seen = tallies[FINE + fine // PAIRS, 0]  # of such surroundings or similar ones
-        guess.unlikely[fine] = guess.chances[fine] < UNLIKELY and seen >= FEWEST
+    for coarse in range(COARSE):
+        seen = tallies[FINE + coarse, 0]  # of such surroundings or similar ones
+        guess.unlikely[coarse] = marked(guess.chances, coarse, -1.0, UNLIKELY) if seen >= FEWEST else 0
+    active = 0
     for i in range(field.open.shape[0]):
         guess.open[i] = field.open[i]
         guess.known[i] = field.known[i]
         guess.layer[i] = field.frontier[i]
+        if field.frontier[i] != ZERO:
+            guess.active[active] = i
+            active += 1
     for layer in range(depth):
         # All cells on the way have to be free, so the farther, the surer each of them.
         needed = max(likely, sure ** (1.0 / (layer + 1.0)))
-        for fine in range(FINE):
-            guess.likely[fine] = guess.chances[fine] > needed
-        note_pairs(guess, guess.across, guess.width)
-        note_pairs(guess, guess.beside, np.int64(0))
-        if predict_walls(guess):
-            note_pairs(guess, guess.across, guess.width)
-            note_pairs(guess, guess.beside, np.int64(0))
-        if not predict_layer(guess):
+        for coarse in range(COARSE):
+            guess.likely[coarse] = marked(guess.chances, coarse, needed, 2.0)
+        near = list_near(guess, active)
+        note_pairs(guess, guess.across, guess.width, near)
+        note_pairs(guess, guess.beside, np.int64(0), near)
+        if predict_walls(guess, active):
+            note_pairs(guess, guess.across, guess.width, near)
+            note_pairs(guess, guess.beside, np.int64(0), near)
+        if not predict_layer(guess, active):
             return
-        next_layer(guess)
+        active = next_layer(guess, active)
 
 
 @kernel
-def note_pairs(guess, pairs, step):
-    """Fill the boards of pairs: neighbours ``step`` words before and after, or one bit if that is 0."""
-    size = guess.open.shape[0]
-    for i in range(size):
-        if guess.layer[i] == ZERO and not near_layer(guess, i):
-            continue
+def marked(chances, coarse, above, below):
+    """Return a bit for each pair beside a cell, in some coarse surroundings, with a chance between two bounds."""
+    bits = np.int64(0)
+    for here in range(PAIRS):
+        if above < chances[coarse * PAIRS + here] < below:
+            bits |= np.int64(1) << here
+    return bits
+
+
+@kernel
+def list_near(guess, active):
+    """List the words of the layer and those beside them, each once; return how many they are."""
+    size, width = guess.layer.shape[0], guess.width
+    steps = (np.int64(0), np.int64(1), width, width * guess.rows if guess.layers > 1 else width)
+    near = 0
+    for at in range(active):
+        for step in steps:
+            for word_at in (guess.active[at] - step, guess.active[at] + step):
+                if 0 <= word_at < size and not guess.listed[word_at]:
+                    guess.listed[word_at] = True
+                    guess.near[near] = word_at
+                    near += 1
+    for at in range(near):
+        guess.listed[guess.near[at]] = False
+    return near
+
+
+@kernel
+def note_pairs(guess, pairs, step, near):
+    """Fill the boards of pairs: neighbours ``step`` words before and after, one bit if that is 0; in the words listed."""
+    for at in range(near):
+        i = guess.near[at]
         if step == 0:
             before_open, after_open = sideways(guess.open, i)
             before_known, after_known = sideways(guess.known, i)
@@ -86,16 +121,6 @@ def note_pairs(guess, pairs, step):
         pairs[3, i] = ~neither & ~both & ~any_free
         pairs[4, i] = both & any_free & ~free
         pairs[5, i] = both & ~any_free
-
-
-@kernel
-def near_layer(guess, i):
-    """Tell whether a word lies beside one with cells to predict."""
-    layer, width = guess.layer, guess.width
-    if word(layer, i - 1) | word(layer, i + 1) | word(layer, i - width) | word(layer, i + width) != ZERO:
-        return True
-    step = width * guess.rows
-    return guess.layers > 1 and word(layer, i - step) | word(layer, i + step) != ZERO
 
 
 @kernel
@@ -142,34 +167,31 @@ def twice_behind(guess, board, i, command):
 
 
 @kernel
-def predict_walls(guess):
+def predict_walls(guess, active):
     """Take those cells of the layer as known that are hardly ever free, so that the way between two walls is seen as such."""
     some = ZERO
-    for i in range(guess.layer.shape[0]):
+    for at in range(active):
+        i = guess.active[at]
         cells, walls = guess.layer[i], ZERO
-        guess.found[i] = ZERO
-        if cells == ZERO:
-            continue
         for command in range(4 if guess.layers == 1 else 6):
             entered = cells & behind(guess, guess.open, i, command)
             if entered != ZERO:
                 walls |= those_in(guess, guess.unlikely, entered, i, command)
         guess.found[i] = walls
         some |= walls
-    for i in range(guess.layer.shape[0]):
+    for at in range(active):
+        i = guess.active[at]
         guess.known[i] |= guess.found[i]
     return some != ZERO
 
 
 @kernel
-def predict_layer(guess):
+def predict_layer(guess, active):
     """Find the cells of the layer that are taken to be free from every side that they can be entered from; tell if any are."""
     some = ZERO
-    for i in range(guess.layer.shape[0]):
+    for at in range(active):
+        i = guess.active[at]
         cells = guess.layer[i] & ~guess.known[i]
-        guess.found[i] = ZERO
-        if cells == ZERO:
-            continue
         yes, no = ZERO, ZERO
         for command in range(4 if guess.layers == 1 else 6):
             entered = cells & behind(guess, guess.open, i, command)
@@ -193,32 +215,56 @@ def those_in(guess, table, entered, i, command):
         if some == ZERO:
             continue
         for near in range(PAIRS):
+            wanted = table[state * PAIRS + near]
+            if wanted == 0:
+                continue
             those = some & behind(guess, pairs[near], i, command)
             if those == ZERO:
                 continue
             for here in range(PAIRS):
-                if table[(state * PAIRS + near) * PAIRS + here]:
+                if wanted >> here & 1:
                     result |= those & pairs[here, i]
+            some &= ~those  # a cell has one pair behind it
+            if some == ZERO:
+                break
     return result
 
 
 @kernel
-def next_layer(guess):
-    """Take the layer as known, and go on with the unknown neighbours of the cells just taken to be free."""
-    found, layer, known, width = guess.found, guess.layer, guess.known, guess.width
-    size = found.shape[0]
-    for i in range(size):
+def next_layer(guess, active):
+    """Take the layer as known, and go on behind the cells taken to be free; return how many words have cells of the next layer."""
+    found, layer, width = guess.found, guess.layer, guess.width
+    for at in range(active):
+        i = guess.active[at]
         guess.open[i] |= found[i]
-        known[i] |= layer[i]
+        guess.known[i] |= layer[i]
         layer[i] = ZERO
     steps = (width, width * guess.rows if guess.layers > 1 else width)
-    for i in range(size):
+    following = 0
+    for at in range(active):
+        i = guess.active[at]
         cells = found[i]
         if cells == ZERO:
             continue
-        layer[i] |= ((cells << ONE) | (cells >> ONE)) & ~known[i]
-        layer[i + 1] |= (cells >> TOP) & ~known[i + 1]
-        layer[i - 1] |= (cells << TOP) & ~known[i - 1]
+        following = add_to_layer(guess, i, (cells << ONE) | (cells >> ONE), following)
+        following = add_to_layer(guess, i + 1, cells >> TOP, following)
+        following = add_to_layer(guess, i - 1, cells << TOP, following)
         for step in steps:
-            layer[i - step] |= cells & ~known[i - step]
-            layer[i + step] |= cells & ~known[i + step]
+            following = add_to_layer(guess, i - step, cells, following)
+            following = add_to_layer(guess, i + step, cells, following)
+    for at in range(following):
+        guess.active[at] = guess.near[at]
+    return following
+
+
+@kernel
+def add_to_layer(guess, i, cells, following):
+    """Add the unknown ones of some cells to the layer, and their word to the list that is being made; return its length."""
+    if cells == ZERO:  # the word may lie beyond the board
+        return following
+    new = cells & ~guess.known[i]
+    if new != ZERO and guess.layer[i] == ZERO:
+        guess.near[following] = i
+        following += 1
+    guess.layer[i] |= new
+    return following

@@ -103,15 +103,22 @@ def force(field, planner):
     memory[PLAN_AT], memory[PLAN_LENGTH] = 0, memory[FORCED]
 
 
+@kernel
+def take_greedily(field, planner):
+    """Take the command that settles most now as the plan, or the way to the nearest frontier cell if none settles any."""
+    memory = planner.memory
+    take_state(field, planner.root)
+    prospects(planner.scene, planner.root, planner.gains)
+    planner.incumbent[0] = most(planner.gains, np.int64(-1))
+    memory[PLAN_AT], memory[PLAN_LENGTH] = 0, 1
+    if planner.incumbent[0] < 0:
+        force(field, planner)
+
+
 @part_of_kernel
 def choose_greedy(field, planner):
     """Return the next command of the policy greedy-classify: the one that settles most now, else the way to the nearest."""
     memory = planner.memory
     if memory[PLAN_AT] >= memory[PLAN_LENGTH]:
-        take_state(field, planner.root)
-        prospects(planner.scene, planner.root, planner.gains)
-        planner.incumbent[0] = most(planner.gains, np.int64(-1))
-        memory[PLAN_AT], memory[PLAN_LENGTH] = 0, 1
-        if planner.incumbent[0] < 0:
-            force(field, planner)
+        take_greedily(field, planner)
     return next_command(planner)

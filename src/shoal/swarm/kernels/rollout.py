@@ -51,10 +51,13 @@ from shoal.swarm.kernels.planner import (
     draw,
     force,
     next_command,
+    take_greedily,
 )
 from shoal.swarm.kernels.ways import NEXT, beside
 
 NOTHING = -1e18  # the value of no plan
+BRIEF = 300.0  # budget below which only the most promising plans are weighed, and not far
+BRIEF_HORIZON, BRIEF_DISCOUNT = 15.0, 0.95
 LONGEST_RUN = 40  # of a candidate that goes in one direction until it settles something
 
 
@@ -78,11 +81,12 @@ def weigh(planner, length, best, few, manner):
     """
     options, memory = planner.options, planner.memory
     surprise = memory[SURPRISE] / WHOLE
-    horizon = int(options[NEAR_HORIZON])
+    brief = options[BUDGET] < BRIEF
+    horizon = int(min(options[NEAR_HORIZON], BRIEF_HORIZON) if brief else options[NEAR_HORIZON])
     if few > 0:  # where predictions fail, what lies far ahead is not worth imagining
         sure = (1.0 - surprise) ** options[TRUST]
         horizon += int(max(options[HORIZON] - horizon, 0) * sure)
-    discount = options[DISCOUNT] if few > 0 else options[NEAR_DISCOUNT]
+    discount = options[DISCOUNT] if few > 0 else (BRIEF_DISCOUNT if brief else options[NEAR_DISCOUNT])
     share = options[SHARE] * (1.0 + options[WONDER] * surprise)
     worth = share / few if few > 0 else 0.0
     copy_state(planner.root, planner.state)
@@ -93,7 +97,7 @@ def weigh(planner, length, best, few, manner):
     memory[IMAGINED] += moves
     if few > 0:
         value = worth * value - time
-        if time == horizon and options[AFTER] > 0:  # the rest at the same rate
+        if time == horizon and options[AFTER] > 0 and surprise < options[CALM]:  # the rest at the same rate, if it can be foreseen
             value -= horizon * count(planner.state[FRONTIER]) / max(settled, 1)
     if value <= best:
         return best
@@ -121,10 +125,12 @@ def think(planner):
     for command in range(directions(planner.scene)):
         trial[0] = command
         best = weigh(planner, np.int64(1), best, few, memory[MANNER])
-        if options[RUNS] > 0:
+        if options[RUNS] > 0 and options[BUDGET] >= BRIEF:
             length = run(planner, command)
             if length > 1:
                 best = weigh(planner, length, best, few, memory[MANNER])
+    if options[BUDGET] < BRIEF:
+        return
     best = try_leaves(planner, best, few)
     if few > 0:
         for _ in range(int(options[VARIATIONS])):
@@ -210,6 +216,8 @@ def choose_rollout(field, mapping, planner):
     renew = memory[CREDIT] > 0 and (memory[QUIET] == 0 or memory[STALE] >= options[RENEW])
     if memory[FORCED] > 0:
         memory[FORCED] -= 1
+    elif options[BUDGET] < BRIEF and not renew and memory[PLAN_AT] >= memory[PLAN_LENGTH]:
+        take_greedily(field, planner)
     elif renew or memory[PLAN_AT] >= memory[PLAN_LENGTH]:
         before = memory[IMAGINED]
         look(field, mapping, planner)

@@ -11,6 +11,7 @@ from shoal.swarm.policies.depth_first import DepthFirst
 from shoal.swarm.policies.elect_particle import ElectParticle
 from shoal.swarm.policies.greedy_classify import GreedyClassify
 from shoal.swarm.policies.manual import Manual
+from shoal.swarm.policies.offline import Offline
 from shoal.swarm.policies.planner import Budgeted, PlannerPolicy
 from shoal.swarm.policies.protocol import Decision, Policy, View
 from shoal.swarm.policies.random_moves import RandomMoves
@@ -20,6 +21,7 @@ from shoal.swarm.policies.sweep import Sweep
 POLICIES: Registry[type[Policy]] = Registry("policy")
 for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, Sweep, GreedyClassify, Rollout, BeamRollout, Manual):
     POLICIES.add(_policy.kind, _policy)
+POLICIES.add(Offline.kind, Offline)
 POLICIES.add("best", BeamRollout)  # an alias, which may stand for another one some day
 
 
@@ -50,6 +52,7 @@ __all__ = [
     "ElectParticle",
     "GreedyClassify",
     "Manual",
+    "Offline",
     "PlannerPolicy",
     "Policy",
     "RandomMoves",

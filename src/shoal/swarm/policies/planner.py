@@ -13,6 +13,8 @@ from shoal.swarm.policies.compiled import Compiled
 from shoal.swarm.policies.protocol import Decision, View
 
 UNLIMITED = 1e9
+MANY = 1000  # particles from which on the budget is as given
+MOST_TIMES = 10.0  # as much is given to few particles
 
 
 class Tuning(NamedTuple):
@@ -53,9 +55,8 @@ class PlannerPolicy(Compiled):
     tuning: ClassVar[Tuning | None] = None
     milliseconds: ClassVar[float] = 0.0
 
-    @property
-    def settings(self) -> tuple[float, ...]:
-        """Budget and tuning as kernels know them."""
+    def settings(self, particles: int) -> tuple[float, ...]:
+        """Return budget and tuning as kernels know them, for so many particles."""
         return () if self.tuning is None else (UNLIMITED, *self.tuning)
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
@@ -72,7 +73,9 @@ class Budgeted(PlannerPolicy):
     Parameters
     ----------
     budget : float
-        Moves that may be imagined for each move sent, on average. The same seed and budget give the same commands on every machine.
+        Moves that may be imagined for each move sent, on average, by 1000 particles or more. The fewer they are, the more moves are
+        needed and the more it is worth to think: n particles are given 1000 / n times as many, at most ten times. The same seed and
+        budget give the same commands on every machine.
     milliseconds : float
         If above 0, time for each move, on average, instead of a budget. Then the commands depend on the machine and on what else
         runs there; an episode replays all the same, since it holds its commands.
@@ -87,8 +90,7 @@ class Budgeted(PlannerPolicy):
         if not 0 <= self.milliseconds <= 1e9:
             raise InvalidInputError(f"milliseconds: expected a time a move, 0 to 1e9, got {self.milliseconds:g}")
 
-    @property
-    def settings(self) -> tuple[float, ...]:
-        """Budget and tuning as kernels know them."""
+    def settings(self, particles: int) -> tuple[float, ...]:
+        """Return budget and tuning as kernels know them, for so many particles."""
         assert self.tuning is not None
-        return (self.budget, *self.tuning)
+        return (self.budget * min(MOST_TIMES, max(1.0, MANY / max(1, particles))), *self.tuning)
