@@ -44,8 +44,7 @@ def page() -> str:
     """Return the text of docs/cli.md."""
     names = ["", *command_names()]
     sections = [
-        f"\n## shoal{' ' * bool(name)}{name}\n\n```text\n{text}\n```\n"
-        for name, text in zip(names, helps_of(names), strict=True)
+        f"\n## shoal{' ' * bool(name)}{name}\n\n```text\n{text}\n```\n" for name, text in zip(names, helps_of(names), strict=True)
     ]
     return INTRO + "".join(sections)
 

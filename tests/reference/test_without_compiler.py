@@ -64,9 +64,9 @@ STEERING = """
 import numpy as np
 from shoal.steering import Disturbance, SteeringProblem, Task, cylinder, disk, polygon_reach, prism, regular_polygon, steer
 from shoal.steering.planners import fewest_moves
-fewest_moves.DIRECTIONS = {2: 12, 3: 12}
+fewest_moves.DIRECTIONS = {2: 8, 3: 8}
 fewest_moves.DENSE = 1
-fewest_moves.TRIED = {2: (6, 4), 3: (2, 2)}
+fewest_moves.TRIED = {2: (4, 3), 3: (1, 1)}
 pair = [(-0.1, 0.0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)]
 high = [(-0.1, 0.0, 0.2), (0.1, 0.1, 0.5)], [(0.3, 0.1, 0.4), (-0.2, -0.3, 0.1)]
 for space in (regular_polygon(3, radius=0.8), disk(0.5), prism(regular_polygon(4), 0.7), cylinder(0.5, 0.7)):
@@ -82,8 +82,8 @@ for friction in (0.5, 3.0):
     e = steer(SteeringProblem(regular_polygon(5), *pair), planner="greedy", disturbance=slippery, max_moves=20)
     print(friction, e.status, e.n_moves, np.round(e.final, 5).tolist())
 from shoal.steering import friction, growing
-friction._ANGLES = 60
-growing.MAPS = ((12, 20, 1.05, 12),)
+friction._ANGLES = 30
+growing.MAPS = ((8, 14, 1.05, 8),)
 for space in (regular_polygon(5), disk(0.5)):
     task = Task(Disturbance(friction=1.0).world(SteeringProblem(space, *pair)), np.array(pair[0]), np.array(pair[1]), 1e-6)
     chain = growing.grown_chain(task.errand(), maps=growing.MAPS)
