@@ -39,13 +39,19 @@ class QuickFirst(BeamRollout):
     tuning = BeamRollout.tuning._replace(few=5, charge=0, ahead=0, runs=0, **SMALL)
 
 
+class Hasty(BeamRollout):
+    """A plan of a few commands now and then, and between them whatever settles most."""
+
+    tuning = BeamRollout.tuning._replace(horizon=3, near_horizon=2, patience=20)
+
+
 def test_best_is_an_alias():
     assert make_policy("best") == BeamRollout()
     assert {"best", "beam-rollout", "rollout", "greedy-classify"} <= set(POLICIES)
     assert make_policy("best:budget=100").name == "beam-rollout:budget=100.0"
 
 
-@pytest.mark.parametrize("policy", ["best", "rollout", "greedy-classify"])
+@pytest.mark.parametrize("policy", ["best", Hasty(budget=0.1), "rollout", "greedy-classify"])
 @pytest.mark.parametrize("name", ["cave:14x10", "maze:11x9", "htree:30", "line:20"])
 def test_planners_complete(policy, name):
     workspace = open_map(name)
@@ -70,7 +76,7 @@ def test_fewer_moves_than_closest_frontier():
 @settings(max_examples=25, deadline=None)
 @given(
     swarms(),
-    st.sampled_from([Quick(), QuickFirst(), Quick(budget=30.0), make_policy("greedy-classify")]),
+    st.sampled_from([Quick(), QuickFirst(), Quick(budget=3.0), make_policy("greedy-classify")]),
     st.booleans(),
     st.integers(1, 9),
 )

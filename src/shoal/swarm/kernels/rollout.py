@@ -218,6 +218,7 @@ def choose_rollout(field, mapping, planner):
         memory[FORCED] -= 1
     elif options[BUDGET] < BRIEF and not renew and memory[PLAN_AT] >= memory[PLAN_LENGTH]:
         take_greedily(field, planner)
+        memory[FORCED] = max(0, memory[FORCED] - 1)  # its first command is sent now
     elif renew or memory[PLAN_AT] >= memory[PLAN_LENGTH]:
         before = memory[IMAGINED]
         look(field, mapping, planner)
