@@ -125,7 +125,6 @@ def write_files_of(text: str) -> list[str]:
 
 GROUPED = [(f"{group.name} ", command) for group in app.registered_groups for command in group.typer_instance.registered_commands]
 COMMANDS = [*(("", command) for command in app.registered_commands), *GROUPED]
-EXAMPLES = {command.epilog for _, command in COMMANDS if command.name != "demo"}
 
 
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: str(page.relative_to(ROOT)))
@@ -135,8 +134,6 @@ def test_commands_of_a_page_run_in_their_order(page, tmp_path, monkeypatch, caps
     for module in write_files_of(page.read_text()):
         monkeypatch.delitem(sys.modules, module, raising=False)
     for command in commands_of(page.read_text()):
-        if f"Example: {command}" in EXAMPLES:  # it is run below
-            continue
         name, *arguments = shlex.split(command)
         assert name == "shoal"
         assert run(arguments) == 0, f"{command}: {capsys.readouterr().err}"
