@@ -126,7 +126,7 @@ def test_bug_6_waits_for_ever_for_a_live_robot(monkeypatch):
 def test_liars_are_outvoted():
     """With fold 2 and one liar all is searched by an honest robot before anybody declares; with fold 1 the liar is believed."""
     believed = 0
-    for seed in range(40):
+    for seed in range(16):
         scenario = random_scenario(seed)
         if len(scenario.starts) < 3:
             continue
@@ -137,7 +137,7 @@ def test_liars_are_outvoted():
         single = worlds.Scenario(robots.Brief(brief.course, brief.method), scenario.starts, faults=(Liar(1),), seed=seed)
         outcome = World(single).run(until=1e5)
         believed += any(when < outcome.covered_at for when in outcome.declared.values())
-    assert believed > 5
+    assert believed > 2
 
 
 def test_who_declares_is_right_and_complete():

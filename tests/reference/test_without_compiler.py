@@ -77,10 +77,9 @@ for space in (regular_polygon(3, radius=0.8), disk(0.5), prism(regular_polygon(4
 problem = SteeringProblem(regular_polygon(5), *pair, 0.01)
 e = steer(problem, planner="robust", disturbance=Disturbance(execution=1e-3, measurement=1e-3, gain=0.2), max_moves=6)
 print(e.status, np.round(e.moves, 6).tolist())
-for friction in (0.5, 3.0):
-    slippery = Disturbance(friction=friction)
-    e = steer(SteeringProblem(regular_polygon(5), *pair), planner="greedy", disturbance=slippery, max_moves=20)
-    print(friction, e.status, e.n_moves, np.round(e.final, 5).tolist())
+slippery = Disturbance(friction=3.0)
+e = steer(SteeringProblem(regular_polygon(5), *pair), planner="greedy", disturbance=slippery, max_moves=20)
+print(e.status, e.n_moves, np.round(e.final, 5).tolist())
 from shoal.steering import friction, growing
 friction._ANGLES = 30
 growing.MAPS = ((8, 14, 1.05, 8),)
@@ -173,7 +172,7 @@ def test_same_planners_with_the_compiler_off():
 
 def test_same_plans_with_the_compiler_off():
     compiled = episodes(compiled=True, script=STEERING)
-    assert len(compiled.splitlines()) == 14
+    assert len(compiled.splitlines()) == 13
     assert episodes(compiled=False, script=STEERING) == compiled
 
 

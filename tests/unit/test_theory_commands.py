@@ -84,7 +84,7 @@ def test_json_of_schedule(capsys):
 
 def test_schedule_of_any_distance(tmp_path, capsys):
     result = printed(
-        capsys, "schedule", "--scan-cost", "0.1", "--move-cost", "2", "--max-distance", "1e100", "--out", str(tmp_path / "out")
+        capsys, "schedule", "--scan-cost", "1", "--move-cost", "2", "--max-distance", "1e100", "--out", str(tmp_path / "out")
     )
     assert result["max_distance"] == 10**100
     hyper = result["schedules"][3]
