@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from playwright.sync_api import Page
+from tests.browser.waiting import until
 
 from shoal.search import SearchEpisode, region_of, search
 from shoal.search.faults import Crash, Liar, Pause
@@ -34,14 +35,6 @@ CASES = {
     "all dead": lambda: search("rectangle:90x40", robots=2, footprint=10, faults=[Crash(1, 0.0), Crash(2, 7.0)]),
     "two parts, a liar": lambda: search(region_of(TWO), robots=3, footprint=10, transit=True, faults=[Liar(1)]),
 }
-
-
-def until(page: Page, expression: str) -> None:
-    for _ in range(250):
-        if page.evaluate(expression):
-            return
-        page.wait_for_timeout(20)
-    raise AssertionError(f"never became true: {expression}")
 
 
 def played(page: Page, times: list[float]) -> list[list[object]]:

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from playwright.sync_api import Page
+from tests.browser.waiting import until
 
 from shoal.steering import Disturbance, SteeringEpisode, SteeringProblem, open_workspace, prism, region, regular_polygon, steer
 from shoal.views.player import render_steering
@@ -51,14 +52,6 @@ def yard():
 def noisy():
     moves = np.random.default_rng(1).normal(scale=0.4, size=(6, 2))
     return thrown(SQUARE, START, moves, execution=0.01, gain=0.3)
-
-
-def until(page: Page, expression: str) -> None:
-    for _ in range(250):
-        if page.evaluate(expression):
-            return
-        page.wait_for_timeout(20)
-    raise AssertionError(f"never became true: {expression}")
 
 
 def done(page: Page) -> int:

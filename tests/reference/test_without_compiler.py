@@ -166,7 +166,7 @@ def test_same_episodes_with_the_compiler_off():
 
 def test_same_planners_with_the_compiler_off():
     compiled = episodes(compiled=True, script=PLANNERS)
-    assert len(compiled.splitlines()) >= 7 * 2 * 3 * 2 + 4  # and the plans of the small ones
+    assert len(compiled.splitlines()) == 7 * 2 * 3 * 2 + 6  # and the plans of the small ones
     assert episodes(compiled=False, script=PLANNERS) == compiled
 
 

@@ -14,7 +14,7 @@ import pytest
 from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.lab import Store, Sweep, run_sweep
 
-distributed = pytest.importorskip("distributed")
+distributed = pytest.importorskip("distributed")  # an extra
 
 PROBLEM = {"kind": "function", "function": "tests.unit.sweep_functions:number", "arguments": {"pause": 0.01}}
 

@@ -116,7 +116,7 @@ def write_files_of(text: str) -> list[str]:
     for script in re.findall(r"<!-- runs: (\S+) -->", text):
         runpy.run_path(script)
     for photograph in re.findall(r"<!-- needs: (\S+) -->", text):
-        data = pytest.importorskip("skimage.data")
+        data = pytest.importorskip("skimage.data")  # an extra
         from PIL import Image
 
         Image.fromarray(data.retina()).resize((350, 350)).save(photograph)

@@ -265,7 +265,7 @@ def test_open_map_prefers_a_file_to_a_name(tmp_path, monkeypatch):
 
 
 def test_open_map_finds_vessels_in_a_photograph(tmp_path):
-    pytest.importorskip("skimage")
+    pytest.importorskip("skimage")  # an extra
     photograph = np.full((120, 160), 220, dtype=np.uint8)
     photograph[20:100, 60:66] = photograph[55:60, 20:140] = 60
     Image.fromarray(photograph).save(tmp_path / "eye.png")

@@ -12,7 +12,7 @@ from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.swarm.generators import generate
 from shoal.swarm.imaging import segment_vessels
 
-pytest.importorskip("skimage")
+pytest.importorskip("skimage")  # an extra
 
 
 def parts(free):

@@ -508,7 +508,7 @@ def test_a_read_only_store_is_read_and_not_written(tmp_path):
 
 
 def test_exports_agree(tmp_path):
-    parquet = pytest.importorskip("pyarrow.parquet")
+    parquet = pytest.importorskip("pyarrow.parquet")  # an extra
     run_sweep(numbers(), tmp_path / "s", workers=0)
     rows = rows_of(tmp_path / "s")
     with Store(tmp_path / "s") as store:

@@ -21,7 +21,7 @@ from shoal.views.looks import codes_of
 from shoal.views.player.page import player_data
 from shoal.views.volume import Fit, Slices, sheet, sheet_width, slice_pictures, turned_view, workspace_codes
 
-nibabel = pytest.importorskip("nibabel")
+nibabel = pytest.importorskip("nibabel")  # an extra
 BLOCK = np.random.default_rng(3).random((4, 5, 6)) < 0.7
 
 

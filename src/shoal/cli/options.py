@@ -29,7 +29,8 @@ Budget = Annotated[
     float | None,
     typer.Option(
         "--budget",
-        help="Planners (best, rollout, offline): moves that may be imagined for each move sent, on average.",
+        help="Planners (best, rollout, offline): moves that may be imagined for each move sent, on average; best and rollout are "
+        "given more for fewer than 1000 particles, up to ten times.",
         show_default=False,
     ),
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import statistics
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -170,7 +171,7 @@ def _play(
     from shoal.lab import run_trials
     from shoal.swarm import planning
     from shoal.swarm.engine import load_kernels
-    from shoal.swarm.policies import Compiled, PlannerPolicy, make_policy
+    from shoal.swarm.policies import Compiled, Offline, PlannerPolicy, make_policy
     from shoal.swarm.policies.compiled import check_scanning
     from shoal.swarm.scanning import ScanRule
 
@@ -183,10 +184,11 @@ def _play(
     if isinstance(chosen, Compiled):
         with patience("compiling kernels: once after an installation, half a minute ..."), no_linear_algebra():
             load_kernels()
-    if isinstance(chosen, PlannerPolicy):
+    if isinstance(chosen, PlannerPolicy | Offline):
         with patience("compiling the planner: once after an installation, a minute ..."), no_linear_algebra():
             planning.load_kernels()
-    with progress("trials", trials, shown=trials > 1) as advance:
+    planned = patience("making a whole plan before the first move ...") if isinstance(chosen, Offline) else nullcontext()
+    with planned, progress("trials", trials, shown=trials > 1) as advance:
         episodes = run_trials(
             workspace,
             trials=trials,

@@ -103,19 +103,11 @@ def search(
     """
     began = time.perf_counter()
     _check_numbers(fold=fold, speed=speed, energy=energy, recharge=recharge, detection=detection, false_alarm=false_alarm)
+    stepwise = isinstance(obstacles, str | os.PathLike) or np.size(obstacles) > 1 or bool(np.any(obstacles))
     plan = plan_search(
-        region,
-        robots=robots,
-        footprint=footprint,
-        starts=starts,
-        tour=tour,
-        allocation=allocation,
-        turn_cost=turn_cost,
-        rates=rates,
-        transit=transit,
-        stepwise=isinstance(obstacles, str | os.PathLike) or np.size(obstacles) > 1 or bool(np.any(obstacles)),
-        seed=seed,
-    )
+        region, robots=robots, footprint=footprint, starts=starts, tour=tour, allocation=allocation, turn_cost=turn_cost,
+        rates=rates, transit=transit, stepwise=stepwise, seed=seed,
+    )  # fmt: skip
     scenario = scenario_of(
         plan,
         network=network,
@@ -131,11 +123,9 @@ def search(
         obstacles=_obstacle_cells(plan, obstacles, seed),
         seed=seed,
     )
-    wanted = len(plan.course) * robots <= SIMULATED if simulate is None else simulate
+    wanted = live is None and (len(plan.course) * robots <= SIMULATED if simulate is None else simulate)
     if live is not None:
-        if network:
-            raise InvalidInputError("live: expected no network but a share of lost messages")
-        scenario, played = lived(scenario, live=live, loss=loss)
+        scenario, played = _lived(scenario, live, network, loss)
     else:
         played = simulated(plan, scenario) if wanted else _as_planned(plan, scenario)
     return SearchEpisode(
@@ -144,13 +134,20 @@ def search(
         network=network,
         loss=loss,
         speed=speed,
-        simulated=wanted and live is None,
+        simulated=wanted,
         live=live,
         **vars(played),
         seed=seed,
         seconds=time.perf_counter() - began,
         version=__version__,
     )
+
+
+def _lived(scenario: Scenario, live: float, network: str, loss: float) -> tuple[Scenario, Played]:
+    """Return what comes of a search by real processes; refuse a network that they cannot be given."""
+    if network:
+        raise InvalidInputError("live: expected no network but a share of lost messages")
+    return lived(scenario, live=live, loss=loss)
 
 
 def _as_planned(plan: SearchPlan, scenario: Scenario) -> Played:

@@ -97,12 +97,12 @@ def _algorithm() -> tuple[str, bool]:
     irregular = polygon([(0, 0), (1, 0), (1.2, 0.7), (0.3, 1)])
     for workspace in (open_workspace("square"), regular_polygon(3), regular_polygon(5), irregular):
         corners = workspace.vertices  # type: ignore[union-attr]  # polygons all
-        space = workspace.differences  # type: ignore[union-attr]
+        space = workspace.differences  # type: ignore[union-attr]  # as above
         low, high = space.vertices.min(axis=0), space.vertices.max(axis=0)
         grid = np.stack(np.meshgrid(*(low + (np.arange(70)[:, None] + 0.5) / 70 * (high - low)).T), axis=-1).reshape(-1, 2)
         grid = grid[space.depth(grid) > 0]
         for s in rng.dirichlet(np.ones(len(corners)), (6, 2)) @ corners:
-            exact = polygon_reach(workspace, s[1] - s[0], moves=2)[0].contains(grid)  # type: ignore[arg-type]
+            exact = polygon_reach(workspace, s[1] - s[0], moves=2)[0].contains(grid)  # type: ignore[arg-type]  # a polygon
             for line3, line11 in ways:
                 pieces = [_piece(corners, i, s, line3=line3, line11=line11) for i in range(len(corners))]
                 told = np.any([_within(piece, grid) for piece in pieces if piece is not None] or [np.zeros_like(exact)], axis=0)
