@@ -39,6 +39,7 @@ VARIANTS = {
     "no-prediction": {"layers": 0},
     "prediction-of-12-cells": {"layers": 12, "sure": 0},
     "end-always-in-sight": {"calm": 2},
+    "no-extrapolation": {"after": 0},
 }
 
 

@@ -1,0 +1,48 @@
+"""python -m benchmarks.latency: how long the planner `best` thinks about a single move, at n = 1000 with the default budget."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from shoal import open_map
+from shoal.swarm import GridWorkspace, GridWorld, make_policy, make_task, planning
+from shoal.swarm.engine import RUNNING, field_of, new_log
+from shoal.swarm.placement import place
+from shoal.swarm.running import trial_rng
+
+MAPS = ("htree:5000", "rectangle:50x100", "line:5000", "vessels:5000")
+PARTICLES, TRIALS = 1000, 3
+
+
+def times(workspace: GridWorkspace, trial: int) -> list[float]:
+    """Return the milliseconds that each move of one mapping takes, planning and imagined world included."""
+    rng = trial_rng(0, trial)
+    world, task = GridWorld(workspace), make_task("mapping")
+    state = world.initial(place(workspace, PARTICLES, "uniform", rng))
+    belief = task.begin(world, state)
+    game = planning.Game(make_policy("best"), state, belief, rule="block", mapping=True, rng=rng)
+    field, taken, status = field_of(world.free.words, state, belief), [], RUNNING
+    while status == RUNNING:
+        log = new_log(1)
+        began = time.perf_counter()
+        _, status = game.play_on(field, log)
+        taken.append(1e3 * (time.perf_counter() - began))
+    return taken
+
+
+def main() -> None:
+    """Print one line a map."""
+    times(open_map("line:1100"), 0)  # loads the kernels
+    for name in MAPS:
+        taken = [one for trial in range(TRIALS) for one in times(open_map(name), trial)]
+        print(
+            f"{name:<18} {len(taken):>4} moves   median {np.median(taken):5.2f} ms   mean {np.mean(taken):5.2f} ms   "
+            f"nine of ten within {np.quantile(taken, 0.9):5.2f} ms",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
