@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import dist
+from itertools import pairwise
+from math import dist, inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from shoal.errors import InvalidInputError
 from shoal.search.sight import MaskSight, Numbers, Sight
 from shoal.search.tours import Tour
-from shoal.search.ways import Ways
+from shoal.search.ways import CellWays, Ways
 
 Floats = NDArray[np.float64]
 _RECKONED = 1_000_000  # cells times robots: ways between more are taken as straight
@@ -140,18 +141,48 @@ class Course:
         if here == cell:
             return 0.0
         n, free = self.n, 0.0 if fresh else 1.0
+        if self.stepwise:
+            return self._stepwise_way(here, cell, free, closed)[0]
         ahead, behind = (cell - here) % n, (here - cell) % n
         levels = self._levels
         onwards = levels[here + ahead + 1] - levels[here + 1] - free
-        if self.stepwise:
-            direct = self.length(here, cell, closed)
-            return onwards if ahead == 1 and direct <= self.steps[here] + 1e-9 else max(direct - free, 0.0) + self.turn_cost
         if ahead == 1:
             return onwards  # the way inside the region is known
         known = min(onwards, levels[cell + behind + 1] - levels[cell + 1] - free)
         if known <= max(self.between(here, cell) - free, 0.0) + self.turn_cost:
             return known  # nothing is shorter than straight
         return min(known, max(self.length(here, cell) - free, 0.0) + self.turn_cost)
+
+    def through(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> tuple[int, ...]:
+        """Return the cells that a robot enters on the way that `way` reckons with; none unless it goes from cell to cell."""
+        if not isinstance(self.ways, CellWays) or here == cell:
+            return ()
+        ways, along = self.ways, self._stepwise_way(here, cell, 0.0 if fresh else 1.0, closed)[1]
+        return tuple(passed for one, other in pairwise(along) for passed in ways.cells(one, other, closed))
+
+    def _stepwise_way(self, here: int, cell: int, free: float, closed: int) -> tuple[float, list[int]]:
+        """Return what the cheapest way costs, and from where to where it leads: directly, or along the tour where that is open.
+
+        Along the tour only what bends is a turn, so what others have searched there never makes the rest longer.
+        """
+        n, levels = self.n, self._levels
+        direct = max(self.length(here, cell, closed) - free, 0.0) + self.turn_cost
+        if direct == inf:
+            return inf, [here, cell]
+        ahead, behind = (cell - here) % n, (here - cell) % n
+        onwards = levels[here + ahead + 1] - levels[here + 1] - free
+        backwards = levels[cell + behind + 1] - levels[cell + 1] - free
+        for cost, count, step in sorted([(onwards, ahead, 1), (backwards, behind, -1)]):
+            if cost > direct:
+                break
+            along = [(here + step * k) % n for k in range(count + 1)]
+            if all(self._follows(one, other, step, closed) for one, other in pairwise(along)):
+                return cost, along
+        return direct, [here, cell]
+
+    def _follows(self, one: int, other: int, step: int, closed: int) -> bool:
+        """Tell whether obstacles leave the way from a cell to the next on the tour, or the one before, as long as it was."""
+        return bool(self.length(one, other, closed) <= self.steps[one if step > 0 else other] + 1e-9)
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
         """Return the length of the way between two cells given by their numbers on the tour, in sides of a cell."""

@@ -224,7 +224,7 @@ def _on_the_way(robot: Robot, cell: int) -> tuple[Robot, Action, float]:
     if isinstance(ways, CellWays):
         closed = obstacles(robot)
         cost = step_cost(course, robot.cell, cell, robot.fresh, closed)
-        through = ways.cells(robot.cell, cell, closed)
+        through = course.through(robot.cell, cell, fresh=robot.fresh, closed=closed)
         unsure = robot.brief.everything & ~known_free(robot)
         home = ways.cells(robot.cell, robot.start, unsure)
         need = 2 * cost + LOOK + ways.length(robot.cell, robot.start, unsure)  # it may have to come back by the way that it went
