@@ -29,6 +29,7 @@ from shoal.steering.heights import flattened, with_heights
 from shoal.steering.kernels.chain import chain_length
 from shoal.steering.kernels.limits import Kind
 from shoal.steering.kernels.sequences import over_circle
+from shoal.steering.planners.playing import played
 from shoal.steering.planners.shortest import Shortest
 from shoal.steering.walls import walls_of as unit_walls
 
@@ -78,6 +79,26 @@ def test_plans_arrive_in_the_plain_simulation(shape):
     assert (np.array(lengths["shortest"]) <= np.array(lengths["greedy"]) + 1e-6).all()
     assert (np.array(moves["fewest-moves"]) <= np.minimum(moves["shortest"], moves["greedy"])).all()
     assert np.mean(lengths["shortest"]) < 0.97 * np.mean(lengths["greedy"])
+
+
+def test_plans_of_four_to_six_moves_arrive_in_the_plain_simulation():
+    rng = np.random.default_rng(37)
+    found = dict.fromkeys((4, 5, 6), 0)
+    for shape in ("disk", "hexagon", "7-gon", "disk", "square"):
+        space = SHAPES[shape](rng)
+        problem = instance(rng, space)
+        task = Task(ContactWorld(space), problem.start, problem.goal, problem.tolerance)
+        for count in found:
+            plan = played(task, count)
+            if plan is None:
+                continue
+            found[count] += 1
+            assert len(plan) == count
+            points = [tuple(point) for point in problem.start.tolist()]
+            for move in plan.tolist():
+                points = contact.step(walls_of(space), points, move, space.size)
+            assert np.hypot(*(np.array(points) - problem.goal).T).max() <= problem.tolerance
+    assert min(found.values()) >= 3
 
 
 def adversarial(rng):

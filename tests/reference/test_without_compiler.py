@@ -63,10 +63,10 @@ for shape in ((3, 5), (1, 9), (2, 63), (3, 64), (2, 65), (2, 126), (2, 2, 4)):
 STEERING = """
 import numpy as np
 from shoal.steering import Disturbance, SteeringProblem, Task, cylinder, disk, polygon_reach, prism, regular_polygon, steer
-from shoal.steering.planners import fewest_moves
-fewest_moves.DIRECTIONS = {2: 8, 3: 8}
-fewest_moves.DENSE = 1
-fewest_moves.TRIED = {2: (4, 3), 3: (1, 1)}
+from shoal.steering.planners import playing
+playing.DIRECTIONS = {2: 8, 3: 8}
+playing.DENSE = 1
+playing.MENDED = {4: (2, 3), 5: (1, 2), 6: (1, 2)}
 pair = [(-0.1, 0.0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)]
 high = [(-0.1, 0.0, 0.2), (0.1, 0.1, 0.5)], [(0.3, 0.1, 0.4), (-0.2, -0.3, 0.1)]
 for space in (regular_polygon(3, radius=0.8), disk(0.5), prism(regular_polygon(4), 0.7), cylinder(0.5, 0.7)):
@@ -74,6 +74,12 @@ for space in (regular_polygon(3, radius=0.8), disk(0.5), prism(regular_polygon(4
     for planner in ("greedy", "fewest-moves", "shortest")[: 3 if space.kind == "polygon" else 1]:
         e = steer(SteeringProblem(space, *where), planner=planner)
         print(space.kind, planner, e.status, e.n_moves, np.round(e.moves, 6).tolist())
+for space, goal in ((regular_polygon(3, radius=0.8), pair[1]), (disk(0.5), pair[1]), (prism(regular_polygon(4), 0.7), high[1])):
+    start = (pair if space.dimensions == 2 else high)[0]
+    task = Task(Disturbance().world(SteeringProblem(space, start, goal)), np.array(start), np.array(goal), 1e-6)
+    for count in (3, 4, 5):
+        plan = playing.played(task, count)
+        print(space.kind, count, None if plan is None else np.round(plan, 5).tolist())
 problem = SteeringProblem(regular_polygon(5), *pair, 0.01)
 e = steer(problem, planner="robust", disturbance=Disturbance(execution=1e-3, measurement=1e-3, gain=0.2), max_moves=6)
 print(e.status, np.round(e.moves, 6).tolist())
@@ -172,7 +178,7 @@ def test_same_planners_with_the_compiler_off():
 
 def test_same_plans_with_the_compiler_off():
     compiled = episodes(compiled=True, script=STEERING)
-    assert len(compiled.splitlines()) == 13
+    assert len(compiled.splitlines()) == 13 + 9
     assert episodes(compiled=False, script=STEERING) == compiled
 
 

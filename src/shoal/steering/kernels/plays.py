@@ -39,33 +39,43 @@ def lengths_along(points, direction, shares, normals, offsets, circle, size, len
 
 
 @kernel
-def finish(points, goal, toucher, normals, offsets, circle, size, friction, gain, moves):
-    """Write the last two moves with this toucher from a state; return the error that is left, infinite if there are none."""
+def shortage(points, goal, toucher, normals, offsets, circle, size, direction):
+    """Return how much too early the other particle meets a wall for two moves with this toucher to end at the goal; and a length.
+
+    Less than 0 if it does not, infinite where the toucher meets nothing. ``direction`` gets where the first of the two moves goes;
+    the length is how far, 0 if the difference is the goal's.
+    """
     d = points.shape[1]
     sign = 1.0 if toucher == 0 else -1.0
-    change, direction = 0.0, np.empty(d)
+    change = 0.0
     for i in range(d):
         direction[i] = sign * ((goal[1, i] - goal[0, i]) - (points[1, i] - points[0, i]))
         change += direction[i] ** 2
     change = np.sqrt(change)
     if change < EXACT * size:
-        moves[0, :] = 0.0
-        moves[1] = goal[0] - points[0]
-    else:
-        for i in range(d):
-            direction[i] /= change
-        before = 0.0
-        if not is_held(points[toucher], direction, normals, offsets, circle, size):
-            before, _ = first_contact(points[toucher], direction, normals, offsets, circle, -1)
-        if not before < np.inf:
-            return np.inf
-        if is_held(points[1 - toucher], direction, normals, offsets, circle, size):
-            return np.inf
+        return 0.0, 0.0
+    for i in range(d):
+        direction[i] /= change
+    before, room = 0.0, 0.0
+    if not is_held(points[toucher], direction, normals, offsets, circle, size):
+        before, _ = first_contact(points[toucher], direction, normals, offsets, circle, -1)
+    if not is_held(points[1 - toucher], direction, normals, offsets, circle, size):
         room, _ = first_contact(points[1 - toucher], direction, normals, offsets, circle, -1)
-        if room < before + change + 1e-8 * size:
-            return np.inf
-        for i in range(d):
-            moves[0, i] = direction[i] * (before + change)
+    if not before < np.inf:
+        return np.inf, change
+    return before + change - room, before + change
+
+
+@kernel
+def finish(points, goal, toucher, normals, offsets, circle, size, friction, gain, moves):
+    """Write the last two moves with this toucher from a state; return the error that is left, infinite if there are none."""
+    d = points.shape[1]
+    direction = np.empty(d)
+    short, length = shortage(points, goal, toucher, normals, offsets, circle, size, direction)
+    if short > -1e-8 * size and length > 0:
+        return np.inf
+    for i in range(d):
+        moves[0, i] = direction[i] * length
     state = points.copy()
     for p in range(2):
         advance(state[p], moves[0], normals, offsets, circle, size, friction, gain)
@@ -111,78 +121,34 @@ def holds_nearby(start, goal, toucher, played, nudges, normals, offsets, circle,
 
 
 @kernel
-def search(
-    start,
-    goal,
-    tried,
-    directions,
-    shares,
-    nudges,
-    enough,
-    picks,
-    normals,
-    offsets,
-    circle,
-    size,
-    friction,
-    gain,
-    played,
-    best_moves,
-):
-    """Try ``tried`` moves from a state and the two that follow; write the shortest plan; return its length and how many were found.
+def search(start, goal, directions, shares, nudges, enough, normals, offsets, circle, size, friction, gain, best_moves):
+    """Try first moves from a state and the two that follow; write the shortest plan of three; return how many were found.
 
-    ``tried`` is 1 or more. Of the first moves those listed in ``picks`` are tried (numbers of direction and share); of the last
-    tried move all. With ``enough`` plans found the search ends.
+    With ``enough`` plans found the search ends.
     """
     d = start.shape[1]
     best, found = np.inf, 0
-    lengths = np.empty(shares.shape[0])
+    lengths, played = np.empty(shares.shape[0]), np.empty((3, d))
     moves, state = np.empty((2, d)), np.empty((2, d))
-    depth = 0
-    states = np.empty((tried, 2, d))
-    states[0] = start
-    at = np.zeros(tried, dtype=np.int64)
-    while depth >= 0:
-        last = depth == tried - 1
-        options = directions.shape[0] * shares.shape[0] if last else picks.shape[0]
-        if at[depth] >= options or found >= enough:
-            depth -= 1
-            if depth >= 0:
-                at[depth] += 1
-            continue
-        pick = at[depth] if last else picks[at[depth]]
-        direction = directions[pick // shares.shape[0]]
-        count = lengths_along(states[depth], direction, shares, normals, offsets, circle, size, lengths)
-        choice = pick % shares.shape[0]
-        if choice >= count:
-            at[depth] += 1
-            continue
-        for i in range(d):
-            played[depth, i] = direction[i] * lengths[choice]
-        state[:, :] = states[depth]
-        for p in range(2):
-            advance(state[p], played[depth], normals, offsets, circle, size, friction, gain)
-        if not last:
-            depth += 1
-            states[depth] = state
-            at[depth] = 0
-            continue
-        for toucher in range(2):
-            error = finish(state, goal, toucher, normals, offsets, circle, size, friction, gain, moves)
-            if error > EXACT * size:
-                continue
-            length = norm(moves[0]) + norm(moves[1])
-            for m in range(tried):
-                length += norm(played[m])
-            if length >= best:
-                continue
-            played[tried], played[tried + 1] = moves[0], moves[1]
-            if holds_nearby(start, goal, toucher, played, nudges, normals, offsets, circle, size, friction, gain):
-                best = length
-                found += 1
-                best_moves[:] = played
-        at[depth] += 1
-    return best, found
+    for direction in directions:
+        for number in range(lengths_along(start, direction, shares, normals, offsets, circle, size, lengths)):
+            played[0] = direction * lengths[number]
+            state[:, :] = start
+            for p in range(2):
+                advance(state[p], played[0], normals, offsets, circle, size, friction, gain)
+            for toucher in range(2):
+                error = finish(state, goal, toucher, normals, offsets, circle, size, friction, gain, moves)
+                length = norm(played[0]) + norm(moves[0]) + norm(moves[1])
+                if error > EXACT * size or length >= best:
+                    continue
+                played[1], played[2] = moves[0], moves[1]
+                if holds_nearby(start, goal, toucher, played, nudges, normals, offsets, circle, size, friction, gain):
+                    best = length
+                    found += 1
+                    best_moves[:] = played
+                    if found >= enough:
+                        return found
+    return found
 
 
 @kernel
