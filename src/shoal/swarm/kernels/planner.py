@@ -48,7 +48,9 @@ AFTER = 21  # what a cell counts that will join the frontier if all is as predic
 WONDER = 22  # how much more settling early is worth if all that is found is a surprise
 TRUST = 23  # how fast the horizon shrinks with surprises; 0: not at all
 CALM = 24  # share of surprises below which the end is in sight, however many frontier cells there are
-OPTIONS = 25
+FORESEEN = 25  # share of surprises below which plans are imagined as far as the next two say
+FAR_HORIZON, FAR_DISCOUNT = 26, 27
+OPTIONS = 28
 
 
 class Planner(NamedTuple):

@@ -22,8 +22,11 @@ from shoal.swarm.kernels.planner import (
     CREDIT,
     DEPTH,
     DISCOUNT,
+    FAR_DISCOUNT,
+    FAR_HORIZON,
     FEW,
     FORCED,
+    FORESEEN,
     HORIZON,
     IMAGINED,
     LAYERS,
@@ -83,10 +86,11 @@ def weigh(planner, length, best, few, manner):
     surprise = memory[SURPRISE] / WHOLE
     brief = options[BUDGET] < BRIEF
     horizon = int(min(options[NEAR_HORIZON], BRIEF_HORIZON) if brief else options[NEAR_HORIZON])
+    discount = BRIEF_DISCOUNT if brief else options[NEAR_DISCOUNT]
     if few > 0:  # where predictions fail, what lies far ahead is not worth imagining
-        sure = (1.0 - surprise) ** options[TRUST]
-        horizon += int(max(options[HORIZON] - horizon, 0) * sure)
-    discount = options[DISCOUNT] if few > 0 else (BRIEF_DISCOUNT if brief else options[NEAR_DISCOUNT])
+        far = surprise < options[FORESEEN]
+        discount = options[FAR_DISCOUNT] if far else options[DISCOUNT]
+        horizon += int(max(options[FAR_HORIZON if far else HORIZON] - horizon, 0) * (1.0 - surprise) ** options[TRUST])
     share = options[SHARE] * (1.0 + options[WONDER] * surprise)
     worth = share / few if few > 0 else 0.0
     copy_state(planner.root, planner.state)

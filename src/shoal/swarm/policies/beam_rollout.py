@@ -23,7 +23,7 @@ TUNING = Tuning(
     variations=2,
     charge=1,
     likely=0.75,
-    layers=60,
+    layers=200,
     runs=1,
     renew=8,
     patience=450,
@@ -32,6 +32,9 @@ TUNING = Tuning(
     wonder=8,
     trust=2,
     calm=0.4,
+    foreseen=0.26,
+    far_horizon=1000,
+    far_discount=0.999,
 )
 
 

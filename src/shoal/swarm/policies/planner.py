@@ -44,6 +44,9 @@ class Tuning(NamedTuple):
     wonder: float  # how much more settling early is worth if all that is found is a surprise
     trust: float  # how fast the horizon shrinks towards the near one with surprises; 0: not at all
     calm: float  # share of surprises below which plans are imagined to the end, however many frontier cells there are
+    foreseen: float  # share of surprises below which plans to the end are imagined as far as the next two say
+    far_horizon: float
+    far_discount: float
 
 
 @dataclass(frozen=True)

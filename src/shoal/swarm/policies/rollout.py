@@ -32,6 +32,9 @@ P1 = Tuning(
     wonder=0,
     trust=0,
     calm=0,
+    foreseen=0,
+    far_horizon=150,
+    far_discount=0.99,
 )
 
 
