@@ -32,7 +32,7 @@ TUNING = Tuning(
     wonder=8,
     trust=2,
     calm=0.4,
-    foreseen=0.26,
+    foreseen=0.1,
     far_horizon=1000,
     far_discount=0.999,
 )
