@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 import shoal
@@ -22,3 +23,6 @@ def _touch_stale_kernels() -> None:
 
 
 _touch_stale_kernels()
+
+# A shell starts what runs in its background with Ctrl-C ignored, and the tests' programs would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
