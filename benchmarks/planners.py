@@ -40,6 +40,7 @@ VARIANTS = {
     "prediction-of-12-cells": {"layers": 12, "sure": 0},
     "end-always-in-sight": {"calm": 2},
     "no-extrapolation": {"after": 0},
+    "no-lattices": {"lattices": 0},
     "no-far-sight": {"foreseen": 0, "layers": 60},
 }
 

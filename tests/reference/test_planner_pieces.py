@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 import numpy as np
 import pytest
 from tests.reference import plain
 
+from shoal import open_map, run
 from shoal.swarm import Board, GridWorkspace, GridWorld, make_policy, make_task, planning
-from shoal.swarm.engine import field_of
-from shoal.swarm.kernels import foresight, guess, survey, ways
+from shoal.swarm.engine import field_of, new_log
+from shoal.swarm.kernels import experience, foresight, guess, observe, ways
+from shoal.swarm.kernels.bits import has
+from shoal.swarm.kernels.moves import LEFT, RIGHT, UP
 from shoal.swarm.kernels.planner import LAYERS, LIKELY, SURE
 from shoal.swarm.kernels.rollout import look
+from shoal.swarm.kernels.search import ahead, opposite
 
 SHAPES = ((1, 9), (7, 6), (5, 62), (4, 63), (3, 64), (3, 65), (2, 127), (3, 4, 5), (2, 3, 65))
 
@@ -36,9 +41,11 @@ def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
     mind = planning.planner_of(
         world.frame, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings(len(start))
     )
-    mind.survey.tallies[:, 0] = rng.integers(0, 6, survey.TALLIES)
-    mind.survey.tallies[:, 1] = rng.integers(0, 1 + mind.survey.tallies[:, 0])
-    field = field_of(belief.open.words, state, belief)
+    tallies = mind.experience.tallies
+    tallies[:, 0] = rng.integers(0, 6, len(tallies))
+    tallies[:, 1] = rng.integers(0, 1 + tallies[:, 0])
+    mind.experience.losses[:] = rng.integers(0, 9, experience.MANNERS)
+    field = field_of(world.free.words, state, belief)
     look(field, task == "mapping", mind)
     return world.frame, mind, field, state, belief, rng
 
@@ -125,13 +132,87 @@ def test_way_and_outlook(shape):
         assert length == 0 or settled > 0 or length > 1
 
 
-def predicted_plainly(frame, field, tallies, depth, likely, sure):
-    """The rule of `guess`, one cell after the other, by the surroundings as `survey` sees them."""
+class Plain:
+    """What `experience` learns, by names instead of numbers: {(manner, place, surroundings): [cells, free ones]}."""
+
+    def __init__(self, frame):
+        self.frame, self.tallies, self.losses = frame, {}, [0.0] * experience.MANNERS
+
+    def surroundings(self, state, row, column, command):
+        """Return (behind, beside the neighbour, beside the cell), the last two sorted; `state` tells that of a cell."""
+        rows = self.frame.rows
+        sides = (LEFT, RIGHT) if command not in (LEFT, RIGHT) else (UP, opposite(UP))
+        near = ahead(row, column, opposite(command), rows)
+        behind = ahead(*near, opposite(command), rows)
+        pairs = [tuple(sorted(state(*ahead(*cell, way, rows)) for way in sides)) for cell in (near, (row, column))]
+        return (state(*behind), *pairs)
+
+    def chain(self, manner, around, row, column):
+        """Return the names of the tallies that a manner asks, from coarse to fine."""
+        within, layer = row % self.frame.rows, row // self.frame.rows if self.frame.ndim == 3 else 0
+        places = [tuple(axis % 2**level for axis in (layer, within, column)) for level in range(manner + 1)]
+        return ["all", *((level, places[level], around[:2]) for level in range(manner + 1)), (manner, places[-1], around)]
+
+    def chance(self, manner, around, row, column):
+        """Return the share of free cells in the finest tally, each smoothed towards the coarser one."""
+        likely = 0.5
+        for name in self.chain(manner, around, row, column):
+            cells, free = self.tallies.get(name, (0, 0))
+            likely = (free + 2 * likely) / (cells + 2)
+        return likely
+
+    def learn(self, around, row, column, free):
+        """Ask all manners, then count the cell once in every tally that any of them asks."""
+        chains = [self.chain(manner, around, row, column) for manner in range(experience.MANNERS)]
+        for manner in range(experience.MANNERS):
+            likely = self.chance(manner, around, row, column)
+            self.losses[manner] -= math.log(likely if free else 1 - likely)
+        for name in {name for chain in chains for name in chain}:
+            cells, opened = self.tallies.get(name, (0, 0))
+            self.tallies[name] = (cells + 1, opened + free)
+
+
+def states(frame, known, opened):
+    """Return a function that tells the state of a cell: 0 unknown, as all beyond the board, 1 free, 2 obstacle."""
+    width = frame.words[1]
+
+    def state(row, column):
+        if not (0 <= row < frame.words[0] and 0 <= column < 64 * width) or not has(known, width, row, column):
+            return 0
+        return 1 if has(opened, width, row, column) else 2
+
+    return state
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_experience(shape):
+    """What is learnt from the moves of an episode is what the plain one learns from the same cells."""
+    frame, mind, field, _, _, rng = scene_of(shape, 3, moves=0)
+    learnt, plainly = mind.experience, Plain(frame)
+    learnt.tallies[:], learnt.losses[:] = 0, 0
+    for command in rng.integers(0, 2 * len(shape), 12):
+        learnt.before[:] = field.known
+        state = states(frame, learnt.before, field.open)
+        observe.step(field, command, 0, True)
+        experience.take_note(field, learnt, command)
+        for i, word in enumerate(field.known & ~learnt.before):
+            for bit in range(64):
+                if int(word) >> bit & 1:
+                    row, column = i // field.width, 64 * (i % field.width) + bit
+                    around = plainly.surroundings(state, row, column, command)
+                    plainly.learn(around, row, column, bool(has(field.open, field.width, row, column)))
+    assert learnt.losses == pytest.approx(plainly.losses)
+    assert plainly.tallies["all"][0] > 0
+    assert learnt.tallies[0].tolist() == list(plainly.tallies["all"])
+    assert sorted(map(tuple, learnt.tallies[learnt.tallies[:, 0] > 0].tolist())) == sorted(map(tuple, plainly.tallies.values()))
+    assert experience.believed(learnt, 3) == np.argmin(learnt.losses)
+    assert experience.believed(learnt, 0) == 0
+
+
+def predicted_plainly(frame, field, learnt, manner, depth, likely, sure):
+    """The rule of `guess`, one cell after the other."""
     known, opened = field.known.copy(), field.open.copy()
     layer = [tuple(cell) for cell in np.argwhere(cells_of(frame, field.frontier).mask.reshape(frame.words[0], -1))]
-
-    def state_field():
-        return field._replace(open=opened)
 
     def inside(row, column):
         in_layer, within = divmod(row, frame.rows)
@@ -139,62 +220,56 @@ def predicted_plainly(frame, field, tallies, depth, likely, sure):
             return False
         return frame.ndim == 2 or 0 < in_layer < frame.layers - 1
 
-    def fines(row, column):
+    def chances(row, column):
+        """Yield, for each side from which a cell may be entered, how likely it is free and how often the like was seen."""
         for command in range(2 * frame.ndim):
-            r, c = survey.ahead(row, column, survey.opposite(command), frame.rows)
-            if 0 <= r < frame.words[0] and 0 <= c < frame.columns and survey.has(opened, field.width, r, c):
-                yield safe_surroundings(frame, known, opened, row, column, command)
+            r, c = ahead(row, column, opposite(command), frame.rows)
+            if 0 <= r < frame.words[0] and 0 <= c < frame.columns and has(opened, field.width, r, c):
+                cell, steps = 64 * frame.words[1] * row + column, experience.steps_of(frame.rows, frame.words[1], command)
+                number = experience.around(opened, known, cell, *steps)
+                yield experience.chance(learnt, manner, number, cell), learnt.tallies[1 + number // 6, 0]
+
+    def put(board, cells):
+        for row, column in cells:
+            board[row * field.width + (column >> 6)] |= np.uint64(1 << (column & 63))
 
     for number in range(depth):
         needed = max(likely, sure ** (1 / (number + 1)))
-        chances = [survey.chance(tallies, fine, fine // 6) for fine in range(survey.FINE)]
-        walls = [
-            cell for cell in layer
-            if any(chances[f] < guess.UNLIKELY and tallies[survey.FINE + f // 6, 0] >= guess.FEWEST for f in fines(*cell))
-        ]  # fmt: skip
-        for row, column in walls:
-            known[row * field.width + (column >> 6)] |= np.uint64(1 << (column & 63))
+        walls = [cell for cell in layer if any(c < guess.UNLIKELY and seen >= guess.FEWEST for c, seen in chances(*cell))]
+        put(known, walls)
         found = []
         for row, column in layer:
-            entries = [chances[f] > needed for f in fines(row, column)]
+            entries = [c > needed for c, _ in chances(row, column)]
             if (row, column) not in walls and inside(row, column) and entries and all(entries):
                 found.append((row, column))
         if not found:
             break
-        for board, cells in ((opened, found), (known, layer)):
-            for row, column in cells:
-                board[row * field.width + (column >> 6)] |= np.uint64(1 << (column & 63))
-        around = {survey.ahead(row, column, command, frame.rows) for row, column in found for command in range(2 * frame.ndim)}
-        layer = [(r, c) for r, c in around if not survey.has(known, field.width, r, c)]
+        put(opened, found)
+        put(known, layer)
+        near = {ahead(row, column, command, frame.rows) for row, column in found for command in range(2 * frame.ndim)}
+        layer = [(r, c) for r, c in near if not has(known, field.width, r, c)]
     return opened
-
-
-def safe_surroundings(frame, known, opened, row, column, command):
-    """`survey.surroundings`, cell by cell; outside of the board is unknown."""
-
-    def state(r, c):
-        if not (0 <= r < frame.words[0] and 0 <= c < 64 * frame.words[1]):
-            return 0
-        if not survey.has(known, frame.words[1], r, c):
-            return 0
-        return 1 if survey.has(opened, frame.words[1], r, c) else 2
-
-    def pair(r, c):
-        first = survey.UP if command in (survey.LEFT, survey.RIGHT) else survey.LEFT
-        low, high = sorted(state(*survey.ahead(r, c, way, frame.rows)) for way in (first, survey.opposite(first)))
-        return high * (high + 1) // 2 + low
-
-    near = survey.ahead(row, column, survey.opposite(command), frame.rows)
-    behind = survey.ahead(*near, survey.opposite(command), frame.rows)
-    return (state(*behind) * 6 + pair(*near)) * 6 + pair(row, column)
 
 
 @pytest.mark.parametrize("shape", [shape for shape in SHAPES if len(shape) == 2 or shape[-1] < 60])
 def test_prediction(shape):
     for seed in range(5):
         frame, mind, field, _, _, _ = scene_of(shape, seed, moves=seed)
-        for layers, likely, sure in ((1, 0.75, 0.0), (12, 0.6, 0.0), (30, 0.5, 0.3)):
-            guess.predict(field, mind.survey.tallies, mind.guess, layers, likely, sure)
-            expected = predicted_plainly(frame, field, mind.survey.tallies, layers, likely, sure)
+        for manner, (layers, likely, sure) in enumerate(((1, 0.75, 0.0), (12, 0.6, 0.0), (30, 0.5, 0.3), (3, 0.6, 0.5))):
+            guess.predict(field, mind.experience, manner, mind.guess, layers, likely, sure)
+            expected = predicted_plainly(frame, field, mind.experience, manner, layers, likely, sure)
             assert (mind.guess.open == expected).all()
     assert {LAYERS, LIKELY, SURE} < set(range(mind.options.size))
+
+
+def test_a_lattice_is_found_out():
+    """In a maze the place of a cell tells more than what is around it; in a cave it does not."""
+    for name, lattice in (("maze:41x31", True), ("cave:40x30", False)):
+        workspace = open_map(name)
+        start = run(workspace, particles=30).start
+        world = GridWorld(workspace)
+        state = world.initial(start)
+        belief = make_task("mapping").begin(world, state, None)
+        game = planning.Game(make_policy("best"), state, belief, rule="block", mapping=True, rng=np.random.default_rng(1))
+        game.play_on(field_of(world.free.words, state, belief), new_log(100))
+        assert (experience.believed(game.mind.experience, 3) > 0) == lattice

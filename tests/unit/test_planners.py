@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,8 +13,9 @@ from tests.reference.small import small_cases
 
 from shoal import open_map, run
 from shoal.errors import InvalidInputError
-from shoal.swarm import GridWorkspace, make_policy
+from shoal.swarm import GridWorkspace, make_policy, planning
 from shoal.swarm.bounds import LowerBound, lower_bound, mapping_optimum, optimum
+from shoal.swarm.kernels import planner
 from shoal.swarm.policies import POLICIES, BeamRollout
 
 SMALL: dict[str, float] = {
@@ -115,6 +118,30 @@ def test_a_time_for_each_move():
     assert episode.status == "complete"
     assert episode.verify()
     assert run(open_map("cave:12x9"), particles=5, policy="rollout:milliseconds=0.5", stepwise=True).status == "complete"
+
+
+def test_thought_by_the_number_of_particles():
+    """Few particles need many moves and gain more by thinking; many need few moves, and their plans are short."""
+    budget, variations = 0, 1 + BeamRollout.tuning._fields.index("variations")
+    usual = make_policy("best").settings(1000)
+    for particles, times, plans in ((100, 10, 1), (5, 10, 1), (500, 4, 1), (2000, 2, 2), (10**6, 4, 4)):
+        given_more = make_policy("best").settings(particles)
+        assert (given_more[budget], given_more[variations]) == (times * usual[budget], plans * usual[variations])
+    assert make_policy("best:milliseconds=1").settings(4000)[variations] == usual[variations]
+
+
+def test_a_time_is_kept_to_from_the_first_moves_on(monkeypatch):
+    """What earlier moves took counts once, and what is allowed for the next ones follows from how fast moves were imagined."""
+    clock = iter(range(100))
+    monkeypatch.setattr(planning.time, "perf_counter", lambda: next(clock) * 4e-3)  # each block takes 4 ms
+    mind = SimpleNamespace(options=np.zeros(planner.OPTIONS), memory=np.zeros(planner.MEMORY, dtype=np.int64))
+    pace = planning.Pace(0.5)
+    seen = []
+    for _ in range(3):
+        with pace.timed(mind, 2):
+            seen.append((mind.options[planner.BUDGET], int(mind.memory[planner.CREDIT])))
+            mind.memory[planner.IMAGINED] += 800
+    assert seen == [(0.5 * planning.FIRST_RATE, 0), (100.0, -600), (100.0, -1200)]
 
 
 @pytest.mark.parametrize(

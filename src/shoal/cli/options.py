@@ -30,7 +30,7 @@ Budget = Annotated[
     typer.Option(
         "--budget",
         help="Planners (best, rollout, offline): moves that may be imagined for each move sent, on average; best and rollout are "
-        "given more for fewer than 1000 particles, up to ten times.",
+        "given more for other than 1000 particles, up to ten times.",
         show_default=False,
     ),
 ]

@@ -16,7 +16,7 @@ from shoal.swarm.belief import Belief
 from shoal.swarm.boards import Board, Frame
 from shoal.swarm.commands import letters_of
 from shoal.swarm.engine import RULE_CODES, field_of, new_log
-from shoal.swarm.kernels import beam, foresight, guess, moves, planned, planner, play, survey, ways
+from shoal.swarm.kernels import beam, experience, foresight, guess, moves, planned, planner, play, ways
 from shoal.swarm.state import SwarmState
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 BEAM_WIDTH, BEAM_DEPTH = 24, 12
 LONGEST_PLAN = 2_000
 PIECE = 8  # moves after which the time taken is looked at
-FIRST_BUDGET = 50.0  # imagined moves a move, while nothing is known of the machine
+FIRST_RATE = 200.0  # imagined moves a millisecond, while nothing is known of the machine
 
 
 def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: int, options: tuple[float, ...] = ()) -> Any:
@@ -40,17 +40,11 @@ def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: 
     foreseen = guess.Guess(
         open=boards(),
         known=boards(),
-        layer=boards(),
-        found=boards(),
         inner=frame.pack(frame.rim(np.ones(frame.shape, dtype=np.bool_))).ravel(),
-        across=boards(guess.PAIRS),
-        beside=boards(guess.PAIRS),
-        chances=np.zeros(survey.FINE),
-        likely=np.zeros(survey.COARSE, dtype=np.int64),
-        unlikely=np.zeros(survey.COARSE, dtype=np.int64),
-        active=np.zeros(size, dtype=np.int64),
-        near=np.zeros(size, dtype=np.int64),
-        listed=np.zeros(size, dtype=np.bool_),
+        cells=np.zeros(64 * size, dtype=np.int64),
+        following=np.zeros(64 * size, dtype=np.int64),
+        verdicts=np.zeros(64 * size, dtype=np.int8),
+        chances=np.zeros(experience.FINE << ((experience.MANNERS - 1) * (2 if frame.layers == 1 else 3))),
         **extents,
     )
     memory = np.zeros(planner.MEMORY, dtype=np.int64)
@@ -71,7 +65,7 @@ def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: 
         ),
         root=boards(foresight.BOARDS),
         state=boards(foresight.BOARDS),
-        ahead=boards(foresight.BOARDS),
+        ahead=boards(),
         planes=boards(ways.PLANES),
         gains=np.zeros(directions, dtype=np.int64),
         incumbent=np.zeros(longest, dtype=np.int8),
@@ -84,12 +78,11 @@ def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: 
             marks=np.zeros((2, BEAM_WIDTH), dtype=np.uint64),
             child=boards(foresight.BOARDS),
         ),
-        survey=survey.Survey(
-            prices=np.zeros(2),
-            tallies=np.zeros((survey.TALLIES, 2), dtype=np.int64),
-            gains=np.zeros((directions, 1)),
-            known=boards(),
-            columns=frame.columns,
+        experience=experience.Experience(
+            tallies=np.zeros((experience.size_of(frame.layers), 2), dtype=np.int64),
+            losses=np.zeros(experience.MANNERS),
+            before=boards(),
+            **extents,
         ),
         guess=foreseen,
     )
@@ -108,19 +101,20 @@ class Pace:
 
     @contextmanager
     def timed(self, mind: Any, moves: int) -> Iterator[None]:
-        """Time the block, which plays so many moves, and set the budget for those that follow."""
+        """Set the budget for so many moves, and time the block, which plays them."""
         if not self.milliseconds:
             yield
             return
-        if self.moves == 0:
-            mind.options[planner.BUDGET] = FIRST_BUDGET
+        rate = self.imagined / self.spent if self.imagined else FIRST_RATE
+        budget = max(1.0, self.milliseconds * rate)
+        mind.options[planner.BUDGET] = budget
+        # What earlier moves have saved or overdrawn is known in milliseconds: it replaces what the planner has counted itself.
+        mind.memory[planner.CREDIT] = int(min(budget, (self.milliseconds * self.moves - self.spent) * rate))
         before, began = int(mind.memory[planner.IMAGINED]), time.perf_counter()
         yield
         self.spent += (time.perf_counter() - began) * 1e3
         self.imagined += int(mind.memory[planner.IMAGINED]) - before
         self.moves += moves
-        left = self.milliseconds * (self.moves + moves) - self.spent  # for the next so many
-        mind.options[planner.BUDGET] = max(1.0, left / moves * self.imagined / max(self.spent, 1e-9))
 
 
 class Game:
@@ -191,5 +185,5 @@ def decide(policy: PlannerPolicy, view: View, memory: Any, rng: Generator) -> tu
         command = int(planned.choose(policy.code, field, view.mapping, mind))
     if command < 0:
         return "", None
-    mind.survey.known[:] = field.known
+    mind.experience.before[:] = field.known
     return letters_of(frame.ndim)[command], Remembered(mind, command, pace)

@@ -10,7 +10,8 @@ import numpy as np
 
 from shoal.swarm.kernels.bits import popcount
 from shoal.swarm.kernels.compiling import kernel
-from shoal.swarm.kernels.foresight import FRONTIER, OCCUPIED, advance, copy_state, prospects
+from shoal.swarm.kernels.foresight import FRONTIER, OCCUPIED, advance, prospects, push
+from shoal.swarm.kernels.prospect import copy
 from shoal.swarm.kernels.ways import NEXT, TOO_FAR, WAVE, beside, way
 
 GREEDY, CAREFUL = np.int64(0), np.int64(1)  # typed, since a kernel is compiled anew for each literal argument
@@ -27,10 +28,10 @@ def most(gains, last):
 
 
 @kernel
-def most_careful(scene, state, space, last, charge):
+def most_careful(scene, state, gains, moved, planes, last, charge):
     """Return the command for which cells settled less ``charge`` times cells left behind are most, of those that settle any."""
-    gains, best, best_worth = space.gains, -1, 0.0
-    at_hand = space.planes[WAVE]
+    best, best_worth = -1, 0.0
+    at_hand = planes[WAVE]
     some, only = 0, -1
     for command in range(gains.shape[0]):
         if gains[command] > 0:
@@ -42,21 +43,21 @@ def most_careful(scene, state, space, last, charge):
         command = (max(last, 0) + turn) % gains.shape[0]
         if gains[command] == 0:
             continue
-        copy_state(state, space.ahead)
-        advance(scene, space.ahead, command)
-        worth = gains[command] - charge * left_behind(scene, space.ahead, at_hand, space.planes[NEXT])
+        copy(state[OCCUPIED], moved)
+        push(scene, moved, state[FRONTIER], command)
+        worth = gains[command] - charge * left_behind(scene, moved, at_hand, planes[NEXT])
         if best < 0 or worth > best_worth:
             best, best_worth = command, worth
     return best
 
 
 @kernel
-def left_behind(scene, state, at_hand, still):
-    """Return how many of the frontier cells that were at hand are neither settled now nor at hand any more."""
-    beside(scene, state[OCCUPIED], at_hand, still)
-    frontier, lost = state[FRONTIER], 0
+def left_behind(scene, occupied, at_hand, still):
+    """Return how many of the frontier cells that were at hand are neither tried just now nor at hand any more."""
+    beside(scene, occupied, at_hand, still)
+    tried, lost = scene.tried, 0
     for i in range(still.shape[0]):
-        lost += popcount(at_hand[i] & frontier[i] & ~still[i])
+        lost += popcount(at_hand[i] & ~tried[i] & ~still[i])
     return lost
 
 
@@ -71,20 +72,21 @@ def complete(scene, state, space, plan, length, horizon, discount, manner, charg
     """
     value, weight, last, finished, total = 0.0, 1.0, np.int64(-1), 0, 0
     at = np.int64(0)
+    gains, moved, planes = space.gains, space.ahead, space.planes  # to hand on all of the space takes time
     while at < horizon:
         if at >= length:
             if worth * (value + weight * max(expected - total, 0.0)) - at <= best:
                 return horizon, value, at, at, total
-            prospects(scene, state, space.gains)
+            prospects(scene, state, gains)
             if manner == CAREFUL:
-                command = most_careful(scene, state, space, last, charge)
+                command = most_careful(scene, state, gains, moved, planes, last, charge)
             else:
-                command = most(space.gains, last)
+                command = most(gains, last)
             if command >= 0:
                 plan[at] = command
                 length = at + 1
             else:
-                found = way(scene, state, space.planes, plan, at, horizon - at)
+                found = way(scene, state, planes, plan, at, horizon - at)
                 if found == TOO_FAR:
                     return horizon, value, at, at, total
                 if found == 0:

@@ -83,22 +83,25 @@ def prospects(scene, state, gains):
 @kernel
 def advance(scene, state, command):
     """Imagine one command, in place; return how many frontier cells it settles. They are left in ``scene.tried``."""
-    tried = scene.tried
-    if command == LEFT or command == RIGHT:
-        some = along(scene, state[OCCUPIED], state[FRONTIER], command)
-    else:
-        for i in range(tried.shape[0]):
-            tried[i] = ZERO
-        some = across(scene, state[OCCUPIED], state[FRONTIER], command)
-    if some == ZERO:
+    if push(scene, state[OCCUPIED], state[FRONTIER], command) == ZERO:
         return 0
-    frontier, settled = state[FRONTIER], 0
+    tried, frontier, settled = scene.tried, state[FRONTIER], 0
     for i in range(tried.shape[0]):
         settled += popcount(tried[i])
         frontier[i] &= ~tried[i]
     if scene.mapping:
         discover(scene, frontier, state[UNSEEN])
     return settled
+
+
+@kernel
+def push(scene, occupied, frontier, command):
+    """Move the particles, in place, and note the frontier cells tried; return their union, one word."""
+    if command == LEFT or command == RIGHT:
+        return along(scene, occupied, frontier, command)
+    for i in range(scene.tried.shape[0]):
+        scene.tried[i] = ZERO
+    return across(scene, occupied, frontier, command)
 
 
 @kernel

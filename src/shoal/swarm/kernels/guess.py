@@ -1,8 +1,4 @@
-"""What lies behind the frontier: predicted from how free space has gone on in the same surroundings in this episode.
-
-`survey` tells for each of 108 surroundings of a cell, seen from a free neighbour, how likely it is to be free. Here all cells of a
-board are looked at together: for each part of the surroundings there is a board of the cells where it is so.
-"""
+"""What lies behind the frontier: predicted from how free space has gone on so far in this episode, layer by layer."""
 
 from __future__ import annotations
 
@@ -11,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.kernels.bits import ONE, TOP, ZERO
+from shoal.swarm.kernels.bits import ONE, ZERO, lowest
 from shoal.swarm.kernels.compiling import kernel
-from shoal.swarm.kernels.moves import DOWN, IN, LEFT, RIGHT, UP
-from shoal.swarm.kernels.survey import COARSE, FINE, chance
+from shoal.swarm.kernels.experience import PAIRS, around, chance, place, steps_of
 
 UNLIKELY = 0.25  # chance below which a cell is taken to be wall before others are looked at
 FEWEST = 4  # cells seen in similar surroundings without which nothing is taken to be wall
-PAIRS = 6  # unordered pairs of states: unknown, free, obstacle
+UNDECIDED, WALL, FREE = 0, 1, 2
+NOT_ASKED = -1.0
 
 
 class Guess(NamedTuple):
@@ -26,245 +22,127 @@ class Guess(NamedTuple):
 
     open: NDArray[np.uint64]  # free, or taken to be
     known: NDArray[np.uint64]  # known, or predicted
-    layer: NDArray[np.uint64]  # cells to predict next
-    found: NDArray[np.uint64]  # cells of this layer taken to be free
     inner: NDArray[np.uint64]  # all cells but the rim
-    across: NDArray[np.uint64]  # (PAIRS, words): cells whose neighbours above and below are in such states
-    beside: NDArray[np.uint64]  # (PAIRS, words): the same for left and right
-    chances: NDArray[np.float64]  # (FINE,): how likely a cell is to be free in each surroundings
-    likely: NDArray[np.int64]  # (COARSE,): surroundings in which a cell is taken to be free: a bit for each pair beside it
-    unlikely: NDArray[np.int64]  # (COARSE,): those in which it is taken to be wall at once
-    active: NDArray[np.int64]  # the words with cells of this layer
-    near: NDArray[np.int64]  # those and the words beside them
-    listed: NDArray[np.bool_]  # (words,): whether a word is in the list that is being made
+    cells: NDArray[np.int64]  # the cells of this layer, as 64 * word + bit
+    following: NDArray[np.int64]  # those of the next one
+    verdicts: NDArray[np.int8]  # on the cells of this layer
+    chances: NDArray[np.float64]  # of each surroundings at each place; NOT_ASKED if nobody has asked yet
     layers: int
     rows: int
     width: int
 
 
 @kernel
-def predict(field, tallies, guess, depth, likely, sure):
-    """Fill ``guess.open`` with the cells known to be free and those predicted so, layer by layer."""
-    for fine in range(FINE):
-        guess.chances[fine] = chance(tallies, fine, fine // PAIRS)
-    for coarse in range(COARSE):
-        seen = tallies[FINE + coarse, 0]  # of such surroundings or similar ones
-        guess.unlikely[coarse] = marked(guess.chances, coarse, -1.0, UNLIKELY) if seen >= FEWEST else 0
-    active = 0
+def predict(field, experience, manner, guess, depth, likely, sure):
+    """Fill ``guess.open`` with the cells known to be free and those that one manner of `experience` predicts so, layer by layer."""
+    size = np.int64(0)
+    guess.chances[:] = NOT_ASKED
     for i in range(field.open.shape[0]):
         guess.open[i] = field.open[i]
         guess.known[i] = field.known[i]
-        guess.layer[i] = field.frontier[i]
-        if field.frontier[i] != ZERO:
-            guess.active[active] = i
-            active += 1
+        size = list_cells(guess.cells, size, i, field.frontier[i])
     for layer in range(depth):
         # All cells on the way have to be free, so the farther, the surer each of them.
         needed = max(likely, sure ** (1.0 / (layer + 1.0)))
-        for coarse in range(COARSE):
-            guess.likely[coarse] = marked(guess.chances, coarse, needed, 2.0)
-        near = list_near(guess, active)
-        note_pairs(guess, guess.across, guess.width, near)
-        note_pairs(guess, guess.beside, np.int64(0), near)
-        if predict_walls(guess, active):
-            note_pairs(guess, guess.across, guess.width, near)
-            note_pairs(guess, guess.beside, np.int64(0), near)
-        if not predict_layer(guess, active):
+        find_walls(guess, experience, manner, size)
+        if not find_free(guess, experience, manner, size, needed):
             return
-        active = next_layer(guess, active)
+        size = next_layer(guess, size)
 
 
 @kernel
-def marked(chances, coarse, above, below):
-    """Return a bit for each pair beside a cell, in some coarse surroundings, with a chance between two bounds."""
-    bits = np.int64(0)
-    for here in range(PAIRS):
-        if above < chances[coarse * PAIRS + here] < below:
-            bits |= np.int64(1) << here
-    return bits
+def list_cells(cells, size, i, word):
+    """Append the cells of one word of a board to a list; return its length."""
+    while word != ZERO:
+        cells[size] = 64 * i + lowest(word)
+        word &= word - ONE
+        size += 1
+    return size
 
 
 @kernel
-def list_near(guess, active):
-    """List the words of the layer and those beside them, each once; return how many they are."""
-    size, width = guess.layer.shape[0], guess.width
-    steps = (np.int64(0), np.int64(1), width, width * guess.rows if guess.layers > 1 else width)
-    near = 0
-    for at in range(active):
-        for step in steps:
-            for word_at in (guess.active[at] - step, guess.active[at] + step):
-                if 0 <= word_at < size and not guess.listed[word_at]:
-                    guess.listed[word_at] = True
-                    guess.near[near] = word_at
-                    near += 1
-    for at in range(near):
-        guess.listed[guess.near[at]] = False
-    return near
-
-
-@kernel
-def note_pairs(guess, pairs, step, near):
-    """Fill the boards of pairs: neighbours ``step`` words before and after, one bit if that is 0; in the words listed."""
-    for at in range(near):
-        i = guess.near[at]
-        if step == 0:
-            before_open, after_open = sideways(guess.open, i)
-            before_known, after_known = sideways(guess.known, i)
-        else:
-            before_open, after_open = word(guess.open, i - step), word(guess.open, i + step)
-            before_known, after_known = word(guess.known, i - step), word(guess.known, i + step)
-        both, neither = before_known & after_known, ~(before_known | after_known)
-        free, any_free = before_open & after_open, before_open | after_open
-        pairs[0, i] = neither
-        pairs[1, i] = any_free & ~both
-        pairs[2, i] = free
-        pairs[3, i] = ~neither & ~both & ~any_free
-        pairs[4, i] = both & any_free & ~free
-        pairs[5, i] = both & ~any_free
-
-
-@kernel
-def sideways(board, i):
-    """Return one word of a board as seen from one bit to the right of each cell and from one to the left."""
-    return (board[i] << ONE) | (word(board, i - 1) >> TOP), (board[i] >> ONE) | (word(board, i + 1) << TOP)
-
-
-@kernel
-def behind(guess, board, i, command):
-    """Return the word of a board with each cell moved one step by a command: what lies behind the cells of word ``i``."""
-    if command == LEFT:
-        return (board[i] >> ONE) | (word(board, i + 1) << TOP)
-    if command == RIGHT:
-        return (board[i] << ONE) | (word(board, i - 1) >> TOP)
-    return word(board, i + back_step(guess, command))
-
-
-@kernel
-def word(board, i):
-    """Return a word of a board; outside of all is nothing."""
-    return board[i] if 0 <= i < board.shape[0] else ZERO
-
-
-@kernel
-def back_step(guess, command):
-    """Return how many words further a cell lies than the one that a command across rows leads to."""
-    if command == UP:
-        return guess.width
-    if command == DOWN:
-        return -guess.width
-    return guess.width * guess.rows if command == IN else -guess.width * guess.rows
-
-
-@kernel
-def twice_behind(guess, board, i, command):
-    """Return what lies two steps behind the cells of word ``i``."""
-    two = np.uint64(2)
-    if command == LEFT:
-        return (board[i] >> two) | (word(board, i + 1) << np.uint64(62))
-    if command == RIGHT:
-        return (board[i] << two) | (word(board, i - 1) >> np.uint64(62))
-    return word(board, i + 2 * back_step(guess, command))
-
-
-@kernel
-def predict_walls(guess, active):
+def find_walls(guess, experience, manner, size):
     """Take those cells of the layer as known that are hardly ever free, so that the way between two walls is seen as such."""
-    some = ZERO
-    for at in range(active):
-        i = guess.active[at]
-        cells, walls = guess.layer[i], ZERO
-        for command in range(4 if guess.layers == 1 else 6):
-            entered = cells & behind(guess, guess.open, i, command)
-            if entered != ZERO:
-                walls |= those_in(guess, guess.unlikely, entered, i, command)
-        guess.found[i] = walls
-        some |= walls
-    for at in range(active):
-        i = guess.active[at]
-        guess.known[i] |= guess.found[i]
-    return some != ZERO
-
-
-@kernel
-def predict_layer(guess, active):
-    """Find the cells of the layer that are taken to be free from every side that they can be entered from; tell if any are."""
-    some = ZERO
-    for at in range(active):
-        i = guess.active[at]
-        cells = guess.layer[i] & ~guess.known[i]
-        yes, no = ZERO, ZERO
-        for command in range(4 if guess.layers == 1 else 6):
-            entered = cells & behind(guess, guess.open, i, command)
-            if entered != ZERO:
-                free = those_in(guess, guess.likely, entered, i, command)
-                yes |= free
-                no |= entered & ~free
-        guess.found[i] = yes & ~no & guess.inner[i]
-        some |= guess.found[i]
-    return some != ZERO
-
-
-@kernel
-def those_in(guess, table, entered, i, command):
-    """Return those of the cells of word ``i``, entered by a command, whose surroundings are marked in a table."""
-    pairs = guess.across if command == LEFT or command == RIGHT else guess.beside
-    free, known = twice_behind(guess, guess.open, i, command), twice_behind(guess, guess.known, i, command)
-    result = ZERO
-    for state in range(3):
-        some = entered & (~known if state == 0 else (free if state == 1 else known & ~free))
-        if some == ZERO:
-            continue
-        for near in range(PAIRS):
-            wanted = table[state * PAIRS + near]
-            if wanted == 0:
+    opened, known, chances, seen = guess.open, guess.known, guess.chances, experience.tallies[1:]
+    directions = 4 if guess.layers == 1 else 6
+    for k in range(size):
+        cell = guess.cells[k]
+        at, places = place(experience, manner, cell)
+        guess.verdicts[k] = UNDECIDED
+        for command in range(directions):
+            step, side = steps_of(guess.rows, guess.width, command)
+            if not is_open(opened, cell - step):
                 continue
-            those = some & behind(guess, pairs[near], i, command)
-            if those == ZERO:
-                continue
-            for here in range(PAIRS):
-                if wanted >> here & 1:
-                    result |= those & pairs[here, i]
-            some &= ~those  # a cell has one pair behind it
-            if some == ZERO:
+            number = around(opened, known, cell, step, side)
+            if chances[number * places + at] == NOT_ASKED:
+                chances[number * places + at] = chance(experience, manner, number, cell)
+            if chances[number * places + at] < UNLIKELY and seen[number // PAIRS, 0] >= FEWEST:
+                guess.verdicts[k] = WALL
                 break
-    return result
+    for k in range(size):
+        if guess.verdicts[k] == WALL:
+            mark(known, guess.cells[k])
 
 
 @kernel
-def next_layer(guess, active):
-    """Take the layer as known, and go on behind the cells taken to be free; return how many words have cells of the next layer."""
-    found, layer, width = guess.found, guess.layer, guess.width
-    for at in range(active):
-        i = guess.active[at]
-        guess.open[i] |= found[i]
-        guess.known[i] |= layer[i]
-        layer[i] = ZERO
-    steps = (width, width * guess.rows if guess.layers > 1 else width)
-    following = 0
-    for at in range(active):
-        i = guess.active[at]
-        cells = found[i]
-        if cells == ZERO:
+def find_free(guess, experience, manner, size, needed):
+    """Find the cells of the layer that are taken to be free from every side that they can be entered from; tell if any are."""
+    opened, known, inner, chances = guess.open, guess.known, guess.inner, guess.chances
+    directions, some = 4 if guess.layers == 1 else 6, False
+    for k in range(size):
+        cell = guess.cells[k]
+        if guess.verdicts[k] == WALL or not is_open(inner, cell):
             continue
-        following = add_to_layer(guess, i, (cells << ONE) | (cells >> ONE), following)
-        following = add_to_layer(guess, i + 1, cells >> TOP, following)
-        following = add_to_layer(guess, i - 1, cells << TOP, following)
-        for step in steps:
-            following = add_to_layer(guess, i - step, cells, following)
-            following = add_to_layer(guess, i + step, cells, following)
-    for at in range(following):
-        guess.active[at] = guess.near[at]
-    return following
+        at, places = place(experience, manner, cell)
+        for command in range(directions):
+            step, side = steps_of(guess.rows, guess.width, command)
+            if not is_open(opened, cell - step):
+                continue
+            number = around(opened, known, cell, step, side)
+            if chances[number * places + at] == NOT_ASKED:
+                chances[number * places + at] = chance(experience, manner, number, cell)
+            guess.verdicts[k] = FREE
+            if not chances[number * places + at] > needed:
+                guess.verdicts[k] = UNDECIDED
+                break
+        some |= guess.verdicts[k] == FREE
+    return some
 
 
 @kernel
-def add_to_layer(guess, i, cells, following):
-    """Add the unknown ones of some cells to the layer, and their word to the list that is being made; return its length."""
-    if cells == ZERO:  # the word may lie beyond the board
-        return following
-    new = cells & ~guess.known[i]
-    if new != ZERO and guess.layer[i] == ZERO:
-        guess.near[following] = i
-        following += 1
-    guess.layer[i] |= new
+def is_open(board, cell):
+    """Tell whether a cell is on a board; beyond it none is."""
+    word = cell >> 6
+    return 0 <= word < board.shape[0] and (board[word] >> np.uint64(cell & 63)) & ONE != ZERO
+
+
+@kernel
+def mark(board, cell):
+    """Add a cell to a board."""
+    board[cell >> 6] |= ONE << np.uint64(cell & 63)
+
+
+@kernel
+def next_layer(guess, size):
+    """Take the layer as known, and go on behind the cells taken to be free; return how many cells the next layer has."""
+    for k in range(size):
+        mark(guess.known, guess.cells[k])
+        if guess.verdicts[k] == FREE:
+            mark(guess.open, guess.cells[k])
+    following, row = np.int64(0), 64 * guess.width
+    for k in range(size):
+        if guess.verdicts[k] != FREE:
+            continue
+        cell = guess.cells[k]  # it is not on the rim, so it has all its neighbours
+        for step in (np.int64(1), row, row * guess.rows):
+            if step == row * guess.rows and guess.layers == 1:
+                continue
+            for near in (cell - step, cell + step):
+                if not (guess.known[near >> 6] >> np.uint64(near & 63)) & ONE:
+                    mark(guess.known, near)  # so that it is listed once
+                    guess.following[following] = near
+                    following += 1
+    for k in range(following):
+        guess.cells[k] = guess.following[k]
+        guess.known[guess.cells[k] >> 6] &= ~(ONE << np.uint64(guess.cells[k] & 63))
     return following

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from shoal.swarm.kernels.bits import popcount
 from shoal.swarm.kernels.compiling import kernel, part_of_kernel
+from shoal.swarm.kernels.experience import take_note
 from shoal.swarm.kernels.observe import step
 from shoal.swarm.kernels.planner import QUIET, REMAINING, SURPRISE, WHOLE, choose_greedy
 from shoal.swarm.kernels.play import COMPLETE, RUNNING, STALLED
 from shoal.swarm.kernels.prospect import copy
 from shoal.swarm.kernels.rollout import choose_rollout
-from shoal.swarm.kernels.survey import take_stock
 
 GREEDY, ROLLOUT = 6, 7  # as the codes of `play`
 FADING = 8  # moves that find something, over which surprises are remembered
@@ -26,7 +26,7 @@ def choose(code, field, mapping, planner):
 @kernel
 def note_surprises(field, planner):
     """Count the cells just found free, and those of them that had been predicted to be walls or not at all."""
-    memory, before, predicted = planner.memory, planner.survey.known, planner.guess.open
+    memory, before, predicted = planner.memory, planner.experience.before, planner.guess.open
     found, surprises = 0, 0
     for i in range(before.shape[0]):
         new = field.open[i] & ~before[i]
@@ -42,7 +42,7 @@ def heed(field, mapping, planner, command, done):
     memory = planner.memory
     memory[QUIET] = 0 if done > 0 else memory[QUIET] + 1
     if mapping and done > 0:
-        take_stock(field, planner.survey, command)
+        take_note(field, planner.experience, command)
         note_surprises(field, planner)
 
 
@@ -56,7 +56,7 @@ def play_planned(code, field, rule, mapping, planner, log):
         command = choose(code, field, mapping, planner)
         if command < 0:
             return move, STALLED
-        copy(field.known, planner.survey.known)
+        copy(field.known, planner.experience.before)
         travelled, done, change = step(field, command, rule, mapping)
         memory[REMAINING] += change
         heed(field, mapping, planner, command, done)

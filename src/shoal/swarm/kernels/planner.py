@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from shoal.swarm.kernels.beam import Beam
 from shoal.swarm.kernels.compiling import kernel, part_of_kernel
 from shoal.swarm.kernels.completion import most
+from shoal.swarm.kernels.experience import Experience
 from shoal.swarm.kernels.foresight import Scene, prospects, take_state
 from shoal.swarm.kernels.guess import Guess
-from shoal.swarm.kernels.survey import Survey
 from shoal.swarm.kernels.ways import way
 
 # entries of Planner.memory
@@ -50,7 +50,8 @@ TRUST = 23  # how fast the horizon shrinks with surprises; 0: not at all
 CALM = 24  # share of surprises below which the end is in sight, however many frontier cells there are
 FORESEEN = 25  # share of surprises below which plans are imagined as far as the next two say
 FAR_HORIZON, FAR_DISCOUNT = 26, 27
-OPTIONS = 28
+LATTICES = 28  # that the free cells may lie on, of periods 2, 4, ...
+OPTIONS = 29
 
 
 class Planner(NamedTuple):
@@ -61,13 +62,13 @@ class Planner(NamedTuple):
     scene: Scene
     root: NDArray[np.uint64]  # a state: the episode now
     state: NDArray[np.uint64]  # a state: of the plan that is imagined
-    ahead: NDArray[np.uint64]  # a state: one move further
+    ahead: NDArray[np.uint64]  # a board: the particles one move further
     planes: NDArray[np.uint64]  # (PLANES, words)
     gains: NDArray[np.int64]  # (directions,)
     incumbent: NDArray[np.int8]  # the best plan known
     trial: NDArray[np.int8]  # the plan that is imagined
     beam: Beam
-    survey: Survey
+    experience: Experience
     guess: Guess
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from shoal.swarm.kernels.beam import search_beam, take_best
 from shoal.swarm.kernels.compiling import kernel, part_of_kernel
 from shoal.swarm.kernels.completion import CAREFUL, GREEDY, complete
+from shoal.swarm.kernels.experience import believed
 from shoal.swarm.kernels.foresight import FRONTIER, UNSEEN, advance, copy_state, count, directions, take_state
 from shoal.swarm.kernels.guess import predict
 from shoal.swarm.kernels.planner import (
@@ -29,6 +30,7 @@ from shoal.swarm.kernels.planner import (
     FORESEEN,
     HORIZON,
     IMAGINED,
+    LATTICES,
     LAYERS,
     LEAVES,
     LIKELY,
@@ -69,7 +71,8 @@ def look(field, mapping, planner):
     """Fill the scene with the predicted world and the root with the state of the episode."""
     if mapping:
         options = planner.options
-        predict(field, planner.survey.tallies, planner.guess, int(options[LAYERS]), options[LIKELY], options[SURE])
+        manner = believed(planner.experience, int(options[LATTICES]))
+        predict(field, planner.experience, manner, planner.guess, int(options[LAYERS]), options[LIKELY], options[SURE])
     else:
         for i in range(field.open.shape[0]):
             planner.guess.open[i] = field.open[i]
@@ -124,7 +127,8 @@ def think(planner):
         trial[i - at] = planner.incumbent[i]
     best = weigh(planner, length - at, NOTHING, few, memory[MANNER])
     if options[CHARGE] > 0:
-        best = weigh(planner, np.int64(0), best, few, CAREFUL)
+        if options[BUDGET] >= BRIEF or memory[SURPRISE] < options[CALM] * WHOLE:  # a careful plan takes longer to imagine
+            best = weigh(planner, np.int64(0), best, few, CAREFUL)
         best = weigh(planner, np.int64(0), best, few, GREEDY)
     for command in range(directions(planner.scene)):
         trial[0] = command

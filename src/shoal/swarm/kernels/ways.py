@@ -116,18 +116,30 @@ def beside(scene, cells, within, out):
 @kernel
 def outlook(scene, state, planes, rate, cap):
     """Return the sum of ``rate ** (distance - 1)`` over the frontier cells, of which none counts as further than ``cap + 1``."""
-    begin_waves(scene, state, planes)
-    wave, frontier = planes[WAVE], state[FRONTIER]
+    occupied, frontier, ground = state[OCCUPIED], state[FRONTIER], scene.ground
+    wave, following, within = planes[WAVE], planes[NEXT], planes[WITHIN]
     left, value, weight = 0, 0.0, 1.0
     for i in range(frontier.shape[0]):
+        wave[i] = occupied[i]
+        within[i] = (ground[i] | frontier[i]) & ~occupied[i]
+        following[i] = ZERO
         left += popcount(frontier[i])
-    for level in range(1, cap + 1):
-        if left == 0 or spread(scene, planes, level) == ZERO:
+    reach = scene.width * scene.rows if scene.layers > 1 else scene.width
+    for _ in range(cap):
+        if left == 0:
             break
-        reached = 0
+        dilate(wave, within, following, reach, wave.shape[0] - reach, scene)
+        rim_rows(wave, within, following, reach, scene)
+        some, reached = ZERO, 0
         for i in range(frontier.shape[0]):
-            reached += popcount(wave[i] & frontier[i])
-            wave[i] &= scene.ground[i]  # nobody goes on from a wall
+            new = following[i]
+            some |= new
+            within[i] &= ~new
+            reached += popcount(new & frontier[i])
+            following[i] = new & ground[i]  # nobody goes on from a wall
+        if some == ZERO:
+            break
+        wave, following = following, wave
         value += weight * reached
         left -= reached
         weight *= rate

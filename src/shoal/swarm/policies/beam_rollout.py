@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from shoal.swarm.policies.planner import Budgeted, Tuning
+from shoal.swarm.policies.planner import MOST_MANY, USUAL, Budgeted, Tuning
 
 TUNING = Tuning(
     few=200,
@@ -20,7 +20,7 @@ TUNING = Tuning(
     ahead=1,
     rate=0.9,
     cap=8,
-    variations=2,
+    variations=6,
     charge=1,
     likely=0.75,
     layers=200,
@@ -32,9 +32,10 @@ TUNING = Tuning(
     wonder=8,
     trust=2,
     calm=0.4,
-    foreseen=0.1,
+    foreseen=0.03,
     far_horizon=1000,
     far_discount=0.999,
+    lattices=3,
 )
 
 
@@ -51,3 +52,10 @@ class BeamRollout(Budgeted):
     code: ClassVar[int] = 7
     tuning: ClassVar[Tuning] = TUNING
     budget: float = 600.0
+
+    def settings(self, particles: int) -> tuple[float, ...]:
+        """Return budget and tuning for so many particles; the more thought many particles are given goes into variations."""
+        tuning = self.tuning
+        if particles > USUAL and not self.milliseconds:
+            tuning = tuning._replace(variations=tuning.variations * min(MOST_MANY, particles / USUAL))
+        return (super().settings(particles)[0], *tuning)

@@ -13,8 +13,8 @@ from shoal.swarm.policies.compiled import Compiled
 from shoal.swarm.policies.protocol import Decision, View
 
 UNLIMITED = 1e9
-MANY = 1000  # particles from which on the budget is as given
-MOST_TIMES = 10.0  # as much is given to few particles
+USUAL = 1000  # particles that are given the budget as it is
+MOST_FEW, MOST_MANY = 10.0, 4.0  # times as much is given to fewer and to more
 
 
 class Tuning(NamedTuple):
@@ -47,6 +47,7 @@ class Tuning(NamedTuple):
     foreseen: float  # share of surprises below which plans to the end are imagined as far as the next two say
     far_horizon: float
     far_discount: float
+    lattices: float  # that the free cells may lie on, of periods 2, 4, ...
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,9 @@ class Budgeted(PlannerPolicy):
     Parameters
     ----------
     budget : float
-        Moves that may be imagined for each move sent, on average, by 1000 particles or more. The fewer they are, the more moves are
-        needed and the more it is worth to think: n particles are given 1000 / n times as many, at most ten times. The same seed and
+        Moves that may be imagined for each move sent, on average, by 1000 particles. The fewer they are, the more moves are needed
+        and the more it is worth to think: n particles are given (1000 / n) squared times as many, at most ten times. The more they
+        are, the fewer moves are sent in all: n particles are given n / 1000 times as many, at most four times. The same seed and
         budget give the same commands on every machine.
     milliseconds : float
         If above 0, time for each move, on average, instead of a budget. Then the commands depend on the machine and on what else
@@ -96,4 +98,5 @@ class Budgeted(PlannerPolicy):
     def settings(self, particles: int) -> tuple[float, ...]:
         """Return budget and tuning as kernels know them, for so many particles."""
         assert self.tuning is not None
-        return (self.budget * min(MOST_TIMES, max(1.0, MANY / max(1, particles))), *self.tuning)
+        few, many = min(MOST_FEW, (USUAL / max(1, particles)) ** 2), min(MOST_MANY, particles / USUAL)
+        return (self.budget * max(few, many), *self.tuning)

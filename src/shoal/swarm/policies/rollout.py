@@ -35,6 +35,7 @@ P1 = Tuning(
     foreseen=0,
     far_horizon=150,
     far_discount=0.99,
+    lattices=0,
 )
 
 
