@@ -129,7 +129,7 @@ def test_worst_cases_of_the_square():
 
 def plain_length(errand, touchers, walls, x):
     """Length and limits of a chain on flat walls in the plane, written out."""
-    frames, normals, offsets, _ = errand.walls.shape
+    frames, normals, offsets, *_ = errand.walls.shape
     cycles = len(walls)
     contacts = [frames[w, 0] + x[m] * frames[w, 1] for m, w in enumerate(walls)]
     deltas = [errand.before, *x[cycles:].reshape(-1, 2), errand.after]

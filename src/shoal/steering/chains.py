@@ -57,7 +57,7 @@ class Chain:
         nowhere = np.zeros((2, walls.dimensions))
         place = new_place(self.cycles, walls.dimensions)
         put(self.unknowns, Kind(self.touchers, self.walls, nowhere, nowhere, walls.shape, inf, 0.0, 0.0), place)
-        return np.asarray(place.contacts)
+        return np.asarray(place.contacts[:, 0])
 
     def differences(self, before: Points, after: Points) -> Points:
         """Return Δ at the start and after each cycle; float64, shape (cycles + 1, d)."""

@@ -60,7 +60,7 @@ def cycle_towards(errand: Errand, delta: Points, target: Points) -> tuple[float,
         nearest_on_circle(delta, target, errand.walls.circle[2], errand.friction, errand.margin, errand.push, found)
         away, x, y, angle = found
         return None if away == inf else (float(away), np.array([x, y]), np.array([0.0, 0.0, angle * errand.walls.circle[2]]))
-    frames, normals, offsets, _ = errand.walls.shape
+    frames, normals, offsets, *_ = errand.walls.shape
     table = np.full((len(normals), 2, 5), inf)
     nearest_on_polygon(
         delta, target, frames, errand.walls.reaches, normals, offsets, errand.friction, errand.margin, errand.push, table

@@ -12,6 +12,8 @@ from shoal.steering.kernels.limits import Shape
 from shoal.steering.outline import Points
 from shoal.steering.workspace import ConvexWorkspace
 
+_FAR = 1e-3  # of the size: a wall that is farther from another one is not in the way there
+
 
 @dataclass(frozen=True, eq=False)
 class Walls:
@@ -24,6 +26,8 @@ class Walls:
     reaches : ndarray of float64, shape (walls,)
         Half of the largest extent of each flat wall along these.
     normals, offsets : ndarray of float64, shapes (walls, d) and (walls,)
+    near : ndarray of bool, shape (walls, walls)
+        Which other walls may be in the way of a contact along each flat wall.
     circle : ndarray of float64, shape (3,)
         x, y and radius of the round wall; zeros if there is none.
     height : float
@@ -40,6 +44,7 @@ class Walls:
     reaches: NDArray[np.float64]
     normals: NDArray[np.float64]
     offsets: NDArray[np.float64]
+    near: NDArray[np.bool_]
     circle: NDArray[np.float64]
     height: float
     scale: float
@@ -59,7 +64,7 @@ class Walls:
     @property
     def shape(self) -> Shape:
         """What the kernels of chains take."""
-        return Shape(self.frames, self.normals, self.offsets, self.circle)
+        return Shape(self.frames, self.normals, self.offsets, self.circle, self.near)
 
     def inward(self, points: Points) -> Points:
         """Return points of the workspace in these units."""
@@ -95,6 +100,11 @@ def walls_of(workspace: ConvexWorkspace) -> Walls:
             frames[cap] = np.array([[0.0, 0.0, level], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
             reaches[cap] = 1.0
     offsets = (workspace.offsets - workspace.normals @ origin) / scale
+    near = ~np.eye(len(frames), dtype=np.bool_)
+    if d == 2 and sides:  # a wall that is off both ends of another one leaves all of that free
+        normals = workspace.normals
+        off = np.minimum(normals @ corners.T, normals @ ends.T) - offsets[:, None]
+        near &= off.T < _FAR
     circle = np.array([0.0, 0.0, workspace.radius / scale])
     base = walls_of(workspace.base) if d == 3 else None
-    return Walls(frames, reaches, np.ascontiguousarray(workspace.normals), offsets, circle, height, scale, origin, base)
+    return Walls(frames, reaches, np.ascontiguousarray(workspace.normals), offsets, near, circle, height, scale, origin, base)

@@ -11,7 +11,7 @@ import numpy as np
 
 from shoal.steering.kernels.compiling import kernel
 from shoal.steering.kernels.contact import dot
-from shoal.steering.kernels.limits import add_hold, add_inside, add_length, combine, new_place, new_work, put
+from shoal.steering.kernels.limits import add_flat, add_hold, add_length, add_round, begin, combine, new_place, new_work, put
 
 GROWTH = 12.0
 NEWTON = 40
@@ -22,19 +22,32 @@ BLUR = 0.03  # over the sharpness: how far a length is blurred where it vanishes
 @kernel
 def add_limits(kind, place, work, slack, order):
     """Add all limits of a chain; return the sum, infinite if one does not hold."""
-    cycles = place.contacts.shape[0]
-    total = 0.0
+    contacts, delta, touchers, walls = place.contacts, place.delta, kind.touchers, kind.walls
+    normals, offsets, near, circle = kind.shape.normals, kind.shape.offsets, kind.shape.near, kind.shape.circle
+    span, index, first, second = work.span, work.index, work.first, work.second
+    sums, derivatives = work.sums, work.derivatives
+    cycles, total = contacts.shape[0], 0.0
     for m in range(cycles):
-        sign = 1.0 if kind.touchers[m] == 0 else -1.0
+        sign = 1.0 if touchers[m] == 0 else -1.0
         for which in range(3):  # the contact, and the other particle before and after the adjustment
-            work.vector[:] = 0.0
-            used = combine(place, work, m, 1.0, -1, 0.0, -1 if which == 0 else m + which - 1, sign, -1, 0.0)
+            begin(span, delta, m, 0.0)
+            used = combine(contacts, delta, span, index, m, 1.0, -1, 0.0, -1 if which == 0 else m + which - 1, sign, -1, 0.0)
+            skipped = walls[m] if which == 0 else -1
             # At the goal's difference the other particle may end on the toucher's wall, too: the next move lifts both.
             forgiven = kind.margin if which == 2 and m == cycles - 1 else 0.0
-            total += add_inside(kind, place, work, used, kind.walls[m] if which == 0 else -1, m, forgiven, slack, order)
+            total += add_flat(
+                normals, offsets, near, span, index, sums, derivatives, used, skipped, kind.margin, forgiven, slack, order
+            )  # fmt: skip
+            if total < np.inf and circle[2] > 0 and skipped != normals.shape[0]:
+                total += add_round(
+                    contacts, circle, span, index, first, second, derivatives, used, m, kind.margin, forgiven, slack, order
+                )
             if total == np.inf:
                 return total
-        total += add_hold(kind, place, work, m, slack, order)
+        total += add_hold(
+            contacts, delta, normals, circle, span, index, first, second, derivatives,
+            m, walls[m], sign, kind.push, kind.friction, slack, order,
+        )  # fmt: skip
         if total == np.inf:
             return total
     return total
@@ -43,24 +56,23 @@ def add_limits(kind, place, work, slack, order):
 @kernel
 def add_lengths(kind, place, work, sharpness, blur, order):
     """Add the lengths of all moves of a chain, times the sharpness; return the sum."""
-    cycles, touchers = place.contacts.shape[0], kind.touchers
-    total = 0.0
+    contacts, delta, touchers, start, goal = place.contacts, place.delta, kind.touchers, kind.start, kind.goal
+    span, index, first, derivatives = work.span, work.index, work.first, work.derivatives
+    cycles, total = contacts.shape[0], 0.0
     for m in range(cycles + 1):
-        work.vector[:] = 0.0
         one, a, other, b, left, p = m, 1.0, m - 1, -1.0, -1, 0.0
-        if m == 0:
-            work.vector[:] = -kind.start[touchers[0]]
-        elif m == cycles:
+        begin(span, start, touchers[0], -1.0 if m == 0 else 0.0)
+        if m == cycles:
             one, a, other, b = m - 1, -1.0, -1, 0.0
-            work.vector[:] = kind.goal[touchers[m - 1]]
-        elif touchers[m] != touchers[m - 1]:
+            begin(span, goal, touchers[m - 1], 1.0)
+        elif m > 0 and touchers[m] != touchers[m - 1]:
             left, p = m, (-1.0 if touchers[m - 1] == 0 else 1.0)
-        used = combine(place, work, one, a, other, b, left, p, -1, 0.0)
-        total += add_length(place, work, used, one, a, other, b, blur, sharpness, order)
+        used = combine(contacts, delta, span, index, one, a, other, b, left, p, -1, 0.0)
+        total += add_length(contacts, span, index, first, derivatives, used, one, a, other, b, blur, sharpness, order)
         if m < cycles:
-            work.vector[:] = 0.0
-            used = combine(place, work, -1, 0.0, -1, 0.0, m + 1, 1.0, m, -1.0)
-            total += add_length(place, work, used, -1, 0.0, -1, 0.0, blur, sharpness, order)
+            begin(span, delta, m, 0.0)
+            used = combine(contacts, delta, span, index, -1, 0.0, -1, 0.0, m + 1, 1.0, m, -1.0)
+            total += add_length(contacts, span, index, first, derivatives, used, -1, 0.0, -1, 0.0, blur, sharpness, order)
     return total
 
 
@@ -70,35 +82,40 @@ def assess(x, slack, sharpness, blur, kind, place, work, order):
 
     With a slack the length is left out and the slack, times sharpness, takes its place.
     """
-    work.gradient[:] = 0.0
-    work.hessian[:, :] = 0.0
+    if order > 0:
+        work.derivatives[:, :] = 0.0
     put(x, kind, place)
     total = add_limits(kind, place, work, slack, order)
     if total == np.inf:
         return total
     if np.isnan(slack):
         return total + add_lengths(kind, place, work, sharpness, blur, order)
-    work.gradient[work.gradient.shape[0] - 1] += sharpness
+    if order > 0:
+        n = work.derivatives.shape[1]
+        work.derivatives[n, n - 1] += sharpness
     return total + sharpness * slack
 
 
 @kernel
-def newton_direction(gradient, hessian, direction):
-    """Solve ``hessian @ direction = -gradient`` by Cholesky, with the diagonal raised until that works; return the decrement."""
-    n = gradient.shape[0]
+def newton_direction(derivatives, direction):
+    """Solve ``hessian @ direction = -gradient`` by Cholesky, with the diagonal raised until that works; return the decrement.
+
+    The gradient is the last row of the derivatives, the others are the Hessian.
+    """
+    n = derivatives.shape[1]
     lower = np.empty((n, n))
     raised = 0.0
     for _attempt in range(60):
         done = True
         for i in range(n):
             for j in range(i + 1):
-                value = hessian[i, j]
+                value = derivatives[i, j]
                 if i == j:
-                    value += raised * (1.0 + abs(hessian[i, i]))
+                    value += raised * (1.0 + abs(derivatives[i, i]))
                 for k in range(j):
                     value -= lower[i, k] * lower[j, k]
                 if i == j:
-                    if not value > 1e-14 * abs(hessian[i, i]):
+                    if not value > 1e-14 * abs(derivatives[i, i]):
                         done = False
                         break
                     lower[i, i] = np.sqrt(value)
@@ -109,8 +126,9 @@ def newton_direction(gradient, hessian, direction):
         if done:
             break
         raised = 1e-10 if raised == 0.0 else raised * 10
+    decrement = 0.0
     for i in range(n):
-        value = -gradient[i]
+        value = -derivatives[n, i]
         for k in range(i):
             value -= lower[i, k] * direction[k]
         direction[i] = value / lower[i, i]
@@ -119,7 +137,8 @@ def newton_direction(gradient, hessian, direction):
         for k in range(i + 1, n):
             value -= lower[k, i] * direction[k]
         direction[i] = value / lower[i, i]
-    return -dot(gradient, direction)
+        decrement -= derivatives[n, i] * direction[i]
+    return decrement
 
 
 @kernel
@@ -137,7 +156,7 @@ def descend(x, phase, sharpness, blur, kind, enough):
         value = assess(x, slack, sharpness, blur, kind, place, work, 1)
         if value == np.inf or (phase and slack < -enough):
             return
-        decrement = newton_direction(work.gradient, work.hessian, direction)
+        decrement = newton_direction(work.derivatives, direction)
         if not decrement > NEAR:
             return
         step = 1.0
@@ -167,6 +186,23 @@ def worst_limit(x, kind):
 
 
 @kernel
+def count_limits(kind):
+    """Return how many limits a chain has, as a float."""
+    flat = kind.shape.normals.shape[0]
+    walls = flat + (1 if kind.shape.circle[2] > 0 else 0)
+    total = 0
+    for wall in kind.walls:
+        total += 2 * walls + (1 if kind.friction == np.inf else 2)
+        if wall == flat:
+            total += flat
+            continue
+        total += walls - flat
+        for other in range(flat):
+            total += 1 if kind.shape.near[wall, other] else 0
+    return float(total)
+
+
+@kernel
 def settle(x, enough, sharpnesses, bound, kind):
     """Move x, in place, to where all limits hold, by ``enough`` if they can; then shorten the chain; return its length.
 
@@ -174,7 +210,7 @@ def settle(x, enough, sharpnesses, bound, kind):
     a round of Newton's method: the last one says how near to the limits the chain may go.
     """
     n = x.shape[0]
-    limits = 3.0 * kind.walls.shape[0] * (kind.shape.normals.shape[0] + 3)
+    limits = count_limits(kind)
     limits += np.sqrt(limits)  # for rounds that end near the minimum
     slack = worst_limit(x, kind)
     if slack == -np.inf:
@@ -223,12 +259,12 @@ def chain_length(x, kind):
             for i in range(d):
                 here[i] += place.delta[m, i] if touchers[m - 1] == 0 else -place.delta[m, i]
         for i in range(d):
-            here[i] = place.contacts[m, i] - here[i]
+            here[i] = place.contacts[m, 0, i] - here[i]
         total += np.sqrt(dot(here, here))
         for i in range(d):
             here[i] = place.delta[m + 1, i] - place.delta[m, i]
         total += np.sqrt(dot(here, here))
-        here[:] = place.contacts[m]
+        here[:] = place.contacts[m, 0]
     for i in range(d):
         here[i] = kind.goal[touchers[cycles - 1], i] - here[i]
     return total + np.sqrt(dot(here, here))

@@ -5,4 +5,3 @@ from __future__ import annotations
 from numba import njit
 
 kernel = njit(cache=True, nogil=True, error_model="numpy")
-inlined = njit(cache=True, inline="always")

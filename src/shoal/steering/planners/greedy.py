@@ -125,7 +125,7 @@ def any_chain(errand: Errand, *, grow: bool = True) -> Chain | None:
 
 def _cycle_on_polygon(errand: Errand, state: Points) -> tuple[float, int, int, float, Points, Points] | None:
     """Return how near a cycle comes, its toucher, wall, the contact along it and as a point, and Δ after it."""
-    frames, normals, offsets, _ = errand.walls.shape
+    frames, normals, offsets, *_ = errand.walls.shape
     found = np.full((len(normals), 2, 5), inf)
     nearest_on_polygon(
         state[1] - state[0],
