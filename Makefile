@@ -44,9 +44,9 @@ install: $(VENV)/.run-installed
 demo: install
 	@$(BIN)/shoal demo --out demo
 
-# Kernels are compiled once, before several test processes would do it at the same time.
+# Kernels are compiled once, before several test processes would do it at the same time; what was compiled of older ones is deleted.
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
-	@touch src/shoal/*/kernels/*.py
+	@find src -name '*.nb[ic]' -delete
 	@map='$(BIN)/shoal map rectangle:9x9 --particles 3 --json'; folder=$$(mktemp -d); \
 	  { $$map --policy closest-frontier && $$map --scan-every adaptive --scan-cost 2 && $$map --slip 0.1; } >/dev/null & swarm=$$!; \
 	  { $$map && $(BIN)/shoal demo steer --json --out $$folder; } >/dev/null && rm -r $$folder && wait $$swarm

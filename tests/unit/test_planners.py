@@ -107,7 +107,7 @@ def test_what_is_beyond_the_horizon():
 def test_same_seed_and_budget_same_commands():
     workspace = open_map("cave:20x15")
     first, again, other = (
-        run(workspace, particles=9, policy=policy).commands for policy in ("best", "best:budget=600", "best:budget=40")
+        run(workspace, particles=9, policy=policy).commands for policy in ("best", "best:budget=1000", "best:budget=40")
     )
     assert first == again
     assert first != other
@@ -124,14 +124,15 @@ def test_thought_by_the_number_of_particles():
     """Few particles need many moves and gain more by thinking; many need few moves, and their plans are short."""
     budget, variations = 0, 1 + BeamRollout.tuning._fields.index("variations")
     usual = make_policy("best").settings(1000)
-    for particles, times, plans in ((100, 10, 1), (5, 10, 1), (500, 4, 1), (2000, 2, 2), (10**6, 4, 4)):
+    for particles, times, plans in ((100, 10, 10), (5, 10, 10), (500, 4, 2), (2000, 2, 2), (10**6, 4, 4)):
         given_more = make_policy("best").settings(particles)
         assert (given_more[budget], given_more[variations]) == (times * usual[budget], plans * usual[variations])
-    assert make_policy("best:milliseconds=1").settings(4000)[variations] == usual[variations]
+    for particles in (100, 4000):
+        assert make_policy("best:milliseconds=1").settings(particles)[variations] == usual[variations]
 
 
 def test_a_time_is_kept_to_from_the_first_moves_on(monkeypatch):
-    """What earlier moves took counts once, and what is allowed for the next ones follows from how fast moves were imagined."""
+    """The first ten moves may be overdrawn. What earlier ones took counts once, and how fast moves were imagined tells the rest."""
     clock = iter(range(100))
     monkeypatch.setattr(planning.time, "perf_counter", lambda: next(clock) * 4e-3)  # each block takes 4 ms
     mind = SimpleNamespace(options=np.zeros(planner.OPTIONS), memory=np.zeros(planner.MEMORY, dtype=np.int64))
@@ -141,7 +142,8 @@ def test_a_time_is_kept_to_from_the_first_moves_on(monkeypatch):
         with pace.timed(mind, 2):
             seen.append((mind.options[planner.BUDGET], int(mind.memory[planner.CREDIT])))
             mind.memory[planner.IMAGINED] += 800
-    assert seen == [(0.5 * planning.FIRST_RATE, 0), (100.0, -600), (100.0, -1200)]
+    assert planning.ADVANCE == 10
+    assert seen == [(0.5 * planning.FIRST_RATE, 1000), (100.0, 400), (100.0, -200)]
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from shoal.swarm.boards import Board, Frame
 from shoal.swarm.commands import letters_of
 from shoal.swarm.engine import RULE_CODES, field_of, new_log
 from shoal.swarm.kernels import beam, experience, foresight, guess, moves, planned, planner, play, ways
+from shoal.swarm.kernels.rollout import SAVINGS
 from shoal.swarm.state import SwarmState
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ BEAM_WIDTH, BEAM_DEPTH = 24, 12
 LONGEST_PLAN = 2_000
 PIECE = 8  # moves after which the time taken is looked at
 FIRST_RATE = 200.0  # imagined moves a millisecond, while nothing is known of the machine
+ADVANCE = 10  # moves whose time may be spent before they are sent: most is to be thought about in the first ones
 
 
 def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: int, options: tuple[float, ...] = ()) -> Any:
@@ -109,7 +111,8 @@ class Pace:
         budget = max(1.0, self.milliseconds * rate)
         mind.options[planner.BUDGET] = budget
         # What earlier moves have saved or overdrawn is known in milliseconds: it replaces what the planner has counted itself.
-        mind.memory[planner.CREDIT] = int(min(budget, (self.milliseconds * self.moves - self.spent) * rate))
+        saved = (self.milliseconds * (self.moves + ADVANCE) - self.spent) * rate
+        mind.memory[planner.CREDIT] = int(min(SAVINGS * budget, saved))
         before, began = int(mind.memory[planner.IMAGINED]), time.perf_counter()
         yield
         self.spent += (time.perf_counter() - began) * 1e3

@@ -61,8 +61,10 @@ from shoal.swarm.kernels.planner import (
 from shoal.swarm.kernels.ways import NEXT, beside
 
 NOTHING = -1e18  # the value of no plan
-BRIEF = 300.0  # budget below which only the most promising plans are weighed, and not far
-BRIEF_HORIZON, BRIEF_DISCOUNT = 15.0, 0.95
+BRIEF = 300.0  # budget below which only the most promising plans are weighed, and not far,
+PLENTY = 900.0  # unless so many imagined moves have been saved up,
+SAVINGS = 20.0  # of at most so many moves
+BRIEF_HORIZON, BRIEF_DISCOUNT = 30.0, 0.97
 LONGEST_RUN = 40  # of a candidate that goes in one direction until it settles something
 
 
@@ -80,6 +82,12 @@ def look(field, mapping, planner):
 
 
 @kernel
+def is_brief(planner):
+    """Tell whether there is time only for the most promising plans, not imagined far."""
+    return planner.options[BUDGET] < BRIEF and planner.memory[CREDIT] < PLENTY
+
+
+@kernel
 def weigh(planner, length, best, few, manner):
     """Complete the trial plan; make it the incumbent if its value is above ``best``; return the higher value.
 
@@ -87,7 +95,7 @@ def weigh(planner, length, best, few, manner):
     """
     options, memory = planner.options, planner.memory
     surprise = memory[SURPRISE] / WHOLE
-    brief = options[BUDGET] < BRIEF
+    brief = is_brief(planner)
     horizon = int(min(options[NEAR_HORIZON], BRIEF_HORIZON) if brief else options[NEAR_HORIZON])
     discount = BRIEF_DISCOUNT if brief else options[NEAR_DISCOUNT]
     if few > 0:  # where predictions fail, what lies far ahead is not worth imagining
@@ -127,17 +135,17 @@ def think(planner):
         trial[i - at] = planner.incumbent[i]
     best = weigh(planner, length - at, NOTHING, few, memory[MANNER])
     if options[CHARGE] > 0:
-        if options[BUDGET] >= BRIEF or memory[SURPRISE] < options[CALM] * WHOLE:  # a careful plan takes longer to imagine
+        if not is_brief(planner) or memory[SURPRISE] < options[CALM] * WHOLE:  # a careful plan takes longer to imagine
             best = weigh(planner, np.int64(0), best, few, CAREFUL)
         best = weigh(planner, np.int64(0), best, few, GREEDY)
     for command in range(directions(planner.scene)):
         trial[0] = command
         best = weigh(planner, np.int64(1), best, few, memory[MANNER])
-        if options[RUNS] > 0 and options[BUDGET] >= BRIEF:
+        if options[RUNS] > 0 and not is_brief(planner):
             length = run(planner, command)
             if length > 1:
                 best = weigh(planner, length, best, few, memory[MANNER])
-    if options[BUDGET] < BRIEF:
+    if is_brief(planner):
         return
     best = try_leaves(planner, best, few)
     if few > 0:
@@ -218,7 +226,8 @@ def vary(planner):
 def choose_rollout(field, mapping, planner):
     """Return the next command; -1 if there is none."""
     memory, options = planner.memory, planner.options
-    memory[CREDIT] = int(min(memory[CREDIT] + options[BUDGET], options[BUDGET]))
+    saved = SAVINGS if options[BUDGET] < BRIEF else 1.0
+    memory[CREDIT] = int(min(memory[CREDIT] + options[BUDGET], saved * options[BUDGET]))
     if memory[FORCED] == 0 and memory[QUIET] >= options[PATIENCE]:
         force(field, planner)
     renew = memory[CREDIT] > 0 and (memory[QUIET] == 0 or memory[STALE] >= options[RENEW])

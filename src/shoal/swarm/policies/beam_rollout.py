@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from shoal.swarm.policies.planner import MOST_MANY, USUAL, Budgeted, Tuning
+from shoal.swarm.policies.planner import MOST_FEW, MOST_MANY, USUAL, Budgeted, Tuning
 
 TUNING = Tuning(
     few=200,
@@ -51,11 +51,12 @@ class BeamRollout(Budgeted):
     kind: ClassVar[str] = "beam-rollout"
     code: ClassVar[int] = 7
     tuning: ClassVar[Tuning] = TUNING
-    budget: float = 600.0
+    budget: float = 1000.0
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return budget and tuning for so many particles; the more thought many particles are given goes into variations."""
+        """Return budget and tuning for so many particles; the more thought that few and many are given goes into variations."""
         tuning = self.tuning
-        if particles > USUAL and not self.milliseconds:
-            tuning = tuning._replace(variations=tuning.variations * min(MOST_MANY, particles / USUAL))
+        if not self.milliseconds:
+            times = max(min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL))
+            tuning = tuning._replace(variations=tuning.variations * times)
         return (super().settings(particles)[0], *tuning)
