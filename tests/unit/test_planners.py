@@ -122,11 +122,13 @@ def test_a_time_for_each_move():
 
 def test_thought_by_the_number_of_particles():
     """Few particles need many moves and gain more by thinking; many need few moves, and their plans are short."""
-    budget, variations = 0, 1 + BeamRollout.tuning._fields.index("variations")
+    budget, variations, few, share = 0, *(1 + BeamRollout.tuning._fields.index(name) for name in ("variations", "few", "share"))
     usual = make_policy("best").settings(1000)
     for particles, times, plans in ((100, 10, 10), (5, 10, 10), (500, 4, 2), (2000, 2, 2), (10**6, 4, 4)):
         given_more = make_policy("best").settings(particles)
         assert (given_more[budget], given_more[variations]) == (times * usual[budget], plans * usual[variations])
+        many = plans if particles > 1000 else 1
+        assert (given_more[few], given_more[share]) == (many * usual[few], usual[share] / many)
     for particles in (100, 4000):
         assert make_policy("best:milliseconds=1").settings(particles)[variations] == usual[variations]
 

@@ -13,10 +13,10 @@ TUNING = Tuning(
     discount=0.99,
     near_horizon=60,
     near_discount=0.98,
-    share=100,
-    width=4,
-    depth=8,
-    leaves=3,
+    share=25,
+    width=10,
+    depth=5,
+    leaves=8,
     ahead=1,
     rate=0.9,
     cap=8,
@@ -29,7 +29,7 @@ TUNING = Tuning(
     patience=450,
     sure=0.7,
     after=1,
-    wonder=8,
+    wonder=35,
     trust=2,
     calm=0.4,
     foreseen=0.03,
@@ -54,9 +54,14 @@ class BeamRollout(Budgeted):
     budget: float = 1000.0
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return budget and tuning for so many particles; the more thought that few and many are given goes into variations."""
-        tuning = self.tuning
+        """Return budget and tuning for so many particles.
+
+        The more thought that few and many are given goes into variations. The more they are, the sooner all is settled: then the end is
+        in sight of more frontier cells, and what is settled early counts less.
+        """
+        fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
+        tuning, many = self.tuning, max(1.0, more)
+        tuning = tuning._replace(few=tuning.few * many, share=tuning.share / many)
         if not self.milliseconds:
-            times = max(min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL))
-            tuning = tuning._replace(variations=tuning.variations * times)
+            tuning = tuning._replace(variations=tuning.variations * max(fewer, more))
         return (super().settings(particles)[0], *tuning)
