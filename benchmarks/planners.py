@@ -41,6 +41,8 @@ VARIANTS = {
     "end-always-in-sight": {"calm": 2},
     "no-extrapolation": {"after": 0},
     "no-lattices": {"lattices": 0},
+    "narrow-beam": {"width": 4, "depth": 8, "leaves": 3},
+    "many-as-few": {"few": 50, "share": 100},  # at n = 4000
     "no-far-sight": {"foreseen": 0, "layers": 60},
 }
 
