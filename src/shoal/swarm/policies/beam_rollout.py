@@ -56,8 +56,8 @@ class BeamRollout(Budgeted):
     def settings(self, particles: int) -> tuple[float, ...]:
         """Return budget and tuning for so many particles.
 
-        The more thought that few and many are given goes into variations. The more they are, the sooner all is settled: then the end
-        is in sight of more frontier cells, and what is settled early counts less.
+        The more thought that few and many are given goes into variations. The more they are, the sooner all is settled: then
+        the end is in sight of more frontier cells, and what is settled early counts less.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
         tuning, many = self.tuning, max(1.0, more)
