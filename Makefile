@@ -62,7 +62,7 @@ chromium:
 	  $(APT) update -qq && $(APT) install -y -qq chromium libatomic1 >/dev/null; }
 
 test: $(VENV)/.dev-installed $(VENV)/.kernels-compiled chromium
-	@$(BIN)/python -m pytest -n 2 --dist loadfile
+	@$(BIN)/python -m pytest -n 2 --dist loadfile --durations=15
 
 lint: $(VENV)/.dev-installed
 	@$(BIN)/ruff check .

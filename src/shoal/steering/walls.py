@@ -26,8 +26,8 @@ class Walls:
     reaches : ndarray of float64, shape (walls,)
         Half of the largest extent of each flat wall along these.
     normals, offsets : ndarray of float64, shapes (walls, d) and (walls,)
-    near : ndarray of bool, shape (walls, walls)
-        Which other walls may be in the way of a contact along each flat wall.
+    near : ndarray of bool, shape (walls + 1, walls)
+        Which flat walls may be in the way of a contact along each other one and, in the last row, along the circle.
     circle : ndarray of float64, shape (3,)
         x, y and radius of the round wall; zeros if there is none.
     height : float
@@ -100,11 +100,11 @@ def walls_of(workspace: ConvexWorkspace) -> Walls:
             frames[cap] = np.array([[0.0, 0.0, level], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
             reaches[cap] = 1.0
     offsets = (workspace.offsets - workspace.normals @ origin) / scale
-    near = ~np.eye(len(frames), dtype=np.bool_)
+    near = ~np.eye(len(frames) + 1, len(frames), dtype=np.bool_)
     if d == 2 and sides:  # a wall that is off both ends of another one leaves all of that free
         normals = workspace.normals
         off = np.minimum(normals @ corners.T, normals @ ends.T) - offsets[:, None]
-        near &= off.T < _FAR
+        near[:-1] &= off.T < _FAR
     circle = np.array([0.0, 0.0, workspace.radius / scale])
     base = walls_of(workspace.base) if d == 3 else None
     return Walls(frames, reaches, np.ascontiguousarray(workspace.normals), offsets, near, circle, height, scale, origin, base)

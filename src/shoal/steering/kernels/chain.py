@@ -193,10 +193,8 @@ def count_limits(kind):
     total = 0
     for wall in kind.walls:
         total += 2 * walls + (1 if kind.friction == np.inf else 2)
-        if wall == flat:
-            total += flat
-            continue
-        total += walls - flat
+        if wall < flat:
+            total += walls - flat
         for other in range(flat):
             total += 1 if kind.shape.near[wall, other] else 0
     return float(total)
