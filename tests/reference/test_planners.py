@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
@@ -79,6 +80,18 @@ def test_plans_arrive_in_the_plain_simulation(shape):
     assert (np.array(lengths["shortest"]) <= np.array(lengths["greedy"]) + 1e-6).all()
     assert (np.array(moves["fewest-moves"]) <= np.minimum(moves["shortest"], moves["greedy"])).all()
     assert np.mean(lengths["shortest"]) < 0.97 * np.mean(lengths["greedy"])
+
+
+def test_plans_that_graze_walls_beside_corners_arrive_in_the_plain_simulation():
+    """Drawn with seed 1: their shortest chains graze two walls beside a corner, so roundings grew to 1e-4 and 1e-2."""
+    rng = np.random.default_rng(1)
+    problems = [instance(rng, SHAPES["7-gon"](rng)) for _ in range(306)]
+    for number in (174, 305):
+        space = problems[number].workspace
+        episode = steer(problems[number])
+        assert replayed_error(space, episode) <= 1e-6
+        moved = steer(replace(problems[number], start=problems[number].start + 1e-14)).path_length
+        assert episode.path_length == pytest.approx(moved, abs=1e-5)
 
 
 def test_plans_of_four_to_six_moves_arrive_in_the_plain_simulation():

@@ -35,7 +35,10 @@ def ladder_chain(errand: Errand, *, cycles: int) -> Chain | None:
         turn = TURN * float(np.arccos(length / (2 * radius)))
         angle += side * turn
         contacts.append(angle + pi)
-        rungs.append((length * float(np.cos(turn)) + 2 * errand.push, angle))
+        shorter = length * float(np.cos(turn)) + 2 * errand.push
+        if shorter >= length:  # with so much of a push no cycle gets there
+            return None
+        rungs.append((shorter, angle))
         side = -side
     first = rungs[-1]
     if first[0] > NEAR * 2 * radius:

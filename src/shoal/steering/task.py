@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
 from typing import Any
 
 import numpy as np
 
-from shoal.steering.chains import MARGIN, Chain, Errand
+from shoal.steering.chains import MARGIN, Chain, Errand, refined
 from shoal.steering.friction import friction_limit
 from shoal.steering.kernels.sequences import least_ways
 from shoal.steering.lifting import lifted, parted, touched
@@ -23,6 +23,8 @@ _PUSH = 2e-9  # of the size: how far an adjustment goes into the wall at the lea
 _SLIGHT = 2e-7  # of the size: roundings that may lead off a wall
 _CONE = 1 - 1e-4  # of the friction: planned pushes keep off the edge of the cone, so that roundings can be made up for
 _TINY = 1e-6  # of the size: a move that might as well be left out
+_ROUNDINGS = 1e-14  # of the size: what sums in another order may differ by
+_WIDER = (1e-7, 1e-6, 1e-5)  # margins for chains whose moves are fragile
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +108,26 @@ class Task:
     def moves_of(self, chain: Chain, errand: Errand) -> Points | None:
         """Return the moves that play a chain, with lifts where a translation starts on a wall; None if a lift cannot be had.
 
-        Each move starts from where the moves before it have really led, so that roundings do not add up.
+        Where contacts graze their walls beside corners, roundings may grow to more than the tolerance: there the chain is made
+        short again a little farther from all walls.
         """
+        moves = self._played(chain, errand)
+        for margin in _WIDER:
+            if moves is None or not self.is_fragile(moves, start=errand.walls.outward(errand.start)):
+                return moves
+            wider = replace(errand, margin=margin)
+            moves = self._played(refined(wider, chain), wider)
+        return self._played(chain, errand) if moves is None else moves
+
+    def is_fragile(self, moves: Points, *, start: Points) -> bool:
+        """Return whether a plan that ends within the tolerance would not if it began off its start by some roundings."""
+        if self.error(self.world.play(start, moves)[-1]) > self.tolerance:
+            return False
+        steps = _ROUNDINGS * self.world.room.size * np.eye(start.shape[1])
+        return any(self.error(self.world.play(start + step, moves)[-1]) > self.tolerance for step in steps)
+
+    def _played(self, chain: Chain, errand: Errand) -> Points | None:
+        """Return the moves of a chain; each starts from where those before it have really led, so that roundings do not add up."""
         room, walls = self.world.room, errand.walls
         state = walls.outward(errand.start)
         moves: list[Points] = []
