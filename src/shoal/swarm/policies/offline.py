@@ -10,7 +10,7 @@ from numpy.random import Generator
 from shoal.errors import InvalidInputError
 from shoal.swarm.policies.protocol import Decision, View
 
-PLAN_BUDGET = 8_000.0  # imagined moves for each command: nobody waits between two of them
+PLAN_BUDGET = 32_000.0  # imagined moves for each command: nobody waits between two of them
 
 
 @dataclass(frozen=True)
