@@ -209,6 +209,16 @@ def test_robust_survives_noise():
     assert solved["shortest"] <= 4
 
 
+def test_robust_sends_no_more_moves_than_it_may():
+    """A lift before a translation is a move, too."""
+    noise = Disturbance(execution=1e-3, measurement=1e-3, gain=0.2)
+    problem = SteeringProblem(SQUARE, [(0.2, 0.2), (0.7, 0.4)], [(0.3, 0.8), (0.5, 0.1)], 0.01)
+    longest = steer(problem, planner="robust", disturbance=noise).n_moves
+    assert [steer(problem, planner="robust", disturbance=noise, max_moves=k).n_moves for k in range(1, longest)] == [
+        *range(1, longest)
+    ]
+
+
 def test_friction_slides_and_limits():
     world = ContactWorld(SQUARE, friction=0.5)
     np.testing.assert_allclose(world.step([(0, 0.5)], (-0.2, 0.3)), [[0, 0.7]])  # by |T u| - friction |N u|

@@ -110,7 +110,7 @@ class _Loop:
         for share in (1.0, 0.5, 0.2, 0.05, 0.0):
             margin = max(share * 2 * spread, LEAST * self.room.size)
             errand = self._errand(margin)
-            found = shortest_chain(errand, cycles=(1, 2), first_found=True)
+            found = shortest_chain(errand, cycles=(1, 2, 3), first_found=True)
             if found is not None:
                 break
         if found is None:
@@ -247,6 +247,9 @@ class _Loop:
         return np.asarray(move)
 
     def _send(self, move: Points) -> None:
+        """Send a move, unless all are used up; look, and learn from what is seen."""
+        if self.sent >= self.task.max_moves:
+            return
         before = self.seen
         self.apparatus.send(move)
         self.seen = self._inside(self.apparatus.look())
