@@ -26,7 +26,10 @@ from shoal.steering import (
     regular_polygon,
     steer,
 )
+from shoal.steering.chains import Errand
 from shoal.steering.friction import friction_limit
+from shoal.steering.opposite import ladder_chain
+from shoal.steering.walls import walls_of
 from shoal.steering.world import stop_at_others
 from shoal.views.steering import plan_figure, reach_figure
 
@@ -207,6 +210,13 @@ def test_robust_survives_noise():
             assert SQUARE.contains(episode.states.reshape(-1, 2)).all()
     assert solved["robust"] >= 9
     assert solved["shortest"] <= 4
+
+
+def test_no_ladder_leads_to_goals_so_far_apart_that_each_push_undoes_a_rung():
+    walls = walls_of(disk(0.5))
+    start, goal = np.array([(-0.1, 0.0), (0.1, 0.0)]), np.array([(-0.48, 0.0), (0.48, 0.0)])
+    assert ladder_chain(Errand(walls, start, goal), cycles=20) is not None
+    assert ladder_chain(Errand(walls, start, goal, push=0.05), cycles=20) is None
 
 
 def test_robust_sends_no_more_moves_than_it_may():

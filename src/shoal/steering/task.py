@@ -111,20 +111,24 @@ class Task:
         Where contacts graze their walls beside corners, roundings may grow to more than the tolerance: there the chain is made
         short again a little farther from all walls.
         """
-        moves = self._played(chain, errand)
+        start, moves = errand.walls.outward(errand.start), self._played(chain, errand)
+        if moves is None or not self._arrives(moves, start) or self._is_sure(moves, start):
+            return moves
         for margin in _WIDER:
-            if moves is None or not self.is_fragile(moves, start=errand.walls.outward(errand.start)):
-                return moves
             wider = replace(errand, margin=margin)
-            moves = self._played(refined(wider, chain), wider)
-        return self._played(chain, errand) if moves is None else moves
+            surer = self._played(refined(wider, chain), wider)
+            if surer is not None and self._arrives(surer, start) and self._is_sure(surer, start):
+                return surer
+        return moves
 
-    def is_fragile(self, moves: Points, *, start: Points) -> bool:
-        """Return whether a plan that ends within the tolerance would not if it began off its start by some roundings."""
-        if self.error(self.world.play(start, moves)[-1]) > self.tolerance:
-            return False
+    def _arrives(self, moves: Points, start: Points) -> bool:
+        """Return whether a plan ends within the tolerance."""
+        return self.error(self.world.play(start, moves)[-1]) <= self.tolerance
+
+    def _is_sure(self, moves: Points, start: Points) -> bool:
+        """Return whether a plan would end there, too, if it began off its start by some roundings."""
         steps = _ROUNDINGS * self.world.room.size * np.eye(start.shape[1])
-        return any(self.error(self.world.play(start + step, moves)[-1]) > self.tolerance for step in steps)
+        return all(self._arrives(moves, start + step) for step in steps)
 
     def _played(self, chain: Chain, errand: Errand) -> Points | None:
         """Return the moves of a chain; each starts from where those before it have really led, so that roundings do not add up."""
