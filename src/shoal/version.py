@@ -1,3 +1,35 @@
-"""The version of Shoal."""
+"""The version of Shoal, and of all that a result may depend on."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from functools import cache
+from pathlib import Path
 
 __version__ = "0.1.0"
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return the versions of this process: of Shoal, Python, NumPy and Numba.
+
+    Examples
+    --------
+    >>> list(versions())
+    ['shoal', 'python', 'numpy', 'numba']
+    """
+    from importlib.metadata import version  # slow to import, and `import shoal` is not to wait for it
+
+    python = ".".join(platform.python_version_tuple()[:2])
+    return {"shoal": __version__, "python": python, "numpy": version("numpy"), "numba": version("numba")}
+
+
+@cache
+def code_digest() -> str:
+    """Return a digest of the code that results depend on: two processes with the same one compute the same."""
+    digest, root = hashlib.blake2b(digest_size=8), Path(__file__).parent
+    for folder in ("swarm", "steering", "search", "lab"):
+        for file in sorted((root / folder).rglob("*.py")):
+            digest.update(file.relative_to(root).as_posix().encode() + file.read_bytes())
+    return digest.hexdigest()

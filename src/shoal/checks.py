@@ -1,0 +1,237 @@
+"""Checks at the public boundary: each returns the checked value, or refuses it in one sentence."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Iterable
+from math import inf, isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
+
+LARGEST_TEXT = 200_000_000
+"""Bytes of a text file: what is larger is refused before it is read."""
+
+
+def check_integer(value: Any, *, what: str, least: float = -inf, most: float = inf) -> int:
+    """Return a whole number as an int; NumPy's integers are whole numbers, truth values are not.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> check_integer(np.int64(3), what="particles", least=1)
+    3
+    >>> check_integer(0, what="particles", least=1)
+    Traceback (most recent call last):
+    ...
+    shoal.errors.InvalidInputError: particles: expected a whole number, 1 or more, got 0
+    """
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or not least <= value <= most:
+        raise InvalidInputError(f"{what}: expected a whole number{_bounds(least, most)}, got {shortened(value)}")
+    return int(value)
+
+
+def check_number(
+    value: Any, *, what: str, least: float = -inf, most: float = inf, above: float = -inf, below: float = inf, finite: bool = True
+) -> float:
+    """Return a number as a float: from ``least`` to ``most``, above ``above``, below ``below``, finite unless told otherwise.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> check_number(1, what="loss", least=0, most=1)
+    1.0
+    """
+    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    try:
+        good = number and least <= value <= most and above < value and (value < below or below == inf)
+        good = good and (not finite or isfinite(value))
+    except OverflowError:  # a whole number beyond all floats
+        good = False
+    if not good:
+        raise InvalidInputError(f"{what}: expected a number{_bounds(least, most, above, below)}, got {shortened(value)}")
+    return float(value)
+
+
+def check_bool(value: Any, *, what: str) -> bool:
+    """Return a truth value.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise InvalidInputError(f"{what}: expected true or false, got {shortened(value)}")
+    return bool(value)
+
+
+def check_text(value: Any, *, what: str) -> str:
+    """Return a text.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if not isinstance(value, str):
+        raise InvalidInputError(f"{what}: expected a text, got {shortened(value)}")
+    return value
+
+
+def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
+    """Return one of some texts; the refusal suggests the nearest.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> check_choice("blok", what="rule", choices=("block", "merge"))
+    Traceback (most recent call last):
+    ...
+    shoal.errors.InvalidInputError: rule: expected one of block, merge, got 'blok' (did you mean 'block'?)
+    """
+    known = list(choices)
+    if value not in known:
+        raise InvalidInputError(f"{what}: expected one of {', '.join(known)}, got {shortened(value)}{suggestion(value, known)}")
+    return str(value)
+
+
+def check_points(points: Any, *, what: str, dimensions: int, count: int | None = None) -> NDArray[np.float64]:
+    """Return points as a finite float64 array, shape (count, dimensions).
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    expected = f"{what}: expected {'' if count is None else f'{count} '}points of {dimensions} numbers"
+    try:
+        array = np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInputError(f"{expected}, got {shortened(points)}") from None
+    if array.ndim != 2 or array.shape[1] != dimensions or (count is not None and len(array) != count):
+        raise InvalidInputError(f"{expected}, got an array of shape {array.shape}")
+    if not np.isfinite(array).all():
+        index = int(np.argmin(np.isfinite(array).all(axis=1)))
+        raise InvalidInputError(f"{what}: expected finite numbers, got {tuple(array[index].tolist())} at point {index + 1}")
+    return array
+
+
+def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
+    """Refuse what is no file, is empty, or has more than ``most`` bytes.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    try:
+        if not path.is_file():
+            raise InvalidInputError(f"{path}: expected a {what}, got {'a folder' if path.is_dir() else 'no such file'}")
+        size = path.stat().st_size
+    except (OSError, ValueError) as error:
+        raise InvalidInputError(f"cannot read {shortened(str(path))}: {getattr(error, 'strerror', None) or error}") from None
+    if size == 0:
+        raise InvalidInputError(f"{path}: expected a {what}, got an empty file")
+    if size > most:
+        raise InvalidInputError(f"{path}: expected a {what} of at most {most} bytes, got {size}")
+
+
+def read_text(path: Path, *, what: str, most: int = LARGEST_TEXT) -> str:
+    """Return the text of a file in UTF-8.
+
+    Raises
+    ------
+    InvalidInputError
+        With the line of the first wrong byte.
+    """
+    check_file(path, what=what, most=most)
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InvalidInputError(f"cannot read {path}: {error.strerror or error}") from None
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        raise InvalidInputError(f"{path}: expected text in UTF-8, got byte 0x{raw[error.start]:02x} in line {line}") from None
+    if "\0" in text:
+        line = text[: text.index("\0")].count("\n") + 1
+        raise InvalidInputError(f"{path}: expected text, got a zero byte in line {line}")
+    return text
+
+
+def parse_json(text: str, *, where: str) -> Any:
+    """Return what a JSON text says.
+
+    Raises
+    ------
+    InvalidInputError
+        With line and column.
+    """
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InvalidInputError(
+            f"{where}: expected JSON, got something else in line {error.lineno}, column {error.colno}: {error.msg.lower()}"
+        ) from None
+    except (RecursionError, ValueError) as error:
+        why = "is nested too deeply" if isinstance(error, RecursionError) else "has a number of too many digits"
+        raise InvalidInputError(f"{where}: expected JSON of modest depth and numbers, got one that {why}") from None
+
+
+def validation_message(error: ValidationError, *, where: str, without: Iterable[str] = ()) -> str:
+    """Return the first fault that Pydantic found in data, in one sentence; ``without`` names parts of places to leave out."""
+    every = error.errors()
+    first = next((one for one in every if one["type"] == "extra_forbidden"), every[0])  # a slip in a name is missing elsewhere, too
+    left_out = set(without)
+    place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"] if part not in left_out)
+    what = _EXPECTED.get(first["type"], first["msg"].replace("Input should be ", "expected "))
+    got = "none" if first["type"] in ("missing", "union_tag_not_found") else shortened(first["input"])
+    return f"{where}{': ' if place else ''}{place.lstrip('.')}: {what[0].lower()}{what[1:]}, got {got}"
+
+
+_EXPECTED = {
+    "extra_forbidden": "expected no such field", "missing": "expected this field", "int_type": "expected a whole number",
+    "int_parsing": "expected a whole number", "int_from_float": "expected a whole number", "string_type": "expected a text",
+    "float_type": "expected a number", "float_parsing": "expected a number", "bool_type": "expected true or false",
+    "bool_parsing": "expected true or false", "dict_type": "expected fields with values", "list_type": "expected a list",
+    "tuple_type": "expected a list",
+}  # fmt: skip
+
+
+def suggestion(word: Any, known: Iterable[str]) -> str:
+    """Return " (did you mean 'X'?)" for the known word nearest to one, nothing if none is near."""
+    near = difflib.get_close_matches(str(word), list(known), n=1, cutoff=0.6)
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def shortened(value: Any) -> str:
+    """Return what a value looks like in a message: at most 80 characters, one line."""
+    try:
+        return " ".join(repr(value).split())[:80]
+    except ValueError:  # a whole number with more digits than Python writes
+        return "a number of too many digits"
+
+
+def _bounds(least: float, most: float, above: float = -inf, below: float = inf) -> str:
+    """Return the range of a number for people, with the comma or the word before it."""
+    if least > -inf and most < inf:
+        return f" from {least:g} to {most:g}"
+    parts = [f"{least:g} or more"] if least > -inf else [f"above {above:g}"] if above > -inf else []
+    parts += [f"at most {most:g}"] if most < inf else [f"below {below:g}"] if below < inf else []
+    return f", {' and '.join(parts)}" if parts else ""
