@@ -49,9 +49,9 @@ def takes_problem(kind: type[Problem], **fixed: Any) -> Callable[[Callable[..., 
 
         made = [_parameter(declared) for declared in taken.values()]
         made = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in [*made, *own]]
-        wrapped.__signature__ = inspect.Signature(made)
+        vars(wrapped)["__signature__"] = inspect.Signature(made)
         wrapped.__annotations__ = {one.name: one.annotation for one in made}
-        del wrapped.__wrapped__  # type: ignore[attr-defined]  # else the signature of the command itself would be read
+        del vars(wrapped)["__wrapped__"]  # else the signature of the command itself would be read
         return wrapped
 
     return decorate
