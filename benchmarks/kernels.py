@@ -9,6 +9,7 @@ from tests.reference import plain
 from benchmarks.timing import best_seconds, row
 from shoal import open_map, run
 from shoal.swarm import Belief, Board, GridWorld, engine, make_policy, make_task, place
+from shoal.swarm.grid.fields import field_of
 from shoal.swarm.kernels import moves, play
 from shoal.swarm.running import trial_rng
 
@@ -35,8 +36,8 @@ def bench_move() -> None:
     commands = np.random.default_rng(0).integers(0, 4, 4000)
     world = GridWorld(workspace)
     state = world.initial(start)
-    known = Belief(world.free, Board.full(world.frame), Board.empty(world.frame))
-    field = engine.field_of(world.free.words, state, known)
+    known = Belief(world.free, Board.full(world.layout), Board.empty(world.frame))
+    field = field_of(world.free.words, state, known)
     reference = plain.make_world(workspace.free, start, rule="block", task="mapping", targets=None)
     packed_moves(field, commands)
     plain_moves(reference.counts, reference.free, commands)
@@ -64,9 +65,9 @@ def play_packed(world: GridWorld, start: np.ndarray) -> None:
     policy = make_policy("closest-frontier")
     state = world.initial(start)
     belief = make_task("mapping").begin(world, state)
-    field = engine.field_of(world.free.words, state, belief)
+    field = field_of(world.free.words, state, belief)
     mind = engine.mind_of(
-        world.frame, world.workspace.n_free, belief, rule="block", ties="column-major", neighbours="lurd", plan=""
+        world.layout, world.workspace.n_free, belief, rule="block", ties="column-major", neighbours="lurd", plan=""
     )
     play.play(policy.code, field, moves.BLOCK, True, mind, None, engine.new_log(4096))
 

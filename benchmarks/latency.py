@@ -8,8 +8,9 @@ import numpy as np
 
 from shoal import open_map
 from shoal.swarm import GridWorkspace, GridWorld, make_policy, make_task, planning
-from shoal.swarm.engine import RUNNING, field_of, new_log
-from shoal.swarm.placement import place
+from shoal.swarm.engine import RUNNING, new_log
+from shoal.swarm.grid.fields import field_of
+from shoal.swarm.grid.placements import place
 from shoal.swarm.running import trial_rng
 
 MAPS = ("htree:5000", "rectangle:50x100", "line:5000", "vessels:5000")

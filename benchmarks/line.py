@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.timing import best_seconds, row
-from shoal.swarm.line import Line, coverage_moves, sample
+from shoal.swarm.theory.one_dimension import Line, coverage_moves, sample
 
 TRIALS = 1_000_000
 _PLAIN = 20_000

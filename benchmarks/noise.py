@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal import GridWorkspace, open_map, run, run_trials
-from shoal.swarm.generators import generate
+from shoal.swarm.maps.generators import generate
 from shoal.swarm.noise import Noise, NoisyEpisode
 from shoal.swarm.noise.model import PRIOR
 

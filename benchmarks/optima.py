@@ -11,8 +11,8 @@ import statistics
 from tests.reference.small import small_cases
 
 from shoal import run
-from shoal.swarm.bounds import lower_bound, optimum
 from shoal.swarm.plans import plan_coverage
+from shoal.swarm.theory.bounds import lower_bound, optimum
 
 POLICIES = ("best", "rollout", "closest-frontier")
 

@@ -16,9 +16,9 @@ from tests.golden.test_published import PUBLISHED, published_means
 
 from shoal import GridWorkspace, open_map, run
 from shoal.cli.demo import retina
-from shoal.swarm.bounds import lower_bound
-from shoal.swarm.imaging import segment_vessels
+from shoal.swarm.maps.imaging import segment_vessels
 from shoal.swarm.policies import BeamRollout, Policy, make_policy
+from shoal.swarm.theory.bounds import lower_bound
 
 COUNTS = (100, 500, 1000, 2500, 4000)
 MAPS = ("htree:5000", "rectangle:50x100", "line:5000", "vessels:5000")

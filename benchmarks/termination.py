@@ -9,7 +9,7 @@ import numpy as np
 
 from shoal import run
 from shoal.swarm import GridWorkspace
-from shoal.swarm.generators import generate
+from shoal.swarm.maps.generators import generate
 
 MAPS = ("line:{a}", "rectangle:{b}x{c}", "htree:{a}", "maze:{b}x{c}:{s}", "cave:{b}x{c}:{s}", "vessels:{d}:{s}", "noise")
 POLICIES = ("best", "rollout", "greedy-classify", "best:budget=20", "rollout:budget=20")

@@ -21,9 +21,9 @@ from shoal.search.faults import Crash, Pause
 from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon, steer
 from shoal.steering.filling import disk_fractions, largest_two_move_fraction, polygon_filling
 from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes, sweep_goals
-from shoal.swarm.line import Line, sample
 from shoal.swarm.noise import Noise
-from shoal.swarm.scanning import EveryStep, Hyperexponential, Powers
+from shoal.swarm.theory.one_dimension import Line, sample
+from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, Powers
 from shoal.views.figures import frontier_plot, map_figure, save_figure
 from shoal.views.search import expected_time_figure, search_figure, timeline_figure
 from shoal.views.steering import plan_figure, reach_figure

@@ -14,8 +14,8 @@ from PIL import Image
 
 from shoal import GridWorkspace, run
 from shoal.cli.demo import retina
-from shoal.swarm.display import PALETTE, belief_raster
-from shoal.swarm.imaging import segment_vessels
+from shoal.swarm.maps.imaging import segment_vessels
+from shoal.swarm.maps.raster import PALETTE, belief_raster
 
 TARGET = Path(__file__).parent / "images" / "retina.png"
 MOVES = 60

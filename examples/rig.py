@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """A reference rig: particles in a map, behind a line, in nothing but Python's standard library.
 
-It speaks version 1 of Shoal's plant protocol (docs/concepts/plant.md) and is meant to be read, and written again for a real rig
+It speaks version 1 of Shoal's rig protocol (docs/concepts/rigs.md) and is meant to be read, and written again for a real rig
 in any language. In place of magnets and a camera it has a text map and its own thirty lines of physics.
 
-    python examples/rig.py MAP.txt --particles 30 --pty /tmp/rig        a pseudo-terminal, for shoal drive --plant serial:/tmp/rig
-    python examples/rig.py MAP.txt --particles 30 --tcp 4000            a TCP port, for --plant tcp:localhost:4000
-    shoal drive --plant "exec:python examples/rig.py MAP.txt"           standard input and output
+    python examples/rig.py MAP.txt --particles 30 --pty /tmp/rig        a pseudo-terminal, for shoal drive --rig serial:/tmp/rig
+    python examples/rig.py MAP.txt --particles 30 --tcp 4000            a TCP port, for --rig tcp:localhost:4000
+    shoal drive --rig "exec:python examples/rig.py MAP.txt"           standard input and output
 
 To see what a bad line does, it cuts it and damages messages: --cuts 10 --damage 0.05.
 """

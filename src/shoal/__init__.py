@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from shoal.errors import InvalidInputError, MissingExtraError, OutputError, ShoalError, UnknownNameError
     from shoal.lab import run_trials
     from shoal.swarm import Board, Episode, GridWorkspace, GridWorld, run
-    from shoal.swarm.formats import read_map, write_map
-    from shoal.swarm.maps import open_map
+    from shoal.swarm.maps.files import read_map, write_map
+    from shoal.swarm.maps.open import open_map
 
 _HOMES = {
     "Board": "shoal.swarm",
@@ -27,11 +27,11 @@ _HOMES = {
     "OutputError": "shoal.errors",
     "ShoalError": "shoal.errors",
     "UnknownNameError": "shoal.errors",
-    "open_map": "shoal.swarm.maps",
-    "read_map": "shoal.swarm.formats",
+    "open_map": "shoal.swarm.maps.open",
+    "read_map": "shoal.swarm.maps.files",
     "run": "shoal.swarm",
     "run_trials": "shoal.lab",
-    "write_map": "shoal.swarm.formats",
+    "write_map": "shoal.swarm.maps.files",
 }
 
 __all__ = [

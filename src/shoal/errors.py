@@ -28,5 +28,5 @@ class MissingExtraError(ShoalError, ImportError):
     """An optional dependency (an extra) is needed and not installed."""
 
 
-class PlantError(ShoalError, ConnectionError):
+class RigError(ShoalError, ConnectionError):
     """A rig does not answer, has stopped, or does what no rig of its kind can do."""

@@ -21,7 +21,7 @@ from numpy.random import Generator
 from shoal.search import TourMaker, components, make_tour
 from shoal.search.tours import find_tour_maker
 from shoal.swarm import GridWorkspace, GridWorld, Mapping, Policy, Task, View, make_policy, make_task, run
-from shoal.swarm.commands import letters_of
+from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.policies import Compiled
 
 __all__ = ["check_policy", "check_task", "check_tour_maker", "check_world", "sample_workspaces"]

@@ -7,8 +7,8 @@ import pytest
 from tests.browser.waiting import until
 
 from shoal import GridWorkspace, open_map, run
-from shoal.swarm.noise import Noise, NoisyPlant, moments
-from shoal.swarm.plant import drive
+from shoal.swarm.noise import Noise, NoisyRig, moments
+from shoal.swarm.rigs import drive
 from shoal.views.player.page import player_data
 
 pytestmark = pytest.mark.browser
@@ -49,7 +49,7 @@ def test_colours_of_cells(open_player):
 
 def test_a_drive_says_that_particles_are_where_they_were_seen(open_player):
     workspace = open_map("maze:9x7")
-    driven = drive(NoisyPlant(workspace, workspace.cells[::8], NOISE, np.random.default_rng(2)), noise=NOISE)
+    driven = drive(NoisyRig(workspace, workspace.cells[::8], NOISE, np.random.default_rng(2)), noise=NOISE)
     page = open_player(player_data(driven.episode))
     assert page.locator("#particleWord").inner_text() == "Seen at the last scan"
     assert page.locator("#wrongRow").is_hidden()

@@ -7,7 +7,7 @@ import pytest
 from tests.browser.waiting import until
 
 from shoal import GridWorkspace, run
-from shoal.swarm.generators import generate
+from shoal.swarm.maps.generators import generate
 from shoal.views.player.page import player_data
 
 pytestmark = pytest.mark.browser

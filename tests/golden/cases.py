@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.swarm import GridWorkspace, place
-from shoal.swarm.generators import generate
+from shoal.swarm.maps.generators import generate
 from shoal.swarm.running import trial_rng
 
 MAPS: dict[str, np.ndarray] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from shoal.papers.recipe import published_curve
-from shoal.swarm.line import Line, sample
+from shoal.swarm.theory.one_dimension import Line, sample
 
 
 def test_spec_figures():

@@ -14,7 +14,7 @@ from tests.golden.cases import CASES, start_of
 from tests.reference.reach import reach_counts
 
 from shoal.swarm import GridWorld
-from shoal.swarm.commands import letters_of
+from shoal.swarm.grid.commands import letters_of
 
 RULES = ("block", "merge", "tilt")
 FILE = Path(__file__).parent / "reach_counts.json"

@@ -17,14 +17,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from shoal.errors import ShoalError
-from shoal.swarm import Episode, GridWorkspace, generators, make_policy, make_task, run
+from shoal.swarm import Episode, GridWorkspace, make_policy, make_task, run
 from shoal.swarm.episode import Verification
-from shoal.swarm.formats import PICTURES, read_map, read_pixels
-from shoal.swarm.generators import GENERATORS
-from shoal.swarm.maps import open_map
-from shoal.swarm.placement import PLACEMENTS, place
+from shoal.swarm.grid.placements import PLACEMENTS, place
+from shoal.swarm.grid.tasks import TASKS
+from shoal.swarm.maps import generators
+from shoal.swarm.maps.files import PICTURES, read_map, read_pixels
+from shoal.swarm.maps.generators import GENERATORS
+from shoal.swarm.maps.open import open_map
 from shoal.swarm.policies import POLICIES
-from shoal.swarm.tasks import TASKS
 
 SUFFIXES = (*PICTURES, ".txt", ".map", ".npy", ".csv")
 WORKSPACE = GridWorkspace([[1, 1, 0, 1], [0, 1, 1, 1]])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.properties.strategies import swarms
 
 from shoal.swarm import Coverage, Episode, GridWorld, Mapping, run
-from shoal.swarm.scanning import (
+from shoal.swarm.theory.scan_schedules import (
     Custom,
     EqualSteps,
     EveryStep,

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.properties.strategies import RULES, commands, swarms, workspaces
 
-from shoal.swarm import Board, Episode, Frame, GridWorkspace, GridWorld, Mapping, run
+from shoal.swarm import Board, Episode, GridLayout, GridWorkspace, GridWorld, Mapping, run
 
 TURNED = dict(zip("lurd", "dlur", strict=True))  # a quarter turn to the left takes left to down, up to left, ...
 
@@ -57,10 +57,10 @@ def test_belief_never_contradicts_the_truth(swarm, rule, data):
 
 @given(workspaces(), st.data())
 def test_packed_is_unpacked(workspace, data):
-    frame = Frame(workspace.shape)
+    layout = GridLayout(workspace.shape)
     one, other = (Board.of_mask(workspace.free & (np.arange(workspace.free.size).reshape(workspace.shape) % k > 0)) for k in (2, 3))
-    np.testing.assert_array_equal(one.inner, frame.inner(one.mask))
-    assert Board(frame, frame.pack(one.mask)) == one
+    np.testing.assert_array_equal(one.inner, layout.inner(one.mask))
+    assert Board(layout, layout.pack(one.mask)) == one
     for packed, plain in (
         (one & other, one.mask & other.mask),
         (one | other, one.mask | other.mask),

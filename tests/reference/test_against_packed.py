@@ -56,7 +56,7 @@ def same_log(episode: Episode, reference: dict) -> None:
     np.add.at(counts, tuple(state.cells.T), 1)
     np.testing.assert_array_equal(counts, reference["counts"])
     if episode.task == "mapping":
-        window = belief.open.frame.window
+        window = belief.open.layout.window
         known = np.where(belief.open.mask, plain.FREE, np.where(belief.known.mask, plain.OBSTACLE, plain.UNKNOWN))
         np.testing.assert_array_equal(known, reference["state"].reshape(window))
 

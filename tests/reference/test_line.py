@@ -14,7 +14,7 @@ import pytest
 from tests.reference.line import left_then_right
 
 from shoal.swarm.kernels import line as kernels
-from shoal.swarm.line import Line, boundary_moves, coverage_moves, largest_gap, printed_coverage_moves, sample
+from shoal.swarm.theory.one_dimension import Line, boundary_moves, coverage_moves, largest_gap, printed_coverage_moves, sample
 
 ROOT = Path(__file__).parents[2]
 
@@ -104,7 +104,7 @@ def test_all_small_placements_are_equally_likely():
 def test_same_sample_for_any_workers_and_with_the_compiler_off():
     script = (
         "import numpy as np; np.seterr(over='ignore')\n"
-        "from shoal.swarm.line import Line, sample\n"
+        "from shoal.swarm.theory.one_dimension import Line, sample\n"
         "for n in (1, 9, 60, 70): print(sample(Line(70, n), 50, seed=3, workers=1).coverage.tolist())"
     )
     environment = dict(os.environ, NUMBA_DISABLE_JIT="1")

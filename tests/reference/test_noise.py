@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from tests.reference import noise as plain
 
-from shoal.swarm.boards import Board, Frame
-from shoal.swarm.commands import encode, letters_of
+from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.commands import encode, letters_of
 from shoal.swarm.kernels import noise as kernels
+from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import Noise, NoisyBelief
 from shoal.swarm.noise.belief import inner_of
 from shoal.swarm.noise.plant import truth_of
-from shoal.swarm.workspace import GridWorkspace
 
 
 def tuples(cells):
@@ -36,7 +36,7 @@ def test_moves_looks_and_belief(seed):
     often = 1.0 if seed % 2 else 0.4  # how often a scan follows a command
     workspace, start = random_case(rng)
     about = Noise(*rng.choice([0.0, 0.05, 0.3], size=3))
-    shape, frame = workspace.shape, Frame(workspace.shape)
+    shape, layout = workspace.shape, GridLayout(workspace.shape)
     haze = truth_of(workspace, start, about, 0.99)
     luck, same_luck = np.random.default_rng(seed), np.random.default_rng(seed)
     free, particles = tuples(workspace.cells), tuples(start)
@@ -48,20 +48,20 @@ def test_moves_looks_and_belief(seed):
         return seen
 
     seen = scan()
-    window = [tuple(cell) for cell in (np.argwhere(np.ones(frame.window)) - 1).tolist()]
+    window = [tuple(cell) for cell in (np.argwhere(np.ones(layout.window)) - 1).tolist()]
     reference = plain.Belief(window, about.slip, about.misplace, about.miss, seen)
-    belief = NoisyBelief(shape, Board.of_cells(frame, sorted(seen)), about, 0.99)
+    belief = NoisyBelief(shape, Board.of_cells(layout, sorted(seen)), about, 0.99)
     for _ in range(12 if len(window) < 150 else 4):
-        command = letters_of(frame.ndim)[rng.integers(2 * frame.ndim)]
-        step = plain.STEPS[command][3 - frame.ndim :]
+        command = letters_of(layout.ndim)[rng.integers(2 * layout.ndim)]
+        step = plain.STEPS[command][3 - layout.ndim :]
         before = copy.copy(particles)
         particles = plain.move(free, particles, step, about.slip, same_luck)
-        travelled = kernels.move_hazy(haze, encode(command, ndim=frame.ndim)[0], luck)
+        travelled = kernels.move_hazy(haze, encode(command, ndim=layout.ndim)[0], luck)
         assert tuples(np.argwhere(inner_of(haze.there, shape))) == particles
         assert travelled == sum(sum(cell) for cell in particles) * sum(step) - sum(sum(cell) for cell in before) * sum(step)
         if often == 1.0 or rng.random() < often:
             seen = scan()
-            belief.update(command, Board.of_cells(frame, sorted(seen)))
+            belief.update(command, Board.of_cells(layout, sorted(seen)))
             reference.update(step, seen)
         else:
             belief.spread(command)

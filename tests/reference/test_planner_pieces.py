@@ -11,7 +11,8 @@ from tests.reference import plain
 
 from shoal import open_map, run
 from shoal.swarm import Board, GridWorkspace, GridWorld, make_policy, make_task, planning
-from shoal.swarm.engine import field_of, new_log
+from shoal.swarm.engine import new_log
+from shoal.swarm.grid.fields import field_of
 from shoal.swarm.kernels import experience, foresight, guess, observe, ways
 from shoal.swarm.kernels.bits import has
 from shoal.swarm.kernels.moves import LEFT, RIGHT, UP
@@ -39,7 +40,7 @@ def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
         state = after
     policy = make_policy("rollout")
     mind = planning.planner_of(
-        world.frame, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings(len(start))
+        world.layout, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings(len(start))
     )
     tallies = mind.experience.tallies
     tallies[:, 0] = rng.integers(0, 6, len(tallies))
@@ -47,18 +48,18 @@ def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
     mind.experience.losses[:] = rng.integers(0, 9, experience.MANNERS)
     field = field_of(world.free.words, state, belief)
     look(field, task == "mapping", mind)
-    return world.frame, mind, field, state, belief, rng
+    return world.layout, mind, field, state, belief, rng
 
 
-def cells_of(frame, board):
-    return Board(frame, board.reshape(frame.words))
+def cells_of(layout, board):
+    return Board(layout, board.reshape(layout.words))
 
 
-def plain_copy(frame, mind, task):
+def plain_copy(layout, mind, task):
     """Return counts, free, state and frontier of the imagined world; the rim is the reference's own."""
 
     def grid(board):
-        mask = cells_of(frame, board).mask
+        mask = cells_of(layout, board).mask
         return mask if mask.ndim == 3 else mask[None]
 
     counts = grid(mind.root[foresight.OCCUPIED]).astype(np.int32)
@@ -74,8 +75,8 @@ def plain_copy(frame, mind, task):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_imagined_moves(shape, task, rule):
     for seed in range(4):
-        frame, mind, _, _, _, rng = scene_of(shape, seed, task, rule=rule)
-        counts, ground, state, frontier = plain_copy(frame, mind, task)
+        layout, mind, _, _, _, rng = scene_of(shape, seed, task, rule=rule)
+        counts, ground, state, frontier = plain_copy(layout, mind, task)
         code = plain.BLOCK if rule == "block" else plain.MERGE
         for command in rng.integers(0, 2 * len(shape), 12):
             foresight.prospects(mind.scene, mind.root, mind.gains)
@@ -84,15 +85,15 @@ def test_imagined_moves(shape, task, rule):
             )
             settled = foresight.advance(mind.scene, mind.root, np.int64(command))
             assert settled == expected[1] == mind.gains[command]
-            occupied = cells_of(frame, mind.root[foresight.OCCUPIED]).mask.reshape(counts.shape)
+            occupied = cells_of(layout, mind.root[foresight.OCCUPIED]).mask.reshape(counts.shape)
             assert (occupied == (counts > 0)).all()
-            assert (cells_of(frame, mind.root[foresight.FRONTIER]).mask.reshape(counts.shape) == frontier).all()
+            assert (cells_of(layout, mind.root[foresight.FRONTIER]).mask.reshape(counts.shape) == frontier).all()
 
 
-def distances_of(frame, mind):
+def distances_of(layout, mind):
     """Breadth-first search, cell by cell, over ground and frontier; stops at the frontier."""
-    ground, frontier = cells_of(frame, mind.scene.ground).mask, cells_of(frame, mind.root[foresight.FRONTIER]).mask
-    occupied = cells_of(frame, mind.root[foresight.OCCUPIED]).mask
+    ground, frontier = cells_of(layout, mind.scene.ground).mask, cells_of(layout, mind.root[foresight.FRONTIER]).mask
+    occupied = cells_of(layout, mind.root[foresight.OCCUPIED]).mask
     distance = np.full(ground.shape, -1)
     queue = deque(tuple(cell) for cell in np.argwhere(occupied))
     for cell in queue:
@@ -115,8 +116,8 @@ def distances_of(frame, mind):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_way_and_outlook(shape):
     for seed in range(6):
-        frame, mind, _, _, _, _ = scene_of(shape, seed, moves=seed)
-        distances = distances_of(frame, mind)
+        layout, mind, _, _, _, _ = scene_of(shape, seed, moves=seed)
+        distances = distances_of(layout, mind)
         length = ways.way(mind.scene, mind.root, mind.planes, mind.trial, np.int64(0), 500)
         nearest = distances[distances > 0].min(initial=10**6)
         assert length == (0 if nearest == 10**6 else nearest)
@@ -135,12 +136,12 @@ def test_way_and_outlook(shape):
 class Plain:
     """What `experience` learns, by names instead of numbers: {(manner, place, surroundings): [cells, free ones]}."""
 
-    def __init__(self, frame):
-        self.frame, self.tallies, self.losses = frame, {}, [0.0] * experience.MANNERS
+    def __init__(self, layout):
+        self.layout, self.tallies, self.losses = layout, {}, [0.0] * experience.MANNERS
 
     def surroundings(self, state, row, column, command):
         """Return (behind, beside the neighbour, beside the cell), the last two sorted; `state` tells that of a cell."""
-        rows = self.frame.rows
+        rows = self.layout.rows
         sides = (LEFT, RIGHT) if command not in (LEFT, RIGHT) else (UP, opposite(UP))
         near = ahead(row, column, opposite(command), rows)
         behind = ahead(*near, opposite(command), rows)
@@ -149,7 +150,7 @@ class Plain:
 
     def chain(self, manner, around, row, column):
         """Return the names of the tallies that a manner asks, from coarse to fine."""
-        within, layer = row % self.frame.rows, row // self.frame.rows if self.frame.ndim == 3 else 0
+        within, layer = row % self.layout.rows, row // self.layout.rows if self.layout.ndim == 3 else 0
         places = [tuple(axis % 2**level for axis in (layer, within, column)) for level in range(manner + 1)]
         return ["all", *((level, places[level], around[:2]) for level in range(manner + 1)), (manner, places[-1], around)]
 
@@ -172,12 +173,12 @@ class Plain:
             self.tallies[name] = (cells + 1, opened + free)
 
 
-def states(frame, known, opened):
+def states(layout, known, opened):
     """Return a function that tells the state of a cell: 0 unknown, as all beyond the board, 1 free, 2 obstacle."""
-    width = frame.words[1]
+    width = layout.words[1]
 
     def state(row, column):
-        if not (0 <= row < frame.words[0] and 0 <= column < 64 * width) or not has(known, width, row, column):
+        if not (0 <= row < layout.words[0] and 0 <= column < 64 * width) or not has(known, width, row, column):
             return 0
         return 1 if has(opened, width, row, column) else 2
 
@@ -187,12 +188,12 @@ def states(frame, known, opened):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_experience(shape):
     """What is learnt from the moves of an episode is what the plain one learns from the same cells."""
-    frame, mind, field, _, _, rng = scene_of(shape, 3, moves=0)
-    learnt, plainly = mind.experience, Plain(frame)
+    layout, mind, field, _, _, rng = scene_of(shape, 3, moves=0)
+    learnt, plainly = mind.experience, Plain(layout)
     learnt.tallies[:], learnt.losses[:] = 0, 0
     for command in rng.integers(0, 2 * len(shape), 12):
         learnt.before[:] = field.known
-        state = states(frame, learnt.before, field.open)
+        state = states(layout, learnt.before, field.open)
         observe.step(field, command, 0, True)
         experience.take_note(field, learnt, command)
         for i, word in enumerate(field.known & ~learnt.before):
@@ -209,23 +210,23 @@ def test_experience(shape):
     assert experience.believed(learnt, 0) == 0
 
 
-def predicted_plainly(frame, field, learnt, manner, depth, likely, sure):
+def predicted_plainly(layout, field, learnt, manner, depth, likely, sure):
     """The rule of `guess`, one cell after the other."""
     known, opened = field.known.copy(), field.open.copy()
-    layer = [tuple(cell) for cell in np.argwhere(cells_of(frame, field.frontier).mask.reshape(frame.words[0], -1))]
+    layer = [tuple(cell) for cell in np.argwhere(cells_of(layout, field.frontier).mask.reshape(layout.words[0], -1))]
 
     def inside(row, column):
-        in_layer, within = divmod(row, frame.rows)
-        if not (0 < within < frame.rows - 1 and 0 < column < frame.columns - 1):
+        in_layer, within = divmod(row, layout.rows)
+        if not (0 < within < layout.rows - 1 and 0 < column < layout.columns - 1):
             return False
-        return frame.ndim == 2 or 0 < in_layer < frame.layers - 1
+        return layout.ndim == 2 or 0 < in_layer < layout.layers - 1
 
     def chances(row, column):
         """Yield, for each side from which a cell may be entered, how likely it is free and how often the like was seen."""
-        for command in range(2 * frame.ndim):
-            r, c = ahead(row, column, opposite(command), frame.rows)
-            if 0 <= r < frame.words[0] and 0 <= c < frame.columns and has(opened, field.width, r, c):
-                cell, steps = 64 * frame.words[1] * row + column, experience.steps_of(frame.rows, frame.words[1], command)
+        for command in range(2 * layout.ndim):
+            r, c = ahead(row, column, opposite(command), layout.rows)
+            if 0 <= r < layout.words[0] and 0 <= c < layout.columns and has(opened, field.width, r, c):
+                cell, steps = 64 * layout.words[1] * row + column, experience.steps_of(layout.rows, layout.words[1], command)
                 number = experience.around(opened, known, cell, *steps)
                 yield experience.chance(learnt, manner, number, cell), learnt.tallies[1 + number // 6, 0]
 
@@ -246,7 +247,7 @@ def predicted_plainly(frame, field, learnt, manner, depth, likely, sure):
             break
         put(opened, found)
         put(known, layer)
-        near = {ahead(row, column, command, frame.rows) for row, column in found for command in range(2 * frame.ndim)}
+        near = {ahead(row, column, command, layout.rows) for row, column in found for command in range(2 * layout.ndim)}
         layer = [(r, c) for r, c in near if not has(known, field.width, r, c)]
     return opened
 
@@ -254,10 +255,10 @@ def predicted_plainly(frame, field, learnt, manner, depth, likely, sure):
 @pytest.mark.parametrize("shape", [shape for shape in SHAPES if len(shape) == 2 or shape[-1] < 60])
 def test_prediction(shape):
     for seed in range(5):
-        frame, mind, field, _, _, _ = scene_of(shape, seed, moves=seed)
+        layout, mind, field, _, _, _ = scene_of(shape, seed, moves=seed)
         for manner, (layers, likely, sure) in enumerate(((1, 0.75, 0.0), (12, 0.6, 0.0), (30, 0.5, 0.3), (3, 0.6, 0.5))):
             guess.predict(field, mind.experience, manner, mind.guess, layers, likely, sure)
-            expected = predicted_plainly(frame, field, mind.experience, manner, layers, likely, sure)
+            expected = predicted_plainly(layout, field, mind.experience, manner, layers, likely, sure)
             assert (mind.guess.open == expected).all()
     assert {LAYERS, LIKELY, SURE} < set(range(mind.options.size))
 

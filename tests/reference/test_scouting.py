@@ -25,10 +25,11 @@ from tests.reference.scouting import (
 )
 
 from shoal.swarm import GridWorkspace, GridWorld, engine, run
-from shoal.swarm.belief import Belief
-from shoal.swarm.boards import Board
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board
+from shoal.swarm.grid.fields import field_of
+from shoal.swarm.grid.scans import ScanRule
 from shoal.swarm.kernels import moves, prospect, survey
-from shoal.swarm.scanning import ScanRule
 
 RULES = ("block", "merge")
 WIDTHS = (1, 2, 3, 8, 20, 61, 62, 63, 64, 65, 70)  # with the rim 62 just fills a word
@@ -86,22 +87,22 @@ class Scene:
         self.world.state[reveal] = np.where(self.world.free, FREE, WALL)[reveal]
         self.view = View.of(self.world)
         world = GridWorld(GridWorkspace(free), rule)
-        self.frame, state = world.frame, world.initial(start)
+        self.layout, state = world.layout, world.initial(start)
         belief = Belief(*(self.board(mask) for mask in (self.world.state == FREE, self.world.state > 0, self.world.frontier)))
-        self.field = engine.field_of(world.free.words, state, belief)
+        self.field = field_of(world.free.words, state, belief)
         scanning = ScanRule("adaptive", scan_cost=prices[0], move_cost=prices[1])
         options = {"rule": rule, "ties": "column-major", "neighbours": "lurd", "plan": "", "scanning": scanning}
-        self.mind = engine.mind_of(self.frame, free.size, belief, **options)
-        self.scout = engine.scout_of(self.frame, scanning)
+        self.mind = engine.mind_of(self.layout, free.size, belief, **options)
+        self.scout = engine.scout_of(self.layout, scanning)
         self.survey, self.prospect = self.scout
 
     def board(self, mask):
         """Return the board of a padded array."""
-        return Board(self.frame, self.frame.pack(mask.reshape(self.frame.window)))
+        return Board(self.layout, self.layout.pack(mask.reshape(self.layout.window)))
 
     def cells(self, words):
         """Return the cells of a board of the kernels."""
-        return cells_of(self.frame.unpack(words.reshape(self.frame.words)).reshape(self.view.shape))
+        return cells_of(self.layout.unpack(words.reshape(self.layout.words)).reshape(self.view.shape))
 
 
 def on_corner(shape):

@@ -10,10 +10,10 @@ import pytest
 
 from shoal import Episode, GridWorkspace, InvalidInputError, open_map, run, run_trials
 from shoal.cli import run as shoal
-from shoal.swarm.boards import Board, Frame
-from shoal.swarm.noise import Noise, NoisyBelief, NoisyEpisode, NoisyPlant
-from shoal.swarm.plant import DriveLog, drive, replay_log
-from shoal.swarm.scanning import ScanRule
+from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.scans import ScanRule
+from shoal.swarm.noise import Noise, NoisyBelief, NoisyEpisode, NoisyRig
+from shoal.swarm.rigs import DriveLog, drive, replay_log
 
 SOME = Noise(slip=0.05, misplace=0.01, miss=0.02)
 COLUMNS = ("done", "frontier", "travelled", "scanned")
@@ -131,21 +131,21 @@ def test_scans_that_are_often_wrong_are_begun_with_too():
 
 def test_wrong_belief_is_corrected():
     """A cell that was taken for free since something was seen there once is found to be a wall."""
-    frame = Frame((1, 4))
-    belief = NoisyBelief((1, 4), Board.of_cells(frame, [(0, 0), (0, 2)]), Noise(0.05, 0.01))
+    layout = GridLayout((1, 4))
+    belief = NoisyBelief((1, 4), Board.of_cells(layout, [(0, 0), (0, 2)]), Noise(0.05, 0.01))
     assert belief.probability[1, 3] > 0.99  # the second one was seen beside its cell: it stands at (0, 1)
     for command, cells in (("l", [(0, 0), (0, 1)]), ("r", [(0, 0), (0, 1)])) * 3:
-        belief.update(command, Board.of_cells(frame, cells))
+        belief.update(command, Board.of_cells(layout, cells))
     assert belief.probability[1, 2] > 0.999
     assert belief.probability[1, 3] < 0.02
 
 
 def test_a_particle_that_is_lost_is_found_again():
-    frame = Frame((1, 5))
-    belief = NoisyBelief((1, 5), Board.empty(frame), Noise(miss=0.3))
+    layout = GridLayout((1, 5))
+    belief = NoisyBelief((1, 5), Board.empty(layout), Noise(miss=0.3))
     assert not belief.occupied
     for _ in range(3):
-        belief.update("l", Board.of_cells(frame, [(0, 2)]))
+        belief.update("l", Board.of_cells(layout, [(0, 2)]))
     assert list(belief.occupied) == [(0, 2)]
 
 
@@ -177,8 +177,8 @@ def test_a_noisy_plant_is_driven(tmp_path):
     rng = np.random.default_rng(2)
     for policy, every in (("closest-frontier", 1), ("elect-particle", 1), ("closest-frontier", 3)):
         log = tmp_path / f"{policy}-{every}.jsonl"
-        plant = NoisyPlant(workspace, workspace.cells[::9], SOME, rng)
-        driven = drive(plant, policy=policy, noise=SOME, scan_every=every, log=DriveLog(log))
+        rig = NoisyRig(workspace, workspace.cells[::9], SOME, rng)
+        driven = drive(rig, policy=policy, noise=SOME, scan_every=every, log=DriveLog(log))
         assert driven.status == "complete"
         assert driven.scanned.all() == (every == 1)
         assert sum(driven.compared(workspace).values()) == 0
@@ -186,11 +186,11 @@ def test_a_noisy_plant_is_driven(tmp_path):
         assert verified, verified.message
         assert result.commands == driven.commands
         np.testing.assert_array_equal(result.scanned, driven.scanned)
-    cut = drive(NoisyPlant(workspace, workspace.cells[::9], SOME, rng), noise=SOME, scan_every=50, max_moves=9)
+    cut = drive(NoisyRig(workspace, workspace.cells[::9], SOME, rng), noise=SOME, scan_every=50, max_moves=9)
     assert cut.status == "limit"
     assert cut.scanned[-1]
     with pytest.raises(InvalidInputError, match="scan-every as a number of commands"):
-        drive(plant, noise=SOME, scan_every="adaptive")
+        drive(rig, noise=SOME, scan_every="adaptive")
 
 
 def test_command(tmp_path, capsys):

@@ -11,8 +11,8 @@ from PIL import Image
 
 from shoal import GridWorkspace, InvalidInputError, open_map, run
 from shoal.cli import run as shoal
-from shoal.swarm.noise import Noise, NoisyPlant, SeenEpisode, moments
-from shoal.swarm.plant import DriveLog, drive, replay_log
+from shoal.swarm.noise import Noise, NoisyRig, SeenEpisode, moments
+from shoal.swarm.rigs import DriveLog, drive, replay_log
 from shoal.views.figures import final_map
 from shoal.views.films import film_frames, write_film
 from shoal.views.looks import HAZY, PLAIN, codes_after, codes_by_move
@@ -105,8 +105,8 @@ def test_too_much_for_a_page(episode, monkeypatch):
 def test_a_drive_is_drawn_as_it_was_seen(tmp_path):
     workspace = open_map("maze:9x7")
     log = DriveLog(tmp_path / "drive.jsonl")
-    plant = NoisyPlant(workspace, workspace.cells[::8], NOISE, np.random.default_rng(2))
-    driven = drive(plant, noise=NOISE, scan_every=3, log=log)
+    rig = NoisyRig(workspace, workspace.cells[::8], NOISE, np.random.default_rng(2))
+    driven = drive(rig, noise=NOISE, scan_every=3, log=log)
     seen = driven.episode
     assert isinstance(seen, SeenEpisode)
     assert (seen.commands, seen.scans, seen.moves) == (driven.commands, driven.scans, driven.moves)
@@ -129,8 +129,8 @@ def test_a_drive_is_drawn_as_it_was_seen(tmp_path):
 
 
 def test_nothing_found_nothing_drawn():
-    plant = NoisyPlant(GridWorkspace([[1, 1]]), [(0, 0)], Noise(miss=0.5), np.random.default_rng(2))
-    assert drive(plant, noise=Noise(miss=0.5), max_moves=0).episode is None
+    rig = NoisyRig(GridWorkspace([[1, 1]]), [(0, 0)], Noise(miss=0.5), np.random.default_rng(2))
+    assert drive(rig, noise=Noise(miss=0.5), max_moves=0).episode is None
 
 
 def test_commands(tmp_path, capsys):

@@ -14,9 +14,9 @@ from tests.reference.small import small_cases
 from shoal import open_map, run
 from shoal.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, make_policy, planning
-from shoal.swarm.bounds import LowerBound, lower_bound, mapping_optimum, optimum
 from shoal.swarm.kernels import planner
 from shoal.swarm.policies import POLICIES, BeamRollout
+from shoal.swarm.theory.bounds import LowerBound, lower_bound, mapping_optimum, optimum
 
 SMALL: dict[str, float] = {
     "width": 3,
@@ -197,7 +197,7 @@ def test_lower_bounds_are_not_above_the_optimum(seed, merge):
 
 def knowing_the_map(workspace, start):
     """The fewest commands that classify everything, by breadth-first search over particles and cells classified."""
-    from shoal.swarm.bounds import _Cells, _flat, _mask_of
+    from shoal.swarm.theory.bounds import _Cells, _flat, _mask_of
 
     free, offsets = _flat(workspace)
     world = _Cells(free, offsets, "block")

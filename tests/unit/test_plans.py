@@ -12,8 +12,8 @@ from shoal import open_map, run
 from shoal.cli import run as command
 from shoal.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, plans
-from shoal.swarm.bounds import optimum
 from shoal.swarm.plans import plan_coverage
+from shoal.swarm.theory.bounds import optimum
 
 
 def covered(workspace, start, plan, rule="block"):

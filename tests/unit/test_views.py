@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from shoal import GridWorkspace, InvalidInputError, open_map, run, run_trials
-from shoal.swarm.display import PALETTE, belief_raster, in_strips, workspace_raster
+from shoal.swarm.maps.raster import PALETTE, belief_raster, in_strips, workspace_raster
 from shoal.views.figures import final_map, frontier_plot, map_figure, save_figure
 from shoal.views.films import film_frames, shown_moves, write_film
 from shoal.views.player.page import player_page

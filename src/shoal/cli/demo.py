@@ -57,8 +57,8 @@ def demo(
     from shoal.files import atomic
     from shoal.swarm import GridWorkspace, run
     from shoal.swarm.engine import load_kernels
-    from shoal.swarm.formats import write_map
-    from shoal.swarm.imaging import segment_vessels
+    from shoal.swarm.maps.files import write_map
+    from shoal.swarm.maps.imaging import segment_vessels
 
     check_folder(out)
     photograph = retina()

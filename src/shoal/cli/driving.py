@@ -20,9 +20,9 @@ from shoal.errors import InvalidInputError
 if TYPE_CHECKING:
     from shoal.swarm import Episode, GridWorkspace
     from shoal.swarm.noise import Noise
-    from shoal.swarm.plant import Drive, Plant, RemotePlant
+    from shoal.swarm.rigs import Drive, RemoteRig, Rig
 
-EXAMPLE = "Example: shoal drive maze:9x7 --plant simulated --particles 4 --log drive.jsonl"
+EXAMPLE = "Example: shoal drive maze:9x7 --rig simulated --particles 4 --log drive.jsonl"
 
 
 def drive(
@@ -30,15 +30,15 @@ def drive(
         str | None,
         typer.Argument(
             metavar="[MAP]",
-            help="The true map: what a simulated plant moves in; for a rig what its map is compared with, if it is known.",
+            help="The true map: what a simulated rig moves in; for a rig what its map is compared with, if it is known.",
             show_default=False,
         ),
     ] = None,
-    plant: Annotated[
+    rig: Annotated[
         str,
         typer.Option(
-            "--plant",
-            metavar="PLANT",
+            "--rig",
+            metavar="RIG",
             help="simulated, serial:DEVICE[@BAUD], tcp:HOST:PORT, or exec:COMMAND (a program that speaks the protocol on its "
             "standard input and output).",
         ),
@@ -71,13 +71,13 @@ def drive(
 ) -> None:
     """Map what a rig moves in: commands out, positions in. However it ends, by Ctrl-C too, the rig is stopped.
 
-    --particles and --rule are those of a simulated plant; a rig says its own. --slip, --misplace and --miss say how a rig fails,
-    and make a simulated one fail so. The protocol is in docs/concepts/plant.md.
+    --particles and --rule are those of a simulated rig; a rig says its own. --slip, --misplace and --miss say how a rig fails,
+    and make a simulated one fail so. The protocol is in docs/concepts/rigs.md.
     """
     from shoal.cli.swarm import noise_of
-    from shoal.swarm.maps import open_map
-    from shoal.swarm.plant import DriveLog
-    from shoal.swarm.plant import drive as drive_plant
+    from shoal.swarm.maps.open import open_map
+    from shoal.swarm.rigs import DriveLog
+    from shoal.swarm.rigs import drive as drive_rig
 
     check_outputs(out, film)
     truth = None if map_name is None else open_map(map_name)
@@ -87,13 +87,13 @@ def drive(
     problem: dict[str, Any] = noise | {"policy": policy, "seed": seed, "max_moves": max_moves, "scan_every": scan_every}
     with _terminated_as_interrupted():
         opened = _opened(
-            plant, truth, particles, rule, seed, noise.get("noise"), timeout, patience_, None if book is None else book.event
+            rig, truth, particles, rule, seed, noise.get("noise"), timeout, patience_, None if book is None else book.event
         )
         try:
             _check_shape(opened, shape, truth)
             with patience("compiling kernels: once after an installation, half a minute ..."):
                 _load_kernels()
-            result = drive_plant(opened, log=book, on_moves=moves_told(opened.name), **problem)
+            result = drive_rig(opened, log=book, on_moves=moves_told(opened.name), **problem)
         finally:
             close: Callable[[], None] = getattr(opened, "close", lambda: None)
             close()
@@ -101,7 +101,7 @@ def drive(
 
 
 def _opened(
-    plant: str,
+    rig: str,
     truth: GridWorkspace | None,
     particles: int,
     rule: str,
@@ -110,23 +110,23 @@ def _opened(
     timeout: float,
     patience_: float,
     on_event: Any,
-) -> Plant | RemotePlant:
-    from shoal.swarm.placement import place
-    from shoal.swarm.plant import SimulatedPlant, open_plant
+) -> Rig | RemoteRig:
+    from shoal.swarm.grid.placements import place
+    from shoal.swarm.rigs import SimulatedRig, open_rig
     from shoal.swarm.running import check_numbers, trial_rng
 
-    if plant != "simulated":
-        return open_plant(plant, timeout=timeout, patience=patience_, on_event=on_event)
+    if rig != "simulated":
+        return open_rig(rig, timeout=timeout, patience=patience_, on_event=on_event)
     if truth is None:
-        raise InvalidInputError("plant simulated: expected a map to move in, such as vessels:500, got none")
+        raise InvalidInputError("rig simulated: expected a map to move in, such as vessels:500, got none")
     check_numbers(seed=seed)
     start = place(truth, particles, "uniform", trial_rng(seed))
     if noise is not None:
         from shoal.swarm.noise.episode import noise_rng
-        from shoal.swarm.noise.plant import NoisyPlant
+        from shoal.swarm.noise.plant import NoisyRig
 
-        return NoisyPlant(truth, start, noise, noise_rng(seed, 0))
-    return SimulatedPlant(truth, start, rule=rule)
+        return NoisyRig(truth, start, noise, noise_rng(seed, 0))
+    return SimulatedRig(truth, start, rule=rule)
 
 
 def _load_kernels() -> None:
@@ -141,11 +141,11 @@ def _size(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in re.split("[xX]", text))
 
 
-def _check_shape(plant: Plant, shape: tuple[int, ...] | None, truth: GridWorkspace | None) -> None:
+def _check_shape(rig: Rig, shape: tuple[int, ...] | None, truth: GridWorkspace | None) -> None:
     for expected, what in ((shape, "size"), (None if truth is None else truth.shape, "map")):
-        if expected is not None and expected != plant.shape:
-            sizes = ["x".join(map(str, size)) for size in (expected, plant.shape)]
-            raise InvalidInputError(f"{what}: expected a rig of {sizes[0]} cells, got {plant.name}, which sees {sizes[1]}")
+        if expected is not None and expected != rig.shape:
+            sizes = ["x".join(map(str, size)) for size in (expected, rig.shape)]
+            raise InvalidInputError(f"{what}: expected a rig of {sizes[0]} cells, got {rig.name}, which sees {sizes[1]}")
 
 
 @contextmanager
@@ -162,13 +162,13 @@ def _terminated_as_interrupted() -> Iterator[None]:
             signal.signal(getattr(signal, name), handler)
 
 
-def summary(result: Drive, plant: Any, truth: GridWorkspace | None, *, seed: int) -> dict[str, Any]:
+def summary(result: Drive, rig: Any, truth: GridWorkspace | None, *, seed: int) -> dict[str, Any]:
     """Return the JSON object of drive."""
     link = result.link
     return {
-        "plant": plant.name,
-        "shape": list(plant.shape),
-        "rule": plant.rule,
+        "rig": rig.name,
+        "shape": list(rig.shape),
+        "rule": rig.rule,
         "policy": result.policy,
         "particles": len(result.cells),
         "seed": seed,
@@ -186,7 +186,7 @@ def summary(result: Drive, plant: Any, truth: GridWorkspace | None, *, seed: int
 
 def _report(
     result: Drive,
-    plant: Any,
+    rig: Any,
     truth: GridWorkspace | None,
     log: Path | None,
     out: Path | None,
@@ -198,7 +198,7 @@ def _report(
 ) -> None:
     from shoal.cli.swarm import write_outputs
 
-    about = summary(result, plant, truth, seed=seed)
+    about = summary(result, rig, truth, seed=seed)
     written = [] if log is None else [log]
     if result.episode is not None:
         written += write_outputs([_with_truth(result.episode, truth)], about, out, film)
@@ -207,9 +207,9 @@ def _report(
     if json_:
         print_json(about if verified is None else about | {"verified": verified[0] == "yes", "message": verified[1]})
         return
-    size = "x".join(map(str, plant.shape))
+    size = "x".join(map(str, rig.shape))
     rows = [
-        ("plant", f"{plant.name}, {size} cells, {about['particles']} particles, rule {plant.rule}"),
+        ("rig", f"{rig.name}, {size} cells, {about['particles']} particles, rule {rig.rule}"),
         ("policy", result.policy),
         ("result", result.sentence),
         ("found", f"{about['free_cells']} free cells and {about['obstacles']} wall cells around them"),
@@ -229,7 +229,7 @@ def _report(
     if verified is not None:
         rows.append(("verified", f"{verified[0]}: {verified[1]}"))
     print_table(
-        [*rows, ("time", f"{result.seconds:.2f} s"), *(("written", str(path)) for path in written)], title=f"drive of {plant.name}"
+        [*rows, ("time", f"{result.seconds:.2f} s"), *(("written", str(path)) for path in written)], title=f"drive of {rig.name}"
     )
 
 
@@ -242,21 +242,21 @@ def _with_truth(episode: Episode, truth: GridWorkspace | None) -> Episode:
 
 def replay_drive(log: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:
     """Replay the log of a drive: ``shoal replay LOG.jsonl``."""
-    from shoal.swarm.plant import read_log, replay_log
+    from shoal.swarm.rigs import read_log, replay_log
 
-    plant = read_log(log)
-    check_seed(log, seed, plant.header["seed"])
+    rig = read_log(log)
+    check_seed(log, seed, rig.header["seed"])
     result, verified = replay_log(log)
     about = ("yes" if verified else "NO", verified.message)
     _report(
         result,
-        plant,
+        rig,
         None,
         None,
         out if verified else None,
         film if verified else None,
         json_,
-        seed=plant.header["seed"],
+        seed=rig.header["seed"],
         verified=about,
     )
     if not verified:

@@ -37,8 +37,8 @@ def maps(
                 raise InvalidInputError(f"{option}: expected the name of a map with it, such as maze:21x15, got none")
         _list(json_)
         return
-    from shoal.swarm.formats import write_map
-    from shoal.swarm.maps import open_map
+    from shoal.swarm.maps.files import write_map
+    from shoal.swarm.maps.open import open_map
 
     if seed is not None:
         if name.count(":") > 1:
@@ -63,7 +63,7 @@ def maps(
 
 
 def _list(json_: bool) -> None:
-    from shoal.swarm.generators import GENERATORS
+    from shoal.swarm.maps.generators import GENERATORS
 
     generators = [GENERATORS.get(key) for key in GENERATORS]
     if json_:

@@ -84,7 +84,7 @@ def parse_size(text: str) -> Any:
         return tuple(reversed(sides * 2 if len(sides) == 1 else sides))
     if re.fullmatch(r"[-+\d.x\s,]+", text) and not Path(text).exists():
         raise InvalidInputError(f"SIZE: expected 64, 64x48, 16x16x16 or a map, got {text[:80]!r}")
-    from shoal.swarm.maps import open_map
+    from shoal.swarm.maps.open import open_map
 
     return open_map(text).free
 

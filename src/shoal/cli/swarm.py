@@ -68,7 +68,7 @@ def map_(
     The policy best plans every move; with --scan-every, noise or rule tilt, for which it has no answer, the default is
     closest-frontier.
     """
-    from shoal.swarm.maps import open_map
+    from shoal.swarm.maps.open import open_map
 
     with quiet():
         kinds: dict[str, Any] = {"threshold": threshold, "invert": invert, "scale": scale, "level": level, "label": label}
@@ -127,7 +127,7 @@ def cover(
 ) -> None:
     """Cover a known workspace: let some particle stand in every free cell, or in each of a random subset of them."""
     from shoal.swarm import SubsetCoverage
-    from shoal.swarm.maps import open_map
+    from shoal.swarm.maps.open import open_map
 
     task: Any = "coverage" if subset is None else SubsetCoverage(fraction=subset)
     with quiet():
@@ -171,9 +171,9 @@ def _play(
     from shoal.lab import run_trials
     from shoal.swarm import planning
     from shoal.swarm.engine import load_kernels
+    from shoal.swarm.grid.scans import ScanRule
     from shoal.swarm.policies import Compiled, Offline, PlannerPolicy, make_policy
     from shoal.swarm.policies.compiled import check_scanning
-    from shoal.swarm.scanning import ScanRule
 
     check_outputs(out, film)
     rule = ScanRule.parse(problem["scan_every"], scan_cost=problem["scan_cost"], move_cost=problem["move_cost"])

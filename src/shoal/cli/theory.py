@@ -17,8 +17,8 @@ from shoal.errors import InvalidInputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from shoal.swarm.line import Line, LineSample
-    from shoal.swarm.scanning import OptimalSchedule, Schedule
+    from shoal.swarm.theory.one_dimension import Line, LineSample
+    from shoal.swarm.theory.scan_schedules import OptimalSchedule, Schedule
 
 LINE_EXAMPLE = "Example: shoal line --cells 1000 --particles 100 --monte-carlo 100000"
 SCHEDULE_EXAMPLE = "Example: shoal schedule --scan-cost 10 --move-cost 1 --max-distance 500"
@@ -46,7 +46,7 @@ def line(
     json_: options.Json = False,
 ) -> None:
     """One dimension: mean moves until both ends are found and until all cells are visited, and the largest gap."""
-    from shoal.swarm.line import Line, sample
+    from shoal.swarm.theory.one_dimension import Line, sample
 
     chosen = Line(cells, particles)
     if workers is not None and workers < 1:
@@ -126,7 +126,7 @@ def schedule(
     json_: options.Json = False,
 ) -> None:
     """When to scan on the way to a wall at an unknown distance: the best schedule for your prices, beside the classic ones."""
-    from shoal.swarm.scanning import EveryStep, Hyperexponential, OneJump, Powers, check_prices, optimal_schedule
+    from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers, check_prices, optimal_schedule
 
     scan, move = check_prices(scan_cost, move_cost)
     distance = whole_number(max_distance, option="--max-distance")

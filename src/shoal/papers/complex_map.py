@@ -12,7 +12,7 @@ OTHER_MAP = "the picture of the paper's complex map is not published; this is an
 
 def free_cells(name: str) -> int:
     """Return the number of free cells of a map."""
-    from shoal.swarm.maps import open_map
+    from shoal.swarm.maps.open import open_map
 
     return open_map(name).n_free
 

@@ -11,7 +11,7 @@ from shoal.lab.sweep import Sweep
 from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, estimates
 
 if TYPE_CHECKING:
-    from shoal.swarm.line import Line
+    from shoal.swarm.theory.one_dimension import Line
 
 PLACED = 1_000_000  # of the paper's Monte Carlo
 
@@ -39,13 +39,13 @@ def _against(store: Store, sweep: Sweep, wanted: dict[str, tuple[float, float | 
 
 
 def _sampled(line: Line, settings: Settings) -> Any:
-    from shoal.swarm.line import sample
+    from shoal.swarm.theory.one_dimension import sample
 
     return sample(line, PLACED // (5 if settings.quick else 1), seed=settings.seed)
 
 
 def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    from shoal.swarm.line import Line
+    from shoal.swarm.theory.one_dimension import Line
     from shoal.views.theory import gap_distributions
 
     line = Line(1000, 10)
@@ -70,7 +70,7 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    from shoal.swarm.line import Line
+    from shoal.swarm.theory.one_dimension import Line
     from shoal.views.theory import move_distributions
 
     line = Line(1000, 100)

@@ -133,7 +133,7 @@ def _fig8_sweeps(settings: Settings) -> list[Sweep]:
 
 def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     from shoal.swarm import run
-    from shoal.swarm.maps import open_map
+    from shoal.swarm.maps.open import open_map
     from shoal.views.frontiers import frontier_curves
 
     sweep = sweeps[0]

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from shoal.swarm.belief import Belief
-from shoal.swarm.boards import Board, Frame
 from shoal.swarm.episode import Episode, Verification
-from shoal.swarm.placement import PLACEMENTS, place
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.placements import PLACEMENTS, place
+from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.grid.tasks import TASKS, Coverage, Mapping, SubsetCoverage, Task, make_task
+from shoal.swarm.grid.world import RULES, GridWorld
+from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.policies import POLICIES, Policy, View, make_policy
 from shoal.swarm.running import run
-from shoal.swarm.state import SwarmState
-from shoal.swarm.tasks import TASKS, Coverage, Mapping, SubsetCoverage, Task, make_task
-from shoal.swarm.workspace import GridWorkspace
-from shoal.swarm.world import RULES, GridWorld
 
 __all__ = [
     "PLACEMENTS",
@@ -22,7 +22,7 @@ __all__ = [
     "Board",
     "Coverage",
     "Episode",
-    "Frame",
+    "GridLayout",
     "GridWorkspace",
     "GridWorld",
     "Mapping",

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.swarm.belief import Belief
-from shoal.swarm.boards import Board, Frame, Words
-from shoal.swarm.commands import decode, encode, letters_of
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.commands import decode, encode, letters_of
+from shoal.swarm.grid.fields import RULE_CODES, empty_boards, field_of, new_field
+from shoal.swarm.grid.scans import EVERY_MOVE, ScanRule
+from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.kernels import moves, play, prospect, runs, search, slide, survey
-from shoal.swarm.scanning.runs import EVERY_MOVE, ScanRule
-from shoal.swarm.state import SwarmState
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -23,65 +24,11 @@ if TYPE_CHECKING:
     from shoal.swarm.policies import View
 
 RUNNING, COMPLETE, STALLED = play.RUNNING, play.COMPLETE, play.STALLED
-RULE_CODES = {"block": moves.BLOCK, "merge": moves.MERGE, "tilt": moves.TILT}
 KINDS = {"equal": runs.EQUAL, "doubling": runs.DOUBLING, "hyper": runs.HYPER, "adaptive": runs.ADAPTIVE}
 LONGEST_RUN = 500  # that an adaptive policy weighs
 ORDERS = {"column-major": search.COLUMN_MAJOR, "row-major": search.ROW_MAJOR}
 # The cell from which a command comes, in the order in which such cells are expanded; column-major: left, up, in, out, down, right.
 _PARENTS = {"column-major": "rdoiul", "row-major": "droilu"}
-
-
-def pushed(frame: Frame, free: Words, state: SwarmState, code: int, rule: str) -> SwarmState:
-    """Return the state after one push; the world's own bookkeeping, so nothing is observed."""
-    everything = np.full(free.size, np.uint64(2**64 - 1))
-    field = _field(frame, free=free.ravel(), occupied=state.occupied.words.flatten(), known=everything, counts=_counts(state))
-    moves.push(field, code, RULE_CODES[rule])
-    return state_of(frame, field)
-
-
-def field_of(free: Words, state: SwarmState, belief: Belief) -> moves.Field:
-    """Return the kernels' boards for a state and a belief: copies, as they are changed in place."""
-    return _field(
-        state.occupied.frame,
-        free=free.ravel(),
-        occupied=state.occupied.words.flatten(),
-        open=belief.open.words.flatten(),
-        known=belief.known.words.flatten(),
-        frontier=belief.frontier.words.flatten(),
-        counts=_counts(state),
-    )
-
-
-def _field(frame: Frame, *, counts: NDArray[np.int32] | None = None, **boards: Words) -> moves.Field:
-    """Return the kernels' boards: the given ones, flat, empty ones for all others, and blocks of work space."""
-    block = max(moves.BLOCK_WORDS, frame.words[1])
-    work = {name: np.zeros(block, dtype=np.uint64) for name in ("tried", "before", "staying")}
-    missing = [name for name in ("free", "occupied", "open", "known", "frontier") if name not in boards]
-    return moves.Field(
-        **boards,
-        **dict(zip(missing, _work(frame, len(missing)), strict=True)),
-        **work,
-        counts=np.zeros((0, 0), dtype=np.int32) if counts is None else counts,
-        layers=frame.layers,
-        rows=frame.rows,
-        width=frame.words[1],
-    )
-
-
-def _work(frame: Frame, count: int) -> list[Words]:
-    """Return so many empty boards, flat."""
-    return [np.zeros(frame.words[0] * frame.words[1], dtype=np.uint64) for _ in range(count)]
-
-
-def _counts(state: SwarmState) -> NDArray[np.int32] | None:
-    """Return counts in the layout of the kernels: rows flattened, 64 columns a word."""
-    if state.counts is None:
-        return None
-    frame = state.occupied.frame
-    rows, words = frame.words
-    wide = np.zeros((rows, 64 * words), dtype=np.int32)
-    wide[:, : frame.columns] = state.counts.reshape(rows, frame.columns)
-    return wide
 
 
 def check_neighbours(neighbours: str, ndim: int) -> NDArray[np.int8]:
@@ -92,25 +39,25 @@ def check_neighbours(neighbours: str, ndim: int) -> NDArray[np.int8]:
     return encode(text, ndim=ndim)
 
 
-def search_of(frame: Frame, *, ties: str, neighbours: str, plan_size: int) -> search.Search:
+def search_of(layout: GridLayout, *, ties: str, neighbours: str, plan_size: int) -> search.Search:
     """Return the work space of a frontier search."""
     if ties not in ORDERS:
         raise InvalidInputError(f"ties: expected one of {', '.join(ORDERS)}, got {ties!r}")
-    parents = "".join(letter for letter in _PARENTS[ties] if letter in letters_of(frame.ndim))
+    parents = "".join(letter for letter in _PARENTS[ties] if letter in letters_of(layout.ndim))
     return search.Search(
-        planes=np.zeros((7, frame.words[0] * frame.words[1]), dtype=np.uint64),
+        planes=np.zeros((7, layout.words[0] * layout.words[1]), dtype=np.uint64),
         plan=np.zeros(plan_size, dtype=np.int8),
-        neighbours=check_neighbours(neighbours, frame.ndim),
-        parents=encode(parents, ndim=frame.ndim),
-        columns=np.zeros(frame.words[1], dtype=np.uint64),
+        neighbours=check_neighbours(neighbours, layout.ndim),
+        parents=encode(parents, ndim=layout.ndim),
+        columns=np.zeros(layout.words[1], dtype=np.uint64),
         origin=np.zeros(2, dtype=np.int64),
         order=ORDERS[ties],
     )
 
 
-def slides_of(frame: Frame, rule: str) -> slide.Slides:
+def slides_of(layout: GridLayout, rule: str) -> slide.Slides:
     """Return the work space of the tilt search; empty for other rules."""
-    rows, words = frame.words
+    rows, words = layout.words
     size = rows * words * 64 if rule == "tilt" else 0
     return slide.Slides(np.zeros(size, np.int64), np.zeros(size, np.int8), np.zeros(size, np.int64))
 
@@ -120,27 +67,27 @@ def scanning_of(scanning: ScanRule | None) -> runs.Scanning:
     return runs.Scanning(runs.GIVEN, 1) if scanning is None else runs.Scanning(KINDS[scanning.kind], scanning.step)
 
 
-def scout_of(frame: Frame, scanning: ScanRule | None) -> runs.Scout | None:
+def scout_of(layout: GridLayout, scanning: ScanRule | None) -> runs.Scout | None:
     """Return what an adaptive scan rule works in; None for all others."""
     if scanning is None or KINDS[scanning.kind] != runs.ADAPTIVE:
         return None
-    words = frame.words[0] * frame.words[1]
-    longest = min(max(frame.window), LONGEST_RUN)
+    words = layout.words[0] * layout.words[1]
+    longest = min(max(layout.window), LONGEST_RUN)
     boards = [np.zeros(words, dtype=np.uint64) for _ in range(3)]
     return runs.Scout(
         survey=survey.Survey(
             prices=np.array((scanning.scan_cost, scanning.move_cost), dtype=np.float64),
             tallies=np.zeros((survey.TALLIES, 2), dtype=np.int64),
-            gains=np.zeros((len(letters_of(frame.ndim)), longest + 1), dtype=np.float64),
+            gains=np.zeros((len(letters_of(layout.ndim)), longest + 1), dtype=np.float64),
             known=boards[0],
-            columns=frame.columns,
+            columns=layout.columns,
         ),
         prospect=prospect.Prospect(boards[1], boards[2], np.zeros((0, 0), np.int32), np.zeros(5, np.int64)),
     )
 
 
 def mind_of(
-    frame: Frame,
+    layout: GridLayout,
     n_free: int,
     belief: Belief,
     *,
@@ -151,16 +98,16 @@ def mind_of(
     scanning: ScanRule | None = EVERY_MOVE,
 ) -> play.Mind:
     """Return the memory of a built-in policy that has not decided anything yet, or follows ``plan``."""
-    space = search_of(frame, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), prospect.LONGEST_PLAN))
+    space = search_of(layout, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), prospect.LONGEST_PLAN))
     memory = np.zeros(play.MEMORY, dtype=np.int64)
     memory[play.RUN_COMMAND], memory[play.SCANNED] = -1, 1
     memory[play.REMAINING] = len(belief.frontier)
     if plan:
-        space.plan[: len(plan)] = encode(plan, ndim=frame.ndim)
+        space.plan[: len(plan)] = encode(plan, ndim=layout.ndim)
         memory[play.PLAN_LENGTH] = len(plan)
-    single, visited = _work(frame, 2)
+    single, visited = empty_boards(layout, 2)
     trail = np.zeros(n_free + 2, dtype=np.int8)
-    return play.Mind(memory, space, slides_of(frame, rule), single, visited, trail, scanning_of(scanning))
+    return play.Mind(memory, space, slides_of(layout, rule), single, visited, trail, scanning_of(scanning))
 
 
 def path_to_frontier(
@@ -210,32 +157,32 @@ def route_to_frontier(
     belief: Belief, sources: Board, *, rule: str, mapping: bool, ties: str, neighbours: str
 ) -> tuple[str, tuple[int, ...]]:
     """Return the path of `path_to_frontier` and the cell from which it starts (meaningless under "tilt")."""
-    frame = sources.frame
-    space = search_of(frame, ties=ties, neighbours=neighbours, plan_size=len(belief.open) + 2)
-    field = _field(
-        frame,
+    layout = sources.layout
+    space = search_of(layout, ties=ties, neighbours=neighbours, plan_size=len(belief.open) + 2)
+    field = new_field(
+        layout,
         occupied=sources.words.ravel(),
         open=belief.open.words.ravel(),
         known=belief.known.words.ravel(),
         frontier=belief.frontier.words.ravel(),
     )
     if rule == "tilt":
-        length = slide.nearest_by_tilts(field, space, slides_of(frame, rule), field.occupied, mapping)
+        length = slide.nearest_by_tilts(field, space, slides_of(layout, rule), field.occupied, mapping)
     else:
         length = search.nearest(field, space, field.occupied)
     row, column = (int(i) for i in space.origin)
-    cell = (row // frame.rows - 1, row % frame.rows - 1, column - 1)
-    return decode(space.plan[:length]), cell[3 - frame.ndim :]
+    cell = (row // layout.rows - 1, row % layout.rows - 1, column - 1)
+    return decode(space.plan[:length]), cell[3 - layout.ndim :]
 
 
 def choose_driven(code: int, state: SwarmState, mind: play.Mind, rng: Generator) -> None:
     """Choose the particle that a policy drives: elect-particle a random one, depth-first the first; others drive none."""
     if code not in {play.ELECT, play.DEPTH_FIRST}:
         return
-    frame, cells = state.occupied.frame, state.occupied.cells
+    layout, cells = state.occupied.layout, state.occupied.cells
     cell = cells[rng.integers(0, len(cells)) if code == play.ELECT else 0] + 1
-    layer = int(cell[0]) if frame.ndim == 3 else 0
-    mind.memory[play.ROW], mind.memory[play.COLUMN] = layer * frame.rows + cell[-2], cell[-1]
+    layer = int(cell[0]) if layout.ndim == 3 else 0
+    mind.memory[play.ROW], mind.memory[play.COLUMN] = layer * layout.rows + cell[-2], cell[-1]
 
 
 def new_log(moves_at_most: int) -> play.Log:
@@ -249,26 +196,13 @@ def new_log(moves_at_most: int) -> play.Log:
     )
 
 
-def board_of(frame: Frame, flat: Words) -> Board:
-    """Return the board that the kernels hold flat."""
-    return Board(frame, flat.reshape(frame.words))
-
-
-def state_of(frame: Frame, field: moves.Field) -> SwarmState:
-    """Return the state that the kernels' boards hold now."""
-    counts = None
-    if field.counts.size:
-        counts = field.counts[:, : frame.columns].reshape(frame.window).copy()
-    return SwarmState(board_of(frame, field.occupied), counts)
-
-
 @cache
 def load_kernels() -> None:
     """Load the episode kernel, or compile it if this installation has not yet; takes effect once in a process."""
-    frame = Frame((1, 1))
-    here = Board.of_cells(frame, [(0, 0)])
+    layout = GridLayout((1, 1))
+    here = Board.of_cells(layout, [(0, 0)])
     state, belief = SwarmState(here), Belief(here, here, here)
-    mind = mind_of(frame, 1, belief, rule="block", ties="column-major", neighbours="lurd", plan="")
+    mind = mind_of(layout, 1, belief, rule="block", ties="column-major", neighbours="lurd", plan="")
     game = Game(play.MANUAL, mind, None, rule="block", mapping=True, rng=np.random.default_rng(0))
     game.play_on(field_of(here.words, state, belief), new_log(0))
 
@@ -317,11 +251,11 @@ class AdaptiveRuns:
     """
 
     def __init__(self, belief: Belief, *, rule: str, mapping: bool, scanning: ScanRule, **options: str) -> None:
-        frame = belief.open.frame
-        size = int(np.prod(frame.window))
+        layout = belief.open.layout
+        size = int(np.prod(layout.window))
         self.rule, self.mapping = rule, mapping
-        self.mind = mind_of(frame, size, belief, rule=rule, plan="", scanning=scanning, **options)
-        self.scout = scout_of(frame, scanning)
+        self.mind = mind_of(layout, size, belief, rule=rule, plan="", scanning=scanning, **options)
+        self.scout = scout_of(layout, scanning)
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
         """Return the next run, a command and how often, or None."""
@@ -336,8 +270,3 @@ class AdaptiveRuns:
         """Tell whether the run is to be scanned, and learn from it."""
         self.mind.memory[play.LEARNT] = learnt
         return bool(play.end_run(field_of(belief.open.words, state, belief), self.mind, self.scout, False))
-
-
-def empty_field(frame: Frame) -> moves.Field:
-    """Return the kernels' boards, all empty."""
-    return _field(frame)

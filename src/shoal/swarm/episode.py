@@ -10,13 +10,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.belief import Belief
-from shoal.swarm.commands import decode
-from shoal.swarm.scanning.runs import EVERY_MOVE, ScanRule
-from shoal.swarm.state import SwarmState
-from shoal.swarm.tasks import make_task
-from shoal.swarm.workspace import GridWorkspace
-from shoal.swarm.world import GridWorld
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.commands import decode
+from shoal.swarm.grid.scans import EVERY_MOVE, ScanRule
+from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.grid.tasks import make_task
+from shoal.swarm.grid.world import GridWorld
+from shoal.swarm.maps.workspace import GridWorkspace
 
 STATUSES = {
     "complete": "nothing is left to do",
@@ -254,6 +254,6 @@ class Episode:
         )
 
     def _repr_html_(self) -> str:
-        from shoal.swarm.display import episode_html
+        from shoal.swarm.maps.raster import episode_html
 
         return episode_html(self)

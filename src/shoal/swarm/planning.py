@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.random import Generator
 
-from shoal.swarm.belief import Belief
-from shoal.swarm.boards import Board, Frame
-from shoal.swarm.commands import letters_of
-from shoal.swarm.engine import RULE_CODES, field_of, new_log
+from shoal.swarm.engine import new_log
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.commands import letters_of
+from shoal.swarm.grid.fields import RULE_CODES, field_of
+from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.kernels import beam, experience, foresight, guess, moves, planned, planner, play, ways
 from shoal.swarm.kernels.rollout import SAVINGS
-from shoal.swarm.state import SwarmState
 
 if TYPE_CHECKING:
     from shoal.swarm.policies import PlannerPolicy, View
@@ -30,11 +31,11 @@ FIRST_RATE = 200.0  # imagined moves a millisecond, while nothing is known of th
 ADVANCE = 10  # moves whose time may be spent before they are sent: most is to be thought about in the first ones
 
 
-def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: int, options: tuple[float, ...] = ()) -> Any:
+def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, seed: int, options: tuple[float, ...] = ()) -> Any:
     """Return the memory and the work space of a planner that has not decided anything yet."""
-    size, directions = frame.words[0] * frame.words[1], len(letters_of(frame.ndim))
-    longest = int(np.prod(frame.shape)) + LONGEST_PLAN
-    extents: Any = {"layers": frame.layers, "rows": frame.rows, "width": frame.words[1]}
+    size, directions = layout.words[0] * layout.words[1], len(letters_of(layout.ndim))
+    longest = int(np.prod(layout.shape)) + LONGEST_PLAN
+    extents: Any = {"layers": layout.layers, "rows": layout.rows, "width": layout.words[1]}
 
     def boards(*shape: int) -> Any:
         return np.zeros((*shape, size), dtype=np.uint64)
@@ -42,11 +43,11 @@ def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: 
     foreseen = guess.Guess(
         open=boards(),
         known=boards(),
-        inner=frame.pack(frame.rim(np.ones(frame.shape, dtype=np.bool_))).ravel(),
+        inner=layout.pack(layout.rim(np.ones(layout.shape, dtype=np.bool_))).ravel(),
         cells=np.zeros(64 * size, dtype=np.int64),
         following=np.zeros(64 * size, dtype=np.int64),
         verdicts=np.zeros(64 * size, dtype=np.int8),
-        chances=np.zeros(experience.FINE << ((experience.MANNERS - 1) * (2 if frame.layers == 1 else 3))),
+        chances=np.zeros(experience.FINE << ((experience.MANNERS - 1) * (2 if layout.layers == 1 else 3))),
         **extents,
     )
     memory = np.zeros(planner.MEMORY, dtype=np.int64)
@@ -81,7 +82,7 @@ def planner_of(frame: Frame, belief: Belief, *, rule: str, mapping: bool, seed: 
             child=boards(foresight.BOARDS),
         ),
         experience=experience.Experience(
-            tallies=np.zeros((experience.size_of(frame.layers), 2), dtype=np.int64),
+            tallies=np.zeros((experience.size_of(layout.layers), 2), dtype=np.int64),
             losses=np.zeros(experience.MANNERS),
             before=boards(),
             **extents,
@@ -131,7 +132,7 @@ class Game:
         seed = 0 if belief.complete else seed_of(rng)
         self.code, self.rule, self.mapping, self.pace = policy.code, RULE_CODES[rule], mapping, Pace(policy.milliseconds)
         options = policy.settings(len(state.occupied))
-        self.mind = planner_of(belief.open.frame, belief, rule=rule, mapping=mapping, seed=seed, options=options)
+        self.mind = planner_of(belief.open.layout, belief, rule=rule, mapping=mapping, seed=seed, options=options)
 
     def play_on(self, field: moves.Field, log: play.Log) -> tuple[int, int]:
         """Play until the log is full; return (moves, status code)."""
@@ -156,10 +157,10 @@ class Game:
 @cache
 def load_kernels() -> None:
     """Load the kernel of planners, or compile it if this installation has not yet; takes effect once in a process."""
-    frame = Frame((1, 1))
-    here = Board.of_cells(frame, [(0, 0)])
+    layout = GridLayout((1, 1))
+    here = Board.of_cells(layout, [(0, 0)])
     state, belief = SwarmState(here), Belief(here, here, here)
-    mind = planner_of(frame, belief, rule="block", mapping=True, seed=1)
+    mind = planner_of(layout, belief, rule="block", mapping=True, seed=1)
     planned.play_planned(planned.GREEDY, field_of(here.words, state, belief), RULE_CODES["block"], True, mind, new_log(0))
 
 
@@ -174,11 +175,11 @@ class Remembered:
 
 def decide(policy: PlannerPolicy, view: View, memory: Any, rng: Generator) -> tuple[str, Any]:
     """Return the next command of a planner and its memory, which is changed in place."""
-    belief, frame = view.belief, view.occupied.frame
+    belief, layout = view.belief, view.occupied.layout
     field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # the truth is not looked at
     if memory is None:
         options = policy.settings(len(view.occupied))
-        mind = planner_of(frame, belief, rule=view.rule, mapping=view.mapping, seed=seed_of(rng), options=options)
+        mind = planner_of(layout, belief, rule=view.rule, mapping=view.mapping, seed=seed_of(rng), options=options)
         pace = Pace(policy.milliseconds)
     else:
         mind, pace = memory.planner, memory.pace
@@ -189,4 +190,4 @@ def decide(policy: PlannerPolicy, view: View, memory: Any, rng: Generator) -> tu
     if command < 0:
         return "", None
     mind.experience.before[:] = field.known
-    return letters_of(frame.ndim)[command], Remembered(mind, command, pace)
+    return letters_of(layout.ndim)[command], Remembered(mind, command, pace)

@@ -11,18 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.swarm import planning
-from shoal.swarm.belief import Belief
-from shoal.swarm.commands import decode
-from shoal.swarm.engine import RUNNING, field_of, new_log
+from shoal.swarm.engine import RUNNING, new_log
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.commands import decode
+from shoal.swarm.grid.fields import field_of
+from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.grid.tasks import Coverage
+from shoal.swarm.grid.world import GridWorld, check_start
 from shoal.swarm.kernels import anneal, rollout
+from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.policies import BeamRollout
 from shoal.swarm.policies.offline import PLAN_BUDGET
 from shoal.swarm.policies.planner import Tuning
 from shoal.swarm.running import trial_rng
-from shoal.swarm.state import SwarmState
-from shoal.swarm.tasks import Coverage
-from shoal.swarm.workspace import GridWorkspace
-from shoal.swarm.world import GridWorld, check_start
 
 FIRST_SHARE = 0.25  # of the budget, for the plan that annealing begins with
 HEAT, COOL = 3.0, 0.1  # moves that a worse plan may be longer, at first and at last
@@ -98,7 +99,7 @@ def plan_coverage(
 
 def plan_from(belief: Belief, state: SwarmState, rule: str, budget: float, rng: Generator) -> str:
     """Return commands that cover what is left to cover in a known map."""
-    FirstPlan().check(state.occupied.frame, rule)
+    FirstPlan().check(state.occupied.layout, rule)
     planning.load_kernels()
     if belief.complete:
         return ""

@@ -11,17 +11,18 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.swarm.belief import Belief
 from shoal.swarm.episode import Episode
-from shoal.swarm.placement import Placement, place
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.fields import board_of, field_of, state_of
+from shoal.swarm.grid.placements import Placement, place
+from shoal.swarm.grid.scans import MOVE_COST, SCAN_COST, ScanRule
+from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.grid.tasks import Coverage, Mapping, Task, make_task
+from shoal.swarm.grid.world import GridWorld, check_start
+from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.policies import Compiled, Manual, PlannerPolicy, Policy, make_policy
 from shoal.swarm.policies.compiled import check_scanning
-from shoal.swarm.scanning.runs import MOVE_COST, SCAN_COST, ScanRule
-from shoal.swarm.state import SwarmState
 from shoal.swarm.stepwise import OnMoves, play_stepwise
-from shoal.swarm.tasks import Coverage, Mapping, Task, make_task
-from shoal.swarm.workspace import GridWorkspace
-from shoal.swarm.world import GridWorld, check_start
 from shoal.version import __version__
 
 if TYPE_CHECKING:
@@ -61,13 +62,13 @@ def run(
     ----------
     workspace : GridWorkspace
     task : str or Task
-        "mapping", "coverage", "subset-coverage", ...; see `shoal.swarm.tasks.make_task`.
+        "mapping", "coverage", "subset-coverage", ...; see `shoal.swarm.grid.tasks.make_task`.
     policy : str or Policy
         "closest-frontier", ...; see `shoal.swarm.policies.make_policy`.
     particles : int, optional
         How many to place. Needed unless ``start`` is given.
     placement : str or callable
-        See `shoal.swarm.placement.place`.
+        See `shoal.swarm.grid.placements.place`.
     start : array_like of int, shape (n, ndim), optional
         Cells of the particles; then nothing is placed.
     rule : str
@@ -77,7 +78,7 @@ def run(
     max_moves : int
         The episode ends as "limit" there.
     scan_every : str or int
-        Equal commands before each scan: a number, "doubling", "hyper" or "adaptive"; see `shoal.swarm.scanning.ScanRule`.
+        Equal commands before each scan: a number, "doubling", "hyper" or "adaptive"; see `shoal.swarm.grid.scans.ScanRule`.
     scan_cost, move_cost : float
         Prices, which an adaptive policy weighs.
     noise : Noise, optional
@@ -111,7 +112,7 @@ def run(
     check_numbers(seed=seed, trial=trial, max_moves=max_moves)
     scanning = ScanRule.parse(scan_every, scan_cost=scan_cost, move_cost=move_cost)
     if isinstance(chosen, Compiled):
-        chosen.check(world.frame, rule)
+        chosen.check(world.layout, rule)
     check_scanning(scanning, chosen, rule)
     rng = trial_rng(seed, trial)
     if start is not None:
@@ -177,8 +178,8 @@ def play_compiled(
     """Play a built-in policy in compiled code, in pieces of a fraction of a second; ``given`` are the scans of a replay."""
     from shoal.swarm import engine
 
-    frame = world.frame
-    field = engine.field_of(world.free.words, state, belief)
+    layout = world.layout
+    field = field_of(world.free.words, state, belief)
     game = _game(world, policy, task, state, belief, rng, blank.scanning if given is None else None)
     largest = int(np.clip(2**25 // field.free.size, 64, 2**16))
     room, moves, status = min(2048, largest), 0, "limit"
@@ -200,8 +201,8 @@ def play_compiled(
     if status == "limit" and given is None and game.cut_within_run:
         pieces[-1][-1][-1] = True  # the run was cut short, and its end is looked at
         status = "limit" if game.remaining else "complete"
-    final = Belief(*(engine.board_of(frame, words) for words in (field.open, field.known, field.frontier)))
-    after = engine.state_of(frame, field)
+    final = Belief(*(board_of(layout, words) for words in (field.open, field.known, field.frontier)))
+    after = state_of(layout, field)
     columns: list[NDArray[Any]] = (
         [np.concatenate(column) for column in zip(*pieces, strict=True)] if pieces else list(engine.new_log(0))
     )
@@ -224,7 +225,7 @@ def _game(
     from shoal.swarm import engine
 
     mind = engine.mind_of(
-        world.frame,
+        world.layout,
         world.workspace.n_free,
         belief,
         rule=world.rule,
@@ -235,7 +236,7 @@ def _game(
     )
     if not belief.complete:
         engine.choose_driven(policy.code, state, mind, rng)
-    return engine.Game(policy.code, mind, engine.scout_of(world.frame, scanning), rule=world.rule, mapping=task.mapping, rng=rng)
+    return engine.Game(policy.code, mind, engine.scout_of(world.layout, scanning), rule=world.rule, mapping=task.mapping, rng=rng)
 
 
 def replay(episode: Episode) -> tuple[SwarmState, Belief, Episode]:

@@ -12,13 +12,13 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError, ShoalError
-from shoal.swarm.belief import Belief
-from shoal.swarm.commands import encode
 from shoal.swarm.episode import Episode
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.commands import encode
+from shoal.swarm.grid.scans import ScanRule, states_of_run
+from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.policies import Manual, Policy, View
-from shoal.swarm.scanning.runs import ScanRule, states_of_run
-from shoal.swarm.state import SwarmState
-from shoal.swarm.world import GridWorld
 
 PATIENCE = 1_000  # as in kernels.play
 """So many commands in a row that move no particle and settle no cell: the policy is stopped as stalled."""
@@ -172,7 +172,7 @@ class PlannedRuns:
             (self.plan, self.memory), self.at = decided(self.policy, view, self.memory, self.rng), 0
             if not self.plan or idle >= PATIENCE:
                 return None
-            encode(self.plan, ndim=view.occupied.frame.ndim)
+            encode(self.plan, ndim=view.occupied.layout.ndim)
         command = self.plan[self.at]
         steps = 1 if self.given is not None or self.scanning.every_move else self._steps(command)
         self.at, self.sent = self.at + steps, self.sent + steps

@@ -13,7 +13,7 @@ import numpy as np
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
 from shoal.swarm import Episode
-from shoal.swarm.display import PALETTE, in_strips
+from shoal.swarm.maps.raster import PALETTE, in_strips
 from shoal.swarm.noise import SeenEpisode
 from shoal.views.charts import MUTED, new_figure, plain_axes, set_title
 from shoal.views.looks import HAZY, WRONG_FREE, codes_after, ink_of

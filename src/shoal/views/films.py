@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from shoal.files import atomic
 from shoal.swarm import Episode
-from shoal.swarm.display import PALETTE, in_strips
+from shoal.swarm.maps.raster import PALETTE, in_strips
 from shoal.views.encoding import LONGEST, SIDE, OnFrame, check_film, counted, palette_of, write_gif, write_mp4
 from shoal.views.looks import codes_by_move, ink_of
 from shoal.views.volume import Fit, Slices, sheet, sheet_width

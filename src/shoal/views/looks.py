@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.swarm import Belief, Episode, SwarmState
-from shoal.swarm.display import PALETTE
+from shoal.swarm.maps.raster import PALETTE
 from shoal.swarm.noise import NoisyEpisode, SeenEpisode, moments
 
 WRONG_FREE, WRONG_OBSTACLE = "#d63aa8", "#86126a"

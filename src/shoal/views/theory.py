@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.line import Distribution, Line, LineSample
-from shoal.swarm.scanning import Hyperexponential, Powers, Schedule, least_simultaneous_ratio, worst_of_both
+from shoal.swarm.theory.one_dimension import Distribution, Line, LineSample
+from shoal.swarm.theory.scan_schedules import Hyperexponential, Powers, Schedule, least_simultaneous_ratio, worst_of_both
 from shoal.views.charts import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, new_figure, plain_axes, set_title
 
 if TYPE_CHECKING:

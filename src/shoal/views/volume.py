@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from shoal.swarm import GridWorkspace
-from shoal.swarm import belief as states
-from shoal.swarm.display import PALETTE
+from shoal.swarm.grid import belief as states
+from shoal.swarm.maps.raster import PALETTE
 from shoal.views.looks import PLAIN, Ink
 
 ELEVATION = 0.35  # radians above the middle from which is looked

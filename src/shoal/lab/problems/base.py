@@ -18,7 +18,8 @@ class Problem(BaseModel, ABC):
 
     Notes
     -----
-    Sources of what trials do: `shoal.swarm.run`, `shoal.swarm.line.sample`, `shoal.swarm.scanning.Schedule.cost`,
+    Sources of what trials do: `shoal.swarm.run`, `shoal.swarm.theory.one_dimension.sample`,
+    `shoal.swarm.theory.scan_schedules.Schedule.cost`,
     `shoal.steering.steer`, `shoal.search.search`.
     """
 

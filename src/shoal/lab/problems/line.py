@@ -22,13 +22,13 @@ class LineProblem(Problem):
 
     def opened(self) -> Any:
         """Return the line."""
-        from shoal.swarm.line import Line
+        from shoal.swarm.theory.one_dimension import Line
 
         return Line(self.cells, self.particles)
 
     def play(self, opened: Any, seed: int) -> Values:
         """Draw the placements; ``shoal line`` with this seed draws the same."""
-        from shoal.swarm.line import sample
+        from shoal.swarm.theory.one_dimension import sample
 
         drawn = sample(opened, self.placements, seed=seed, workers=1)
         return [float(getattr(drawn, name).mean()) for name in self.measures]
@@ -48,7 +48,7 @@ class ScheduleProblem(Problem):
 
     def opened(self) -> Any:
         """Return the schedule."""
-        from shoal.swarm.scanning import EveryStep, Hyperexponential, OneJump, Powers
+        from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers
 
         made = {"every-step": EveryStep, "i^i": Hyperexponential}.get(self.schedule)
         if made is not None:

@@ -12,7 +12,7 @@ from shoal.lab.problems.base import Problem, Values, is_file
 
 
 class SwarmProblem(Problem):
-    """Mapping or coverage of a map by a swarm: the arguments of `shoal.swarm.run` and of `shoal.swarm.maps.open_map`."""
+    """Mapping or coverage of a map by a swarm: the arguments of `shoal.swarm.run` and of `shoal.swarm.maps.open.open_map`."""
 
     measures = ("status", "moves", "scans", "cost", "distance")
 
@@ -41,7 +41,7 @@ class SwarmProblem(Problem):
 
     def opened(self) -> Any:
         """Return the workspace."""
-        from shoal.swarm.maps import open_map
+        from shoal.swarm.maps.open import open_map
 
         workspace = open_map(
             self.map, vessels=self.vessels, width=self.width, threshold=self.threshold, invert=self.invert, scale=self.scale
@@ -59,7 +59,7 @@ class SwarmProblem(Problem):
     def check(self, opened: Any) -> None:
         """Refuse unknown names, and more particles than cells."""
         from shoal.swarm import PLACEMENTS, RULES, make_policy, make_task
-        from shoal.swarm.scanning import ScanRule
+        from shoal.swarm.grid.scans import ScanRule
 
         make_policy(self.policy), make_task(self.task)
         PLACEMENTS.get(self.placement)

@@ -22,7 +22,7 @@ class Ground:
     @classmethod
     def of(cls, name: str) -> Ground:
         """Return those of a generated map."""
-        from shoal.swarm.maps import open_map
+        from shoal.swarm.maps.open import open_map
 
         return cls(frozenset((int(row), int(column)) for row, column in open_map(name).cells))
 

@@ -52,7 +52,7 @@ def _played(cells: int, start: tuple[int, ...]) -> tuple[int, int]:
     "all placements of n = 3 in m = 9 cells, played particle by particle",
 )
 def _boundary() -> tuple[str, bool]:
-    from shoal.swarm.line import Line
+    from shoal.swarm.theory.one_dimension import Line
 
     m, n = 9, 3
     counted = Fraction(sum(_played(m, p)[0] for p in _placements(m, n)), comb(m, n))
@@ -67,7 +67,7 @@ def _boundary() -> tuple[str, bool]:
     "all placements of n = 3 in m = 12 cells, played particle by particle",
 )
 def _coverage() -> tuple[str, bool]:
-    from shoal.swarm.line import Line
+    from shoal.swarm.theory.one_dimension import Line
 
     m, n = 12, 3
     counted = Fraction(sum(_played(m, p)[1] for p in _placements(m, n)), comb(m, n))
@@ -85,7 +85,7 @@ def _coverage() -> tuple[str, bool]:
     "exact counts, and the published curve at m = 5000",
 )
 def _published_coverage() -> tuple[str, bool]:
-    from shoal.swarm.line import Line
+    from shoal.swarm.theory.one_dimension import Line
 
     line, curve = Line(1000, 100), published_curve("line-full-coverage-m5000.csv")
     assert curve.std is not None  # the file has them
@@ -119,7 +119,7 @@ def _configurations() -> tuple[str, bool]:
     "exact distribution of the largest of all 11 gaps, against 100,000 random placements",
 )
 def _largest_gap() -> tuple[str, bool]:
-    from shoal.swarm.line import Line, sample
+    from shoal.swarm.theory.one_dimension import Line, sample
 
     line = Line(1000, 10)
     exact, drawn = float(line.largest_gap_distribution.mean), sample(line, 100_000, workers=1)
@@ -135,7 +135,7 @@ def _largest_gap() -> tuple[str, bool]:
     "eq. 2 for both",
 )
 def _caption() -> tuple[str, bool]:
-    from shoal.swarm.line import Line
+    from shoal.swarm.theory.one_dimension import Line
 
     ten, hundred = (float(Line(1000, n).boundary.exact) for n in (10, 100))
     return f"n = 10: {ten:.1f}, n = 100: {hundred:.1f}; printed 29.8", abs(hundred - 29.8) < 0.1 < abs(ten - 29.8)

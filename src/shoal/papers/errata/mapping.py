@@ -18,7 +18,7 @@ erratum = into(CHECKS)
 )
 def _probes() -> tuple[str, bool]:
     from shoal.lab.trials import run_trials
-    from shoal.swarm.maps import open_map
+    from shoal.swarm.maps.open import open_map
 
     words, fits = [], True
     for name in ("maze:21x15", "htree:300", "vessels:300"):
@@ -70,7 +70,7 @@ def _handover() -> tuple[str, bool]:
 def _ties() -> tuple[str, bool]:
     from shoal.lab.statistics import compare
     from shoal.lab.trials import run_trials
-    from shoal.swarm.maps import open_map
+    from shoal.swarm.maps.open import open_map
 
     workspace = open_map("line:500")
     moves = [
@@ -91,7 +91,7 @@ def _ties() -> tuple[str, bool]:
 )
 def _theorem() -> tuple[str, bool]:
     from shoal.swarm import run
-    from shoal.swarm.maps import open_map
+    from shoal.swarm.maps.open import open_map
 
     rows = [(m, run(open_map(f"line:{m}"), policy="closest-frontier", particles=1).moves) for m in range(1, 7)]
     words = ", ".join(f"{moves} for {m * (m + 1) // 2}" for m, moves in rows)
@@ -106,7 +106,7 @@ def _theorem() -> tuple[str, bool]:
 )
 def _full() -> tuple[str, bool]:
     from shoal.swarm import run
-    from shoal.swarm.maps import open_map
+    from shoal.swarm.maps.open import open_map
 
     workspace = open_map("rectangle:9x7")
     cover, mapped = (run(workspace, task=task, particles=workspace.n_free).moves for task in ("coverage", "mapping"))

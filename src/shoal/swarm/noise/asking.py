@@ -6,11 +6,11 @@ from typing import Any
 
 from numpy.random import Generator
 
-from shoal.swarm.belief import Belief
-from shoal.swarm.commands import encode, letters_of
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.commands import encode, letters_of
+from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.kernels.noisy_play import PATIENCE, TIMES
 from shoal.swarm.policies import Policy, View
-from shoal.swarm.state import SwarmState
 from shoal.swarm.stepwise import decided
 
 LONG = 20
@@ -37,7 +37,7 @@ class AskedRuns:
             return None
         if not view.belief.open:  # scans that are often wrong need a few moves to be sure of a first free cell
             self.wakes, self.unseen, self.due = self.wakes + 1, 0, True
-            letters = letters_of(view.occupied.frame.ndim)
+            letters = letters_of(view.occupied.layout.ndim)
             return (letters[(self.wakes - 1) % len(letters)], 1) if self.wakes <= PATIENCE else None
         if view.belief.complete:
             return None
@@ -45,7 +45,7 @@ class AskedRuns:
             self.plan, self.memory = decided(self.policy, view, self.memory, self.rng)
             if not self.plan:
                 return None
-            encode(self.plan, ndim=view.occupied.frame.ndim)
+            encode(self.plan, ndim=view.occupied.layout.ndim)
         command, self.plan = self.plan[0], self.plan[1:]
         self.due = self.unseen + 1 >= self.every or not self.plan
         self.unseen = 0 if self.due else self.unseen + 1

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from shoal.swarm.belief import Belief
-from shoal.swarm.boards import Board, Frame
-from shoal.swarm.commands import encode, letters_of
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.commands import encode, letters_of
 from shoal.swarm.kernels import moves, noisy_play
 from shoal.swarm.kernels import noise as kernels
 from shoal.swarm.kernels.search import Search
@@ -23,15 +23,15 @@ def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(size + 2 * PAD for size in shape)
 
 
-def haze_of(frame: Frame, about: Noise, confidence: float, *, prior: float = PRIOR) -> kernels.Haze:
+def haze_of(layout: GridLayout, about: Noise, confidence: float, *, prior: float = PRIOR) -> kernels.Haze:
     """Return the kernels' arrays for a workspace of which nothing is known, without particles."""
-    shape = padded_shape(frame.shape)
+    shape = padded_shape(layout.shape)
     strides = [1, shape[-1], shape[-1] * shape[-2]]
     steps = {"l": -strides[0], "u": -strides[1], "r": strides[0], "d": strides[1], "i": -strides[2], "o": strides[2]}
     size = int(np.prod(shape))
     logit = np.full(shape, np.log(prior / (1 - prior)))
     guard = np.ones(shape, dtype=np.bool_)
-    guard[(slice(PAD - 1, 1 - PAD),) * frame.ndim] = False
+    guard[(slice(PAD - 1, 1 - PAD),) * layout.ndim] = False
     logit[guard] = NEVER
     return kernels.Haze(
         truth=np.zeros(size, dtype=np.bool_),
@@ -41,11 +41,11 @@ def haze_of(frame: Frame, about: Noise, confidence: float, *, prior: float = PRI
         inside=np.zeros(size),
         staying=np.zeros(size),
         moved=np.zeros(size),
-        offsets=np.array([steps[letter] for letter in letters_of(frame.ndim)], dtype=np.int64),
+        offsets=np.array([steps[letter] for letter in letters_of(layout.ndim)], dtype=np.int64),
         rates=np.array([about.slip, about.misplace, about.miss, bound_of(confidence)]),
-        layers=frame.layers,
-        rows=frame.rows,
-        columns=frame.columns,
+        layers=layout.layers,
+        rows=layout.rows,
+        columns=layout.columns,
     )
 
 
@@ -81,8 +81,8 @@ class NoisyBelief:
     --------
     A particle is pushed against the wall on its left twice; that it slipped each time is ever less likely.
 
-    >>> frame = Frame((1, 3))
-    >>> here = Board.of_cells(frame, [(0, 0)])
+    >>> layout = GridLayout((1, 3))
+    >>> here = Board.of_cells(layout, [(0, 0)])
     >>> belief = NoisyBelief((1, 3), here, Noise(slip=0.05, misplace=0.01))
     >>> for _ in range(2):
     ...     first_time_settled = belief.update("l", here)
@@ -100,10 +100,10 @@ class NoisyBelief:
         *,
         haze: kernels.Haze | None = None,  # of a simulation, whose truth lies in the same arrays
     ) -> None:
-        self.frame, self.noise, self.confidence = Frame(shape), noise, confidence
-        self.haze = haze_of(self.frame, noise, confidence) if haze is None else haze
-        self.guard = guard_of(self.frame)
-        self._field = field_of(self.frame)
+        self.layout, self.noise, self.confidence = GridLayout(shape), noise, confidence
+        self.haze = haze_of(self.layout, noise, confidence) if haze is None else haze
+        self.guard = guard_of(self.layout)
+        self._field = field_of(self.layout)
         self._show(seen)
         kernels.first_belief(self.haze)
         noisy_play.refresh(self.haze, self._field, self.guard)
@@ -111,7 +111,7 @@ class NoisyBelief:
     def update(self, command: str, seen: Board) -> int:
         """Take in what was seen after one command; return how many cells are settled for the first time."""
         self._show(seen)
-        return self.learn(encode(command, ndim=self.frame.ndim)[0])
+        return self.learn(encode(command, ndim=self.layout.ndim)[0])
 
     def learn(self, code: np.int8) -> int:
         """Take in what the arrays show as seen after a command; return how many cells are settled for the first time."""
@@ -120,7 +120,7 @@ class NoisyBelief:
 
     def spread(self, command: str) -> None:
         """Take in a command that no scan follows: particles may have gone on, and no cell is known any better."""
-        self.foretell(encode(command, ndim=self.frame.ndim)[0])
+        self.foretell(encode(command, ndim=self.layout.ndim)[0])
 
     def foretell(self, code: np.int8) -> None:
         """Do what `spread` does, for the code of a command."""
@@ -137,7 +137,7 @@ class NoisyBelief:
         noisy_play.follow_hazy(self.haze, self._field, self.guard, rng, log)
 
     def _show(self, seen: Board) -> None:
-        inner_of(self.haze.seen, self.frame.shape, rim=1)[...] = seen.mask
+        inner_of(self.haze.seen, self.layout.shape, rim=1)[...] = seen.mask
 
     @property
     def probability(self) -> NDArray[np.float64]:
@@ -147,7 +147,7 @@ class NoisyBelief:
     @property
     def logit(self) -> NDArray[np.float64]:
         """Log-odds that each cell is free; float64, with the rim."""
-        return np.array(inner_of(self.haze.logit, self.frame.shape, rim=1))
+        return np.array(inner_of(self.haze.logit, self.layout.shape, rim=1))
 
     @property
     def remaining(self) -> int:
@@ -170,26 +170,26 @@ class NoisyBelief:
     @property
     def occupied(self) -> Board:
         """The cells that hold a particle, more likely than not."""
-        return Board(self.frame, self._field.occupied.reshape(self.frame.words).copy())
+        return Board(self.layout, self._field.occupied.reshape(self.layout.words).copy())
 
     @property
     def belief(self) -> Belief:
         """What is settled at the stated confidence, as policies know it."""
         field = self._field
         return Belief(
-            *(Board(self.frame, words.reshape(self.frame.words).copy()) for words in (field.open, field.known, field.frontier))
+            *(Board(self.layout, words.reshape(self.layout.words).copy()) for words in (field.open, field.known, field.frontier))
         )
 
 
-def guard_of(frame: Frame) -> noisy_play.Guard:
+def guard_of(layout: GridLayout) -> noisy_play.Guard:
     """Return the guard of an episode that begins."""
-    size = frame.words[0] * frame.words[1]
+    size = layout.words[0] * layout.words[1]
     memory = np.array([-1, 0, 0, 0, 0, 0], dtype=np.int64)
     return noisy_play.Guard(np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory)
 
 
-def field_of(frame: Frame) -> moves.Field:
+def field_of(layout: GridLayout) -> moves.Field:
     """Return empty boards for the search."""
-    from shoal.swarm.engine import empty_field
+    from shoal.swarm.grid.fields import empty_field
 
-    return empty_field(frame)
+    return empty_field(layout)

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from shoal.swarm.belief import Belief
-from shoal.swarm.boards import Board, Frame
 from shoal.swarm.episode import Episode, Verification
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.kernels import noise, noisy_play
 from shoal.swarm.noise.belief import NoisyBelief, inner_of
 from shoal.swarm.noise.model import CONFIDENCE, Noise
 from shoal.swarm.noise.moments import Moment, looks_of
 from shoal.swarm.noise.plant import seen_board, truth_of
-from shoal.swarm.state import SwarmState
 
 NONE = Noise()
 
@@ -164,8 +164,8 @@ class NoisyEpisode(Episode):
         rng = noise_rng(self.seed, self.trial)
         haze = truth_of(self.workspace, self.start, self.noise, self.confidence)
         noise.look(haze, rng)
-        frame = Frame(self.workspace.shape)
-        return NoisyBelief(frame.shape, seen_board(haze, frame), self.noise, self.confidence, haze=haze), rng
+        layout = GridLayout(self.workspace.shape)
+        return NoisyBelief(layout.shape, seen_board(haze, layout), self.noise, self.confidence, haze=haze), rng
 
 
 def noise_rng(seed: int, trial: int) -> Generator:

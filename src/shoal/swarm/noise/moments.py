@@ -43,9 +43,9 @@ def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np
 
     Examples
     --------
-    >>> from shoal.swarm.boards import Board, Frame
+    >>> from shoal.swarm.grid.board import Board, GridLayout
     >>> from shoal.swarm.noise.model import Noise
-    >>> belief = NoisyBelief((1, 3), Board.of_cells(Frame((1, 3)), [(0, 0)]), Noise(slip=0.05))
+    >>> belief = NoisyBelief((1, 3), Board.of_cells(GridLayout((1, 3)), [(0, 0)]), Noise(slip=0.05))
     >>> looks_of(belief, None)[1].tolist()  # the particle stands between two frontier cells
     [25, 16, 25, 8, 8]
     """

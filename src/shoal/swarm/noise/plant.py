@@ -1,4 +1,4 @@
-"""A simulated plant with noise."""
+"""A simulated rig with noise."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.errors import PlantError
-from shoal.swarm.boards import Board, Frame
-from shoal.swarm.commands import encode
+from shoal.errors import RigError
+from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.commands import encode
+from shoal.swarm.grid.world import check_start
 from shoal.swarm.kernels import noise
+from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise.belief import haze_of, inner_of
 from shoal.swarm.noise.model import CONFIDENCE, Noise
-from shoal.swarm.workspace import GridWorkspace
-from shoal.swarm.world import check_start
 
 
-class NoisyPlant:
+class NoisyRig:
     """Particles of rule block that slip, are seen beside their cell, or are not seen. Each look is another one.
 
     Parameters
@@ -32,9 +32,9 @@ class NoisyPlant:
 
     Examples
     --------
-    >>> plant = NoisyPlant(GridWorkspace([[1, 1, 1]]), [(0, 0)], Noise(miss=0.5), np.random.default_rng(1))
-    >>> plant.send("r")
-    >>> [len(plant.observe()) for _ in range(6)]
+    >>> rig = NoisyRig(GridWorkspace([[1, 1, 1]]), [(0, 0)], Noise(miss=0.5), np.random.default_rng(1))
+    >>> rig.send("r")
+    >>> [len(rig.observe()) for _ in range(6)]
     [1, 0, 1, 0, 0, 1]
     """
 
@@ -61,7 +61,7 @@ class NoisyPlant:
     def send(self, command: str) -> None:
         """Carry out one command."""
         if self._stopped:
-            raise PlantError("the simulated plant has been stopped")
+            raise RigError("the simulated rig has been stopped")
         noise.move_hazy(self.haze, encode(command, ndim=self.workspace.ndim)[0], self.rng)
 
     def observe(self) -> NDArray[np.int64]:
@@ -76,12 +76,12 @@ class NoisyPlant:
 
 def truth_of(workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float) -> noise.Haze:
     """Return the kernels' arrays of a workspace with particles, of which nothing is known yet."""
-    haze = haze_of(Frame(workspace.shape), about, confidence)
+    haze = haze_of(GridLayout(workspace.shape), about, confidence)
     inner_of(haze.truth, workspace.shape)[...] = workspace.free
     inner_of(haze.there, workspace.shape)[tuple(start.T)] = True
     return haze
 
 
-def seen_board(haze: noise.Haze, frame: Frame) -> Board:
+def seen_board(haze: noise.Haze, layout: GridLayout) -> Board:
     """Return where the last scan has shown something."""
-    return Board(frame, frame.pack(np.array(inner_of(haze.seen, frame.shape, rim=1), dtype=np.bool_)))
+    return Board(layout, layout.pack(np.array(inner_of(haze.seen, layout.shape, rim=1), dtype=np.bool_)))

@@ -10,9 +10,12 @@ import numpy as np
 from numpy.random import Generator
 
 from shoal.errors import InvalidInputError
-from shoal.swarm.boards import Frame
-from shoal.swarm.commands import encode
 from shoal.swarm.episode import Episode
+from shoal.swarm.grid.board import GridLayout
+from shoal.swarm.grid.commands import encode
+from shoal.swarm.grid.scans import ScanRule
+from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.kernels import noise, noisy_play
 from shoal.swarm.noise.asking import AskedRuns
 from shoal.swarm.noise.belief import NoisyBelief
@@ -20,10 +23,7 @@ from shoal.swarm.noise.episode import NoisyEpisode, new_log, noise_rng
 from shoal.swarm.noise.model import Noise, bound_of
 from shoal.swarm.noise.plant import seen_board, truth_of
 from shoal.swarm.policies import Policy, View
-from shoal.swarm.scanning.runs import ScanRule
-from shoal.swarm.state import SwarmState
 from shoal.swarm.stepwise import OnMoves
-from shoal.swarm.tasks import Mapping
 
 PIECE = 256  # moves between two moments at which progress is shown and Ctrl-C takes effect
 
@@ -60,10 +60,10 @@ def play_noisy(
     on_moves: OnMoves | None = None,
 ) -> NoisyEpisode:
     """Play one episode with noise; ``blank`` says on what, ``rng`` is the policy's own."""
-    frame, luck = Frame(blank.workspace.shape), noise_rng(blank.seed, blank.trial)
+    layout, luck = GridLayout(blank.workspace.shape), noise_rng(blank.seed, blank.trial)
     haze = truth_of(blank.workspace, blank.start, noise_, confidence)
     noise.look(haze, luck)
-    belief = NoisyBelief(frame.shape, seen_board(haze, frame), noise_, confidence, haze=haze)
+    belief = NoisyBelief(layout.shape, seen_board(haze, layout), noise_, confidence, haze=haze)
     first = belief.remaining
     began = time.perf_counter()
     compiled = getattr(policy, "kind", "") == "closest-frontier" and not stepwise
@@ -80,8 +80,8 @@ def _compiled(
 ) -> tuple[noisy_play.Log, str]:
     from shoal.swarm.engine import search_of
 
-    size = int(np.prod(belief.frame.window))
-    search = search_of(belief.frame, ties=policy.ties, neighbours=policy.neighbours, plan_size=size)
+    size = int(np.prod(belief.layout.window))
+    search = search_of(belief.layout, ties=policy.ties, neighbours=policy.neighbours, plan_size=size)
     pieces, moves, ended = [], 0, noisy_play.RUNNING
     while moves < max_moves and ended == noisy_play.RUNNING:
         piece = new_log(min(PIECE, max_moves - moves))
@@ -121,7 +121,7 @@ def _stepwise(
         if run is None:
             status = "complete" if belief.finished else "stalled"
             break
-        code = encode(run[0], ndim=belief.frame.ndim)[0]
+        code = encode(run[0], ndim=belief.layout.ndim)[0]
         travelled = int(noise.move_hazy(belief.haze, code, luck))
         scan, done = runs.due or len(rows) + 1 == max_moves, 0
         if scan:

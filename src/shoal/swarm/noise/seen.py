@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.swarm.belief import Belief
-from shoal.swarm.boards import Board, Frame
 from shoal.swarm.episode import Episode, Verification
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.noise.belief import NoisyBelief
 from shoal.swarm.noise.episode import NONE
 from shoal.swarm.noise.model import CONFIDENCE, Noise
 from shoal.swarm.noise.moments import Moment, looks_of
-from shoal.swarm.state import SwarmState
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +69,8 @@ class SeenEpisode(Episode):
         raise InvalidInputError(f"{path}: expected an episode of a simulation, got a drive with noise, which its log keeps")
 
     def _beliefs(self) -> Iterator[tuple[NoisyBelief, Board]]:
-        frame = Frame(self.workspace.shape)
-        sights = (Board.of_cells(frame, cells) for cells in self.sights)
+        layout = GridLayout(self.workspace.shape)
+        sights = (Board.of_cells(layout, cells) for cells in self.sights)
         seen = next(sights)
         belief = NoisyBelief(self.workspace.shape, seen, self.noise, self.confidence)
         yield belief, seen

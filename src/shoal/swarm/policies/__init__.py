@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from shoal.registry import Registry
-from shoal.swarm.options import configured
+from shoal.registry import Registry, configured
 from shoal.swarm.policies.beam_rollout import BeamRollout
 from shoal.swarm.policies.closest_frontier import ClosestFrontier
 from shoal.swarm.policies.compiled import Compiled

@@ -6,10 +6,10 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 from shoal.errors import InvalidInputError
-from shoal.swarm.boards import Frame
+from shoal.swarm.grid.board import GridLayout
+from shoal.swarm.grid.scans import ScanRule
+from shoal.swarm.grid.world import RULES
 from shoal.swarm.policies.protocol import Policy
-from shoal.swarm.scanning.runs import ScanRule
-from shoal.swarm.world import RULES
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Compiled:
         changed = [f"{f.name}={getattr(self, f.name)}" for f in fields(self) if getattr(self, f.name) != f.default]
         return self.kind + (":" + ",".join(changed) if changed else "")
 
-    def check(self, frame: Frame, rule: str) -> None:
+    def check(self, layout: GridLayout, rule: str) -> None:
         """Refuse a rule or a number of dimensions that the policy cannot play.
 
         Raises
@@ -38,8 +38,8 @@ class Compiled:
         if rule not in self.rules:
             able = " or ".join(sorted(self.rules))
             raise InvalidInputError(f"policy {self.kind}: expected rule {able}, got {rule}")
-        if frame.ndim not in self.dimensions:
-            raise InvalidInputError(f"policy {self.kind}: expected a 2-D workspace, got {frame.ndim}-D")
+        if layout.ndim not in self.dimensions:
+            raise InvalidInputError(f"policy {self.kind}: expected a 2-D workspace, got {layout.ndim}-D")
 
 
 @dataclass(frozen=True)

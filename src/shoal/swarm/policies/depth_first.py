@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from numpy.random import Generator
 
-from shoal.swarm.commands import letters_of
+from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.policies.compiled import Compiled
 from shoal.swarm.policies.driven import OPPOSITE, step_from
 from shoal.swarm.policies.protocol import Decision, View
@@ -43,7 +43,7 @@ class DepthFirst(Compiled):
             trail = _Trail(cell, {cell})
         else:
             trail = self._noticed(memory, view)
-        for command in letters_of(view.occupied.frame.ndim):
+        for command in letters_of(view.occupied.layout.ndim):
             ahead = step_from(trail.cell, command)
             unknown = ahead not in view.belief.known
             if unknown or (ahead in view.belief.open and ahead not in trail.visited):

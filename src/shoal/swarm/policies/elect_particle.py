@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from numpy.random import Generator
 
-from shoal.swarm.boards import Board
+from shoal.swarm.grid.board import Board
 from shoal.swarm.policies.compiled import Searching
 from shoal.swarm.policies.driven import step_from
 from shoal.swarm.policies.protocol import Decision, View
@@ -61,7 +61,7 @@ class ElectParticle(Searching):
         from shoal.swarm.engine import route_to_frontier
 
         plan, start = "", cell
-        for sources in (Board.of_cells(view.occupied.frame, [cell]), view.occupied):
+        for sources in (Board.of_cells(view.occupied.layout, [cell]), view.occupied):
             plan, start = route_to_frontier(
                 view.belief, sources, rule="block", mapping=view.mapping, ties=self.ties, neighbours=self.neighbours
             )

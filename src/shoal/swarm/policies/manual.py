@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 from numpy.random import Generator
 
-from shoal.swarm.boards import Frame
-from shoal.swarm.commands import encode
+from shoal.swarm.grid.board import GridLayout
+from shoal.swarm.grid.commands import encode
 from shoal.swarm.policies.compiled import Compiled
 from shoal.swarm.policies.protocol import Decision, View
 
@@ -27,10 +27,10 @@ class Manual(Compiled):
     code: ClassVar[int] = 0
     commands: str = ""
 
-    def check(self, frame: Frame, rule: str) -> None:
+    def check(self, layout: GridLayout, rule: str) -> None:
         """Refuse letters that are no commands."""
-        super().check(frame, rule)
-        encode(self.commands, ndim=frame.ndim)
+        super().check(layout, rule)
+        encode(self.commands, ndim=layout.ndim)
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return all commands at the first call, none afterwards."""

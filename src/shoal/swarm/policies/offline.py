@@ -37,13 +37,13 @@ class Offline:
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return the whole plan at the first call, none afterwards."""
+        from shoal.swarm.grid.state import SwarmState
         from shoal.swarm.plans import plan_from
-        from shoal.swarm.state import SwarmState
 
         if memory is not None:
             return "", memory
         if view.mapping:
             raise InvalidInputError("policy offline: expected a task whose map is known, such as coverage, got a mapping")
         # Particles that share a cell share it for ever, so one for each cell will do.
-        state = SwarmState.of_cells(view.occupied.frame, view.occupied.cells, shared=view.rule == "merge")
+        state = SwarmState.of_cells(view.occupied.layout, view.occupied.cells, shared=view.rule == "merge")
         return plan_from(view.belief, state, view.rule, self.budget, rng), "sent"

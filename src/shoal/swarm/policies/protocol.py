@@ -7,8 +7,8 @@ from typing import Any, Protocol, runtime_checkable
 
 from numpy.random import Generator
 
-from shoal.swarm.belief import Belief
-from shoal.swarm.boards import Board
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board
 
 Decision = tuple[str, Any]
 """Commands, and the memory to hand to the next decision."""

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from numpy.random import Generator
 
-from shoal.swarm.commands import letters_of
+from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.policies.compiled import Compiled
 from shoal.swarm.policies.protocol import Decision, View
 
@@ -21,5 +21,5 @@ class RandomMoves(Compiled):
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return one random command."""
-        letters = letters_of(view.occupied.frame.ndim)
+        letters = letters_of(view.occupied.layout.ndim)
         return letters[rng.integers(0, len(letters))], None

@@ -1,0 +1,1 @@
+"""The grid world: boards, commands, moves, beliefs, tasks, placements and scans."""

@@ -1,0 +1,255 @@
+"""Boards: sets of cells packed into words of 64, with the face of a Python set.
+
+A board covers a window of cells: the workspace and one cell around it, since a mapping swarm has to probe the walls at the
+rim of the array as any other wall. Cell (r, c) of the workspace is bit ``(c + 1) % 64`` of word ``(c + 1) // 64`` of row
+``r + 1``; in 3-D the layers have such a rim, too, and their rows follow one another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.swarm.grid.commands import letters_of
+
+Words = NDArray[np.uint64]
+_ONE, _TOP = np.uint64(1), np.uint64(63)
+
+
+@dataclass(frozen=True)
+class GridLayout:
+    """The window that the boards of one workspace share.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Shape of the workspace, (H, W) or (D, H, W).
+    """
+
+    shape: tuple[int, ...]
+
+    @property
+    def ndim(self) -> int:
+        """2 or 3."""
+        return len(self.shape)
+
+    @property
+    def window(self) -> tuple[int, ...]:
+        """Shape with the rim: (H + 2, W + 2) or (D + 2, H + 2, W + 2)."""
+        return tuple(size + 2 for size in self.shape)
+
+    @property
+    def layers(self) -> int:
+        """Layers with the rim; 1 in 2-D."""
+        return self.window[0] if self.ndim == 3 else 1
+
+    @property
+    def rows(self) -> int:
+        """Rows of one layer, with the rim."""
+        return self.window[-2]
+
+    @property
+    def columns(self) -> int:
+        """Columns with the rim."""
+        return self.window[-1]
+
+    @property
+    def words(self) -> tuple[int, int]:
+        """Shape of the packed words: (layers x rows, words of a row)."""
+        return self.layers * self.rows, -(-self.columns // 64)
+
+    def pack(self, mask: NDArray[np.bool_]) -> Words:
+        """Pack a boolean array of the shape ``window`` into uint64 words."""
+        flat = mask.reshape(self.layers * self.rows, self.columns)
+        padded = np.zeros((flat.shape[0], self.words[1] * 64), dtype=np.bool_)
+        padded[:, : self.columns] = flat
+        return np.packbits(padded, axis=1, bitorder="little").view("<u8").astype(np.uint64, copy=False)
+
+    def unpack(self, words: Words) -> NDArray[np.bool_]:
+        """Return the boolean array, shape ``window``, that ``words`` packs."""
+        packed = np.ascontiguousarray(words, dtype="<u8").view(np.uint8)
+        bits = np.unpackbits(packed, axis=1, count=self.columns, bitorder="little")
+        return bits.view(np.bool_).reshape(self.window)
+
+    def rim(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Put one cell of False around an array of the shape of the workspace."""
+        return np.pad(mask, 1)
+
+    def inner(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Cut the rim off an array of the shape ``window``; the inverse of `rim`."""
+        return mask[(slice(1, -1),) * self.ndim]
+
+
+@dataclass(frozen=True, eq=False)
+class Board:
+    """An immutable set of cells.
+
+    Parameters
+    ----------
+    layout : GridLayout
+        The window of cells that the set can hold.
+    words : ndarray of uint64, shape ``layout.words``
+        The packed cells. Not copied: do not change them afterwards.
+
+    Notes
+    -----
+    Cells are those of the workspace; the rim has row or column -1 and H or W.
+
+    Examples
+    --------
+    >>> layout = GridLayout((2, 3))
+    >>> board = Board.of_cells(layout, [(0, 0), (0, 1)])
+    >>> len(board), (0, 1) in board, (1, 1) in board
+    (2, True, False)
+    >>> sorted(board.shifted("d") | board)
+    [(0, 0), (0, 1), (1, 0), (1, 1)]
+    >>> sorted(board.dilated() - board)
+    [(-1, 0), (-1, 1), (0, -1), (0, 2), (1, 0), (1, 1)]
+    """
+
+    layout: GridLayout
+    words: Words
+
+    @classmethod
+    def empty(cls, layout: GridLayout) -> Board:
+        """Return the set without cells."""
+        return cls(layout, np.zeros(layout.words, dtype=np.uint64))
+
+    @classmethod
+    def full(cls, layout: GridLayout) -> Board:
+        """Return the set of all cells of the window, rim included."""
+        return cls(layout, layout.pack(np.ones(layout.window, dtype=np.bool_)))
+
+    @classmethod
+    def of_mask(cls, mask: NDArray[np.bool_]) -> Board:
+        """Return the set of the True cells of an array that has the shape of the workspace."""
+        layout = GridLayout(mask.shape)
+        return cls(layout, layout.pack(layout.rim(mask)))
+
+    @classmethod
+    def of_cells(cls, layout: GridLayout, cells: NDArray[Any] | Iterable[tuple[int, ...]]) -> Board:
+        """Return the set of the given cells, shape (n, ndim).
+
+        Raises
+        ------
+        InvalidInputError
+            If a cell lies outside the window.
+        """
+        array = np.asarray(cells if isinstance(cells, np.ndarray) else list(cells), dtype=np.int64)
+        array = array.reshape(-1, layout.ndim) + 1
+        outside = ((array < 0) | (array >= np.array(layout.window))).any(axis=1)
+        if outside.any():
+            cell = tuple(int(i) - 1 for i in array[outside][0])
+            raise InvalidInputError(f"expected cells inside {layout.shape}, got {cell}")
+        mask = np.zeros(layout.window, dtype=np.bool_)
+        mask[tuple(array.T)] = True
+        return cls(layout, layout.pack(mask))
+
+    @cached_property
+    def mask(self) -> NDArray[np.bool_]:
+        """Boolean array of the window, rim included."""
+        return self.layout.unpack(self.words)
+
+    @property
+    def inner(self) -> NDArray[np.bool_]:
+        """Boolean array with the shape of the workspace."""
+        return self.layout.inner(self.mask)
+
+    @cached_property
+    def cells(self) -> NDArray[np.int64]:
+        """The cells in row-major order; int64, shape (n, ndim)."""
+        return np.argwhere(self.mask) - 1
+
+    def __len__(self) -> int:
+        return int(np.bitwise_count(self.words).sum())
+
+    def __bool__(self) -> bool:
+        return bool(self.words.any())
+
+    def __iter__(self) -> Iterator[tuple[int, ...]]:
+        return (tuple(cell) for cell in self.cells.tolist())
+
+    def __contains__(self, cell: object) -> bool:
+        if not isinstance(cell, tuple) or len(cell) != self.layout.ndim:
+            return False
+        at = tuple(int(i) + 1 for i in cell)
+        inside = all(0 <= i < size for i, size in zip(at, self.layout.window, strict=True))
+        return inside and bool(self.mask[at])
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Board) and self.layout == other.layout and np.array_equal(self.words, other.words)
+
+    def __hash__(self) -> int:
+        return hash((self.layout, self.words.tobytes()))
+
+    def __and__(self, other: Board) -> Board:
+        return Board(self.layout, self.words & other.words)
+
+    def __or__(self, other: Board) -> Board:
+        return Board(self.layout, self.words | other.words)
+
+    def __sub__(self, other: Board) -> Board:
+        return Board(self.layout, self.words & ~other.words)
+
+    def __xor__(self, other: Board) -> Board:
+        return Board(self.layout, self.words ^ other.words)
+
+    def __le__(self, other: Board) -> bool:
+        return not (self - other)
+
+    def shifted(self, command: str) -> Board:
+        """Return the cells one step further in the direction of ``command``; what leaves the window is lost."""
+        return Board(self.layout, shifted_words(self.layout, self.words, command) & _window_words(self.layout))
+
+    def dilated(self) -> Board:
+        """Return the cells and their 4 (6) neighbours."""
+        words = self.words.copy()
+        for command in letters_of(self.layout.ndim):
+            words |= shifted_words(self.layout, self.words, command)
+        return Board(self.layout, words & _window_words(self.layout))
+
+    def __str__(self) -> str:
+        layers = self.mask.reshape(self.layout.layers, self.layout.rows, self.layout.columns)
+        return "\n\n".join("\n".join("".join(np.where(row, "x", ".")) for row in layer) for layer in layers)
+
+    def __repr__(self) -> str:
+        return f"<Board of {len(self)} cells in {self.layout.shape}>"
+
+
+def _window_words(layout: GridLayout) -> Words:
+    words = np.full(layout.words[1], np.uint64(2**64 - 1))
+    if layout.columns % 64:
+        words[-1] = np.uint64(2 ** (layout.columns % 64) - 1)
+    return words
+
+
+def shifted_words(layout: GridLayout, words: Words, command: str) -> Words:
+    """Return packed words moved one cell; bits may enter the unused end of the last word of a row."""
+    out = np.zeros_like(words)
+    if command == "l":
+        out[:] = words >> _ONE
+        out[:, :-1] |= words[:, 1:] << _TOP
+        return out
+    if command == "r":
+        out[:] = words << _ONE
+        out[:, 1:] |= words[:, :-1] >> _TOP
+        return out
+    source = words.reshape(layout.layers, layout.rows, -1)
+    target = out.reshape(source.shape)
+    if command == "u":
+        target[:, :-1] = source[:, 1:]
+    elif command == "d":
+        target[:, 1:] = source[:, :-1]
+    elif command == "i":
+        target[:-1] = source[1:]
+    elif command == "o":
+        target[1:] = source[:-1]
+    else:
+        raise InvalidInputError(f"expected one command out of {letters_of(layout.ndim)!r}, got {command!r}")
+    return out

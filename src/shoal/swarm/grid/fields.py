@@ -1,0 +1,84 @@
+"""Boards and states as kernels take them: flat words that are changed in place, with room to work in."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board, GridLayout, Words
+from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.kernels import moves
+
+RULE_CODES = {"block": moves.BLOCK, "merge": moves.MERGE, "tilt": moves.TILT}
+
+
+def pushed(layout: GridLayout, free: Words, state: SwarmState, code: int, rule: str) -> SwarmState:
+    """Return the state after one push; the world's own bookkeeping, so nothing is observed."""
+    everything = np.full(free.size, np.uint64(2**64 - 1))
+    field = new_field(layout, free=free.ravel(), occupied=state.occupied.words.flatten(), known=everything, counts=_counts(state))
+    moves.push(field, code, RULE_CODES[rule])
+    return state_of(layout, field)
+
+
+def field_of(free: Words, state: SwarmState, belief: Belief) -> moves.Field:
+    """Return the kernels' boards for a state and a belief: copies, as they are changed in place."""
+    return new_field(
+        state.occupied.layout,
+        free=free.ravel(),
+        occupied=state.occupied.words.flatten(),
+        open=belief.open.words.flatten(),
+        known=belief.known.words.flatten(),
+        frontier=belief.frontier.words.flatten(),
+        counts=_counts(state),
+    )
+
+
+def empty_field(layout: GridLayout) -> moves.Field:
+    """Return the kernels' boards, all empty."""
+    return new_field(layout)
+
+
+def new_field(layout: GridLayout, *, counts: NDArray[np.int32] | None = None, **boards: Words) -> moves.Field:
+    """Return the kernels' boards: the given ones, flat, empty ones for all others, and blocks of work space."""
+    block = max(moves.BLOCK_WORDS, layout.words[1])
+    work = {name: np.zeros(block, dtype=np.uint64) for name in ("tried", "before", "staying")}
+    missing = [name for name in ("free", "occupied", "open", "known", "frontier") if name not in boards]
+    return moves.Field(
+        **boards,
+        **dict(zip(missing, empty_boards(layout, len(missing)), strict=True)),
+        **work,
+        counts=np.zeros((0, 0), dtype=np.int32) if counts is None else counts,
+        layers=layout.layers,
+        rows=layout.rows,
+        width=layout.words[1],
+    )
+
+
+def empty_boards(layout: GridLayout, count: int) -> list[Words]:
+    """Return so many empty boards, flat."""
+    return [np.zeros(layout.words[0] * layout.words[1], dtype=np.uint64) for _ in range(count)]
+
+
+def _counts(state: SwarmState) -> NDArray[np.int32] | None:
+    """Return counts in the layout of the kernels: rows flattened, 64 columns a word."""
+    if state.counts is None:
+        return None
+    layout = state.occupied.layout
+    rows, words = layout.words
+    wide = np.zeros((rows, 64 * words), dtype=np.int32)
+    wide[:, : layout.columns] = state.counts.reshape(rows, layout.columns)
+    return wide
+
+
+def board_of(layout: GridLayout, flat: Words) -> Board:
+    """Return the board that the kernels hold flat."""
+    return Board(layout, flat.reshape(layout.words))
+
+
+def state_of(layout: GridLayout, field: moves.Field) -> SwarmState:
+    """Return the state that the kernels' boards hold now."""
+    counts = None
+    if field.counts.size:
+        counts = field.counts[:, : layout.columns].reshape(layout.window).copy()
+    return SwarmState(board_of(layout, field.occupied), counts)

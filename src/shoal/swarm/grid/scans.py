@@ -1,0 +1,202 @@
+"""Runs of equal commands with one scan at the end: how long they are, and what the scan tells.
+
+While a swarm is pushed in one direction, the particles of a row (or column) keep their order. So the i-th of a row before the run
+is the i-th of it afterwards, and its displacement is known without any label. Displacement d below the number of commands means d
+free cells, and behind them an obstacle or a particle that was itself stopped; whoever is stopped stays stopped. That gives the
+positions after every single command, and a scan after a run tells no less than one after each command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from decimal import Decimal
+from math import isfinite
+from numbers import Real
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.swarm.grid.state import SwarmState
+
+Kind = Literal["equal", "doubling", "hyper", "adaptive"]
+SCAN_COST, MOVE_COST = 10.0, 1.0
+LONGEST = 1_000_000_000
+DEAREST = 1e100
+_LAST_DOUBLING, _LAST_HYPER = 40, 12  # runs longer than any map are long enough
+_AXES = {"l": (-1, -1), "r": (-1, 1), "u": (-2, -1), "d": (-2, 1), "i": (-3, -1), "o": (-3, 1)}
+
+
+@dataclass(frozen=True)
+class ScanRule:
+    """How many equal commands to send before each scan, and the prices of both.
+
+    Parameters
+    ----------
+    kind : str
+        "equal": `step` commands. "doubling": in one direction scans after 1, 2, 4, 8, ... commands. "hyper": after 1, 4, 27, 256,
+        ... "adaptive": as many as are expected to settle most cells for their price; no scan where its outcome is known.
+    step : int
+        Of "equal".
+    scan_cost, move_cost : float
+        Not negative, not both zero; in any unit.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Notes
+    -----
+    Source: paper M, section III.A.3, of which it is the form in two dimensions; docs/concepts/scanning.md.
+
+    Examples
+    --------
+    >>> ScanRule("doubling").cost(moves=100, scans=8)
+    180.0
+    """
+
+    kind: Kind = "equal"
+    step: int = 1
+    scan_cost: float = SCAN_COST
+    move_cost: float = MOVE_COST
+
+    def __post_init__(self) -> None:
+        if self.kind not in {"equal", "doubling", "hyper", "adaptive"}:
+            raise _unknown(self.kind)
+        if isinstance(self.step, bool) or not isinstance(self.step, int | np.integer) or not 1 <= self.step <= LONGEST:
+            raise _unknown(self.step)
+        object.__setattr__(self, "step", int(self.step))
+        for name, price in (("scan cost", self.scan_cost), ("move cost", self.move_cost)):
+            number = isinstance(price, Real | Decimal) and not isinstance(price, bool)
+            if not number or not (isfinite(price) and 0 <= price <= DEAREST):
+                raise InvalidInputError(f"{name}: expected a number, 0 to {DEAREST:g}, got {price!r}")
+            object.__setattr__(self, name.replace(" ", "_"), float(price))
+        if not self.scan_cost + self.move_cost:
+            raise InvalidInputError("prices: expected a scan or a move that costs something, got 0 for both")
+
+    @property
+    def every(self) -> str:
+        """The rule as a word: a number of commands, or the name of the kind."""
+        return str(self.step) if self.kind == "equal" else self.kind
+
+    @property
+    def every_move(self) -> bool:
+        """Whether a scan follows each command."""
+        return self.kind == "equal" and self.step == 1
+
+    def interval(self, streak: int) -> int:
+        """Return the length of a run after ``streak`` others in the same direction; not for "adaptive".
+
+        Examples
+        --------
+        >>> rule = ScanRule("hyper")
+        >>> [rule.interval(streak) for streak in range(4)]
+        [1, 3, 23, 229]
+        """
+        if self.kind == "equal":
+            return self.step
+        if self.kind == "doubling":
+            return 1 << max(0, min(streak, _LAST_DOUBLING) - 1)
+        i = min(streak, _LAST_HYPER)
+        return int((i + 1) ** (i + 1) - (i**i if i else 0))
+
+    def cost(self, *, moves: int, scans: int) -> float:
+        """Return the price of so many moves and scans."""
+        return self.move_cost * moves + self.scan_cost * scans
+
+    @classmethod
+    def parse(cls, every: str | int, *, scan_cost: float = SCAN_COST, move_cost: float = MOVE_COST) -> ScanRule:
+        """Return the rule of a word: a number of commands, "doubling", "hyper" or "adaptive".
+
+        Raises
+        ------
+        InvalidInputError
+
+        Examples
+        --------
+        >>> ScanRule.parse("4").step, ScanRule.parse("hyper").kind
+        (4, 'hyper')
+        """
+        kind, step = str(every), 1
+        if kind.isascii() and kind.isdigit() and len(kind) <= len(str(LONGEST)):
+            kind, step = "equal", int(kind)
+        elif kind not in {"doubling", "hyper", "adaptive"}:
+            raise _unknown(every)
+        return cls(kind, step, scan_cost, move_cost)  # type: ignore[arg-type]  # checked by the class
+
+
+EVERY_MOVE = ScanRule()
+
+
+def _unknown(every: object) -> InvalidInputError:
+    return InvalidInputError(f"scan-every: expected 1 to {LONGEST}, doubling, hyper or adaptive, got {str(every)[:80]!r}")
+
+
+def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: int) -> Iterator[SwarmState]:
+    """Return the states after each command of a run, from a scan before it and one after it.
+
+    Parameters
+    ----------
+    before, after : SwarmState
+        What the two scans show. Under rule merge that includes how many particles share a cell.
+    command : str
+        The letter that was sent.
+    steps : int
+        How often, 1 or more.
+
+    Returns
+    -------
+    iterator of SwarmState
+        ``steps`` of them; once nobody moves any more, ``after`` itself again and again.
+
+    Raises
+    ------
+    InvalidInputError
+        If no run of that kind leads from one to the other.
+
+    Notes
+    -----
+    For the rules block and merge. A tilt is a run by itself.
+
+    Examples
+    --------
+    >>> from shoal.swarm import GridWorkspace, GridWorld
+    >>> world = GridWorld(GridWorkspace([[1, 1, 1, 1, 1]]))
+    >>> before, after = world.initial([(0, 0), (0, 2)]), world.initial([(0, 3), (0, 4)])
+    >>> [state.cells[:, 1].tolist() for state in states_of_run(before, after, "r", 3)]
+    [[1, 3], [2, 4], [3, 4]]
+    """
+    axis, sign = _AXES[command]
+    start, end = _by_line(before.cells, axis), _by_line(after.cells, axis)
+    moved = sign * (end[:, axis] - start[:, axis]) if start.shape == end.shape else np.array([-1])
+    across = np.arange(start.shape[1]) != start.shape[1] + axis
+    if start.shape != end.shape or (start[:, across] != end[:, across]).any():
+        raise InvalidInputError(f"scan: expected every particle in its own line after {steps} times {command!r}, got others there")
+    if moved.min() < 0 or moved.max() > steps:
+        wrong = int(np.argmax((moved < 0) | (moved > steps)))
+        raise InvalidInputError(
+            f"scan: expected particles 0 to {steps} cells further after {steps} times {command!r}, "
+            f"got one from {tuple(start[wrong].tolist())} at {tuple(end[wrong].tolist())}"
+        )
+    return _states(before, after, start, moved * sign, axis, steps)
+
+
+def _states(
+    before: SwarmState, after: SwarmState, start: NDArray[np.int64], moved: NDArray[np.int64], axis: int, steps: int
+) -> Iterator[SwarmState]:
+    last = int(np.abs(moved).max())
+    for step in range(1, steps + 1):
+        if step >= last:
+            yield after
+            continue
+        cells = start.copy()
+        cells[:, axis] += np.clip(moved, -step, step)
+        yield SwarmState.of_cells(before.occupied.layout, cells, shared=before.counts is not None)
+
+
+def _by_line(cells: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
+    """Return cells sorted by the line along ``axis`` that they lie in, and within it by their place."""
+    others = [i for i in range(cells.shape[1]) if i != cells.shape[1] + axis]
+    return cells[np.lexsort((cells[:, axis], *(cells[:, i] for i in others)))]

@@ -1,0 +1,57 @@
+"""SwarmState: where the particles are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.swarm.grid.board import Board, GridLayout
+
+
+@dataclass(frozen=True, eq=False)
+class SwarmState:
+    """Where the particles are.
+
+    Parameters
+    ----------
+    occupied : Board
+        The cells that hold a particle.
+    counts : ndarray of int32, shape ``layout.window``, or None
+        Particles of each cell under rule merge, where a cell may hold several; else None.
+    """
+
+    occupied: Board
+    counts: NDArray[np.int32] | None = None
+
+    @classmethod
+    def of_cells(cls, layout: GridLayout, cells: NDArray[np.int64], *, shared: bool) -> SwarmState:
+        """Return the state of particles at ``cells``, shape (n, ndim); ``shared`` if a cell may hold several."""
+        counts = None
+        if shared:
+            counts = np.zeros(layout.window, dtype=np.int32)
+            np.add.at(counts, tuple(cells.T + 1), 1)
+        return cls(Board.of_cells(layout, cells), counts)
+
+    @property
+    def n_particles(self) -> int:
+        """Number of particles."""
+        return len(self.occupied) if self.counts is None else int(self.counts.sum())
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """Cell of each particle in row-major order; int64, shape (n, ndim); repeated where particles share one."""
+        if self.counts is None:
+            return self.occupied.cells
+        return np.repeat(np.argwhere(self.counts > 0) - 1, self.counts[self.counts > 0], axis=0)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, SwarmState) or self.occupied != other.occupied:
+            return False
+        if self.counts is None or other.counts is None:
+            return self.counts is other.counts
+        return np.array_equal(self.counts, other.counts)
+
+    def __hash__(self) -> int:
+        return hash((self.occupied, None if self.counts is None else self.counts.tobytes()))

@@ -1,0 +1,134 @@
+"""Which generators there are, and what a person needs to know to use each one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.registry import Registry
+from shoal.swarm.maps.generators.cave import draw_cave
+from shoal.swarm.maps.generators.htree import draw_htree
+from shoal.swarm.maps.generators.maze import draw_maze
+from shoal.swarm.maps.generators.shapes import draw_line, draw_rectangle
+from shoal.swarm.maps.generators.sizes import MAX_CELLS
+from shoal.swarm.maps.generators.vessels import draw_vessels
+from shoal.swarm.maps.generators.vessels3d import draw_vessel_net, draw_vessel_tree
+
+
+@dataclass(frozen=True, kw_only=True)
+class Generator:
+    """A way to make maps of any size.
+
+    Attributes
+    ----------
+    name : str
+        The first part of the map name.
+    summary : str
+        What the map looks like, for people.
+    axes : tuple of str
+        What each number of the size counts.
+    example : str
+        A map name.
+    function : callable
+        Takes one integer for each axis, and ``seed=`` if the generator is seeded; returns ndarray, bool,
+        shape (H, W) or (D, H, W).
+    seeded : bool
+        Whether a seed makes a difference; a map name with a seed is refused if not.
+    smallest, largest : int
+        Bounds on the product of the numbers of the size.
+    slow : bool
+        Whether it takes long enough that maps are worth keeping on disk.
+    """
+
+    name: str
+    summary: str
+    axes: tuple[str, ...]
+    example: str
+    function: Callable[..., NDArray[np.bool_]]
+    seeded: bool = True
+    smallest: int = 1
+    largest: int = MAX_CELLS
+    slow: bool = False
+
+    @property
+    def size(self) -> str:
+        """The syntax of the size, such as ``ROWSxCOLUMNS``."""
+        return "x".join(self.axes)
+
+
+GENERATORS = Registry[Generator]("map generator")
+
+for _generator in (
+    Generator(
+        name="line",
+        summary="A straight corridor one cell wide.",
+        axes=("CELLS",),
+        example="line:5000",
+        function=draw_line,
+        seeded=False,
+    ),
+    Generator(
+        name="rectangle",
+        summary="An empty room.",
+        axes=("ROWS", "COLUMNS"),
+        example="rectangle:50x100",
+        function=draw_rectangle,
+        seeded=False,
+    ),
+    Generator(
+        name="htree",
+        summary="Bars that fork at right angles again and again: a tree of corridors one cell wide.",
+        axes=("CELLS",),
+        example="htree:5000",
+        function=draw_htree,
+        seeded=False,
+    ),
+    Generator(
+        name="vessels",
+        summary="A vascular network with forks, loops and dead ends, like the veins of a leaf.",
+        axes=("CELLS",),
+        example="vessels:5000:7",
+        function=draw_vessels,
+        slow=True,
+        smallest=30,
+        largest=1_000_000,
+    ),
+    Generator(
+        name="vessels3d",
+        summary="A tree of vessels in space whose radii follow Murray's law.",
+        axes=("CELLS",),
+        example="vessels3d:5000:7",
+        function=draw_vessel_tree,
+        slow=True,
+        smallest=30,
+        largest=5_000_000,
+    ),
+    Generator(
+        name="vessels3d-loops",
+        summary="The same with loops: some twigs are joined.",
+        axes=("CELLS",),
+        example="vessels3d-loops:5000:7",
+        function=draw_vessel_net,
+        slow=True,
+        smallest=60,
+        largest=5_000_000,
+    ),
+    Generator(
+        name="maze",
+        summary="A perfect maze: one way between any two cells.",
+        axes=("WIDTH", "HEIGHT"),
+        example="maze:61x41:3",
+        function=draw_maze,
+    ),
+    Generator(
+        name="cave",
+        summary="A cave with smooth, irregular walls.",
+        axes=("WIDTH", "HEIGHT"),
+        example="cave:120x80",
+        function=draw_cave,
+    ),
+):
+    GENERATORS.add(_generator.name, _generator)

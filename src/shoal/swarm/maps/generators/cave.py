@@ -1,0 +1,47 @@
+"""Caves: random cells smoothed by a cellular automaton, the largest connected part kept."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.swarm.maps.generators.regions import Mask, largest_part
+
+FIRST_SHARE = 0.5  # of the cells are free before smoothing; raised until the cave is large enough
+WANTED_SHARE = 0.38  # of the picture that the cave must fill
+ROUNDS = 5  # of smoothing, fewer in small pictures, which would vanish
+
+
+def draw_cave(width: int, height: int, *, seed: int = 0) -> Mask:
+    """Return a cave with smooth walls.
+
+    Parameters
+    ----------
+    width, height : int
+        Size of the picture in cells.
+    seed : int
+        The same seed gives the same map.
+
+    Returns
+    -------
+    ndarray, bool, shape (height, width)
+        True where free; 4-connected, more than a third of the picture.
+    """
+    rng = np.random.default_rng([seed, height, width])
+    rounds = min(ROUNDS, min(width, height) // 4)
+    share = FIRST_SHARE
+    while True:
+        free = rng.random((height, width)) < share
+        for _ in range(rounds):
+            free = _smooth(free)
+        cave = largest_part(free)
+        if np.count_nonzero(cave) >= WANTED_SHARE * cave.size or share >= 1:
+            return cave
+        share += 0.02
+
+
+def _smooth(free: Mask) -> Mask:
+    """Return each cell as most of the nine cells around it are; outside is wall."""
+    count = np.pad(free, 1).astype(np.int8)
+    count = count[:-2] + count[1:-1] + count[2:]
+    count = count[:, :-2] + count[:, 1:-1] + count[:, 2:]
+    return np.asarray(count >= 5)

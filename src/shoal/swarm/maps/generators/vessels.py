@@ -1,0 +1,147 @@
+"""Vascular maps: a grown network drawn on cells, with an exact number of free cells."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.swarm.maps.generators.regions import Mask, crop
+from shoal.swarm.maps.generators.venation import Indices, Network, Points, grow_network, subtrees
+
+AREA_PER_CELL = 1.65  # area of the organ for each free cell, before the network is scaled
+TIP_WIDTH = 1.5  # cells, at the end of a twig
+TRUNK_WIDTH = 4.8  # cells, at 5000 free cells
+THIN = 1.7  # pieces narrower than this are drawn as a line of single cells
+SAMPLES = 9  # points drawn for each piece, which is one or two cells long
+SPECK = 2  # a hole of at most so many cells is filled: two vessels that touch have merged
+
+
+def draw_vessels(count: int, *, seed: int = 0) -> Mask:
+    """Return a vascular network with exactly ``count`` free cells.
+
+    The network has one or two inlets, vessels that get narrower from fork to fork, closed loops, dead ends.
+
+    Parameters
+    ----------
+    count : int
+        Number of free cells.
+    seed : int
+        The same seed gives the same map.
+
+    Returns
+    -------
+    ndarray, bool, shape (H, W)
+        True where free; 4-connected, no empty rim.
+    """
+    rng = np.random.default_rng([seed, count])
+    network = grow_network(AREA_PER_CELL * count, rng)
+    return crop(_trim(_fit(network, count), count, rng))
+
+
+def _fit(network: Network, count: int) -> Mask:
+    """Return the network drawn at the scale that gives ``count`` free cells or slightly more."""
+    start, end, width = _pieces(network, TRUNK_WIDTH * (count / 5000) ** (1 / 6))
+    scale, best, best_excess = 1.0, None, count
+    for attempt in range(40):
+        free = _fill_specks(_draw(start * scale, end * scale, width))
+        excess = int(np.count_nonzero(free)) - count
+        if excess >= 0 and (best is None or excess < best_excess):
+            best, best_excess = free, excess
+        if best is not None and (best_excess <= max(2, count // 300) or attempt > 10):
+            break
+        # Aim a little high: free cells are easier to take away than to add.
+        scale *= ((count + max(1.0, count / 600)) / (count + excess)) ** 0.8
+    assert best is not None, "a larger scale gives more free cells"
+    return best
+
+
+def _pieces(network: Network, trunk_width: float) -> tuple[Points, Points, Points]:
+    """Return start, end (pieces, 2) and width (pieces,) of every straight piece of vessel.
+
+    As in Murray's law the width is a power of what a vessel feeds: here the length of vessel behind it.
+    """
+    points, parents = network.points, network.parents
+    size = subtrees(parents)[1]
+    power = np.log(trunk_width / TIP_WIDTH) / np.log(max(size.max(), 2))
+    grown = np.flatnonzero(parents != np.arange(len(parents)))
+    curves = network.joints
+    start = np.concatenate([points[parents[grown]], *(curve[:-1] for curve in curves)])
+    end = np.concatenate([points[grown], *(curve[1:] for curve in curves)])
+    width = np.full(len(start), TIP_WIDTH)
+    width[: len(grown)] *= size[grown] ** power
+    return start, end, width
+
+
+def _draw(start: Points, end: Points, width: Points) -> Mask:
+    """Return the cells under the pieces; each piece is 4-connected."""
+    share = np.linspace(0, 1, SAMPLES)[None, :, None]
+    at = start[:, None] + share * (end - start)[:, None]
+    margin = int(np.ceil(width.max() / 2)) + 1
+    at -= np.floor(at.min(axis=(0, 1))) - margin
+    cell = np.floor(at).astype(np.int64)
+    free = np.zeros((cell.max(axis=(0, 1)) + margin + 1)[::-1], dtype=np.bool_)
+    free[cell[..., 1], cell[..., 0]] = True
+    free[cell[:, 1:, 1], cell[:, :-1, 0]] = True  # the corner of each diagonal step
+    wide = width >= THIN
+    radius = np.repeat(width[wide] / 2, SAMPLES)
+    _paint_discs(free, at[wide].reshape(-1, 2), cell[wide].reshape(-1, 2), radius)
+    return free
+
+
+def _paint_discs(free: Mask, centre: Points, cell: Indices, radius: Points) -> None:
+    """Free all cells whose middle lies within ``radius`` of a centre."""
+    reach = int(np.ceil(radius.max(initial=0)))
+    for right in range(-reach, reach + 1):
+        for down in range(-reach, reach + 1):
+            offset = cell + (right, down) + 0.5 - centre
+            inside = cell[offset[:, 0] ** 2 + offset[:, 1] ** 2 <= radius**2]
+            free[inside[:, 1] + down, inside[:, 0] + right] = True
+
+
+def _fill_specks(free: Mask) -> Mask:
+    """Return the map without its smallest holes."""
+    from scipy import ndimage
+
+    holes = ndimage.label(~free, np.ones((3, 3)))[0]
+    area = np.bincount(holes.ravel())
+    return np.asarray(free | ((area <= SPECK) & (area > 0))[holes] & (holes > 0))
+
+
+def _trim(free: Mask, count: int, rng: np.random.Generator) -> Mask:
+    """Return the map with only ``count`` free cells left: dead ends are shortened, a cell at a time."""
+    free = np.pad(free, 1)
+    excess = int(np.count_nonzero(free)) - count
+    while excess > 0:
+        ends = _dead_ends(free)
+        if not len(ends):
+            return _nearest_cells(free, count)
+        gone = rng.permutation(ends)[:excess]
+        for row, column in gone:  # one at a time: the neighbour of an end may be an end itself
+            if _free_neighbours(free, row, column) == 1:
+                free[row, column] = False
+                excess -= 1
+    return free
+
+
+def _dead_ends(free: Mask) -> Indices:
+    """Return the free cells with one free neighbour, shape (k, 2); the rim of the map must not be free."""
+    neighbours = np.zeros(free.shape, dtype=np.int64)
+    neighbours[1:-1, 1:-1] = free[:-2, 1:-1].astype(np.int64) + free[2:, 1:-1] + free[1:-1, :-2] + free[1:-1, 2:]
+    return np.argwhere(free & (neighbours == 1))
+
+
+def _free_neighbours(free: Mask, row: int, column: int) -> int:
+    sides = free[row - 1, column], free[row + 1, column], free[row, column - 1], free[row, column + 1]
+    return sum(map(int, sides))
+
+
+def _nearest_cells(free: Mask, count: int) -> Mask:
+    """Return the ``count`` free cells that are nearest to the first one by path."""
+    kept = np.zeros_like(free)
+    queue = [tuple(np.argwhere(free)[0])]
+    kept[queue[0]] = True
+    for row, column in queue:
+        for cell in ((row, column - 1), (row - 1, column), (row, column + 1), (row + 1, column)):
+            if free[cell] and not kept[cell] and len(queue) < count:
+                kept[cell] = True
+                queue.append(cell)
+    return kept

@@ -1,0 +1,193 @@
+"""Vessel trees in space: a volume is split again and again, and each half is fed by a branch; radii follow Murray's law."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.swarm.maps.generators.regions import Mask
+from shoal.swarm.maps.generators.venation import Points
+
+CELLS_A_TIP = 60  # free cells for each end of a twig, before the tree is scaled
+TIP_RADIUS = 0.8  # cells
+REACH = 0.4  # of the way to the middle of what it feeds that a branch goes before it forks
+UNEVEN = (0.3, 0.7)  # share of the tips that the first of two branches feeds
+ORGAN = (0.8, 1.2, 1.0)  # half-axes: layers, rows, columns
+EXCESS = 0.02  # share of cells that may be drawn too many; they are taken off the ends of twigs
+LOOPS = 0.12  # share of the tips that are joined to another one
+
+
+def draw_vessel_tree(count: int, *, seed: int = 0) -> Mask:
+    """Return a tree of vessels with exactly ``count`` free cells; see `draw_vessel_net`.
+
+    Returns
+    -------
+    ndarray, bool, shape (D, H, W)
+        True where free; 6-connected, no empty rim.
+    """
+    return _draw_vessels(count, np.random.default_rng([seed, count]), loops=0.0)
+
+
+def draw_vessel_net(count: int, *, seed: int = 0) -> Mask:
+    """Return vessels with loops: a tree some of whose twigs are joined to those of other branches.
+
+    Tips are spread over an ellipsoid. From the inlet a branch goes towards the middle of the tips that it feeds; there they are
+    split by a plane along the branch, and each part is fed by a branch of its own, down to single tips.
+    Radii follow Murray's law, r0³ = r1³ + r2³, as the cube of a radius is proportional to the number of tips fed.
+
+    Parameters
+    ----------
+    count : int
+        Number of free cells.
+    seed : int
+        The same seed gives the same map.
+
+    Returns
+    -------
+    ndarray, bool, shape (D, H, W)
+
+    Notes
+    -----
+    Source: Murray, The physiological principle of minimum work, 1926; Tawhai, Pullan and Hunter, Generation of an anatomically
+    based three-dimensional model of the conducting airways, 2000 (splitting by planes).
+    """
+    return _draw_vessels(count, np.random.default_rng([seed, count, 1]), loops=LOOPS)
+
+
+def _draw_vessels(count: int, rng: np.random.Generator, *, loops: float) -> Mask:
+    tips = max(2, count // CELLS_A_TIP)
+    start, end, fed = grow_tree(_spread(tips, rng), rng)
+    if loops:
+        bridges = _bridges(end[fed == 1], max(1, round(loops * tips)))
+        start, end = np.concatenate([start, bridges[0]]), np.concatenate([end, bridges[1]])
+        fed = np.concatenate([fed, np.ones(len(bridges[0]), dtype=np.int64)])
+    return _trimmed(_fitted(start, end, murray_radius(fed), count), count)
+
+
+def murray_radius(fed: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the radius, in cells, of branches that feed so many tips each."""
+    return TIP_RADIUS * np.cbrt(fed.astype(np.float64))
+
+
+def _spread(tips: int, rng: np.random.Generator) -> Points:
+    """Return points in an ellipsoid, (tips, 3): layer, row, column."""
+    found: Points = np.zeros((0, 3))
+    while len(found) < tips:
+        cube = rng.uniform(-1, 1, (2 * tips + 8, 3))
+        found = np.concatenate([found, cube[(cube**2).sum(axis=1) <= 1]])
+    return np.asarray(found[:tips] * ORGAN)
+
+
+def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, NDArray[np.int64]]:
+    """Return start and end of each branch, (n, 3), and how many tips it feeds, (n,): the first is the trunk."""
+    starts, ends, fed = [], [], []
+    inlet = np.array([0.0, 1.1 * ORGAN[1], 0.0])  # below
+    waiting = [(inlet, tips)]
+    while waiting:
+        start, wanted = waiting.pop()
+        middle = wanted.mean(axis=0)
+        end = wanted[0] if len(wanted) == 1 else start + REACH * (middle - start)
+        starts.append(start)
+        ends.append(end)
+        fed.append(len(wanted))
+        if len(wanted) > 1:
+            first = _first_half(wanted, end - start, rng)
+            waiting += [(end, wanted[~first]), (end, wanted[first])]
+    return np.array(starts), np.array(ends), np.array(fed, dtype=np.int64)
+
+
+def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Split points by a plane along a branch, across the direction in which they are spread most; neither part is empty."""
+    offset = points - points.mean(axis=0)
+    length = float(np.linalg.norm(along))
+    if length > 0:
+        offset = offset - np.outer(offset @ along, along) / length**2
+    widest = np.linalg.eigh(offset.T @ offset)[1][:, -1]
+    widest = widest * (1 if widest[np.argmax(np.abs(widest))] > 0 else -1)  # its sign must not depend on the library
+    place = offset @ widest
+    size = int(np.clip(round(float(rng.uniform(*UNEVEN)) * len(points)), 1, len(points) - 1))
+    first = np.zeros(len(points), dtype=np.bool_)
+    first[np.argsort(place, kind="stable")[:size]] = True
+    return first
+
+
+def _bridges(tips: Points, count: int) -> tuple[Points, Points]:
+    """Return twigs between tips that are near in space and far apart in the tree, whose tips come in the order of growth."""
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(tips).query(tips, k=min(8, len(tips)))
+    chosen: list[tuple[float, int, int]] = []
+    for one, (distances, others) in enumerate(zip(*near, strict=True)):
+        for distance, other in zip(distances.tolist(), others.tolist(), strict=True):
+            if abs(other - one) > 0.1 * len(tips) and one < other:
+                chosen.append((distance, one, other))
+                break
+    chosen.sort()
+    if not chosen:
+        chosen = [(0.0, 0, len(tips) - 1)]
+    pairs = np.array([(one, other) for _, one, other in chosen[:count]])
+    return tips[pairs[:, 0]], tips[pairs[:, 1]]
+
+
+def _fitted(start: Points, end: Points, radius: NDArray[np.float64], count: int) -> Mask:
+    """Return the tree drawn at the scale that gives ``count`` free cells or slightly more."""
+    scale, low, high, best = 2.0 * float(np.cbrt(count)), 0.0, np.inf, None
+    for attempt in range(30):
+        free = _drawn(start * scale, end * scale, radius)
+        excess = int(np.count_nonzero(free)) - count
+        if excess >= 0:
+            best, high = free, scale
+            if excess <= EXCESS * count or attempt > 12:
+                break
+        else:
+            low = scale
+        aimed = scale * (count * (1 + EXCESS / 2) / (count + excess)) ** 0.9  # a tree of thin tubes grows with its length
+        scale = aimed if low < aimed < high else (low + high) / 2 if high < np.inf else 1.3 * low
+    assert best is not None, "a larger scale gives more free cells"
+    return best
+
+
+def _drawn(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
+    """Return the cells under the branches; each branch is 6-connected."""
+    steps = np.maximum(1, np.ceil(2 * np.linalg.norm(end - start, axis=1)).astype(np.int64))
+    branch = np.repeat(np.arange(len(start)), steps + 1)
+    first = np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
+    share = ((np.arange(len(branch)) - first) / steps[branch])[:, None]
+    at = start[branch] + share * (end - start)[branch]
+    margin = int(np.ceil(radius.max())) + 1
+    at -= np.floor(at.min(axis=0)) - margin
+    cell = np.floor(at).astype(np.int64)
+    free = np.zeros(cell.max(axis=0) + margin + 1, dtype=np.bool_)
+    free[tuple(cell.T)] = True
+    same = branch[1:] == branch[:-1]
+    one, other = cell[:-1][same], cell[1:][same]
+    free[other[:, 0], one[:, 1], one[:, 2]] = True  # the corners of a diagonal step
+    free[other[:, 0], other[:, 1], one[:, 2]] = True
+    _paint_balls(free, at, cell, radius[branch])
+    return free
+
+
+def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: NDArray[np.float64]) -> None:
+    """Free all cells whose middle lies within ``radius`` of a centre; thick branches need no centre at every half cell."""
+    for reach in range(1, int(np.ceil(radius.max())) + 1):
+        thick = np.flatnonzero((np.ceil(radius) == reach) & (radius > 0.6))
+        thick = thick[:: max(1, reach // 2)]
+        around = np.arange(-reach, reach + 1)
+        for offset in np.stack(np.meshgrid(around, around, around, indexing="ij"), axis=-1).reshape(-1, 3):
+            place = cell[thick] + offset
+            inside = ((place + 0.5 - centre[thick]) ** 2).sum(axis=1) <= radius[thick] ** 2
+            free[tuple(place[inside].T)] = True
+
+
+def _trimmed(free: Mask, count: int) -> Mask:
+    """Return the ``count`` free cells that are nearest to the inlet by path, without an empty rim: ends of twigs go."""
+    from shoal.swarm.kernels.paths import path_lengths
+
+    padded = np.pad(free, 1)
+    lowest = int(np.flatnonzero(padded.any(axis=(0, 2)))[-1])
+    inlet = (layer_column := np.argwhere(padded[:, lowest])[0])[0], lowest, layer_column[1]
+    order = path_lengths(padded.ravel(), np.array(padded.shape), int(np.ravel_multi_index(tuple(inlet), padded.shape)))
+    kept = np.zeros_like(padded)
+    kept.ravel()[order[:count]] = True
+    cut = tuple(slice(int(where.min()), int(where.max()) + 1) for where in np.nonzero(kept))
+    return np.ascontiguousarray(kept[cut])

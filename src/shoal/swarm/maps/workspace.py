@@ -1,0 +1,150 @@
+"""GridWorkspace: the free cells of a vessel, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+
+MAX_CELLS = 2**28
+"""The largest workspace accepted, in cells (16384 x 16384)."""
+
+
+def check_free(free: ArrayLike, *, what: str = "workspace") -> NDArray[np.bool_]:
+    """Return ``free`` as a read-only boolean array with at least one free cell.
+
+    Parameters
+    ----------
+    free : array_like of bool, shape (H, W) or (D, H, W)
+        True where a particle can be; numbers count as free where they are not zero.
+    what : str
+        How error messages call it.
+
+    Raises
+    ------
+    InvalidInputError
+        If it has another number of dimensions, no free cell, NaN, or more than ``MAX_CELLS`` cells.
+    """
+    try:
+        array = np.asarray(free)
+    except ValueError:
+        raise InvalidInputError(f"{what}: expected rows of equal length, got rows of different lengths") from None
+    if array.ndim not in (2, 3):
+        raise InvalidInputError(f"{what}: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions")
+    if array.dtype != np.bool_:
+        if not (np.issubdtype(array.dtype, np.integer) or np.issubdtype(array.dtype, np.floating)):
+            raise InvalidInputError(f"{what}: expected booleans or numbers, got dtype {array.dtype}")
+        if np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
+            bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+            raise InvalidInputError(f"{what}: expected finite numbers, got {array[bad]} at cell {bad}")
+    if array.size == 0:
+        raise InvalidInputError(f"{what}: expected at least one cell, got shape {array.shape}")
+    if array.size > MAX_CELLS:
+        raise InvalidInputError(f"{what}: expected at most {MAX_CELLS} cells, got {array.size} {array.shape}")
+    checked = np.ascontiguousarray(array != 0).copy()
+    if not checked.any():
+        raise InvalidInputError(f"{what}: expected at least one free cell, got {checked.size} obstacles only")
+    checked.setflags(write=False)
+    return checked
+
+
+@dataclass(frozen=True, eq=False)
+class GridWorkspace:
+    """The free cells of a 2-D or 3-D grid; everything outside the array is obstacle.
+
+    Parameters
+    ----------
+    free : array_like of bool, shape (H, W) or (D, H, W)
+        True where a particle can be. Row 0 is the top of the picture, layer 0 the front. Free space may be
+        disconnected and corridors one cell wide. Stored as a read-only copy.
+    name : str
+        For summaries and files.
+    spacing : tuple of float, optional
+        Size of a cell along each axis, in millimetres, where it is known: for pictures and files. The world counts cells.
+
+    Raises
+    ------
+    InvalidInputError
+        If ``free`` is not such an array (see `check_free`), or a spacing not above 0.
+
+    Notes
+    -----
+    Source: paper M, section III; docs/concepts/world.md.
+
+    Examples
+    --------
+    >>> workspace = GridWorkspace([[1, 1, 0], [0, 1, 1]], name="stairs")
+    >>> workspace.shape, workspace.n_free
+    ((2, 3), 4)
+    >>> print(workspace)
+    ..#
+    #..
+    """
+
+    free: NDArray[np.bool_]
+    name: str = field(default="workspace", kw_only=True)
+    spacing: tuple[float, ...] | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "free", check_free(self.free))
+        if self.spacing is not None:
+            sides = tuple(float(side) for side in self.spacing)
+            if len(sides) != self.free.ndim or not all(0 < side < float("inf") for side in sides):
+                raise InvalidInputError(f"spacing: expected {self.free.ndim} sizes above 0, got {self.spacing}")
+            object.__setattr__(self, "spacing", sides)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of ``free``: (rows, columns) or (layers, rows, columns)."""
+        return self.free.shape
+
+    @property
+    def ndim(self) -> int:
+        """2 or 3."""
+        return self.free.ndim
+
+    @cached_property
+    def n_free(self) -> int:
+        """Number of free cells (m in the papers)."""
+        return int(np.count_nonzero(self.free))
+
+    @cached_property
+    def cells(self) -> NDArray[np.int64]:
+        """All free cells in row-major order; int64, shape (m, 2) or (m, 3)."""
+        return np.argwhere(self.free)
+
+    @cached_property
+    def components(self) -> NDArray[np.int32]:
+        """Label of each cell's connected component, 0 for obstacles; int32, the shape of ``free``."""
+        from scipy import ndimage
+
+        return np.asarray(ndimage.label(self.free)[0], dtype=np.int32)
+
+    def largest_component(self) -> GridWorkspace:
+        """Return the workspace that keeps only the largest connected component (the first of equals)."""
+        sizes = np.bincount(self.components.ravel())
+        sizes[0] = 0
+        return GridWorkspace(self.components == int(np.argmax(sizes)), name=self.name, spacing=self.spacing)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, GridWorkspace) and np.array_equal(self.free, other.free)
+
+    def __hash__(self) -> int:
+        return hash((self.shape, self.free.tobytes()))
+
+    def __str__(self) -> str:
+        layers = self.free if self.ndim == 3 else self.free[np.newaxis]
+        return "\n\n".join("\n".join("".join(np.where(row, ".", "#")) for row in layer) for layer in layers)
+
+    def __repr__(self) -> str:
+        size = "x".join(map(str, self.shape))
+        return f"<GridWorkspace {self.name!r}: {size}, {self.n_free} free cells>"
+
+    def _repr_png_(self) -> bytes:
+        from shoal.swarm.maps.raster import png_bytes, workspace_raster
+
+        return png_bytes(workspace_raster(self))

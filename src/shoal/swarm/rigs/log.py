@@ -1,0 +1,339 @@
+"""The log of a drive: JSON lines, written as it goes, from which the run can be replayed."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+import zlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError
+
+from shoal.errors import InvalidInputError, OutputError, RigError
+from shoal.swarm.episode import Verification
+from shoal.swarm.grid.commands import letters_of
+
+if TYPE_CHECKING:
+    from shoal.swarm.grid.belief import Belief
+    from shoal.swarm.rigs.driving import Drive
+    from shoal.swarm.rigs.protocol import Rig
+
+FORMAT: Literal[1] = 1
+
+
+class DriveLog:
+    """A log that is written line by line, so that what has happened is on disk whatever happens next.
+
+    The file appears when the rig has told its first positions, not before.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    OutputError
+        If it is there already or cannot be written.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        if self.path.exists():
+            raise OutputError(f"cannot write {self.path}: it is there already, and the log of a run is not written over")
+        if not self.path.absolute().parent.is_dir():
+            raise OutputError(f"cannot write {self.path}: no folder {self.path.parent}")
+        self._file: Any = None
+        self._began = 0.0
+        self._waiting: list[dict[str, Any]] = []
+
+    def begin(self, rig: Rig, **drive: Any) -> None:
+        """Write the header: what is driven, and how."""
+        from shoal.version import __version__
+
+        try:
+            self._file = self.path.open("x", encoding="utf-8", buffering=1)
+        except OSError as error:
+            raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
+        self._began = time.monotonic()
+        header = {"kind": "header", "log": "shoal-drive", "format": FORMAT, "version": __version__}
+        self._write(header | {"rig": rig.name, "shape": list(rig.shape), "rule": rig.rule} | drive)
+        for entry in self._waiting:
+            self._write(entry)
+
+    def command(self, move: int, command: str) -> None:
+        """Write that a command is about to be sent."""
+        self._write({"kind": "command", "move": move, "command": command, "time": self._time()})
+
+    def scan(self, move: int, cells: NDArray[np.int64]) -> None:
+        """Write what a scan has shown."""
+        self._write({"kind": "scan", "move": move, "cells": cells.tolist(), "time": self._time()})
+
+    def event(self, what: str, details: dict[str, Any]) -> None:
+        """Write what has happened on the line."""
+        entry = {"kind": "event", "event": what} | details
+        if self._file is None:
+            self._waiting.append(entry)
+        else:
+            self._write(entry | {"time": self._time()})
+
+    def end(self, status: str, *, moves: int | None = None, belief: Belief | None = None) -> None:
+        """Write how it ended, and close the file."""
+        if self._file is None:
+            return
+        found: dict[str, Any] = {}
+        if belief is not None:
+            found = {"moves": moves, "free": len(belief.open), "obstacles": len(belief.obstacles), "map": digest(belief)}
+        self._write({"kind": "end", "status": status, **found, "time": self._time()})
+        self._file.close()
+        self._file = None
+
+    def _time(self) -> float:
+        return round(time.monotonic() - self._began, 4)
+
+    def _write(self, entry: dict[str, Any]) -> None:
+        try:
+            self._file.write(json.dumps(entry, separators=(",", ":")) + "\n")
+        except OSError as error:
+            raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
+
+
+def digest(belief: Belief) -> str:
+    """Return a checksum of what is known of each cell."""
+    return f"{zlib.crc32(belief.states.tobytes()):08x}"
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _Header(_Entry):
+    kind: Literal["header"]
+    log: Literal["shoal-drive"]
+    format: Literal[1]
+    version: str
+    rig: str
+    shape: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=2, max_length=3)]
+    rule: Literal["block", "merge", "tilt"]
+    policy: str
+    seed: NonNegativeInt
+    scan_every: str = "1"
+    noise: dict[Literal["slip", "misplace", "miss"], float] | None = None
+    confidence: float | None = None
+
+
+class _Command(_Entry):
+    kind: Literal["command"]
+    move: NonNegativeInt
+    command: Annotated[str, Field(min_length=1, max_length=1)]
+    time: float
+
+
+class _Scan(_Entry):
+    kind: Literal["scan"]
+    move: NonNegativeInt
+    cells: list[list[int]]
+    time: float
+
+
+class _Event(_Entry):
+    model_config = ConfigDict(extra="allow", frozen=True)
+    kind: Literal["event"]
+    event: str
+
+
+class _End(_Entry):
+    kind: Literal["end"]
+    status: Literal["complete", "stalled", "limit", "interrupted"]
+    moves: int | None = None
+    free: int | None = None
+    obstacles: int | None = None
+    map: str | None = None
+    time: float
+
+
+_KINDS: dict[str, type[_Entry]] = {"header": _Header, "command": _Command, "scan": _Scan, "event": _Event, "end": _End}
+
+
+class RecordedRig:
+    """A rig that plays back a log: it takes the commands that were sent then, and shows what was seen then.
+
+    Parameters
+    ----------
+    header : dict
+        Name, shape and rule of the rig, and how it was driven.
+    commands : str
+        What was sent and then seen: commands after the last scan are left out.
+    scans : dict
+        From the number of moves to the cells that were seen then.
+    events : list of dict
+        What happened on the line.
+    ended : dict or None
+        The last line; None if the log breaks off before.
+    """
+
+    def __init__(
+        self,
+        header: dict[str, Any],
+        commands: str,
+        scans: dict[int, list[list[int]]],
+        events: list[dict[str, Any]],
+        ended: dict[str, Any] | None,
+    ) -> None:
+        self.header, self.commands, self.scans, self.events, self.ended = header, commands, scans, events, ended
+        self._at = 0
+
+    @property
+    def name(self) -> str:
+        """What the rig called itself."""
+        return str(self.header["rig"])
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The cells that it could see."""
+        return tuple(self.header["shape"])
+
+    @property
+    def rule(self) -> str:
+        """Its move rule."""
+        return str(self.header["rule"])
+
+    @property
+    def scanned(self) -> NDArray[np.bool_]:
+        """Whether a scan followed each command."""
+        return np.array([move in self.scans for move in range(1, len(self.commands) + 1)], dtype=np.bool_)
+
+    def send(self, command: str) -> None:
+        """Take the next command of the log.
+
+        Raises
+        ------
+        RigError
+            If it is another one.
+        """
+        if self._at >= len(self.commands) or self.commands[self._at] != command:
+            there = self.commands[self._at : self._at + 1] or "the end"
+            raise RigError(f"the log, move {self._at + 1}: expected {there!r} as it was sent then, got {command!r}")
+        self._at += 1
+
+    def observe(self) -> NDArray[np.int64]:
+        """Return the cells that were seen after so many commands."""
+        if self._at not in self.scans:
+            raise RigError(f"the log: expected a scan after move {self._at}, got none")
+        return np.array(self.scans[self._at], dtype=np.int64).reshape(-1, len(self.shape))
+
+    def stop(self) -> None:
+        """Do nothing: what was done then is over."""
+
+
+def read_log(path: str | os.PathLike[str]) -> RecordedRig:
+    """Read a log; a last line that was cut off, as by a power failure, is passed over.
+
+    Raises
+    ------
+    InvalidInputError
+        If it is missing, damaged or no such log; the message names the line.
+    """
+    source = Path(path)
+    if not os.path.isfile(source):
+        raise InvalidInputError(f"{source}: expected a log, got {'a folder' if os.path.isdir(source) else 'no such file'}")
+    try:
+        lines = source.read_bytes().split(b"\n")
+    except OSError as error:
+        raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
+    whole = lines[:-1]  # after the last newline there is nothing, or a torn line
+    entries = [_entry(source, number, line) for number, line in enumerate(whole, start=1)]
+    if not entries or not isinstance(entries[0], _Header):
+        raise InvalidInputError(f"{source}, line 1: expected the header of a log, got {lines[0][:60].decode(errors='replace')!r}")
+    _check_header(source, entries[0])
+    return _recorded(source, entries[0], entries)
+
+
+def _check_header(source: Path, header: _Header) -> None:
+    """Refuse a header with which no drive can have begun."""
+    from shoal.swarm.grid.scans import ScanRule
+    from shoal.swarm.noise.model import Noise, bound_of
+
+    try:
+        ScanRule.parse(header.scan_every)
+        if header.noise is not None:
+            Noise(**header.noise)
+            bound_of(header.confidence)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{source}, line 1: {error}") from None
+
+
+def _entry(source: Path, number: int, line: bytes) -> _Entry:
+    try:
+        raw = json.loads(line)
+        kind = _KINDS[raw["kind"]]
+        return kind.model_validate(raw)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise InvalidInputError(f"{source}, line {number}: {where}: {first['msg']}, got {str(first['input'])[:60]!r}") from None
+    except (ValueError, KeyError, TypeError):
+        text = line[:60].decode(errors="replace")
+        raise InvalidInputError(f"{source}, line {number}: expected an entry of a log of format {FORMAT}, got {text!r}") from None
+
+
+def _recorded(source: Path, header: _Header, entries: list[_Entry]) -> RecordedRig:
+    from shoal.swarm.rigs.protocol import check_cells
+
+    commands, scans, events, ended = "", {}, [], None
+    shape = tuple(header.shape)
+    for number, entry in enumerate(entries[1:], start=2):
+        if isinstance(entry, _Command):
+            if entry.move != len(commands) + 1 or entry.command not in letters_of(len(shape)):
+                raise InvalidInputError(
+                    f"{source}, line {number}: expected command {len(commands) + 1}, one of {letters_of(len(shape))!r}, "
+                    f"got {entry.command!r} as command {entry.move}"
+                )
+            commands += entry.command
+        elif isinstance(entry, _Scan):
+            if entry.move != len(commands) or entry.move in scans:
+                raise InvalidInputError(
+                    f"{source}, line {number}: expected one scan after move {len(commands)}, got one of {entry.move}"
+                )
+            check_cells(entry.cells, shape, what=f"{source}, line {number}")
+            scans[entry.move] = entry.cells
+        elif isinstance(entry, _Event):
+            events.append(entry.model_dump())
+        elif isinstance(entry, _End):
+            ended = entry.model_dump()
+    if 0 not in scans:
+        raise InvalidInputError(f"{source}: expected a scan before the first command, got none")
+    return RecordedRig(header.model_dump(), commands[: max(scans)], scans, events, ended)
+
+
+def replay_log(path: str | os.PathLike[str]) -> tuple[Drive, Verification]:
+    """Drive a recorded rig with the commands that were sent to it; tell whether map and status are those of the log.
+
+    Raises
+    ------
+    InvalidInputError
+        See `read_log`.
+    RigError
+        If the positions do not follow from one another.
+    """
+    from shoal.swarm.rigs.driving import redrive
+
+    rig = read_log(path)
+    result = redrive(rig)
+    ended = rig.ended
+    if ended is None or ended["map"] is None:
+        how = "breaks off" if ended is None else f"was {ended['status']}"
+        return result, Verification(True, f"{result.moves} moves replayed; the log {how} there, before the run was over")
+    again: dict[str, Any] = {"moves": result.moves, "free": len(result.belief.open)}
+    again |= {"obstacles": len(result.belief.obstacles), "map": digest(result.belief)}
+    if rig.header["noise"] is None and result.belief.complete != (ended["status"] == "complete"):
+        return result, Verification(
+            False, f"status {ended['status']!r} in the log, {len(result.belief.frontier)} frontier cells left"
+        )
+    for name, value in again.items():
+        if ended[name] != value:
+            return result, Verification(False, f"{name}: {ended[name]} in the log, {value} replayed")
+    return result, Verification(True, f"{result.moves} moves replayed: the same map")

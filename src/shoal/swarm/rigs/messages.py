@@ -1,0 +1,143 @@
+"""The messages between Shoal and a rig, version 1: one JSON object a line, its last member a checksum.
+
+Every request has a number, one higher than the last. A rig that gets a number again answers as it did before and does nothing: so
+what was sent again after a cut is never carried out twice. docs/concepts/rigs.md has every message.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import zlib
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from shoal.errors import InvalidInputError
+
+PROTOCOL: Literal[1] = 1
+LONGEST_LINE = 2**26  # bytes; longer ones are damaged
+_CRC = re.compile(rb',"crc":"([0-9a-f]{8})"}$')
+
+
+class _Message(BaseModel):
+    """What all messages share: members that are not known are passed over, so that rigs may say more."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
+
+
+class Hello(_Message):
+    """Begin a session, or take it up again after a cut."""
+
+    type: Literal["hello"] = "hello"
+    protocol: int = PROTOCOL
+    session: str
+
+
+class Command(_Message):
+    """Move all particles: a letter out of ``lurd`` (3-D: ``lurdio``)."""
+
+    type: Literal["command"] = "command"
+    seq: Annotated[int, Field(ge=1)]
+    command: str
+
+
+class Observe(_Message):
+    """Tell where the particles are."""
+
+    type: Literal["observe"] = "observe"
+    seq: Annotated[int, Field(ge=1)]
+
+
+class Stop(_Message):
+    """Come to rest at once and take no further commands in this session."""
+
+    type: Literal["stop"] = "stop"
+
+
+class Welcome(_Message):
+    """Answer to hello: what rig this is, and the number of the last request that it has carried out."""
+
+    type: Literal["welcome"] = "welcome"
+    protocol: int
+    session: str
+    seq: Annotated[int, Field(ge=0)]
+    shape: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=2, max_length=3)]
+    rule: str = "block"
+    name: str = "rig"
+
+
+class Done(_Message):
+    """Answer to a command: it has been carried out."""
+
+    type: Literal["done"] = "done"
+    seq: int
+
+
+class Positions(_Message):
+    """Answer to observe: the cells of the particles."""
+
+    type: Literal["positions"] = "positions"
+    seq: int
+    cells: list[list[int]]
+
+
+class Stopped(_Message):
+    """Answer to stop."""
+
+    type: Literal["stopped"] = "stopped"
+
+
+class Again(_Message):
+    """What came was damaged: send it again."""
+
+    type: Literal["again"] = "again"
+
+
+class Refusal(_Message):
+    """The rig cannot do what was asked, and why."""
+
+    type: Literal["error"] = "error"
+    seq: int | None = None
+    text: str
+
+
+Message = Hello | Command | Observe | Stop | Welcome | Done | Positions | Stopped | Again | Refusal
+_ANY: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="type")])
+
+
+def seal(message: Message) -> bytes:
+    r"""Return the line of a message: JSON, checksum, newline.
+
+    The checksum is the CRC-32 (as of zlib) of all bytes of the line before ``,"crc":``, in eight hexadecimal digits.
+
+    Examples
+    --------
+    >>> seal(Command(seq=7, command="l"))
+    b'{"type":"command","seq":7,"command":"l","crc":"07eb29f8"}\n'
+    """
+    text = json.dumps(message.model_dump(exclude_none=True), separators=(",", ":"), ensure_ascii=True).encode()[:-1]
+    return b'%s,"crc":"%08x"}\n' % (text, zlib.crc32(text))
+
+
+def unseal(line: bytes) -> Message | None:
+    """Return the message of a line, None if the line is damaged.
+
+    Raises
+    ------
+    InvalidInputError
+        If the checksum is right and yet it is no message of this protocol: then the rig is wrong, not the line.
+    """
+    line = line.strip()
+    found = _CRC.search(line)
+    if found is None or int(found[1], 16) != zlib.crc32(line[: found.start()]):
+        return None
+    try:
+        return _ANY.validate_json(line)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "type"
+        raise InvalidInputError(
+            f"the rig: expected a message of protocol {PROTOCOL}, got {line[:80].decode(errors='replace')!r} "
+            f"({where}: {first['msg']})"
+        ) from None

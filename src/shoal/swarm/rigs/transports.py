@@ -1,0 +1,269 @@
+"""Lines to a rig: serial, TCP, or the standard input and output of a child process. They carry bytes and may be cut at any time."""
+
+from __future__ import annotations
+
+import queue
+import re
+import select
+import shlex
+import socket
+import subprocess
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, TypeVar
+
+from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.swarm.rigs.messages import LONGEST_LINE
+
+T = TypeVar("T")
+BAUD = 115200
+CHUNK = 65536
+WRITING = 5.0  # seconds that a write may take before the line counts as cut
+
+
+class LineCutError(Exception):
+    """The line was cut: the other end has gone, or the device has."""
+
+
+class Line(ABC):
+    """A line that can be opened again after a cut.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._pending = b""
+
+    def open(self) -> None:
+        """Open the line, or raise LineCutError."""
+        self._pending = b""
+        with _cuts():
+            self._open()
+
+    def write(self, data: bytes) -> None:
+        """Send bytes, or raise LineCutError."""
+        with _cuts():
+            self._write(data)
+
+    def read(self, timeout: float) -> bytes | None:
+        """Return the next line without its newline, None if none comes within ``timeout`` seconds, or raise LineCutError."""
+        until = time.monotonic() + timeout
+        while b"\n" not in self._pending:
+            if len(self._pending) > LONGEST_LINE:
+                self._pending = b""
+                return b"too long"  # no message: it will be asked for again
+            left = until - time.monotonic()
+            if left <= 0:
+                return None
+            with _cuts():
+                self._pending += self._read(left)
+        line, _, self._pending = self._pending.partition(b"\n")
+        return line
+
+    @abstractmethod
+    def _open(self) -> None: ...
+
+    @abstractmethod
+    def _write(self, data: bytes) -> None: ...
+
+    @abstractmethod
+    def _read(self, timeout: float) -> bytes:
+        """Return what has come, b"" if nothing does within the time."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the line, whatever state it is in."""
+
+
+class _cuts:  # noqa: N801  # a context manager, read as a word
+    """Turn what operating systems say of lost lines into LineCutError."""
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: object, error: BaseException | None, _trace: object) -> None:
+        if isinstance(error, OSError | EOFError | ValueError):  # ValueError: a pipe that is closed already
+            raise LineCutError(str(error) or type(error).__name__) from error
+
+
+def _opened(end: T | None) -> T:
+    """Return one end of a line if it is open; one that is not, as between two attempts to open it again, counts as cut."""
+    if end is None:
+        raise EOFError("the line is not open")
+    return end
+
+
+class SerialLine(Line):
+    """A serial port, by pyserial.
+
+    Parameters
+    ----------
+    device : str
+        Such as ``/dev/ttyUSB0``. If it vanishes and comes back under the same name, the line is taken up again.
+    baud : int
+    """
+
+    def __init__(self, device: str, *, baud: int = BAUD) -> None:
+        super().__init__(f"serial:{device}")
+        try:
+            import serial
+        except ImportError:
+            raise MissingExtraError("a serial line needs pyserial: pip install 'shoal[serial]'") from None
+        self._device, self._baud = device, baud
+        self._make: Callable[..., Any] = serial.Serial
+        self._port: Any = None
+
+    def _open(self) -> None:
+        self._port = self._make(self._device, self._baud, timeout=0, write_timeout=WRITING)
+
+    def _write(self, data: bytes) -> None:
+        _opened(self._port).write(data)
+
+    def _read(self, timeout: float) -> bytes:
+        port = _opened(self._port)
+        port.timeout = timeout
+        first: bytes = port.read(1)
+        return first + bytes(port.read(port.in_waiting)) if first else b""
+
+    def close(self) -> None:
+        """Close the port."""
+        if self._port is not None:
+            with suppress(OSError):
+                self._port.close()
+
+
+class TcpLine(Line):
+    """A TCP connection.
+
+    Parameters
+    ----------
+    host : str
+    port : int
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        super().__init__(f"tcp:{host}:{port}")
+        self._address = host, port
+        self._socket: socket.socket | None = None
+
+    def _open(self) -> None:
+        self._socket = socket.create_connection(self._address, timeout=WRITING)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def _write(self, data: bytes) -> None:
+        connection = _opened(self._socket)
+        connection.settimeout(WRITING)
+        connection.sendall(data)
+
+    def _read(self, timeout: float) -> bytes:
+        connection = _opened(self._socket)
+        if not select.select([connection], [], [], timeout)[0]:
+            return b""
+        data = connection.recv(CHUNK)
+        if not data:
+            raise EOFError("the other end has closed the connection")
+        return data
+
+    def close(self) -> None:
+        """Close the connection."""
+        if self._socket is not None:
+            self._socket.close()
+
+
+class ChildLine(Line):
+    """The standard input and output of a program, which is started here and started again if it ends.
+
+    Parameters
+    ----------
+    command : str
+        Program and arguments, quoted as for a shell (none is used).
+    """
+
+    def __init__(self, command: str) -> None:
+        super().__init__(f"exec:{command}")
+        self._words = shlex.split(command)
+        self._child: subprocess.Popen[bytes] | None = None
+        self._came: queue.Queue[bytes] = queue.Queue()
+
+    def _open(self) -> None:
+        # A session of its own: Ctrl-C is for us, and the child hears of it as a stop command.
+        child = subprocess.Popen(self._words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True, bufsize=0)
+        self._child, self._came = child, queue.Queue()
+        threading.Thread(target=_pump, args=(child.stdout, self._came), daemon=True).start()
+
+    def _write(self, data: bytes) -> None:
+        _opened(_opened(self._child).stdin).write(data)
+
+    def _read(self, timeout: float) -> bytes:
+        try:
+            data = self._came.get(timeout=timeout)
+        except queue.Empty:
+            return b""
+        if not data:
+            self._came.put(b"")
+            raise EOFError("the program has ended")
+        return data
+
+    def close(self) -> None:
+        """Close its input, wait a moment, end it."""
+        if self._child is None:
+            return
+        for pipe in (self._child.stdin, self._child.stdout):
+            with suppress(OSError):
+                if pipe is not None and pipe is self._child.stdin:
+                    pipe.close()
+        try:
+            self._child.wait(2)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+        if self._child.stdout is not None:
+            self._child.stdout.close()
+        self._child = None
+
+
+def _pump(pipe: Any, came: queue.Queue[bytes]) -> None:
+    """Hand on what comes; b"" at the end."""
+    with suppress(OSError, ValueError):
+        while data := pipe.read(CHUNK):
+            came.put(data)
+    came.put(b"")
+
+
+def open_line(spec: str) -> Line:
+    """Return the line that ``spec`` names, not opened yet; see `shoal.swarm.rigs.open_rig`.
+
+    Raises
+    ------
+    InvalidInputError, MissingExtraError
+
+    Examples
+    --------
+    >>> open_line("tcp:localhost:4000").name
+    'tcp:localhost:4000'
+    """
+    kind, _, rest = spec.partition(":")
+    expected = "rig: expected simulated, serial:DEVICE[@BAUD], tcp:HOST:PORT or exec:COMMAND"
+    if kind == "serial" and rest:
+        device, _, baud = rest.partition("@")
+        if baud and not re.fullmatch("[1-9][0-9]{0,7}", baud):
+            raise InvalidInputError(f"rig: expected a speed in baud after '@', got {baud[:40]!r}")
+        return SerialLine(device, baud=int(baud or BAUD))
+    if kind == "tcp":
+        host, _, port = rest.rpartition(":")
+        if not host or not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
+            raise InvalidInputError(f"{expected}, got {spec[:80]!r}")
+        return TcpLine(host.strip("[]"), int(port))
+    if kind == "exec":
+        try:
+            if shlex.split(rest):
+                return ChildLine(rest)
+        except ValueError as error:
+            raise InvalidInputError(f"rig: expected a command after 'exec:', got {rest[:80]!r}: {error}") from None
+    raise InvalidInputError(f"{expected}, got {spec[:80]!r}")

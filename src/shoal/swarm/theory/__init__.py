@@ -1,0 +1,1 @@
+"""Theory: closed forms of one dimension, schedules of scans, and bounds on the number of moves."""

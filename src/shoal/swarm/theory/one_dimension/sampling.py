@@ -1,0 +1,141 @@
+"""Monte Carlo on a line: random placements, measured in compiled code."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.swarm.theory.one_dimension.exact import Line
+
+_DRAWS, _CELLS = 2**21, 2**28  # random numbers drawn, and cells looked through, at once; part of what a seed means
+MAX_TRIALS = 100_000_000  # 28 bytes each
+MAX_DRAWS = 10_000_000  # random numbers for one placement
+
+Values = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class LineSample:
+    """Random placements and what each of them costs; every array is int32, shape (trials,).
+
+    Parameters
+    ----------
+    line : Line
+    first : ndarray
+        p_1, the cells from the left wall to the first particle: the moves left that find the wall.
+    last : ndarray
+        m + 1 - p_n, the same at the right wall.
+    largest_gap : ndarray
+        Empty cells in the largest of all n + 1 gaps.
+    spread : ndarray
+        p_n - p_1.
+    boundary : ndarray
+        Moves until both ends are found.
+    coverage : ndarray
+        Moves until every cell has been visited, too.
+    printed_coverage : ndarray
+        The papers' formula for it.
+    """
+
+    line: Line
+    first: Values = field(repr=False)
+    last: Values = field(repr=False)
+    largest_gap: Values = field(repr=False)
+    spread: Values = field(repr=False)
+    boundary: Values = field(repr=False)
+    coverage: Values = field(repr=False)
+    printed_coverage: Values = field(repr=False)
+
+    @property
+    def trials(self) -> int:
+        """Number of placements."""
+        return len(self.first)
+
+    def standard_error(self, column: str) -> float:
+        """Return the standard error of the mean of a column; 0 for a single trial."""
+        values = getattr(self, column)
+        return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
+
+
+def sample(
+    line: Line,
+    trials: int = 1_000_000,
+    *,
+    seed: int = 0,
+    workers: int | None = None,
+    on_trials: Callable[[int], None] | None = None,
+) -> LineSample:
+    """Draw placements, all equally likely, and measure them.
+
+    Parameters
+    ----------
+    line : Line
+    trials : int
+        1 or more.
+    seed : int
+        The same seed gives the same sample, whatever the workers.
+    workers : int, optional
+        Threads; default one a processor.
+    on_trials : callable, optional
+        Told how many are done.
+
+    Returns
+    -------
+    LineSample
+
+    Raises
+    ------
+    InvalidInputError
+        For numbers that do not fit, or a line too long to draw placements of.
+
+    Notes
+    -----
+    Placements are drawn by Floyd's algorithm (Bentley and Floyd, "A sample of brilliance", 1987), of the empty cells where those
+    are fewer.
+
+    Examples
+    --------
+    >>> found = sample(Line(20, 20), trials=3)
+    >>> found.boundary.tolist(), found.coverage.tolist(), found.largest_gap.tolist()
+    ([2, 2, 2], [2, 2, 2], [0, 0, 0])
+    """
+    for name, value, least in (("trials", trials, 1), ("seed", seed, 0), ("workers", workers, 1)):
+        if value is not None and (isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least):
+            raise InvalidInputError(f"{name}: expected a whole number, {least} or more, got {value!r}")
+    few = min(line.particles, line.cells - line.particles)
+    for name, value, most in (("cells", line.cells, 2**31 - 1), ("trials", trials, MAX_TRIALS), ("particles", few, MAX_DRAWS)):
+        if value > most:
+            what = "particles, or empty cells" if name == "particles" else name
+            raise InvalidInputError(f"{name}: expected at most {most} {what} for Monte Carlo, got {value}")
+    from shoal.swarm.kernels import line as kernels
+
+    size = max(1, min(_DRAWS // max(1, few), _CELLS // line.cells))
+    starts = range(0, trials, size)
+    table = np.empty((trials, kernels.COLUMNS), dtype=np.int32)
+    limits = np.arange(line.cells - few + 1, line.cells + 1)
+
+    def measure(index: int) -> int:
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
+        part = table[starts[index] : starts[index] + size]
+        draws = rng.integers(0, limits, size=(len(part), few), dtype=np.uint32)
+        words = np.zeros(-(-line.cells // 64), dtype=np.uint64)
+        kernels.trials(draws, line.cells, words, few != line.particles, part)
+        return len(part)
+
+    done = 0
+    with ThreadPoolExecutor(workers or os.cpu_count()) as threads:
+        try:
+            for count in threads.map(measure, range(len(starts))):
+                done += count
+                if on_trials is not None:
+                    on_trials(done)
+        except BaseException:
+            threads.shutdown(wait=False, cancel_futures=True)
+            raise
+    return LineSample(line, *(table[:, i] for i in range(len(fields(LineSample)) - 1)))

@@ -1,0 +1,37 @@
+"""Schedules of scans for a wall at an unknown distance, with exact costs (paper M, section III.A.3)."""
+
+from __future__ import annotations
+
+from shoal.swarm.theory.scan_schedules.bounds import Bracket, least_simultaneous_ratio, theorem_rate, worst_of_both
+from shoal.swarm.theory.scan_schedules.optimal import OptimalSchedule, optimal_schedule
+from shoal.swarm.theory.scan_schedules.schedules import (
+    Cost,
+    Custom,
+    EqualSteps,
+    EveryStep,
+    Hyperexponential,
+    OneJump,
+    Powers,
+    Schedule,
+    Worst,
+    check_prices,
+)
+
+__all__ = [
+    "Bracket",
+    "Cost",
+    "Custom",
+    "EqualSteps",
+    "EveryStep",
+    "Hyperexponential",
+    "OneJump",
+    "OptimalSchedule",
+    "Powers",
+    "Schedule",
+    "Worst",
+    "check_prices",
+    "least_simultaneous_ratio",
+    "optimal_schedule",
+    "theorem_rate",
+    "worst_of_both",
+]

@@ -1,0 +1,193 @@
+"""The schedule with the smallest worst weighted ratio, for known prices and a largest distance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from functools import cached_property
+from math import lcm
+
+from shoal.errors import InvalidInputError
+from shoal.swarm.theory.scan_schedules.schedules import (
+    Cost,
+    Custom,
+    EqualSteps,
+    Price,
+    Schedule,
+    Worst,
+    check_distance,
+    check_prices,
+)
+
+MAX_SCANS = 20_000
+"""The optimum is sought among schedules of at most so many positions, and those of equal steps, which may have more."""
+
+_PRECISION = 64  # bits of the bisection, after which the last steps are exact
+_LAST_STEPS = 50
+
+
+class OptimalSchedule(Schedule):
+    """The best schedule for its prices; see `optimal_schedule`.
+
+    Parameters
+    ----------
+    schedule : Schedule
+    scan_cost, move_cost : Fraction
+    max_distance : int
+    """
+
+    name = "optimal"
+
+    def __init__(self, schedule: Schedule, *, scan_cost: Fraction, move_cost: Fraction, max_distance: int) -> None:
+        self.scan_cost, self.move_cost, self.max_distance = scan_cost, move_cost, max_distance
+        self.schedule = schedule
+
+    def positions(self) -> Iterator[int]:
+        """Yield the positions up to the first beyond the largest distance."""
+        for position in self.schedule.positions():
+            yield min(position, self.max_distance + 1)
+            if position > self.max_distance:
+                return
+
+    def cost(self, distance: int) -> Cost:
+        """Return moves and scans; see `Schedule.cost`."""
+        check_distance(distance)
+        if distance > self.max_distance:
+            raise InvalidInputError(f"schedule optimal: expected a distance up to {self.max_distance}, got {distance}")
+        cost = self.schedule.cost(distance)
+        return Cost(distance, min(cost.moves, self.max_distance + 1), cost.scans)
+
+    @cached_property
+    def guarantee(self) -> Worst:
+        """The largest weighted ratio over the distances that it is made for, and where it occurs."""
+        return self.worst(scan_cost=self.scan_cost, move_cost=self.move_cost, max_distance=self.max_distance)
+
+    def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
+        """Return the largest weighted ratio; see `Schedule.worst`."""
+        if isinstance(self.schedule, EqualSteps):
+            return self.schedule.worst(scan_cost=scan_cost, move_cost=move_cost, max_distance=max_distance)
+        return super().worst(scan_cost=scan_cost, move_cost=move_cost, max_distance=max_distance)
+
+
+def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -> OptimalSchedule:
+    """Return the schedule whose worst weighted ratio over the distances 0 .. max_distance is smallest.
+
+    A schedule with positions x_1 < x_2 < ... keeps a ratio r if every position is at most
+    ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``, where c is the price of a scan, v of a move and x_0 = 0. As a later scan never
+    narrows what follows, scanning as late as allowed decides whether r can be kept; a bisection finds the smallest such r, and
+    steps between exact fractions end it.
+
+    Parameters
+    ----------
+    scan_cost, move_cost : number
+        Not negative, not both zero. A float is taken as it is printed.
+    max_distance : int
+        The wall is at most so far away.
+
+    Returns
+    -------
+    OptimalSchedule
+        Exact if at most `MAX_SCANS` positions are enough, and distance and prices have up to nine digits. If not, the best of so
+        many positions, to 19 digits, or the best of equal steps, whichever is better.
+
+    Raises
+    ------
+    InvalidInputError
+        For other prices or distances.
+
+    Notes
+    -----
+    Goes beyond paper M, section III.A.3, which treats prices that are not known. For prices 10 and 1 the best steps are equal:
+    15 moves each, as long as the distance is not known to be short.
+
+    Examples
+    --------
+    >>> best = optimal_schedule(scan_cost=10, move_cost=1, max_distance=100)
+    >>> list(best.positions())
+    [15, 30, 45, 60, 75, 90, 101]
+    >>> best.guarantee
+    Worst(ratio=Fraction(5, 3), distance=0)
+    """
+    scan, move = check_prices(scan_cost, move_cost)
+    max_distance = check_distance(max_distance)
+    candidates: list[Schedule] = [_best_equal_steps(scan, move, max_distance)]
+    if scan and move:
+        candidates.insert(0, Custom(least_worst(scan, move, max_distance, MAX_SCANS)))
+    made = [OptimalSchedule(one, scan_cost=scan, move_cost=move, max_distance=max_distance) for one in candidates]
+    return min(made, key=lambda schedule: schedule.guarantee.ratio)
+
+
+def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> EqualSteps:
+    """Return the equal steps with the smallest worst ratio.
+
+    It is that of a wall right at the start, which grows with the step, or of one at the largest distance, which falls.
+    """
+
+    def too_short(step: int) -> bool:
+        worst = EqualSteps(step).worst(scan_cost=scan, move_cost=move, max_distance=max_distance)
+        return worst.distance > 0
+
+    low, high = 1, max_distance + 1
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (middle + 1, high) if too_short(middle) else (low, middle)
+    steps = [EqualSteps(step) for step in (low - 1, low) if step > 0]
+    return min(steps, key=lambda one: one.worst(scan_cost=scan, move_cost=move, max_distance=max_distance).ratio)
+
+
+def least_worst(scan: Fraction, move: Fraction, max_distance: int, max_scans: int) -> list[int]:
+    """Return the positions, at most ``max_scans`` of them, with the smallest worst ratio; the price of a move is not zero."""
+    unit = lcm(scan.denominator, move.denominator)
+    latest = _Latest(int(scan * unit), int(move * unit), max_distance, max_scans)
+    low, high = Fraction(1), Fraction(2)
+    best = latest(low) or latest(high)
+    while best is None:
+        low, high = high, 2 * high
+        best = latest(high)
+    high = latest.ratio(best)
+    while high - low > high / 2**_PRECISION:
+        middle = (low + high) / 2
+        middle = Fraction((middle.numerator << 2 * _PRECISION) // middle.denominator, 1 << 2 * _PRECISION)
+        found = latest(middle)
+        if found is None:
+            low = middle
+        else:
+            best, high = found, latest.ratio(found)
+    for _ in range(_LAST_STEPS):  # enough wherever the limit on scans does not matter
+        better = latest(high, below=True)
+        if better is None:
+            break
+        best, high = better, latest.ratio(better)
+    return best
+
+
+class _Latest:
+    """Scan as late as a ratio allows; prices are whole numbers."""
+
+    def __init__(self, scan: int, move: int, max_distance: int, max_scans: int) -> None:
+        self.scan, self.move, self.end, self.max_scans = scan, move, max_distance + 1, max_scans
+
+    def __call__(self, ratio: Fraction, *, below: bool = False) -> list[int] | None:
+        """Return the positions that keep a ratio (or stay below it), None if there are none up to the end."""
+        p, q, scan, move = ratio.numerator, ratio.denominator, self.scan, self.move
+        positions: list[int] = []
+        last = 0
+        while last < self.end:
+            spent = scan * (len(positions) + 2)
+            allowed = p * (move * (last + 1) + 2 * scan) - q * spent - (1 if below else 0)
+            position = min(allowed // (q * move), self.end)
+            if position <= last or len(positions) == self.max_scans:
+                return None
+            positions.append(position)
+            last = position
+        return positions
+
+    def ratio(self, positions: list[int]) -> Fraction:
+        """Return the worst ratio of positions that reach the end."""
+        best, below = (0, 1), 0
+        for scans, position in enumerate(positions, start=2):
+            over, under = self.scan * scans + self.move * position, self.move * (below + 1) + 2 * self.scan
+            if over * best[1] > best[0] * under:
+                best = (over, under)
+            below = position
+        return Fraction(*best)

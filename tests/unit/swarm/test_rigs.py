@@ -1,0 +1,511 @@
+"""Driving rigs: the protocol, lines that are cut and damage messages, the stop command, the log."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import queue
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shoal import GridWorkspace, InvalidInputError, OutputError, open_map, run
+from shoal.cli import run as shoal
+from shoal.errors import RigError
+from shoal.swarm.rigs import (
+    DriveLog,
+    Line,
+    LineCutError,
+    RecordedRig,
+    RemoteRig,
+    SimulatedRig,
+    drive,
+    open_line,
+    open_rig,
+    read_log,
+    replay_log,
+    seal,
+    unseal,
+)
+from shoal.swarm.rigs.messages import Command, Positions, Stop
+
+ROOT = Path(__file__).parents[3]
+
+
+def load_rig():
+    """Import examples/rig.py."""
+    spec = importlib.util.spec_from_file_location("example_rig", ROOT / "examples" / "rig.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+example = load_rig()
+
+
+def free_of(workspace):
+    return {tuple(cell) for cell in workspace.cells.tolist()}
+
+
+class BenchLine(Line):
+    """A line to a rig in this process; ``wear(data)`` returns what comes through, or raises LineCutError."""
+
+    def __init__(self, rig_, wear=lambda data: data):
+        super().__init__("bench")
+        self.rig, self.wear, self.came, self.opened = rig_, wear, queue.Queue(), 0
+
+    def _open(self):
+        self.opened += 1
+        self.came = queue.Queue()
+
+    def _write(self, data):
+        for line in self.wear(data).split(b"\n"):
+            answer = self.rig.reply(line)
+            if answer:
+                self.came.put(self.wear(answer))
+
+    def _read(self, timeout):
+        try:
+            return self.came.get(timeout=min(timeout, 0.01))
+        except queue.Empty:
+            return b""
+
+    def close(self):
+        self.came = queue.Queue()
+
+
+def bench(workspace, particles=5, wear=lambda data: data, seed=2):
+    return BenchLine(example.Rig(example.Swarm(free_of(workspace), particles, seed), workspace.shape, name="bench"), wear)
+
+
+# ------------------------------------------------------------------------------------------------- drive
+
+
+@pytest.mark.parametrize("every", ["1", "3", "doubling", "adaptive"])
+@pytest.mark.parametrize("rule", ["block", "merge", "tilt"])
+def test_a_simulated_plant_is_driven_as_an_episode_is_run(every, rule):
+    if rule == "tilt" and every != "1":
+        return
+    workspace = open_map("cave:24x18:2")
+    episode = run(workspace, particles=9, seed=3, rule=rule, scan_every=every)
+    driven = drive(SimulatedRig(workspace, episode.start, rule=rule), scan_every=every)
+    assert (driven.commands, driven.status) == (episode.commands, episode.status)
+    for name in ("done", "frontier", "travelled", "scanned"):
+        np.testing.assert_array_equal(getattr(driven.episode, name), getattr(episode, name))
+    assert driven.episode.verify()
+    assert driven.compared(workspace) == {"false_free": 0, "false_obstacles": 0}
+
+
+def test_three_dimensions():
+    workspace = GridWorkspace(np.random.default_rng(5).random((3, 4, 5)) < 0.8).largest_component()
+    driven = drive(SimulatedRig(workspace, workspace.cells[:3]))
+    assert driven.status == "complete"
+    assert driven.episode.workspace == workspace
+
+
+class Faulty(SimulatedRig):
+    """Shows one particle elsewhere after some scans."""
+
+    def __init__(self, *arguments, wrong, **options):
+        super().__init__(*arguments, **options)
+        self.scans, self.wrong, self.stops = 0, wrong, 0
+
+    def observe(self):
+        self.scans += 1
+        cells = super().observe().copy()
+        return self.wrong(cells) if self.scans == 4 else cells
+
+    def stop(self):
+        self.stops += 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda cells: cells[:-1], "expected every particle in its own line"),
+        (lambda cells: cells[:0], "after 3 moves: expected the cells of particles, got none"),
+        (lambda cells: cells - [[0, 0], [0, 0], [1, 0]], "move 3: scan: expected particles 0 to 1 cells further"),
+        (lambda cells: np.concatenate([cells[:1], cells[:1], cells[2:]]), "expected cells of one particle each, got (0, 1)"),
+        (lambda cells: cells - [[1, 0]], "got (-1, 1)"),
+        (lambda cells: cells + np.array([0, 99]), "expected cells inside (4, 9), got (0, 100)"),
+    ],
+)
+def test_positions_that_cannot_be_are_refused_and_the_plant_stopped(wrong, words):
+    rig = Faulty(GridWorkspace(np.ones((4, 9))), [(0, 0), (0, 3), (3, 6)], wrong=wrong)
+    with pytest.raises((RigError, InvalidInputError), match=re.escape(words)):
+        drive(rig, policy="manual:drur")
+    assert rig.stops == 1
+
+
+def test_a_particle_that_slips_is_noticed_where_nothing_is_in_its_way():
+    rig = SimulatedRig(GridWorkspace(np.ones((1, 9))), [(0, 1)])
+    rig.send = lambda command: None if command == "r" and rig.observe()[0, 1] == 0 else SimulatedRig.send(rig, command)
+    with pytest.raises(RigError, match="expected every particle to move unless something is in its way, got one there"):
+        drive(rig, policy="manual:llrr")
+
+
+def test_ctrl_c_stops_the_plant_and_ends_the_log(tmp_path):
+    rig = Faulty(open_map("maze:9x7"), open_map("maze:9x7").cells[:1], wrong=lambda cells: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        drive(rig, log=DriveLog(tmp_path / "log.jsonl"))
+    assert rig.stops == 1
+    result, verified = replay_log(tmp_path / "log.jsonl")
+    assert result.moves == 2
+    assert "was interrupted" in verified.message
+
+
+# ---------------------------------------------------------------------------------------------- messages
+
+
+def test_a_message_comes_back_and_no_single_damage_gets_through():
+    line = seal(Positions(seq=12, cells=[[3, 4], [-1, 70]]))
+    assert json.loads(line)["cells"] == [[3, 4], [-1, 70]]
+    assert unseal(line) == Positions(seq=12, cells=[[3, 4], [-1, 70]])
+    for at in range(len(line) - 1):
+        for flip in (1, 32, 128):
+            changed = line[:at] + bytes([line[at] ^ flip]) + line[at + 1 :]
+            assert unseal(changed) in (None, unseal(line)), changed
+        assert unseal(line[:at]) is None
+    assert example.unseal(line)["cells"] == [[3, 4], [-1, 70]]
+    assert unseal(example.seal({"type": "stop"})) == Stop()
+
+
+def test_a_whole_line_that_is_no_message_is_the_rigs_fault():
+    with pytest.raises(InvalidInputError, match="expected a message of protocol 1, got"):
+        unseal(example.seal({"type": "wave"}))
+    with pytest.raises(InvalidInputError, match=r"command\.seq"):
+        unseal(example.seal({"type": "command", "seq": -1, "command": "l"}))
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ("usb", "expected simulated, serial:DEVICE"),
+        ("tcp:here", "tcp:HOST:PORT"),
+        ("tcp:here:70000", "tcp:HOST:PORT"),
+        ("exec:", "exec:COMMAND"),
+        ('exec:"', "No closing quotation"),
+        ("serial:/dev/x@fast", "expected a speed in baud after '@', got 'fast'"),
+    ],
+)
+def test_specs(spec, words):
+    with pytest.raises(InvalidInputError, match=words):
+        open_line(spec)
+
+
+# ----------------------------------------------------------------------------------------------- the link
+
+
+def test_a_damaged_request_or_answer_is_asked_for_again_and_carried_out_once():
+    workspace = open_map("maze:9x7")
+    for kind in ("changed", "lost", "cut short", "twice"):
+        bad = example.BadLine(cuts=0, damage=0.3, every=1, seed=5)
+        bad.random.choice = lambda _kinds, kind=kind: kind
+        line = bench(workspace, wear=bad.carry)
+        rig = RemoteRig(line, timeout=0.02, patience=20)
+        driven = drive(rig)
+        assert driven.episode.workspace == workspace
+        assert driven.episode.verify()
+        assert bad.damaged > 20
+        assert line.rig.stopped
+
+
+def test_a_command_is_carried_out_once_if_the_line_is_cut_before_its_answer():
+    wall = GridWorkspace(np.ones((1, 30)))
+    cut = [False]
+
+    def wear(data):
+        if b'"done"' in data and not cut[0]:
+            cut[0] = True
+            raise LineCutError("pulled")
+        cut[0] = cut[0] and b'"done"' not in data
+        return data
+
+    line = bench(wall, particles=1, wear=wear)
+    rig = RemoteRig(line, timeout=0.05, patience=5)
+    before = rig.observe()[0, 1]
+    rig.send("r" if before < 20 else "l")
+    assert abs(rig.observe()[0, 1] - before) == 1
+    assert (rig.counts.reconnects, line.opened) == (1, 2)
+
+
+def test_a_rig_that_was_started_anew_is_not_gone_on_with():
+    workspace, calls = open_map("maze:9x7"), []
+
+    def wear(data):
+        if b'"observe"' in data and not calls:
+            calls.append(1)
+            line.rig = bench(workspace).rig
+            raise LineCutError("power failure")
+        return data
+
+    line = bench(workspace, wear=wear)
+    rig = RemoteRig(line, timeout=0.05, patience=5)
+    rig.send("l")
+    with pytest.raises(RigError, match="it has been started anew"):
+        rig.observe()
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (
+            {"type": "welcome", "protocol": 2, "session": "s", "seq": 0, "shape": [2, 2]},
+            "expected a rig that speaks protocol 1, got 2",
+        ),
+        ({"type": "welcome", "protocol": 1, "session": "s", "seq": 0, "shape": [2, 2], "rule": "hop"}, "expected a rule out of"),
+        ({"type": "welcome", "protocol": 1, "session": "s", "seq": 0, "shape": [99999, 99999]}, "at most"),
+        ({"type": "welcome", "protocol": 1, "session": "other", "seq": 3, "shape": [2, 2]}, "expected a new session"),
+        ({"type": "error", "text": "no magnets today"}, "the rig refuses: no magnets today"),
+        ({"type": "greetings"}, "expected a message of protocol 1"),
+    ],
+)
+def test_a_rig_that_is_none_of_ours(answer, words):
+    line = bench(open_map("line:5"))
+    line.rig.reply = lambda data: example.seal(answer) if data.strip() else b""
+    with pytest.raises(RigError, match=words):
+        RemoteRig(line, timeout=0.05, patience=1, session="s")
+
+
+def test_a_silent_rig_is_given_up():
+    line = bench(open_map("line:5"))
+    rig = RemoteRig(line, timeout=0.02, patience=0.1)
+    line.rig.reply = lambda data: b""
+    with pytest.raises(RigError, match=r"bench: no answer from the rig for 0.1 s"):
+        rig.send("l")
+    with pytest.raises(RigError, match="has not confirmed the stop"):
+        rig.stop()
+    with pytest.raises(RigError, match="no answer"):
+        RemoteRig(line, timeout=0.01, patience=0.05)
+
+
+def test_a_rig_that_tells_nonsense():
+    line = bench(open_map("line:5"))
+    rig = RemoteRig(line, timeout=0.05, patience=1)
+    line.rig.reply = lambda data: seal(Positions(seq=1, cells=[[0, 1, 2]])) if data.strip() else b""
+    with pytest.raises(RigError, match="bench: positions: expected integer cells"):
+        rig.observe()
+    with pytest.raises(InvalidInputError, match="expected one command out of 'lurd'"):
+        rig.send("q")
+
+
+def test_stop_gets_through_damage_cuts_and_half_a_message():
+    workspace, bad = open_map("line:9"), example.BadLine(cuts=0, damage=0.0, every=1, seed=1)
+    line = bench(workspace, particles=1, wear=bad.carry)
+    rig = RemoteRig(line, timeout=0.02, patience=20)
+    bad.damage = 0.7
+    line.write(seal(Command(seq=1, command="l"))[:20])  # an interruption in the middle of a message
+    rig.stop()
+    bad.damage = 0.0
+    assert line.rig.stopped
+    with pytest.raises(RigError, match="the rig has been stopped"):
+        rig.send("l")
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="pseudo-terminals are Unix's")
+def test_the_example_maps_through_a_pseudo_terminal_that_is_cut_ten_times_and_damages_a_twentieth(tmp_path):
+    workspace = open_map("vessels:200")
+    (tmp_path / "map.txt").write_text(f"{workspace}\n")
+    link, log = tmp_path / "rig", tmp_path / "log.jsonl"
+    options = ["--particles", "20", "--seed", "4", "--cuts", "10", "--every", "30", "--damage", "0.05", "--pause", "0.02"]
+    words = [sys.executable, str(ROOT / "examples" / "rig.py"), str(tmp_path / "map.txt"), "--pty", str(link), *options]
+    with subprocess.Popen(words) as process:
+        try:
+            while not link.exists():
+                time.sleep(0.01)
+            book = DriveLog(log)
+            with open_rig(f"serial:{link}", timeout=0.05, patience=30, on_event=book.event) as rig:
+                driven = drive(rig, log=book)
+        finally:
+            process.terminate()
+    assert driven.status == "complete"
+    assert driven.compared(workspace) == {"false_free": 0, "false_obstacles": 0}
+    assert driven.episode.workspace == workspace
+    assert driven.link.reconnects == 10
+    assert driven.link.damaged > 5
+    assert driven.link.resent >= driven.link.reconnects
+    result, verified = replay_log(log)
+    assert verified, verified.message
+    assert result.commands == driven.commands
+    assert len(read_log(log).events) >= 20
+
+
+def test_tcp(tmp_path):
+    import socket
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    workspace = open_map("maze:9x7")
+    made = example.Rig(example.Swarm(free_of(workspace), 3, 1), workspace.shape, name="tcp")
+    bad = example.BadLine(cuts=3, damage=0.0, every=25, seed=0)
+    threading.Thread(target=example.serve_tcp, args=(made, port, bad), daemon=True).start()
+    with open_rig(f"tcp:127.0.0.1:{port}", timeout=1, patience=20) as rig:
+        driven = drive(rig)
+    assert driven.episode.workspace == workspace
+    assert driven.link.reconnects == 3
+
+
+# ------------------------------------------------------------------------------------------------ the log
+
+
+@pytest.mark.parametrize("every", ["1", "4", "adaptive"])
+@pytest.mark.parametrize("rule", ["block", "merge", "tilt"])
+def test_a_log_replays(tmp_path, every, rule):
+    if rule == "tilt" and every != "1":
+        return
+    log, workspace = tmp_path / "log.jsonl", open_map("cave:20x14:1")
+    start = workspace.cells[:: workspace.n_free // 5]
+    driven = drive(SimulatedRig(workspace, start, rule=rule), scan_every=every, log=DriveLog(log), max_moves=150)
+    result, verified = replay_log(log)
+    assert verified, verified.message
+    assert (result.commands, result.belief) == (driven.commands, driven.belief)
+    np.testing.assert_array_equal(result.scanned, driven.scanned)
+    whole = log.read_bytes()
+    lines = whole.splitlines(keepends=True)
+    log.write_bytes(b"".join(lines[: len(lines) // 2]) + b'{"kind":"sc')  # the power failed
+    result, verified = replay_log(log)
+    assert driven.commands.startswith(result.commands)
+    assert "breaks off" in verified.message
+
+
+def test_a_changed_log_is_noticed(tmp_path):
+    log = tmp_path / "log.jsonl"
+    drive(SimulatedRig(open_map("maze:9x7"), open_map("maze:9x7").cells[[0, 9]]), log=DriveLog(log))
+    lines = log.read_text().splitlines()
+
+    def changed(at, old, new):
+        assert old in lines[at]
+        log.write_text("\n".join([*lines[:at], lines[at].replace(old, new, 1), *lines[at + 1 :]]) + "\n")
+
+    changed(len(lines) - 1, '"free":39', '"free":38')
+    assert "free: 38 in the log, 39 replayed" in replay_log(log)[1].message
+    changed(0, "shoal-drive", "shoal-dive")
+    with pytest.raises(InvalidInputError, match=r"log.jsonl, line 1: log: "):
+        read_log(log)
+    changed(2, '"command":"l"', '"command":"q"')
+    with pytest.raises(InvalidInputError, match="line 3: expected command 1, one of 'lurd', got 'q'"):
+        read_log(log)
+    changed(3, '"move":1', '"move":2')
+    with pytest.raises(InvalidInputError, match="line 4: expected one scan after move 1, got one of 2"):
+        read_log(log)
+    changed(4, "{", "[")
+    with pytest.raises(InvalidInputError, match="line 5: expected an entry of a log of format 1"):
+        read_log(log)
+    with pytest.raises(OutputError, match="it is there already"):
+        DriveLog(log)
+    with pytest.raises(RigError, match="move 1: expected 'l' as it was sent then, got 'r'"):
+        RecordedRig({"rig": "p", "shape": [2, 2], "rule": "block"}, "l", {}, [], None).send("r")
+
+
+# ------------------------------------------------------------------------------------------- the command
+
+
+def test_command_with_a_program_as_rig(tmp_path, capsys):
+    workspace = open_map("maze:9x7")
+    (tmp_path / "map.txt").write_text(f"{workspace}\n")
+    spec = f"exec:{sys.executable} {ROOT / 'examples' / 'rig.py'} {tmp_path / 'map.txt'} --particles 4"
+    log = tmp_path / "log.jsonl"
+    assert shoal(["drive", "maze:9x7", "--rig", spec, "--log", str(log), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["status"], result["free_cells"], result["particles"]) == ("complete", 39, 4)
+    assert result["wrong"] == {"false_free": 0, "false_obstacles": 0}
+    assert shoal(["replay", str(log), "--json", "--out", str(tmp_path / "out")]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again["verified"] is True
+    assert again["commands"] == result["commands"]
+    assert (tmp_path / "out" / "map.png").exists()
+    assert shoal(["drive", "maze:9x7", "--rig", spec, "--log", str(log)]) == 2
+    assert "it is there already" in capsys.readouterr().err
+    assert shoal(["drive", "--size", "7x8", "--rig", spec]) == 2
+    assert "size: expected a rig of 7x8 cells, got map, which sees 7x9" in capsys.readouterr().err
+    assert shoal(["drive", "--rig", "simulated"]) == 2
+    assert "expected a map to move in" in capsys.readouterr().err
+    assert shoal(["drive", "--rig", "exec:false", "--patience", "0.1"]) == 2
+    assert "no answer from the rig" in capsys.readouterr().err
+
+
+DYING = """
+import json, pathlib, sys, zlib
+def say(**message):
+    text = json.dumps(message, separators=(",", ":"))[:-1]
+    print(f'{text},"crc":"{zlib.crc32(text.encode()):08x}"}}', flush=True)
+with open(sys.argv[1], "a") as heard:
+    for line in filter(str.strip, sys.stdin):
+        message = json.loads(line)
+        print(message["type"], file=heard, flush=True)
+        if message["type"] == "hello":
+            say(type="welcome", protocol=1, session=message["session"], seq=0, shape=[2, 3], rule="block", name="dying")
+        elif message["type"] == "observe":
+            say(type="positions", seq=message["seq"], cells=[[0, 0]])
+        elif message["type"] == "stop" and sys.argv[2] == "stops":
+            say(type="stopped")
+        elif message["type"] == "command" and sys.argv[2] == "stops":
+            sys.exit(3)
+        elif message["type"] == "command":
+            say(type="done", seq=message["seq"])
+"""
+
+
+def dying(tmp_path, how):
+    (tmp_path / "rig.py").write_text(DYING)
+    return f"exec:{sys.executable} {tmp_path / 'rig.py'} {tmp_path / 'heard.txt'} {how}"
+
+
+def test_a_rig_that_dies_at_a_command_is_told_to_stop_all_the_same(tmp_path, capsys):
+    """It comes back as one that knows nothing of what was done: the drive ends, after a stop command over a new line."""
+    assert shoal(["drive", "--rig", dying(tmp_path, "stops"), "--timeout", "0.5", "--patience", "2"]) == 2
+    said = capsys.readouterr().err
+    assert "started anew" in said
+    assert len(said.strip().splitlines()) == 1
+    assert (tmp_path / "heard.txt").read_text().split() == ["hello", "observe", "command", "hello", "stop"]
+
+
+def test_a_log_ends_with_the_map_even_if_the_rig_does_not_confirm_the_stop(tmp_path, capsys):
+    words = ["drive", "--rig", dying(tmp_path, "goes on"), "--timeout", "0.1", "--patience", "0.3", "--max-moves", "3"]
+    assert shoal([*words, "--log", str(tmp_path / "log.jsonl")]) == 2
+    assert "has not confirmed the stop command" in capsys.readouterr().err
+    last = json.loads((tmp_path / "log.jsonl").read_text().splitlines()[-1])
+    assert (last["kind"], last["status"], last["moves"]) == ("end", "limit", 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"scan_every": "often"}, "line 1: scan-every: expected 1 to"),
+        ({"noise": {"slip": 0.9}, "confidence": 0.99}, "line 1: slip: expected a probability"),
+        ({"noise": {"slip": 0.1}}, "line 1: confidence: expected a probability"),
+    ],
+)
+def test_headers_with_which_no_drive_began(tmp_path, change, words):
+    header = {"kind": "header", "log": "shoal-drive", "format": 1, "version": "1", "rig": "p", "shape": [2, 2], "rule": "block"}
+    header |= {"policy": "x", "seed": 1} | change
+    lines = [header, {"kind": "scan", "move": 0, "cells": [[0, 0]], "time": 0.0}]
+    (tmp_path / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    with pytest.raises(InvalidInputError, match=words):
+        replay_log(tmp_path / "log.jsonl")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_on_the_command_line_stops_the_rig(tmp_path, number):
+    """The rig takes a second for a command; the stop command ends it."""
+    (tmp_path / "map.txt").write_text(f"{open_map('maze:9x7')}\n")
+    spec = f"exec:{sys.executable} {ROOT / 'examples' / 'rig.py'} {tmp_path / 'map.txt'} --duration 30"
+    log = tmp_path / "log.jsonl"
+    words = [sys.executable, "-c", "from shoal.cli import main; main()", "drive", "--rig", spec, "--log", str(log)]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
+        while not (log.exists() and '"command"' in log.read_text()):
+            time.sleep(0.02)
+        process.send_signal(number)
+        said = process.communicate(timeout=20)[1]
+    assert process.returncode == 130
+    assert "interrupted" in said
+    assert json.loads(log.read_text().splitlines()[-1])["status"] == "interrupted"
