@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from tests.properties.strategies import swarms
 
 from shoal.swarm import Coverage, Episode, GridWorld, Mapping, run
+from shoal.swarm.grid.scans import states_of_run
 from shoal.swarm.theory.scan_schedules import (
     Custom,
     EqualSteps,
@@ -19,7 +20,6 @@ from shoal.swarm.theory.scan_schedules import (
     Powers,
     least_simultaneous_ratio,
     optimal_schedule,
-    states_of_run,
     worst_of_both,
 )
 

@@ -15,6 +15,7 @@ from shoal.cli import run
 from shoal.errors import InvalidInputError
 from shoal.swarm import Episode, GridWorkspace, GridWorld
 from shoal.swarm import run as play
+from shoal.swarm.grid.scans import ScanRule
 from shoal.swarm.kernels import runs as kernels
 from shoal.swarm.theory.one_dimension import Line, boundary_moves, coverage_moves, sample
 from shoal.swarm.theory.scan_schedules import (
@@ -22,7 +23,6 @@ from shoal.swarm.theory.scan_schedules import (
     EqualSteps,
     Hyperexponential,
     Powers,
-    ScanRule,
     least_simultaneous_ratio,
     optimal_schedule,
     states_of_run,
