@@ -17,6 +17,7 @@ from collections import Counter
 from pathlib import Path
 
 from shoal.lab import Store, Sweep, run_sweep
+from shoal.lab.storage.integrity import faults_of
 
 SPEC = """
 name = "killed"
@@ -78,11 +79,11 @@ def wait_for_batch(store: Path, coordinator: subprocess.Popen[bytes]) -> None:
         time.sleep(0.02)
 
 
-def faults_of(path: Path) -> list[str]:
+def faults_in(path: Path) -> list[str]:
     if not path.exists():
         return []
     with Store(path) as store:
-        return store.check()
+        return faults_of(store)
 
 
 def main() -> None:
@@ -113,7 +114,7 @@ def main() -> None:
             killed["coordinator" if victim == coordinator.pid else "worker"] += 1
             if victim == coordinator.pid:
                 coordinator.wait()
-            wrong = faults_of(store)
+            wrong = faults_in(store)
             done = 0
             if store.exists():
                 with Store(store) as opened:
@@ -131,7 +132,7 @@ def main() -> None:
         with Store(store) as one, Store(whole) as other:
             same = [*one.rows("killed")] == [*other.rows("killed")]
             print(
-                f"faults: {one.check() or 'none'}; rows {'equal' if same else 'DIFFER FROM'} those of the run without kills",
+                f"faults: {faults_of(one) or 'none'}; rows {'equal' if same else 'DIFFER FROM'} those of the run without kills",
                 end="; ",
             )
             print(f"complete after {complete_after or 'all'} kills; orphans: {orphans() or 'none'}")

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from shoal.lab import Store, Sweep
-from shoal.lab.batches import Answer
-from shoal.lab.export import export, frame
-from shoal.lab.sweep import trial_seed
+from shoal.lab.storage.export import export, frame
+from shoal.lab.sweeps.batches import Answer
+from shoal.lab.sweeps.sweep import trial_seed
 from shoal.lab.versions import versions
 
 TRIALS = 1_000_000

@@ -97,8 +97,8 @@ def test_workers_end_with_their_coordinator():
 
 
 def coordinate(pipe):
-    from shoal.lab.crews import Processes
+    from shoal.lab.worker_pools import Processes
 
-    crew = Processes(1)
-    pipe.send(crew.submit(os.getpid).result())
+    pool = Processes(1)
+    pipe.send(pool.submit(os.getpid).result())
     threading.Event().wait()

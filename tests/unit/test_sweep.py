@@ -18,12 +18,13 @@ import shoal
 from shoal.cli import run as command
 from shoal.errors import InvalidInputError, OutputError, UnknownNameError
 from shoal.lab import Store, Sweep, run_sweep, sweep_of
-from shoal.lab.claim import claim, is_claimed
-from shoal.lab.crews import Processes
-from shoal.lab.export import export, frame
-from shoal.lab.schema import FORMAT
-from shoal.lab.sweep import differences, trial_seed
+from shoal.lab.storage.export import export, frame
+from shoal.lab.storage.integrity import faults_of
+from shoal.lab.storage.lock import is_locked, locked
+from shoal.lab.storage.schema import FORMAT
+from shoal.lab.sweeps.sweep import differences, trial_seed
 from shoal.lab.versions import MixedVersionsWarning, check_versions, versions, written
+from shoal.lab.worker_pools import Processes
 
 HERE = "tests.unit.sweep_functions"
 NUMBER = {"kind": "function", "function": f"{HERE}:number"}
@@ -36,7 +37,7 @@ def numbers(**changes):
 
 def rows_of(path, name="numbers"):
     with Store(path) as store:
-        assert store.check() == []
+        assert faults_of(store) == []
         return [*store.rows(name)]
 
 
@@ -222,7 +223,7 @@ def test_a_sweep_that_never_began_may_change(tmp_path):
     assert run_sweep(numbers(axes={"factor": [1]}), store, workers=0).total == 7
     with Store(store) as opened:
         assert sorted(opened.names) == ["numbers", "other"]
-        assert opened.check() == []
+        assert faults_of(opened) == []
 
 
 def test_another_map_under_the_same_name_is_refused(tmp_path):
@@ -231,7 +232,7 @@ def test_another_map_under_the_same_name_is_refused(tmp_path):
     sweep = Sweep(name="numbers", problem={"kind": "swarm", "map": str(picture), "particles": 2})
     run_sweep(sweep, store, workers=0)
     picture.write_text("....\n.#..\n")
-    from shoal.lab import batches
+    from shoal.lab.sweeps import batches
 
     batches._by_source.clear()  # as in a new process
     with pytest.raises(InvalidInputError, match=r"changes: content\."):
@@ -307,12 +308,12 @@ def test_killed_coordinators_lose_nothing(tmp_path):
         if wanted == 20:
             with pytest.raises(InvalidInputError, match=rf"to be free, got one that process {coordinator.pid} on .* is running"):
                 run_sweep(numbers(), store, workers=0)
-            assert is_claimed(store, "numbers")
+            assert is_locked(store, "numbers")
         coordinator.send_signal(signal.SIGKILL)
         assert coordinator.wait() == -signal.SIGKILL
         with Store(store) as opened:
-            assert opened.check() == []
-        assert not is_claimed(store, "numbers")
+            assert faults_of(opened) == []
+        assert not is_locked(store, "numbers")
     problem = NUMBER | {"arguments": {"pause": 0.004}}
     sweep = numbers(problem=problem, axes={"factor": [1, 2]}, trials=150)
     told = []
@@ -374,30 +375,30 @@ def test_going_on_with_another_version_is_told(tmp_path, monkeypatch, capsys):
 # Stores that cannot be used
 
 
-def test_claims_exclude_each_other(tmp_path):
-    with claim(tmp_path / "s", "one"), claim(tmp_path / "s", "two"):
-        assert is_claimed(tmp_path / "s", "one")
-        with pytest.raises(InvalidInputError, match=f"process {os.getpid()} on"), claim(tmp_path / "s", "one"):
+def test_locks_exclude_each_other(tmp_path):
+    with locked(tmp_path / "s", "one"), locked(tmp_path / "s", "two"):
+        assert is_locked(tmp_path / "s", "one")
+        with pytest.raises(InvalidInputError, match=f"process {os.getpid()} on"), locked(tmp_path / "s", "one"):
             pass
-    assert not is_claimed(tmp_path / "s", "one")
+    assert not is_locked(tmp_path / "s", "one")
     assert [*tmp_path.iterdir()] == []
 
 
-def test_a_claim_holds_on_a_full_disk(tmp_path, monkeypatch):
+def test_a_lock_holds_on_a_full_disk(tmp_path, monkeypatch):
     def full(*_arguments):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "write", full)
-    with claim(tmp_path / "s", "one"):
-        assert is_claimed(tmp_path / "s", "one")
+    with locked(tmp_path / "s", "one"):
+        assert is_locked(tmp_path / "s", "one")
 
 
 def test_workers_never_see_an_interruption():
     """Not even before they are so far as to ignore it: a terminal's Ctrl-C goes to them, too, and each would print a traceback."""
-    crew = Processes(1)
-    assert signal.SIGINT in crew.submit(signal.pthread_sigmask, signal.SIG_BLOCK, ()).result()
+    pool = Processes(1)
+    assert signal.SIGINT in pool.submit(signal.pthread_sigmask, signal.SIG_BLOCK, ()).result()
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
-    crew.close(at_once=True)
+    pool.close(at_once=True)
 
 
 def test_no_store(tmp_path):
@@ -455,7 +456,7 @@ def test_a_changed_value_is_found(tmp_path):
         connection.execute("UPDATE trials SET result = '[1]' WHERE point = 3 AND trial = 0")
     connection.close()
     with Store(tmp_path / "s") as store:
-        faults = store.check()
+        faults = faults_of(store)
     assert [fault.partition(":")[0] for fault in faults] == ["sweep numbers, point 1, trial 4", "sweep numbers, point 2"]
     assert command(["sweep", "check", str(tmp_path / "s"), "--json"]) == 1
 

@@ -30,7 +30,7 @@ Unused = Annotated[int, typer.Option("--seed", help="Not used: nothing here is r
 
 def check_table(out: Path) -> None:
     """Refuse a table that cannot be written."""
-    from shoal.lab.export import SUFFIXES
+    from shoal.lab.storage.export import SUFFIXES
 
     if out.suffix not in SUFFIXES:
         raise InvalidInputError(f"{out}: expected the suffix {' or '.join(SUFFIXES)}, got {out.suffix!r}")
@@ -134,7 +134,7 @@ def export_(
 ) -> None:
     """Write the table of a sweep: its axes, trial, seed and what was measured."""
     from shoal.lab import Store
-    from shoal.lab.export import export
+    from shoal.lab.storage.export import export
 
     check_table(out)
     with Store(store) as opened:
@@ -155,11 +155,12 @@ def check(
 ) -> None:
     """Check that a store is whole: its structure, keys, seeds and rows. Exit code 1 if it is not."""
     from shoal.lab import Store
+    from shoal.lab.storage.integrity import faults_of
 
     if out is not None:
         check_folder(out.parent)
     with Store(store) as opened:
-        faults, names = opened.check(), opened.names
+        faults, names = faults_of(opened), opened.names
     result = {"store": str(store), "sweeps": names, "faults": faults, "whole": not faults}
     if out is not None:
         write_json(out, result)

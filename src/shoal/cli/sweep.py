@@ -20,7 +20,7 @@ from shoal.errors import InvalidInputError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from shoal.lab import Progress, Status, Store
+    from shoal.lab import Store, SweepProgress, SweepStatus
 
 RUN_EXAMPLE = "Example: shoal sweep run sweep.toml --store results.sqlite"
 STATUS_EXAMPLE = "Example: shoal sweep status results.sqlite"
@@ -75,7 +75,7 @@ def run(
     if out is not None:
         check_table(out)
     with patience("compiling kernels: once after an installation, half a minute ..."), quiet():
-        from shoal.lab.running import prepare
+        from shoal.lab.coordinator import prepare
 
         prepare(sweep)
     with live(sweep.name) as tell, warnings_said(MixedVersionsWarning):
@@ -83,7 +83,7 @@ def run(
     written = None
     with Store(store) as opened:
         if out is not None:
-            from shoal.lab.export import export
+            from shoal.lab.storage.export import export
 
             export(opened, sweep.name, out)
             written = out
@@ -102,7 +102,7 @@ def run(
 
 
 @contextmanager
-def live(name: str) -> Iterator[Callable[[Progress], None] | None]:
+def live(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
     """Show one line on the terminal while the block runs: done, rate, time left, failures; nothing where stderr is none."""
     if sys.stderr is None or not sys.stderr.isatty():
         yield None
@@ -118,7 +118,7 @@ def live(name: str) -> Iterator[Callable[[Progress], None] | None]:
     with Bar(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task(name, total=None, pace="starting workers", trouble="")
 
-        def tell(progress: Progress) -> None:
+        def tell(progress: SweepProgress) -> None:
             left = (progress.total - progress.done) / progress.rate if progress.rate else None
             trouble = [f"{progress.failures} failures"] * bool(progress.failures) + [f"{progress.deaths} workers died"] * bool(
                 progress.deaths
@@ -141,7 +141,7 @@ def _duration(seconds: float) -> str:
     return f"{whole} s" if whole < 120 else f"{whole // 60} min" if whole < 7200 else f"{whole / 3600:.1f} h"
 
 
-def _described(status: Status) -> dict[str, Any]:
+def _described(status: SweepStatus) -> dict[str, Any]:
     from shoal.lab.versions import mixture, parsed
 
     wrote = [parsed(text) | {"rows": count} for text, count in status.versions.items()]
@@ -149,13 +149,13 @@ def _described(status: Status) -> dict[str, Any]:
     return asdict(status) | more
 
 
-def _provenance(status: Status) -> str:
+def _provenance(status: SweepStatus) -> str:
     from shoal.lab.versions import mixture
 
     return mixture(status.versions)
 
 
-def _rows(status: Status) -> list[tuple[str, str]]:
+def _rows(status: SweepStatus) -> list[tuple[str, str]]:
     state = "complete" if status.complete else "running" if status.running else "stopped: the same command goes on"
     rows = [
         ("done", f"{status.done} of {status.total} trials at {status.points} points"),
@@ -201,7 +201,7 @@ def status(
                 print(f"{one.name}: {_provenance(one)}")
 
 
-def _table(found: list[Status]) -> Table:
+def _table(found: list[SweepStatus]) -> Table:
     from rich.markup import escape
     from rich.table import Table
 

@@ -8,16 +8,23 @@ from typing import TYPE_CHECKING, Any
 from shoal.lab.trials import run_trials
 
 if TYPE_CHECKING:
-    from shoal.lab.running import run_sweep
-    from shoal.lab.status import Progress, Status
-    from shoal.lab.store import Store
-    from shoal.lab.sweep import Point, Sweep, sweep_of
+    from shoal.lab.coordinator import run_sweep
+    from shoal.lab.storage.store import Store
+    from shoal.lab.sweeps.progress import SweepProgress, SweepStatus
+    from shoal.lab.sweeps.sweep import Point, Sweep, sweep_of
 
 # Loaded when first used: `shoal map` needs trials only, and its start is felt.
-_HOMES = {"Point": "sweep", "Progress": "status", "Status": "status", "Store": "store", "Sweep": "sweep"}
-_HOMES |= {"run_sweep": "running", "sweep_of": "sweep"}
+_HOMES = {
+    "Point": "sweeps.sweep",
+    "Store": "storage.store",
+    "Sweep": "sweeps.sweep",
+    "SweepProgress": "sweeps.progress",
+    "SweepStatus": "sweeps.progress",
+    "run_sweep": "coordinator",
+    "sweep_of": "sweeps.sweep",
+}
 
-__all__ = ["Point", "Progress", "Status", "Store", "Sweep", "run_sweep", "run_trials", "sweep_of"]
+__all__ = ["Point", "Store", "Sweep", "SweepProgress", "SweepStatus", "run_sweep", "run_trials", "sweep_of"]
 
 
 def __getattr__(name: str) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.lab.store import Store
+from shoal.lab.storage.store import Store
 
 Method = Literal["t", "bootstrap"]
 RESAMPLES = 2000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from shoal.lab.sweep import Sweep
+from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.recipe import Settings, counts_of
 
 OTHER_MAP = "the picture of the paper's complex map is not published; this is another one of its kind"
@@ -19,7 +19,7 @@ def free_cells(name: str) -> int:
 
 def slug(name: str) -> str:
     """Return a map's name as part of the name of a sweep."""
-    from shoal.lab.sweep import digest_of
+    from shoal.lab.sweeps.sweep import digest_of
 
     plain = "".join(c if c.isascii() and c.isalnum() else "-" for c in name)[:30]
     return f"{plain}-{digest_of(name)[:6]}"

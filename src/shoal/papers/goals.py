@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from shoal.lab.store import Store
-from shoal.lab.sweep import Sweep
+from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.recipe import Settings, Table
 from shoal.steering import ConvexWorkspace, SteeringProblem, open_workspace
 from shoal.steering.sweeps import GoalSweep

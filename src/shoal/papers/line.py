@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shoal.lab.store import Store
-from shoal.lab.sweep import Sweep
+from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, estimates
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from shoal.lab.statistics import Row
-from shoal.lab.store import Store
-from shoal.lab.sweep import Sweep
+from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.complex_map import free_cells, note_of, on_complex, slug
 from shoal.papers.recipe import (
     NO_DATA,

@@ -19,8 +19,8 @@ from shoal.views.curves import Curve, Published
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from shoal.lab.store import Store
-    from shoal.lab.sweep import Sweep
+    from shoal.lab.storage.store import Store
+    from shoal.lab.sweeps.sweep import Sweep
 
 NO_DATA = "no data are published for this figure"
 COMPLEX = "vessels:5000"

@@ -14,9 +14,9 @@ from typing import Any
 
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
-from shoal.lab.running import OnProgress, run_sweep
-from shoal.lab.store import Store
-from shoal.lab.sweep import Sweep
+from shoal.lab.coordinator import OnProgress, run_sweep
+from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.recipe import Outcome, Recipe, Settings
 from shoal.registry import Registry
 
@@ -82,7 +82,7 @@ def reproduce(
     on_map : str, optional
         A picture or the name of a map, instead of the "complex" map.
     seed, workers
-        As of `shoal.lab.run_sweep`.
+        As of `shoal.lab.coordinator`.
     on_progress : callable, optional
         Given the name of a sweep, returns what is told its progress.
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.lab.store import Store
-from shoal.lab.sweep import Sweep
+from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, curve_of, estimates
 from shoal.search.expectation import stay_share
 from shoal.views.curves import Curve, Labels, Published, mean_curves

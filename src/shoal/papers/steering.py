@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from shoal.lab.store import Store
-from shoal.lab.sweep import Sweep
+from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.goals import goal_data, goal_sweep, goal_table, goals
 from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table
 from shoal.steering import regular_polygon

@@ -12,7 +12,7 @@ from typing import Any
 
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.lab.problems import Problem
-from shoal.lab.sweep import trial_seed
+from shoal.lab.sweeps.sweep import trial_seed
 from shoal.lab.versions import versions
 
 _OPEN = 8  # maps, workspaces and regions that a worker keeps open

@@ -11,12 +11,12 @@ from types import TracebackType
 from typing import Any, Self
 
 from shoal.errors import InvalidInputError, UnknownNameError
-from shoal.lab.batches import Answer
-from shoal.lab.claim import is_claimed
-from shoal.lab.rows import columns_of
-from shoal.lab.schema import connect, told, transaction
-from shoal.lab.status import Gap, Status
-from shoal.lab.sweep import Sweep, differences, digest_of, is_extended, sweep_of
+from shoal.lab.storage.lock import is_locked
+from shoal.lab.storage.rows import columns_of
+from shoal.lab.storage.schema import connect, told, transaction
+from shoal.lab.sweeps.batches import Answer
+from shoal.lab.sweeps.progress import Gap, SweepStatus
+from shoal.lab.sweeps.sweep import Sweep, differences, digest_of, is_extended, sweep_of
 from shoal.lab.versions import written
 from shoal.version import __version__
 
@@ -211,15 +211,15 @@ class Store:
         )
         return found.fetchone() is not None
 
-    def status(self, name: str) -> Status:
+    def status(self, name: str) -> SweepStatus:
         """Return how far a sweep is; also while another process runs it."""
         number, _, _, _, trials, points = self.row(name)
         versions = self.versions(name)
         ((failed,),) = self.ask("SELECT count(*) FROM failures WHERE point IN (SELECT id FROM points WHERE sweep = ?)", number)
         ((last, seconds),) = self.ask("SELECT max(finished), coalesce(sum(seconds), 0) FROM batches WHERE sweep = ?", number)
-        running = is_claimed(self.path, name)
+        running = is_locked(self.path, name)
         rate = self._rate(number, time.time() if running else last or 0.0)
-        return Status(name, sum(versions.values()), trials * points, failed, points, running, rate, seconds, versions)
+        return SweepStatus(name, sum(versions.values()), trials * points, failed, points, running, rate, seconds, versions)
 
     def versions(self, name: str) -> dict[str, int]:
         """Return which versions wrote the rows of a sweep, and how many; the first first."""
@@ -295,9 +295,3 @@ class Store:
         """Yield the rows of a sweep's table, ordered by point and trial."""
         for chunk in self.chunks(name):
             yield from zip(*chunk, strict=True)
-
-    def check(self) -> list[str]:
-        """Return what is wrong with the file, one sentence each; nothing if all is well: see `shoal.lab.integrity`."""
-        from shoal.lab.integrity import faults_of
-
-        return faults_of(self)

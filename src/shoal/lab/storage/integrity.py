@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 
-from shoal.lab.store import Store
-from shoal.lab.sweep import trial_seed
+from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.sweep import trial_seed
 
 
 def faults_of(store: Store) -> list[str]:

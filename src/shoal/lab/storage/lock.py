@@ -20,7 +20,7 @@ def _lock_file(store: Path, name: str) -> Path:
 
 
 @contextmanager
-def claim(store: Path, name: str) -> Iterator[None]:
+def locked(store: Path, name: str) -> Iterator[None]:
     """Hold a sweep of a store while the block runs.
 
     Raises
@@ -69,7 +69,7 @@ def _is_still(descriptor: int, path: Path) -> bool:
         return False
 
 
-def is_claimed(store: Path, name: str) -> bool:
+def is_locked(store: Path, name: str) -> bool:
     """Tell whether a process runs a sweep of a store now."""
     try:
         descriptor = os.open(_lock_file(store, name), os.O_RDONLY | os.O_CLOEXEC)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from shoal.lab.sweep import Point
+from shoal.lab.sweeps.sweep import Point
 
 
 @dataclass(frozen=True)
-class Status:
+class SweepStatus:
     """How far a sweep is.
 
     Parameters
@@ -61,7 +61,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Progress:
+class SweepProgress:
     """How far a running sweep is.
 
     Parameters

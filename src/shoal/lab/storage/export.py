@@ -12,7 +12,7 @@ from typing import Any
 
 from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.files import atomic
-from shoal.lab.store import Store
+from shoal.lab.storage.store import Store
 
 SUFFIXES = (".csv", ".parquet")
 

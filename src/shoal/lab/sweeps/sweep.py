@@ -17,9 +17,9 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
 from shoal.errors import InvalidInputError
-from shoal.lab.axes import MAX_POINTS, axis_values
-from shoal.lab.lines import line_of
 from shoal.lab.problems import FunctionProblem, Problem, problem_of, said
+from shoal.lab.sweeps.axes import MAX_POINTS, axis_values
+from shoal.lab.sweeps.toml_location import line_of
 
 MAX_TRIALS = 1_000_000_000
 

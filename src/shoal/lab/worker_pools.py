@@ -18,7 +18,7 @@ from shoal.lab.executors import default_workers, give_up, leave_interruptions_to
 from shoal.lab.versions import check_versions, versions
 
 
-class Crew(Protocol):
+class WorkerPool(Protocol):
     """Workers of a sweep: an executor that is made anew when a worker's death has broken it."""
 
     @property
@@ -35,7 +35,7 @@ class Crew(Protocol):
         """Let the workers go."""
 
 
-class Here:
+class InProcess:
     """No worker: all is done in this process, one after another."""
 
     workers = 1
@@ -196,7 +196,7 @@ def _versions_of_worker() -> dict[str, str]:
     return versions()
 
 
-def make_crew(workers: int | None, dask: str | None) -> Crew:
+def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:
     """Return the workers of a sweep.
 
     Parameters
@@ -216,4 +216,4 @@ def make_crew(workers: int | None, dask: str | None) -> Crew:
         return Cluster(dask)
     if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 0):
         raise InvalidInputError(f"workers: expected a whole number, 0 or more, got {workers!r}")
-    return Here() if workers == 0 else Processes(default_workers() if workers is None else workers)
+    return InProcess() if workers == 0 else Processes(default_workers() if workers is None else workers)

@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from shoal.errors import InvalidInputError, ShoalError
-from shoal.lab.batches import Answer, Batch, Piece, lost_batch, opened_for, play_batch
-from shoal.lab.claim import claim
-from shoal.lab.crews import Crew, make_crew
 from shoal.lab.problems import SwarmProblem
-from shoal.lab.status import Gap, Progress, Status
-from shoal.lab.store import Store
-from shoal.lab.sweep import Sweep, digest_of, distinct_sources
+from shoal.lab.storage.lock import locked
+from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.batches import Answer, Batch, Piece, lost_batch, opened_for, play_batch
+from shoal.lab.sweeps.progress import Gap, SweepProgress, SweepStatus
+from shoal.lab.sweeps.sweep import Sweep, digest_of, distinct_sources
 from shoal.lab.versions import MixedVersionsWarning, check_versions, mixture
+from shoal.lab.worker_pools import WorkerPool, make_worker_pool
 
 BATCH_SECONDS = 0.5
 _LARGEST = 20_000  # trials in a batch
@@ -28,7 +28,7 @@ _PIECES = 2_000  # points in a batch
 _DEATHS = 3  # of workers with the same batch, before it is tried alone
 
 
-OnProgress = Callable[[Progress], None]
+OnProgress = Callable[[SweepProgress], None]
 
 
 def run_sweep(
@@ -40,7 +40,7 @@ def run_sweep(
     extend: bool = False,
     on_progress: OnProgress | None = None,
     batch_seconds: float = BATCH_SECONDS,
-) -> Status:
+) -> SweepStatus:
     """Run a sweep, or what is missing of it, into a store.
 
     Parameters
@@ -55,13 +55,13 @@ def run_sweep(
     extend : bool
         Take a sweep that only adds trials or points to the one of that name.
     on_progress : callable, optional
-        Told a `Progress` after every batch.
+        Told a `SweepProgress` after every batch.
     batch_seconds : float
         How long a worker should be busy with one batch; each is committed whole. No result depends on it.
 
     Returns
     -------
-    Status
+    SweepStatus
 
     Raises
     ------
@@ -89,14 +89,14 @@ def run_sweep(
     path = Path(store)
     inputs = prepare(sweep)
     with Store(path, write=True) as opened:
-        with claim(path, sweep.name):
+        with locked(path, sweep.name):
             opened.add(sweep, inputs, extend=extend)
             gaps = opened.missing(sweep)
             if gaps:
                 _warn_of_others(opened, sweep.name)
-                _run(sweep, opened, gaps, make_crew(workers, dask), batch_seconds, on_progress)
+                _run(sweep, opened, gaps, make_worker_pool(workers, dask), batch_seconds, on_progress)
             elif on_progress is not None:
-                on_progress(Progress(sweep.total, sweep.total, 0, 0, 0, 0.0))
+                on_progress(SweepProgress(sweep.total, sweep.total, 0, 0, 0, 0.0))
         return opened.status(sweep.name)
 
 
@@ -112,13 +112,15 @@ def _warn_of_others(store: Store, name: str) -> None:
         )
 
 
-def _run(sweep: Sweep, store: Store, gaps: list[Gap], crew: Crew, batch_seconds: float, on_progress: OnProgress | None) -> None:
+def _run(
+    sweep: Sweep, store: Store, gaps: list[Gap], pool: WorkerPool, batch_seconds: float, on_progress: OnProgress | None
+) -> None:
     finished = False
     try:
-        _Run(sweep, store, crew, batch_seconds, on_progress).all(gaps)
+        _Run(sweep, store, pool, batch_seconds, on_progress).all(gaps)
         finished = True
     finally:
-        crew.close(at_once=not finished)
+        pool.close(at_once=not finished)
 
 
 def prepare(sweep: Sweep) -> dict[str, str]:
@@ -162,7 +164,7 @@ class _Run:
 
     sweep: Sweep
     store: Store
-    crew: Crew
+    pool: WorkerPool
     batch_seconds: float
     on_progress: OnProgress | None
     paces: dict[int, float] = field(default_factory=dict)
@@ -190,7 +192,7 @@ class _Run:
         suspects: list[_Job] = []
         exhausted = False
         while True:
-            room = max(1, at_once * self.crew.workers) - len(pending)
+            room = max(1, at_once * self.pool.workers) - len(pending)
             while room > 0 and not (exhausted and not again):
                 job = again.popleft() if again else None
                 if job is None:
@@ -199,7 +201,7 @@ class _Run:
                         exhausted = True
                         break
                     job = _Job(batch)
-                pending[self.crew.submit(play_batch, job.batch)] = job
+                pending[self.pool.submit(play_batch, job.batch)] = job
                 room -= 1
             if not pending:
                 return suspects
@@ -217,7 +219,7 @@ class _Run:
                 answer = future.result()
                 check_versions(answer.versions, worker=answer.worker)  # a cluster's workers come and go
                 self._take(answer)
-            elif broken or self.crew.lost(error):
+            elif broken or self.pool.lost(error):
                 broken = True
                 job.deaths += 1
                 yield job
@@ -239,7 +241,7 @@ class _Run:
     def _tell(self) -> None:
         if self.on_progress is not None:
             seconds = time.monotonic() - self.began
-            self.on_progress(Progress(self.done, self.sweep.total, self.fresh, self.failures, self.deaths, seconds))
+            self.on_progress(SweepProgress(self.done, self.sweep.total, self.fresh, self.failures, self.deaths, seconds))
 
     def _batches(self, gaps: list[Gap]) -> Iterator[Batch]:
         """Cut what is missing into batches of about the wanted time, by what trials have taken so far."""

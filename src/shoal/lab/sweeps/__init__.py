@@ -1,0 +1,1 @@
+"""Sweeps as declared: their axes, points, seeds, batches and progress."""
