@@ -15,7 +15,7 @@ from shoal.cli import run
 from shoal.errors import InvalidInputError
 from shoal.swarm import Episode, GridWorkspace, GridWorld
 from shoal.swarm import run as play
-from shoal.swarm.grid.scans import ScanRule
+from shoal.swarm.grid.scans import ScanRule, states_of_run
 from shoal.swarm.kernels import runs as kernels
 from shoal.swarm.theory.one_dimension import Line, boundary_moves, coverage_moves, sample
 from shoal.swarm.theory.scan_schedules import (
@@ -25,7 +25,6 @@ from shoal.swarm.theory.scan_schedules import (
     Powers,
     least_simultaneous_ratio,
     optimal_schedule,
-    states_of_run,
     theorem_rate,
     worst_of_both,
 )
