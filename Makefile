@@ -9,12 +9,13 @@ SOURCES := $(shell find src -name '*.py' 2>/dev/null)
 
 export PIP_CONSTRAINT := $(CURDIR)/requirements.lock
 
-.PHONY: help install demo lint test check bench soak docs clean
+.PHONY: help install demo lint test test-wheel check bench soak docs clean
 
 help:
 	@echo 'make demo     set up, map the vessels of a real eye with 300 particles, write films and figures to ./demo'
 	@echo 'make test     set up, run all tests (installs Chromium from Debian if there is none)'
 	@echo 'make install  set up .venv with the command .venv/bin/shoal'
+	@echo 'make test-wheel  build wheel and sdist, run a sample of the tests against the installed wheel, outside the checkout'
 	@echo 'make check    ruff, mypy --strict, import-linter, all tests, documentation'
 	@echo 'make bench    measure speed against the plain reference, in one run'
 	@echo 'make soak     long checks: 10,000 episodes of elect-particle, 20,000 with noise, 100,000 of planners, 100,000 searches'
@@ -63,6 +64,16 @@ chromium:
 
 test: $(VENV)/.dev-installed $(VENV)/.kernels-compiled chromium
 	@$(BIN)/python -m pytest -n 2 --dist loadfile --durations=15
+
+# What people install: the wheel, in an environment of its own, away from the checkout; the tests come from the sdist.
+WHEEL_SAMPLE := tests/golden/test_reach_counts.py tests/golden/test_tours.py tests/unit/swarm/test_formats.py tests/unit/test_mission_lint.py
+test-wheel: $(VENV)/.dev-installed
+	@rm -rf dist && $(BIN)/python -m hatchling build >/dev/null
+	@set -e; folder=$$(mktemp -d); trap 'rm -rf "$$folder"' EXIT; wheel=$$(ls $(CURDIR)/dist/*.whl); \
+	  tar -xzf dist/*.tar.gz -C $$folder --strip-components=1; rm -r $$folder/src; \
+	  $(BIN)/python -m venv $$folder/environment; cd $$folder; \
+	  environment/bin/python -m pip --disable-pip-version-check -q install "$$wheel[imaging]" pytest hypothesis; \
+	  environment/bin/python -m pytest -q $(WHEEL_SAMPLE)
 
 lint: $(VENV)/.dev-installed
 	@$(BIN)/ruff check .
