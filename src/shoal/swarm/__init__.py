@@ -1,17 +1,38 @@
-"""Particles on a lattice: one command moves all of them."""
+"""Particles on a grid: one command moves all of them. Names are loaded when they are first used, since kernels need Numba."""
 
 from __future__ import annotations
 
-from shoal.swarm.episode import Episode, Verification
-from shoal.swarm.grid.belief import Belief
-from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.grid.placements import PLACEMENTS, place
-from shoal.swarm.grid.state import SwarmState
-from shoal.swarm.grid.tasks import TASKS, Coverage, Mapping, SubsetCoverage, Task, make_task
-from shoal.swarm.grid.world import RULES, GridWorld
-from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.policies import POLICIES, Policy, View, make_policy
-from shoal.swarm.running import run
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from shoal.swarm.episode import Episode, Verification
+    from shoal.swarm.grid.belief import Belief
+    from shoal.swarm.grid.board import Board, GridLayout
+    from shoal.swarm.grid.commands import RULES
+    from shoal.swarm.grid.placements import PLACEMENTS, place
+    from shoal.swarm.grid.state import SwarmState
+    from shoal.swarm.grid.tasks import TASKS, Coverage, Mapping, SubsetCoverage, Task, make_task
+    from shoal.swarm.grid.world import GridWorld
+    from shoal.swarm.maps.workspace import GridWorkspace
+    from shoal.swarm.policies import POLICIES, Policy, View, make_policy
+    from shoal.swarm.problem import SwarmProblem
+    from shoal.swarm.running import run
+
+_HOMES = {
+    "episode": ("Episode", "Verification"),
+    "grid.belief": ("Belief",),
+    "grid.board": ("Board", "GridLayout"),
+    "grid.commands": ("RULES",),
+    "grid.placements": ("PLACEMENTS", "place"),
+    "grid.state": ("SwarmState",),
+    "grid.tasks": ("TASKS", "Coverage", "Mapping", "SubsetCoverage", "Task", "make_task"),
+    "grid.world": ("GridWorld",),
+    "maps.workspace": ("GridWorkspace",),
+    "policies": ("POLICIES", "Policy", "View", "make_policy"),
+    "problem": ("SwarmProblem",),
+    "running": ("run",),
+}
 
 __all__ = [
     "PLACEMENTS",
@@ -28,6 +49,7 @@ __all__ = [
     "Mapping",
     "Policy",
     "SubsetCoverage",
+    "SwarmProblem",
     "SwarmState",
     "Task",
     "Verification",
@@ -37,3 +59,14 @@ __all__ = [
     "place",
     "run",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _HOMES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"shoal.swarm.{module}"), name)
+    raise AttributeError(f"module 'shoal.swarm' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -17,9 +17,9 @@ from pydantic import BaseModel, ConfigDict, FiniteFloat, NonNegativeInt, Validat
 from shoal.errors import InvalidInputError
 from shoal.files import atomic, interruption_held
 from shoal.swarm.episode import Episode
-from shoal.swarm.grid.commands import letters_of
+from shoal.swarm.grid.commands import RULES, letters_of
 from shoal.swarm.grid.scans import MOVE_COST, SCAN_COST, ScanRule
-from shoal.swarm.grid.world import RULES, check_start
+from shoal.swarm.grid.world import check_start
 from shoal.swarm.maps.workspace import MAX_CELLS, GridWorkspace
 
 FORMAT: Literal[1] = 1

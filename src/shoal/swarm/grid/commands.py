@@ -1,4 +1,4 @@
-"""The commands: one letter moves every particle one cell."""
+"""The commands, of which one letter moves every particle one cell, and the move rules."""
 
 from __future__ import annotations
 
@@ -6,9 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
+from shoal.registry import Registry
 
 LETTERS = "lurdio"
 """Left, up, right, down; in 3-D also in (towards layer 0) and out."""
+
+RULES: Registry[str] = Registry("move rule")
+RULES.add("block", "a particle stays if the next cell is an obstacle or holds a particle that stays")
+RULES.add("merge", "particles may share a cell; only obstacles stop them")
+RULES.add("tilt", "one command slides every particle until it is stopped")
 
 _CODES = {letter: code for code, letter in enumerate(LETTERS)}
 

@@ -11,17 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError, UnknownNameError
-from shoal.registry import Registry
 from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.grid.commands import encode
+from shoal.swarm.grid.commands import RULES, encode
 from shoal.swarm.grid.fields import pushed
 from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.maps.workspace import GridWorkspace
-
-RULES: Registry[str] = Registry("move rule")
-RULES.add("block", "a particle stays if the next cell is an obstacle or holds a particle that stays")
-RULES.add("merge", "particles may share a cell; only obstacles stop them")
-RULES.add("tilt", "one command slides every particle until it is stopped")
 
 
 def check_start(workspace: GridWorkspace, cells: ArrayLike, *, rule: str = "block") -> NDArray[np.int64]:

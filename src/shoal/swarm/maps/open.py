@@ -14,6 +14,10 @@ def open_map(
     *,
     vessels: bool = False,
     width: int | None = None,
+    low: float = 0.24,
+    high: float = 0.42,
+    bright: bool | None = None,
+    thickest: float = 0.035,
     threshold: float = 0.5,
     invert: bool = False,
     scale: float = 1.0,
@@ -30,6 +34,8 @@ def open_map(
         The file is a photograph: segment its vessels (needs the extra ``shoal[imaging]``).
     width : int, optional
         With ``vessels``: the larger side of the map, in cells.
+    low, high, bright, thickest
+        With ``vessels``; see `shoal.swarm.imaging.segment_vessels`.
     threshold, invert, scale
         For pictures that are maps already.
     level, label
@@ -60,7 +66,9 @@ def open_map(
 
         pixels = read_pixels(path)
         try:
-            return GridWorkspace(segment_vessels(pixels, width=width), name=name_of(path))
+            return GridWorkspace(
+                segment_vessels(pixels, width=width, low=low, high=high, bright=bright, thickest=thickest), name=name_of(path)
+            )
         except InvalidInputError as error:
             raise InvalidInputError(f"{path}: {error}") from None
     if named or (not path.suffix and not os.path.exists(path)):

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 from shoal.errors import InvalidInputError
 from shoal.swarm.grid.board import GridLayout
+from shoal.swarm.grid.commands import RULES
 from shoal.swarm.grid.scans import ScanRule
-from shoal.swarm.grid.world import RULES
 from shoal.swarm.policies.protocol import Policy
 
 

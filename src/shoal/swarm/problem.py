@@ -1,0 +1,431 @@
+"""SwarmProblem: everything that defines a mapping or coverage of a map by a swarm, but its seed."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from shoal.checks import check_text, shortened
+from shoal.errors import InvalidInputError
+from shoal.problem import Problem, option
+from shoal.registry import Registry
+from shoal.swarm.grid.board import GridLayout
+from shoal.swarm.grid.commands import RULES
+from shoal.swarm.grid.scans import DEAREST, MOVE_COST, SCAN_COST, ScanRule
+from shoal.swarm.maps.workspace import GridWorkspace
+
+# Tasks, placements and policies call kernels, whose compiler takes a second to load: they are imported when a field is checked, so
+# that commands, which read the declarations below, start at once.
+if TYPE_CHECKING:
+    from shoal.swarm.grid.tasks import Task
+    from shoal.swarm.noise.model import Noise
+    from shoal.swarm.policies import Policy
+
+Cells = tuple[tuple[int, ...], ...]
+
+READING = (
+    "vessels", "width", "low", "high", "bright", "thickest", "threshold", "invert", "scale", "level", "label",
+)  # fmt: skip
+"""The fields that say how a map is read."""
+
+NOISE_MEASURES = ("right", "false_free", "false_obstacles", "undecided")
+
+
+def _check_map(given: Any) -> Any:
+    if isinstance(given, str | GridWorkspace):
+        return given
+    if isinstance(given, os.PathLike):
+        return os.fspath(given)
+    if isinstance(given, dict):
+        return _read_workspace(given)
+    return GridWorkspace(given)
+
+
+def _dump_map(given: Any) -> Any:
+    if isinstance(given, str):
+        return given
+    layers = given.free if given.ndim == 3 else given.free[np.newaxis]
+    rows = [["".join(np.where(row, ".", "#")) for row in layer] for layer in layers]
+    told = {"name": given.name, "rows": rows if given.ndim == 3 else rows[0]}
+    return told if given.spacing is None else told | {"spacing": list(given.spacing)}
+
+
+def _read_workspace(told: dict[str, Any]) -> GridWorkspace:
+    """Return the workspace that `_dump_map` wrote: rows of ``.`` (free) and ``#``, in 3-D layers of rows."""
+    unknown = set(told) - {"name", "rows", "spacing"}
+    rows: Any = told.get("rows")
+    flat: list[Any] = []
+    if not isinstance(rows, list) or unknown:
+        raise InvalidInputError(f"map: expected a name, a path, an array or name, rows and spacing, got {shortened(told)}")
+    for layer in rows if rows and isinstance(rows[0], list) else [rows]:
+        for row in layer:
+            if not isinstance(row, str) or set(row) - {".", "#"}:
+                raise InvalidInputError(f"map: expected rows of . and #, got {shortened(row)}")
+        flat.append([[letter == "." for letter in row] for row in layer])
+    free: Any = flat if rows and isinstance(rows[0], list) else flat[0]
+    return GridWorkspace(free, name=check_text(told.get("name", "workspace"), what="map"), spacing=told.get("spacing"))
+
+
+def _check_name(given: str, registry: Any, make: Any) -> None:
+    """Refuse an unknown name; what lies in a module is not imported yet."""
+    if given.partition(":")[0] in registry or ":" not in given:
+        make(given)
+
+
+def _check_task(given: Any) -> Any:
+    from shoal.swarm.grid.tasks import TASKS, make_task
+
+    if isinstance(given, str):
+        _check_name(given, TASKS, make_task)
+        return given
+    return make_task(given)
+
+
+def _check_policy(given: Any) -> Any:
+    from shoal.swarm.policies import POLICIES, Policy, make_policy
+
+    if isinstance(given, str):
+        if given != "auto":
+            _check_name(given, POLICIES, make_policy)
+    elif not isinstance(given, Policy):
+        raise InvalidInputError(f"policy: expected a name, or an object with a name and a method decide, got {shortened(given)}")
+    return given
+
+
+def _check_placement(given: Any) -> Any:
+    from shoal.swarm.grid.placements import PLACEMENTS
+
+    if isinstance(given, str):
+        _check_name(given, PLACEMENTS, PLACEMENTS.get)
+    elif not callable(given):
+        raise InvalidInputError(f"placement: expected a name or a function (workspace, n, rng) -> cells, got {shortened(given)}")
+    return given
+
+
+def name_of(thing: Any, registry: Registry[Any]) -> str:
+    """Return the name by which a task, policy or placement can be made again: registered, or ``module:attribute``.
+
+    An object that has neither is told as what it is; nothing can be made from that.
+
+    Examples
+    --------
+    >>> from shoal.swarm.grid.tasks import TASKS, SubsetCoverage
+    >>> name_of(SubsetCoverage(fraction=0.2), TASKS), name_of("coverage", TASKS)
+    ('subset-coverage:fraction=0.2', 'coverage')
+    """
+    if isinstance(thing, str):
+        return thing
+    for name in registry:
+        if registry.get(name) is thing:
+            return name
+        if registry.get(name) is type(thing):
+            changed = [f"{key}={value}" for key, value in vars(thing).items() if value != getattr(type(thing), key, None)]
+            return f"{name}:{','.join(changed)}" if changed else name
+    kind = thing if hasattr(thing, "__qualname__") else type(thing)
+    module = sys.modules.get(kind.__module__)
+    for attribute, found in vars(module).items() if module is not None else ():
+        if (type(found) is type(thing) and found == thing) or (found is kind and _is_made_by(thing, kind)):
+            return f"{kind.__module__}:{attribute}"
+    return f"{kind.__module__}:{shortened(thing)}"
+
+
+def _is_made_by(thing: Any, kind: Any) -> bool:
+    """Tell whether a class without arguments makes such an object."""
+    try:
+        return bool(vars(kind()) == vars(thing))
+    except (TypeError, ValueError):
+        return False
+
+
+def _dump_task(given: Any) -> str:
+    from shoal.swarm.grid.tasks import TASKS
+
+    return name_of(given, TASKS)
+
+
+def _dump_policy(given: Any) -> str:
+    from shoal.swarm.policies import POLICIES
+
+    return name_of(given, POLICIES)
+
+
+def _dump_placement(given: Any) -> str:
+    from shoal.swarm.grid.placements import PLACEMENTS
+
+    return name_of(given, PLACEMENTS)
+
+
+def _check_start(given: Any) -> Cells:
+    try:
+        cells = np.asarray(given)
+    except ValueError:
+        cells = np.zeros(0)
+    if cells.ndim != 2 or not np.issubdtype(cells.dtype, np.integer):
+        raise InvalidInputError(f"start: expected cells of 2 or 3 whole numbers each, got {shortened(given)}")
+    return tuple(tuple(int(number) for number in cell) for cell in cells)
+
+
+def _parse_start(text: str) -> list[list[int]]:
+    return [[int(number) for number in cell.split(",")] for cell in text.split()]
+
+
+def _dump_start(given: Cells) -> list[list[int]]:
+    return [list(cell) for cell in given]
+
+
+def _check_scan_every(given: Any) -> int | str:
+    rule = ScanRule.parse(given)
+    return rule.step if rule.kind == "equal" else rule.kind
+
+
+def _rate(help: str) -> Any:  # noqa: A002 - as in option
+    return option(0.0, help=help, least=0, most=0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class SwarmProblem(Problem):
+    """Mapping or coverage of a map by a swarm.
+
+    The fields are the options of ``shoal map`` and ``shoal cover``, the fields of sweeps, and those of problem files. In Python a
+    map may also be a `GridWorkspace` or an array; task, policy and placement may be objects of your own.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        For a value that is not of its field's kind, and for fields that do not go together.
+
+    Notes
+    -----
+    Source: paper M; docs/concepts/world.md.
+
+    Examples
+    --------
+    >>> problem = SwarmProblem("line:9", particles=3, policy="closest-frontier")
+    >>> problem.canonical()
+    '{"kind":"swarm","map":"line:9","particles":3,"policy":"closest-frontier"}'
+    >>> problem.place
+    <GridWorkspace 'line:9': 1x9, 9 free cells>
+    """
+
+    part: ClassVar[str] = "swarm"
+    measures: ClassVar[tuple[str, ...]] = ("status", "moves", "scans", "cost", "distance")
+
+    map: Any = option(
+        help="A generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy, .csv, NIfTI, a "
+        "TIFF of several pages, or a folder of slices.",
+        argument=True, metavar="MAP", check=_check_map, dump=_dump_map,
+    )  # fmt: skip
+    task: Any = option(
+        "mapping", help="mapping, coverage, subset-coverage or MODULE:ATTRIBUTE.", check=_check_task, dump=_dump_task
+    )
+    subset: float | None = option(None, help="Coverages: cover a random share of the free cells only.", above=0, most=1)
+    particles: int = option(100, help="Number of particles.", short="-n", least=1)
+    placement: Any = option(
+        "uniform", help="Where the particles start: uniform, flood-fill, region-fill, left-wall or MODULE:ATTRIBUTE.",
+        check=_check_placement, dump=_dump_placement,
+    )  # fmt: skip
+    start: Cells | None = option(
+        None, help="Cells where the particles start, instead of a placement, as '0,3 0,4': row, column (in 3-D layer first).",
+        metavar="CELLS", parse=_parse_start, check=_check_start, dump=_dump_start,
+    )  # fmt: skip
+    rule: str = option("block", help="Move rule.", choices=tuple(RULES))
+    policy: Any = option(
+        "auto",
+        help="auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, depth-first, "
+        "sweep, offline (coverages), manual:COMMANDS or MODULE:ATTRIBUTE; options follow a colon, as in "
+        "closest-frontier:ties=row-major. auto is best for mappings without noise that scan after each move, under the rules "
+        "block and merge, else closest-frontier.",
+        check=_check_policy, dump=_dump_policy,
+    )  # fmt: skip
+    budget: float | None = option(
+        None,
+        help="Planners (best, rollout, offline): moves that may be simulated for each move sent, on average; best and rollout are "
+        "given more for other than 1000 particles, up to ten times.",
+        above=0, most=1e12,
+    )  # fmt: skip
+    time_per_move: float | None = option(
+        None, help="Planners: time for each move, on average, instead of a budget; the commands then depend on the machine.",
+        metavar="MS", unit="ms", above=0, most=1e9,
+    )  # fmt: skip
+    max_moves: int = option(1_000_000, help="Stop an episode there, with status limit.", least=0)
+    scan_every: int | str = option(
+        1,
+        help="Equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most cells for its price). With noise "
+        "a number: so many commands of a plan, or fewer where it ends.",
+        metavar="RULE", check=_check_scan_every,
+    )  # fmt: skip
+    scan_cost: float = option(SCAN_COST, help="Price of a scan, in any unit.", least=0, most=DEAREST)
+    move_cost: float = option(MOVE_COST, help="Price of a move, in the same unit.", least=0, most=DEAREST)
+    slip: float = _rate("Probability that a particle does not move at a command.")
+    misplace: float = _rate("Probability that one is seen in a neighbouring cell instead of its own.")
+    miss: float = _rate("Probability that a particle is not seen in a scan.")
+    confidence: float = option(
+        0.99, help="With noise: the probability from which a cell counts as classified.", above=0.75, most=0.99999
+    )
+    vessels: bool = option(False, help="MAP is a photograph: segment its vessels (needs the extra 'imaging').")
+    width: int | None = option(None, help="With --vessels: larger side of the map.", unit="cells", least=1)
+    low: float = option(
+        0.24,
+        help="With --vessels: response of the ridge filter, as a share of clear vessels', above which a vessel goes on.",
+        least=0,
+        most=1,
+    )
+    high: float = option(0.42, help="With --vessels: response that a vessel reaches somewhere; lower finds more.", least=0, most=1)
+    bright: bool | None = option(
+        None, help="With --vessels: vessels are brighter than what is around them; by default the picture says."
+    )
+    thickest: float = option(
+        0.035, help="With --vessels: width of the thickest vessel, as a share of the picture's larger side.", above=0, most=1
+    )
+    threshold: float = option(0.5, help="Pictures: pixels at least this bright are free.", least=0, most=1)
+    invert: bool = option(False, help="Pictures: dark pixels are free.")
+    scale: float = option(1.0, help="Pictures: cells a pixel; 0.5 halves both sides.", above=0, most=64)
+    level: float | None = option(None, help="Arrays, volumes: cells of at least this number are free.")
+    label: int | None = option(None, help="Arrays, volumes: cells of exactly this number are free.")
+    largest_component: bool = option(False, help="Keep only the largest connected part of the free space.")
+
+    def check_together(self) -> None:
+        """Refuse fields that do not go together; nothing is opened yet."""
+        assert self.scanning
+        if self.start is not None:
+            if self.particles not in (100, len(self.start)):
+                raise InvalidInputError(f"particles: expected {len(self.start)}, as many as start cells, got {self.particles}")
+            object.__setattr__(self, "particles", len(self.start))
+        if self.subset is not None and self.task not in ("coverage", "subset-coverage"):
+            raise InvalidInputError(
+                f"subset: expected it only together with the task coverage, got the task {_dump_task(self.task)}"
+            )
+        if self.budget is not None and self.time_per_move is not None:
+            raise InvalidInputError("budget: expected a budget or a time per move, got both")
+        if not self.noise:
+            if self.confidence != type(self).confidence:
+                raise InvalidInputError(
+                    f"confidence: expected it together with noise (slip, misplace, miss), got {self.confidence:g} alone"
+                )
+            return
+        object.__setattr__(self, "measures", (*self.measures, *NOISE_MEASURES))
+        if self.rule != "block":
+            raise InvalidInputError(f"noise: expected rule block, got {self.rule}")
+        if _dump_task(self.task) != "mapping":
+            raise InvalidInputError(f"noise: expected the task mapping, got {_dump_task(self.task)}")
+        if isinstance(self.scan_every, str):
+            raise InvalidInputError(
+                f"noise: expected scan-every as a number of commands, as no outcome is certain beforehand, got {self.scan_every}"
+            )
+
+    @property
+    def scanning(self) -> ScanRule:
+        """When to scan, and the prices of scans and moves."""
+        return ScanRule.parse(self.scan_every, scan_cost=self.scan_cost, move_cost=self.move_cost)
+
+    @property
+    def noise(self) -> Noise | None:
+        """What goes wrong; None if nothing does."""
+        if not (self.slip or self.misplace or self.miss):
+            return None
+        from shoal.swarm.noise.model import Noise
+
+        return Noise(self.slip, self.misplace, self.miss)
+
+    @cached_property
+    def chosen_task(self) -> Task:
+        """The task as an object.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+        """
+        from shoal.swarm.grid.tasks import SubsetCoverage, make_task
+
+        return make_task(self.task) if self.subset is None else SubsetCoverage(self.subset)
+
+    @cached_property
+    def chosen_policy(self) -> Policy:
+        """The policy as an object: the one that was asked for, or what ``auto`` stands for.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+            Also if a budget or a time per move is given and the policy has none.
+        """
+        from shoal.swarm.grid.tasks import Mapping
+        from shoal.swarm.policies import Policy, make_policy
+
+        thinking = {"budget": self.budget, "milliseconds": self.time_per_move}
+        wanted = {name: value for name, value in thinking.items() if value is not None}
+        policy: Any = self.policy
+        if isinstance(policy, str) and policy == "auto":
+            plannable = self.rule != "tilt" and self.scanning.every_move and not self.noise
+            policy = "best" if isinstance(self.chosen_task, Mapping) and (plannable or wanted) else "closest-frontier"
+        made = make_policy(policy)
+        if not isinstance(made, Policy):
+            raise InvalidInputError(f"policy: expected an object with a name and a method decide, got {made!r}")
+        for name, value in wanted.items():
+            if not hasattr(made, name) or not hasattr(made, "__dataclass_fields__") or name not in made.__dataclass_fields__:
+                option, able = ("budget", "best, beam-rollout, rollout or offline") if name == "budget" else (
+                    "time-per-move", "best, beam-rollout or rollout",
+                )  # fmt: skip
+                raise InvalidInputError(f"{option}: expected a policy that plans ({able}), got {made.name}")
+            made = replace(made, **{name: value})  # type: ignore[type-var]
+        return made
+
+    def open_place(self) -> GridWorkspace:
+        """Open the map."""
+        from shoal.swarm.maps.open import open_map
+
+        workspace = (
+            self.map if isinstance(self.map, GridWorkspace) else open_map(self.map, **{one: getattr(self, one) for one in READING})
+        )
+        return workspace.largest_component() if self.largest_component else workspace
+
+    def place_key(self) -> str | None:
+        """Return the map's name and how it is read; None of a map that has been opened already."""
+        if isinstance(self.map, GridWorkspace):
+            return None
+        others = tuple(name for name in self.declarations() if name not in ("map", "largest_component", *READING))
+        return self.canonical(without=(*others, "kind"))
+
+    def place_is_file(self) -> bool:
+        """Tell whether the map is a file or a folder."""
+        return isinstance(self.map, str) and os.path.exists(self.map)  # unlike Path.exists it takes names of any length
+
+    def place_digest(self) -> bytes:
+        """Return the shape and the free cells."""
+        return repr(self.place.shape).encode() + bytes(self.place.free.tobytes())
+
+    def check_at_place(self) -> None:
+        """Refuse a policy that cannot do the task, and particles for which there is no room.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+        """
+        from shoal.swarm.grid.world import check_start
+
+        workspace: GridWorkspace = self.place
+        self.check_policy(GridLayout(workspace.shape))
+        if self.start is not None:
+            check_start(workspace, self.start, rule=self.rule)
+        elif self.particles > workspace.n_free:
+            raise InvalidInputError(
+                f"particles: expected 1 to {workspace.n_free} (the free cells of {workspace.name}), got {self.particles}"
+            )
+
+    def check_policy(self, layout: GridLayout) -> None:
+        """Refuse a policy that cannot do the task under the move rule and the scan rule, in a workspace of that size.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+        """
+        from shoal.swarm.policies.compiled import Compiled, check_scanning
+
+        policy = self.chosen_policy
+        if isinstance(policy, Compiled):
+            policy.check(layout, self.rule)
+        check_scanning(self.scanning, policy, self.rule)
