@@ -11,7 +11,7 @@ from collections import Counter
 import numpy as np
 
 from shoal.steering import ConvexWorkspace, polygon, regular_polygon
-from shoal.steering.filling import polygon_filling
+from shoal.steering.delta_space.reachable_fraction import polygon_fractions
 
 
 def shapes() -> dict[str, ConvexWorkspace]:
@@ -40,7 +40,7 @@ def main() -> None:
     arguments = parser.parse_args()
     for name, space in shapes().items():
         rng = np.random.default_rng(arguments.seed)
-        fillings = [polygon_filling(space, start(rng, space), moves=8) for _ in range(arguments.starts)]
+        fillings = [polygon_fractions(space, start(rng, space), moves=8) for _ in range(arguments.starts)]
         missing = 100 * (1 - np.array([filling.fractions for filling in fillings]))
         needed = sorted(Counter(filling.moves or 10 for filling in fillings).items())
         starts = ", ".join(f"{'more' if moves > 8 else moves}: {count}" for moves, count in needed)

@@ -19,7 +19,7 @@ from shoal.papers.recipe import published_curve
 from shoal.search import make_tour, search
 from shoal.search.faults import Crash, Pause
 from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon, steer
-from shoal.steering.filling import disk_fractions, largest_two_move_fraction, polygon_filling
+from shoal.steering.delta_space.reachable_fraction import disk_fractions, largest_two_move_fraction, polygon_filling
 from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes, sweep_goals
 from shoal.swarm.noise import Noise
 from shoal.swarm.theory.one_dimension import Line, sample

@@ -18,12 +18,12 @@ from shoal.steering import (
     reached_in_two_moves,
     regular_polygon,
 )
-from shoal.steering.filling import (
+from shoal.steering.delta_space.reachable_fraction import (
     disk_fractions,
     disk_outlines,
     disk_radii,
     largest_two_move_fraction,
-    polygon_filling,
+    polygon_fractions,
     polygon_radii,
 )
 from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes, sweep_goals
@@ -80,25 +80,25 @@ def test_outlines_have_the_radii_all_around() -> None:
 )
 def test_moves_that_fill_regular_polygons(sides: int, before: tuple[float, float], moves: int) -> None:
     """The paper has 4 for the triangle and 6 for seven and eight sides."""
-    filling = polygon_filling(regular_polygon(sides), before)
+    filling = polygon_fractions(regular_polygon(sides), before)
     assert filling.moves == moves
     assert (np.diff(filling.fractions) >= -1e-12).all()
 
 
 def test_four_moves_of_the_square_miss_one_corner() -> None:
-    filling = polygon_filling(open_workspace("square"), (0.27, 0.11), moves=4)
+    filling = polygon_fractions(open_workspace("square"), (0.27, 0.11), moves=4)
     assert 1 - filling.fractions[1] == pytest.approx(0.27 * 0.11 / 4, rel=0.1)
     assert filling.moves is None
 
 
 def test_four_moves_of_a_triangle_may_miss_much() -> None:
-    missing = 1 - polygon_filling(regular_polygon(3), (0.43, 0.36), moves=4).fractions[1]
+    missing = 1 - polygon_fractions(regular_polygon(3), (0.43, 0.36), moves=4).fractions[1]
     assert 0.03 < missing < 0.10
-    assert polygon_filling(polygon([(0, 0), (1, 0), (0.3, 0.25)]), (0.4, 0.1)).moves == 6  # obtuse: six, as the paper has it
+    assert polygon_fractions(polygon([(0, 0), (1, 0), (0.3, 0.25)]), (0.4, 0.1)).moves == 6  # obtuse: six, as the paper has it
 
 
 def test_areas_of_polygons_agree_with_sampled_sets() -> None:
-    filling = polygon_filling(regular_polygon(6), (0.2, 0.1), moves=6)
+    filling = polygon_fractions(regular_polygon(6), (0.2, 0.1), moves=6)
     sampled = [reach.fraction(samples=60) for reach in filling.sets]
     np.testing.assert_allclose(filling.fractions, sampled, atol=1e-2)
     reach = polygon_reach(regular_polygon(5), (0.2, 0.1), moves=4)[1]

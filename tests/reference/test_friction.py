@@ -9,10 +9,10 @@ from tests.reference.test_planners import SHAPES, SQUARE, instance, replayed_err
 from tests.reference.test_steering import random_point, random_polygon, walls_of
 
 from shoal.steering import ContactWorld, Disturbance, disk, steer
-from shoal.steering.friction import friction_limit
-from shoal.steering.kernels.roadmap import Ground, fewest_cycles, linked
-from shoal.steering.rising import ladder_nodes, turn_on_the_way
-from shoal.steering.walls import walls_of as unit_walls
+from shoal.steering.contact.friction_limits import friction_limit
+from shoal.steering.kernels.roadmap import CycleModel, fewest_cycles, linked
+from shoal.steering.planners.chains.friction_roadmap import backward_nodes, turn_on_the_way
+from shoal.steering.workspaces.normalized_walls import normalize_walls
 
 
 @pytest.mark.parametrize("kind", ["polygon", "disk"])
@@ -33,7 +33,7 @@ def test_steps_with_friction_are_those_of_the_plain_simulation(kind):
 
 
 def ground_of(walls, friction):
-    return Ground(walls.frames, walls.reaches, walls.normals, walls.offsets, walls.circle, friction, 1e-9, 1e-9)
+    return CycleModel(walls.frames, walls.reaches, walls.normals, walls.offsets, walls.circle, friction, 1e-9, 1e-9)
 
 
 def best_room(walls, before, after, friction, count=600):
@@ -68,7 +68,7 @@ def test_links_are_those_of_sampled_contacts(kind):
     step, counts = np.empty(3), [0, 0]
     for _ in range(60):
         space = random_polygon(rng) if kind == "polygon" else disk(0.5)
-        walls, friction = unit_walls(space), float(rng.choice([0.3, 1.0, 3.0]))
+        walls, friction = normalize_walls(space), float(rng.choice([0.3, 1.0, 3.0]))
         points = walls.inward(np.array([random_point(rng, space) for _ in range(4)]))
         before = points[1] - points[0]
         after = before + (points[3] - points[2] - before) * rng.random()
@@ -84,7 +84,7 @@ def test_links_are_those_of_sampled_contacts(kind):
 
 def test_fewest_cycles_are_those_of_plain_layers():
     rng = np.random.default_rng(43)
-    walls = unit_walls(random_polygon(rng, sides=7))
+    walls = normalize_walls(random_polygon(rng, sides=7))
     ground, step = ground_of(walls, 0.8), np.empty(3)
     for _ in range(6):
         nodes = (rng.random((40, 2)) - 0.5) * 0.8
@@ -156,9 +156,9 @@ def test_turns_while_shrinking_are_those_of_small_steps():
 
 
 def test_rungs_of_a_ladder_lead_up():
-    walls, step = unit_walls(disk(0.5)), np.empty(3)
+    walls, step = normalize_walls(disk(0.5)), np.empty(3)
     after = np.array([0.5, 0.2])
-    nodes = ladder_nodes(after, radius=float(walls.circle[2]), friction=1.0, margin=2e-9)
+    nodes = backward_nodes(after, radius=float(walls.circle[2]), friction=1.0, margin=2e-9)
     for way in np.split(nodes, 4):
         for lower, upper in zip(way, [after, *way[:-1]], strict=True):
             assert np.hypot(*lower) < np.hypot(*upper)

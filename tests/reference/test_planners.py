@@ -24,15 +24,15 @@ from shoal.steering import (
     regular_polygon,
     steer,
 )
-from shoal.steering.chains import Errand, shortest_chain
-from shoal.steering.growing import cycle_towards, grown_chain
-from shoal.steering.heights import flattened, with_heights
 from shoal.steering.kernels.chain import chain_length
-from shoal.steering.kernels.limits import Kind
-from shoal.steering.kernels.sequences import over_circle
-from shoal.steering.planners.playing import played
+from shoal.steering.kernels.chain_kinds import over_circle
+from shoal.steering.kernels.chain_limits import Kind
+from shoal.steering.planners.chains.chain import ChainQuery, shortest_chain
+from shoal.steering.planners.chains.roadmap import cycle_towards, roadmap_chain
+from shoal.steering.planners.shooting import shooting_plan
 from shoal.steering.planners.shortest import Shortest
-from shoal.steering.walls import walls_of as unit_walls
+from shoal.steering.planners.vertical_moves import planar_task, with_vertical_moves
+from shoal.steering.workspaces.normalized_walls import normalize_walls
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
 SHAPES = {
@@ -102,7 +102,7 @@ def test_plans_of_four_to_six_moves_arrive_in_the_plain_simulation():
         problem = instance(rng, space)
         task = Task(ContactWorld(space), problem.start, problem.goal, problem.tolerance)
         for count in found:
-            plan = played(task, count)
+            plan = shooting_plan(task, count)
             if plan is None:
                 continue
             found[count] += 1
@@ -140,13 +140,13 @@ def test_worst_cases_of_the_square():
         assert episode.path_length < np.sqrt(2) + 2 + 1e-6
 
 
-def plain_length(errand, touchers, walls, x):
+def plain_length(query, touchers, walls, x):
     """Length and limits of a chain on flat walls in the plane, written out."""
-    frames, normals, offsets, *_ = errand.walls.shape
+    frames, normals, offsets, *_ = query.walls.shape
     cycles = len(walls)
     contacts = [frames[w, 0] + x[m] * frames[w, 1] for m, w in enumerate(walls)]
-    deltas = [errand.before, *x[cycles:].reshape(-1, 2), errand.after]
-    here, total, limits = errand.start.copy(), 0.0, []
+    deltas = [query.before, *x[cycles:].reshape(-1, 2), query.after]
+    here, total, limits = query.start.copy(), 0.0, []
     for m, (toucher, wall, spot) in enumerate(zip(touchers, walls, contacts, strict=True)):
         sign = 1 if toucher == 0 else -1
         total += np.linalg.norm(spot - here[toucher]) + np.linalg.norm(deltas[m + 1] - deltas[m])
@@ -154,7 +154,7 @@ def plain_length(errand, touchers, walls, x):
         for point in (spot, spot + sign * deltas[m], spot + sign * deltas[m + 1]):
             limits += list(normals @ point - offsets)
         here = np.stack([spot, spot + deltas[m + 1]] if toucher == 0 else [spot - deltas[m + 1], spot])
-    return total + np.linalg.norm(errand.goal[0] - here[0]), np.array(limits)
+    return total + np.linalg.norm(query.goal[0] - here[0]), np.array(limits)
 
 
 def test_shortest_chains_are_those_of_a_general_optimizer():
@@ -162,17 +162,17 @@ def test_shortest_chains_are_those_of_a_general_optimizer():
     compared = 0
     while compared < 4:
         space = random_polygon(rng, sides=int(rng.integers(3, 7)))
-        walls = unit_walls(space)
+        walls = normalize_walls(space)
         points = walls.inward(np.array([random_point(rng, space) for _ in range(4)]))
-        errand = Errand(walls, np.ascontiguousarray(points[:2]), np.ascontiguousarray(points[2:]))
+        query = ChainQuery(walls, np.ascontiguousarray(points[:2]), np.ascontiguousarray(points[2:]))
         cycles = int(rng.integers(1, 4))
         touchers, on = rng.integers(0, 2, size=cycles), rng.integers(0, len(walls.normals), size=cycles)
-        guess = errand.guess(cycles)
-        length = errand.settle(guess, touchers, on)
-        value = partial(plain_length, errand, touchers, on)
+        guess = query.guess(cycles)
+        length = query.settle(guess, touchers, on)
+        value = partial(plain_length, query, touchers, on)
         found = minimize(
             lambda x, value=value: value(x)[0],
-            errand.guess(cycles) if length == np.inf else guess + 0.02 * rng.normal(size=len(guess)),
+            query.guess(cycles) if length == np.inf else guess + 0.02 * rng.normal(size=len(guess)),
             method="SLSQP",
             constraints={"type": "ineq", "fun": lambda x, value=value: value(x)[1]},
             options={"maxiter": 300, "ftol": 1e-12},
@@ -183,7 +183,7 @@ def test_shortest_chains_are_those_of_a_general_optimizer():
             continue
         assert length == pytest.approx(value(guess)[0], abs=1e-9)
         assert value(guess)[1].min() >= -1e-12
-        kind = Kind(touchers, on, errand.start, errand.goal, walls.shape, errand.friction, errand.margin, errand.push)
+        kind = Kind(touchers, on, query.start, query.goal, walls.shape, query.friction, query.margin, query.push)
         assert chain_length(guess, kind) == pytest.approx(length)
         if feasible:
             assert length <= found.fun + 1e-5
@@ -197,16 +197,16 @@ def test_nearest_differences_are_members_and_none_is_nearer(shape):
         space = SHAPES[shape](rng)
         points = np.array([random_point(rng, space) for _ in range(4)])
         task = Task(ContactWorld(space), points[:2], points[2:], 1e-6)
-        errand = task.errand()
-        away, delta, _ = cycle_towards(errand, errand.before, errand.after)
-        assert away == pytest.approx(float(np.linalg.norm(delta - errand.after)), abs=1e-9)
-        around = [delta * errand.walls.scale + 2e-7 * np.array([np.cos(a), np.sin(a)]) for a in np.linspace(0, 6, 16)]
+        query = task.chain_query()
+        away, delta, _ = cycle_towards(query, query.before, query.after)
+        assert away == pytest.approx(float(np.linalg.norm(delta - query.after)), abs=1e-9)
+        around = [delta * query.walls.scale + 2e-7 * np.array([np.cos(a), np.sin(a)]) for a in np.linspace(0, 6, 16)]
         around = [point for point in around if space.differences.contains(point)]
         assert any(reached_in_two_moves(space, task.before, point) is not None for point in around)
         for angle in np.linspace(0, 2 * np.pi, 24, endpoint=False):
-            nearer = errand.after + 0.98 * away * rng.random() * np.array([np.cos(angle), np.sin(angle)])
-            if away > 1e-6 and space.differences.contains(nearer * errand.walls.scale):
-                crossing = reached_in_two_moves(space, task.before, nearer * errand.walls.scale)
+            nearer = query.after + 0.98 * away * rng.random() * np.array([np.cos(angle), np.sin(angle)])
+            if away > 1e-6 and space.differences.contains(nearer * query.walls.scale):
+                crossing = reached_in_two_moves(space, task.before, nearer * query.walls.scale)
                 assert crossing is None or crossing.slack < 1e-6
 
 
@@ -218,20 +218,20 @@ def test_grown_chains_obey_walls_and_friction(friction):
         space = random_polygon(rng, sides=6)
         points = np.array([random_point(rng, space) for _ in range(4)])
         task = Task(ContactWorld(space, friction=friction), points[:2], points[2:], 1e-6)
-        errand = task.errand()
-        chain = grown_chain(errand)
+        query = task.chain_query()
+        chain = roadmap_chain(query)
         if chain is None:
             continue
         found += 1
-        _, limits = plain_length(errand, chain.touchers, chain.walls, chain.unknowns)
+        _, limits = plain_length(query, chain.touchers, chain.walls, chain.unknowns)
         assert limits.min() >= -1e-9
-        deltas = chain.differences(errand.before, errand.after)
+        deltas = chain.differences(query.before, query.after)
         for (before, after), wall, toucher in zip(pairwise(deltas), chain.walls, chain.touchers, strict=True):
             push = (1 if toucher == 0 else -1) * (after - before)
-            normal = errand.walls.normals[wall]
+            normal = query.walls.normals[wall]
             along = abs(push @ [-normal[1], normal[0]])
             assert along <= friction * -(normal @ push) + 1e-9 if friction < np.inf else -(normal @ push) >= -1e-9
-        moves = task.moves_of(chain, errand)
+        moves = task.moves_of(chain, query)
         assert moves is not None
         assert task.error(task.world.play(task.start, moves)[-1]) < 1e-6
     assert found >= 6
@@ -257,9 +257,9 @@ def test_plans_of_the_plane_take_heights():
     for _ in range(12):
         points = np.array([[*random_point(rng, SQUARE), rng.random()] for _ in range(4)])
         task = Task(ContactWorld(space), points[:2], points[2:], 1e-6)
-        below = flattened(task)
+        below = planar_task(task)
         flat = Shortest().plan(below)
-        moves = with_heights(task, flat)
+        moves = with_vertical_moves(task, flat)
         if moves is None:
             continue
         raised += 1
@@ -271,17 +271,17 @@ def test_plans_of_the_plane_take_heights():
 def test_chains_over_a_circle_beat_random_ones():
     rng = np.random.default_rng(37)
     space = disk(0.5)
-    walls = unit_walls(space)
+    walls = normalize_walls(space)
     for _ in range(4):
         points = walls.inward(np.array([random_point(rng, space) for _ in range(4)]))
-        errand = Errand(walls, np.ascontiguousarray(points[:2]), np.ascontiguousarray(points[2:]))
-        best = shortest_chain(errand)
+        query = ChainQuery(walls, np.ascontiguousarray(points[:2]), np.ascontiguousarray(points[2:]))
+        best = shortest_chain(query)
         length = np.inf if best is None else best.length
         for _ in range(60):
             cycles = int(rng.integers(1, 4))
-            guess = errand.guess(cycles)
+            guess = query.guess(cycles)
             guess[:cycles] = rng.random(cycles) * 2 * np.pi * walls.circle[2]
-            tried = errand.settle(guess, rng.integers(0, 2, size=cycles), np.zeros(cycles, dtype=np.int64), enough=1e-4)
+            tried = query.settle(guess, rng.integers(0, 2, size=cycles), np.zeros(cycles, dtype=np.int64), enough=1e-4)
             assert tried >= length - 1e-4
 
 

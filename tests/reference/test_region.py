@@ -10,7 +10,7 @@ from tests.reference import region as slow
 
 from shoal.errors import InvalidInputError
 from shoal.steering import ContactWorld, polygon, region
-from shoal.steering.region_world import RegionWorld
+from shoal.steering.contact.region_world import RegionWorld
 
 # Corners with few binary digits: where a move along an edge is to be exact, it is.
 PLACES = {

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from tests.reference import contact
 
-from shoal.steering import ContactWorld, delta_space, disk, polygon, reached_in_two_moves
-from shoal.steering.delta import two_move_pieces
+from shoal.steering import ContactWorld, disk, polygon, reached_in_two_moves
+from shoal.steering.delta_space.two_moves import two_move_pieces
 
 PAIRS = 400  # of each kind; acceptance runs used 10,000
 BAND = 1e-9  # of the size: pairs so near to the border of a set are not compared
@@ -104,7 +104,7 @@ def test_membership_on_polygons_is_that_of_brute_force():
         for _ in range(25):
             before = random_pair(rng, space) * rng.choice([0.05, 1.0])
             after = random_pair(rng, space) if rng.random() < 0.5 else before * rng.random() + 0.2 * random_pair(rng, space)
-            if not delta_space(space).contains(after):
+            if not space.differences.contains(after):
                 continue
             crossing, room = reached_in_two_moves(space, before, after), brute_polygon(space, before, after)
             if crossing is not None and crossing.slack <= BAND:

@@ -25,7 +25,7 @@ from shoal.steering import (
     regular_polygon,
     steer,
 )
-from shoal.steering.delta import reached_in_two_moves
+from shoal.steering.delta_space.two_moves import reached_in_two_moves
 from shoal.views import steering_films
 from shoal.views.camera import Frame3D, camera_for
 from shoal.views.encoding import palette_of

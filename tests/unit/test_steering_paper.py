@@ -9,7 +9,7 @@ import pytest
 
 from shoal.errors import InvalidInputError
 from shoal.steering import disk, open_workspace, regular_polygon
-from shoal.steering.filling import disk_fractions, polygon_filling
+from shoal.steering.delta_space.reachable_fraction import disk_fractions, polygon_fractions
 from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, GoalSweep, swap_antipodes, sweep_goals
 from shoal.views.figures import save_figure
 from shoal.views.steering_paper import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
@@ -21,7 +21,7 @@ def sweep() -> GoalSweep:
 
 
 def test_reachable_sets_say_which_share_is_reached(tmp_path: Path) -> None:
-    fillings = [polygon_filling(regular_polygon(n), (0.2, 0.1), moves=6, contacts=9) for n in (3, 4, 6)]
+    fillings = [polygon_fractions(regular_polygon(n), (0.2, 0.1), moves=6, contacts=9) for n in (3, 4, 6)]
     figure = reachable_sets(fillings)
     titles = [axes.get_title() for axes in figure.axes]
     assert titles[:2] == ["3 sides", f"{100 * fillings[0].fractions[0]:.1f}, 100 %"]

@@ -12,7 +12,13 @@ from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.goals import goal_data, goal_sweep, goal_table, goals
 from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table
 from shoal.steering import regular_polygon
-from shoal.steering.filling import DiskFractions, disk_fractions, disk_outlines, largest_two_move_fraction, polygon_filling
+from shoal.steering.delta_space.reachable_fraction import (
+    DiskFractions,
+    disk_fractions,
+    disk_outlines,
+    largest_two_move_fraction,
+    polygon_fractions,
+)
 from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes
 from shoal.views.steering_paper import (
     EXAMPLES,
@@ -35,7 +41,7 @@ def filling_of(*, seed: int, sides: int) -> dict[str, Any]:
     """Return which share of all differences moves reach on a regular polygon from a random difference at the start."""
     rng = np.random.default_rng(seed)
     angle, length = rng.uniform(0, 2 * pi), rng.uniform(0.1, 0.8)
-    filling = polygon_filling(regular_polygon(sides), (length * np.cos(angle), length * np.sin(angle)), moves=MOVES[-1])
+    filling = polygon_fractions(regular_polygon(sides), (length * np.cos(angle), length * np.sin(angle)), moves=MOVES[-1])
     shares = [float(share) for share in filling.fractions]
     shares += [shares[-1]] * (len(MOVES) - len(shares))
     return {f"share_{moves}": share for moves, share in zip(MOVES, shares, strict=True)} | {"moves_to_fill": filling.moves}
@@ -71,7 +77,7 @@ def _fig4_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    fillings = [polygon_filling(regular_polygon(n), START, moves=8) for n in SIDES]
+    fillings = [polygon_fractions(regular_polygon(n), START, moves=8) for n in SIDES]
     claimed = {3: 4, 4: 6, 5: 6, 6: 6, 7: 6, 8: 6}
     found: dict[int, list[Any]] = {n: [] for n in SIDES}
     for sides, *_, moves in store.rows(sweeps[0].name):

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from shoal.steering.delta import Crossing, delta_space, reached_in_two_moves
-from shoal.steering.disturbance import Disturbance
+from shoal.steering.contact.disturbances import Disturbance
+from shoal.steering.contact.world import ContactWorld
+from shoal.steering.delta_space.disk_reach import DiskReach, disk_reach
+from shoal.steering.delta_space.polygon_reach import PolygonReach, polygon_reach
+from shoal.steering.delta_space.two_moves import Crossing, reached_in_two_moves
 from shoal.steering.episode import SteeringEpisode
-from shoal.steering.formats import open_workspace
 from shoal.steering.planners import Planner, make_planner
-from shoal.steering.polygon_reach import PolygonReach, polygon_reach
+from shoal.steering.planners.task import Task
 from shoal.steering.problem import SteeringProblem
-from shoal.steering.reachability import DiskReach, disk_reach
-from shoal.steering.region import Region, region
-from shoal.steering.running import steer
-from shoal.steering.task import Task
-from shoal.steering.workspace import ConvexWorkspace, cylinder, disk, polygon, prism, regular_polygon
-from shoal.steering.world import ContactWorld
+from shoal.steering.run import steer
+from shoal.steering.workspaces.convex import ConvexWorkspace, cylinder, disk, polygon, prism, regular_polygon
+from shoal.steering.workspaces.formats import open_workspace
+from shoal.steering.workspaces.region import Region, region
 
 __all__ = [
     "ContactWorld",
@@ -29,7 +29,6 @@ __all__ = [
     "SteeringProblem",
     "Task",
     "cylinder",
-    "delta_space",
     "disk",
     "disk_reach",
     "make_planner",

@@ -16,10 +16,10 @@ from pydantic import BaseModel, ConfigDict, FiniteFloat, NonNegativeFloat, NonNe
 
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
-from shoal.steering.disturbance import Disturbance
-from shoal.steering.formats import read_json, read_text, said
-from shoal.steering.outline import Points
+from shoal.steering.contact.disturbances import Disturbance
 from shoal.steering.problem import SteeringProblem, problem_of
+from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.formats import read_json, read_text, said
 
 FORMAT: Literal[1] = 1
 

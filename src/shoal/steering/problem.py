@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from shoal.errors import InvalidInputError
-from shoal.steering.formats import Workspace, describe, open_workspace, read_json, read_text, said, workspace_of
-from shoal.steering.outline import Points, check_points
+from shoal.steering.workspaces.convex_geometry import Points, check_points
+from shoal.steering.workspaces.formats import Workspace, describe, open_workspace, read_json, read_text, said, workspace_of
 
 TOLERANCE = 1e-6
 FINEST = 1e-8  # of the size: contacts are no more exact

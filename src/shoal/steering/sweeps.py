@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.steering.chains import Errand
-from shoal.steering.growing import cycle_towards
-from shoal.steering.outline import Points, check_points
+from shoal.steering.planners.chains.chain import ChainQuery
+from shoal.steering.planners.chains.roadmap import cycle_towards
 from shoal.steering.problem import SteeringProblem
-from shoal.steering.running import steer
-from shoal.steering.walls import walls_of
-from shoal.steering.workspace import ConvexWorkspace, disk
+from shoal.steering.run import steer
+from shoal.steering.workspaces.convex import ConvexWorkspace, disk
+from shoal.steering.workspaces.convex_geometry import Points, check_points
+from shoal.steering.workspaces.normalized_walls import normalize_walls
 
 Toucher = Literal["nearer", "second"]
 
@@ -211,19 +211,19 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
         raise InvalidInputError(f"apart: expected a number above 0 and below 1, got {apart!r}")
     radius = 0.5
     ahead = apart / 2 * np.array([np.cos(turn), np.sin(turn)])
-    errand = Errand(walls_of(disk(radius)), np.stack([-ahead, ahead]), np.array([[radius, 0.0], [-radius, 0.0]]))
-    state, moves, lengths, errors = errand.start, [], [], []
+    query = ChainQuery(normalize_walls(disk(radius)), np.stack([-ahead, ahead]), np.array([[radius, 0.0], [-radius, 0.0]]))
+    state, moves, lengths, errors = query.start, [], [], []
     for _ in range(cycles):
-        cycle = cycle_towards(errand, state[1] - state[0], errand.after)
+        cycle = cycle_towards(query, state[1] - state[0], query.after)
         assert cycle is not None  # Δ is not zero, so some contact can be made
         _, delta, (_, _, along) = cycle
         who, contact = _contact(state, along / radius, radius, toucher)
         moves += [contact - state[who], (delta - (state[1] - state[0])) * (1 if who == 0 else -1)]
         state = np.stack([contact, contact + delta] if who == 0 else [contact - delta, contact])
-        left = errand.goal - state
+        left = query.goal - state
         lengths.append(float(np.linalg.norm(moves, axis=1).sum() + np.linalg.norm(left.mean(axis=0))))
         errors.append(float(np.linalg.norm(left[1] - left[0]) / 2))
-    return AntipodeSwap(toucher, errand.start, errand.goal, np.array(moves), np.array(lengths), np.array(errors))
+    return AntipodeSwap(toucher, query.start, query.goal, np.array(moves), np.array(lengths), np.array(errors))
 
 
 def _contact(state: Points, angle: float, radius: float, toucher: Toucher) -> tuple[int, Points]:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.steering import ConvexWorkspace, DiskReach, PolygonReach, Region, SteeringEpisode, delta_space
-from shoal.steering.delta import two_move_pieces
+from shoal.steering import ConvexWorkspace, DiskReach, PolygonReach, Region, SteeringEpisode
+from shoal.steering.delta_space.two_moves import two_move_pieces
 from shoal.views.charts import BLUE, GRID, INK, MUTED, ORANGE, PURPLE, new_figure, set_title
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def _draw_delta(axes: Axes, episode: SteeringEpisode) -> None:
     """Draw the Δ configuration space, what two moves reach from the start, and what Δ became."""
     workspace = episode.problem.workspace
     assert isinstance(workspace, ConvexWorkspace)
-    draw_workspace(axes, delta_space(workspace))
+    draw_workspace(axes, workspace.differences)
     deltas = episode.states[:, 1] - episode.states[:, 0]
     ideal = not episode.disturbance.random and not episode.disturbance.radius and np.isinf(episode.disturbance.friction)
     if ideal:  # else the set is another one
@@ -178,7 +178,7 @@ def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None
             grid[0].plot(*point, "s", color=colour, ms=8, label=name)
         grid[0].legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=2, frameon=False, labelcolor=INK)
         set_title(grid[0], "Workspace")
-    space = delta_space(sets[0].workspace)
+    space = sets[0].workspace.differences
     outline = outlines_of(space)[0]
     low, high = outline.min(axis=0), outline.max(axis=0)
     steps = (np.arange(samples) + 0.5) / samples

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.steering import ConvexWorkspace, Region, SteeringEpisode, delta_space
-from shoal.steering.delta import two_move_pieces
-from shoal.steering.disturbance import generators
-from shoal.steering.outline import Points
+from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
+from shoal.steering.contact.disturbances import generators
+from shoal.steering.delta_space.two_moves import two_move_pieces
+from shoal.steering.workspaces.convex_geometry import Points
 
 FINE = 1e-4  # of the size: straight pieces stay so near to the way
 _LEAST = 2.0**-30  # shortest part of a move that is looked at
@@ -204,7 +204,8 @@ def has_delta(episode: SteeringEpisode) -> bool:
 
 def delta_outline(episode: SteeringEpisode) -> ConvexWorkspace:
     """Return the Δ configuration space of an episode."""
-    return delta_space(room_of(episode))
+    space: ConvexWorkspace = room_of(episode).differences
+    return space
 
 
 def two_move_rings(episode: SteeringEpisode) -> list[list[Points]]:

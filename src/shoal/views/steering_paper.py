@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.steering.filling import DiskFractions, Filling, disk_outlines, largest_two_move_fraction
+from shoal.steering.delta_space.reachable_fraction import DiskFractions, PolygonFractions, disk_outlines, largest_two_move_fraction
 from shoal.steering.sweeps import AntipodeSwap, GoalSweep
 from shoal.views.charts import BLUE, INK, MUTED, ORANGE, PURPLE, SKY, new_figure, plain_axes, set_title
 from shoal.views.steering import PARTICLES, REACH_COLOURS, draw_workspace
@@ -28,7 +28,7 @@ PRINTED_LAW = (8.66, 3)
 EXAMPLES = (0.1, 0.3)  # distances of Fig. 9, marked in Fig. 8
 
 
-def reachable_sets(fillings: Sequence[Filling]) -> Figure:
+def reachable_sets(fillings: Sequence[PolygonFractions]) -> Figure:
     """Return workspaces, and beside each its Δ configuration space with what 2, 4, ... moves reach, as paper W, Fig. 4.
 
     Raises
@@ -71,7 +71,7 @@ def _percent(share: float) -> str:
     return f"{min(100 * share, 99.9):.1f}" if share < 1 - 1e-6 else "100"
 
 
-def _draw_start(axes: Axes, filling: Filling) -> None:
+def _draw_start(axes: Axes, filling: PolygonFractions) -> None:
     draw_workspace(axes, filling.workspace)
     axes.set_axis_off()
     middle = filling.workspace.center

@@ -50,7 +50,7 @@ class SteeringTrials(Problem):
 
     def digest(self, opened: Any) -> bytes:
         """Return the corners."""
-        from shoal.steering.formats import describe
+        from shoal.steering.workspaces.formats import describe
 
         return json.dumps(describe(opened), sort_keys=True).encode()
 

@@ -187,7 +187,7 @@ def _contact_of_a_chord() -> tuple[str, bool]:
     "maximum of the exact share over the distance",
 )
 def _most() -> tuple[str, bool]:
-    from shoal.steering.filling import largest_two_move_fraction
+    from shoal.steering.delta_space.reachable_fraction import largest_two_move_fraction
 
     at, most = largest_two_move_fraction()
     return f"{most:.4f} at {at:.4f}", most > 0.3765 and abs(at - 0.8175) < 0.01

@@ -71,10 +71,10 @@ def _lift() -> tuple[str, bool]:
 )
 def _square() -> tuple[str, bool]:
     from shoal.steering import open_workspace
-    from shoal.steering.filling import polygon_filling
+    from shoal.steering.delta_space.reachable_fraction import polygon_fractions
 
     workspace = open_workspace("square")
-    left = 4 * (1 - float(polygon_filling(workspace, (0.27, 0.11), moves=4).fractions[1]))  # type: ignore[arg-type]  # a polygon
+    left = 4 * (1 - float(polygon_fractions(workspace, (0.27, 0.11), moves=4).fractions[1]))  # type: ignore[arg-type]  # a polygon
     return f"area missed {left:.4f}, |Δx Δy| = {0.27 * 0.11:.4f}", abs(left - 0.27 * 0.11) < 0.003
 
 
@@ -86,13 +86,13 @@ def _square() -> tuple[str, bool]:
 )
 def _triangles() -> tuple[str, bool]:
     from shoal.steering import polygon, regular_polygon
-    from shoal.steering.filling import polygon_filling
+    from shoal.steering.delta_space.reachable_fraction import polygon_fractions
 
     shapes = [regular_polygon(3), *(polygon([(0, 0), (1, 0), top]) for top in ((0.3, 0.6), (0.55, 0.9), (0.6, 0.65)))]
     rng, four, missed, most = np.random.default_rng(5), [], 0.0, 0
     for shape in shapes:
         starts = rng.dirichlet((1, 1, 1), (8, 2)) @ shape.vertices
-        fillings = [polygon_filling(shape, pair[1] - pair[0], moves=6, contacts=17) for pair in starts]
+        fillings = [polygon_fractions(shape, pair[1] - pair[0], moves=6, contacts=17) for pair in starts]
         four.append(sum(filling.moves == 4 for filling in fillings))
         missed = max(missed, *(1 - float(filling.fractions[1]) for filling in fillings))
         most = max(most, *(filling.moves or 8 for filling in fillings))
@@ -108,11 +108,11 @@ def _triangles() -> tuple[str, bool]:
 )
 def _polygons() -> tuple[str, bool]:
     from shoal.steering import regular_polygon
-    from shoal.steering.filling import polygon_filling
+    from shoal.steering.delta_space.reachable_fraction import polygon_fractions
 
     words, needed = [], []
     for sides, start, claimed in ((6, (0.13, 0.06), 6), (7, (0.13, 0.06), 6), (8, (0.13, 0.06), 6), (10, (0.002, 0.001), 8)):
-        filling = polygon_filling(regular_polygon(sides), start, moves=10, contacts=11)
+        filling = polygon_fractions(regular_polygon(sides), start, moves=10, contacts=11)
         share = 100 * float(filling.fractions[claimed // 2 - 1])
         words.append(f"{sides} sides: {share:.2f} % after {claimed}, whole after {filling.moves}")
         needed.append(filling.moves)

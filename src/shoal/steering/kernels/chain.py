@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.steering.kernels.compiling import kernel
+from shoal.jit import kernel
+from shoal.steering.kernels.chain_limits import add_flat, add_hold, add_length, add_round, begin, combine, new_place, new_work, put
 from shoal.steering.kernels.contact import dot
-from shoal.steering.kernels.limits import add_flat, add_hold, add_length, add_round, begin, combine, new_place, new_work, put
 
 GROWTH = 12.0
 NEWTON = 40

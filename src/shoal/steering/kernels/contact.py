@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.steering.kernels.compiling import kernel
+from shoal.jit import kernel
 
 TOUCH = 1e-9  # of the size: who is nearer to a wall than this is on it
 PUSHED = 1e-9  # of the length of a move: who is moved away from a wall by less than this is held

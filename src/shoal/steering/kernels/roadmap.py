@@ -1,7 +1,7 @@
 """Which differences one cycle turns into which, and the fewest cycles from one to another over given ones.
 
-`Ground` is what cycles are made on: walls as in `shoal.steering.walls.Walls`, friction, how far the other particle keeps off the
-walls and how far an adjustment goes into its wall.
+`CycleModel` is what cycles are made on: walls as in `NormalizedWalls`, friction, how far the other particle keeps off the walls and
+how far an adjustment goes into its wall.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from collections import namedtuple
 
 import numpy as np
 
-from shoal.steering.kernels.compiling import kernel
+from shoal.jit import kernel
 from shoal.steering.kernels.contact import dot
-from shoal.steering.kernels.nearest import contact_range
+from shoal.steering.kernels.cycles import contact_range
 
-Ground = namedtuple("Ground", "frames reaches normals offsets circle friction margin push")
+CycleModel = namedtuple("CycleModel", "frames reaches normals offsets circle friction margin push")
 
 HALVINGS = 24
 SHARES = 4  # of the longest adjustment of a direction: 1, 1/2, 1/4, ...

@@ -4,16 +4,16 @@ An offset is where a particle is, seen from its goal. A translation changes all 
 one when all offsets are equal. A manoeuvre brings one particle to a wall and then makes the moves after which another one's offset
 equals its own, or one of its coordinates does; or it is any move, so that what no plan foresees is found, too.
 
-A world is ``(flat, walls, convex)``: whether all walls are straight and hold without slip, then what `kernels.region.advance` takes
-after the move (walls without edges if it is not so), and what `kernels.contact.advance` takes.
+A world is ``(flat, walls, convex)``: whether all walls are straight and hold without slip, then what `region_contact.advance` takes
+after the move (walls without edges if it is not so), and what `contact.advance` takes.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from shoal.steering.kernels import contact, region
-from shoal.steering.kernels.compiling import kernel
+from shoal.jit import kernel
+from shoal.steering.kernels import contact, region_contact
 
 STEPS = 8  # moves of one manoeuvre at the most
 EQUAL = 1e-11  # of the size: offsets nearer than that are equal
@@ -30,7 +30,7 @@ def step(state, move, world):
     least = 1.0
     for p in range(state.shape[0]):
         if flat:
-            share = region.advance(state[p], move, *walls)
+            share = region_contact.advance(state[p], move, *walls)
         else:
             share = contact.advance(state[p], move, *convex)
         least = min(least, share)
@@ -44,7 +44,7 @@ def add_normals(point, world, total):
     if flat:
         edges, normals, lengths, _links, _reflex, size = walls
         for edge in range(edges.shape[0]):
-            if region.is_on(point[0], point[1], edge, edges, normals, lengths, 0.5 * LIFT * size):
+            if region_contact.is_on(point[0], point[1], edge, edges, normals, lengths, 0.5 * LIFT * size):
                 total[0] += normals[edge, 0]
                 total[1] += normals[edge, 1]
         return
@@ -134,7 +134,7 @@ def wall_point(point, world, rng, place, normal):
         edge = min(int(rng.random() * edges.shape[0]), edges.shape[0] - 1)
         along = where * lengths[edge]
         if choice < 0.25:
-            along = min(max(region.place_along(point[0], point[1], edge, edges, normals), 0.0), lengths[edge])
+            along = min(max(region_contact.place_along(point[0], point[1], edge, edges, normals), 0.0), lengths[edge])
         normal[0], normal[1] = normals[edge, 0], normals[edge, 1]
         place[0] = edges[edge, 0] + along * normal[1]
         place[1] = edges[edge, 1] - along * normal[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from shoal.steering.planners import fewest_moves, greedy, robust, sampling, shortest
-from shoal.steering.planners.base import PLANNERS, Planner
+from shoal.steering.planners.protocol import PLANNERS, Planner
 
 __all__ = ["PLANNERS", "Planner", "fewest_moves", "greedy", "make_planner", "robust", "sampling", "shortest"]
 

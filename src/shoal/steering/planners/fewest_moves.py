@@ -7,17 +7,17 @@ from math import inf
 
 import numpy as np
 
-from shoal.steering.chains import refined, shortest_chain
-from shoal.steering.growing import grown_chain
-from shoal.steering.heights import flattened, with_heights
-from shoal.steering.outline import Points
-from shoal.steering.planners.base import PLANNERS
+from shoal.steering.planners.chains.chain import refined, shortest_chain
+from shoal.steering.planners.chains.roadmap import roadmap_chain
 from shoal.steering.planners.greedy import misses
-from shoal.steering.planners.playing import played
+from shoal.steering.planners.protocol import PLANNERS
+from shoal.steering.planners.shooting import shooting_plan
 from shoal.steering.planners.shortest import Shortest, path_length
-from shoal.steering.task import Task, never
+from shoal.steering.planners.task import Task, why_unreachable
+from shoal.steering.planners.vertical_moves import planar_task, with_vertical_moves
+from shoal.steering.workspaces.convex_geometry import Points
 
-DENSE_MAP = ((1500, 120, 1.01, 2500),)  # see `shoal.steering.growing.MAPS`
+DENSE_MAP = ((1500, 120, 1.01, 2500),)  # see `shoal.steering.planners.chains.roadmap.MAPS`
 LONGEST = 15  # moves of a plan whose end is sought among plans of four moves, too
 
 
@@ -43,7 +43,7 @@ class FewestMoves:
         for count in (2, 3, 4, 5, 6):
             if count >= most and not (count == most == 3):
                 break
-            found = played(task, count)
+            found = shooting_plan(task, count)
             if found is not None:
                 best = found
                 break
@@ -53,19 +53,19 @@ class FewestMoves:
 
     def _raised(self, task: Task) -> Points | None:
         """Return the plan of the plane with heights."""
-        below = flattened(task)
-        flat = below.straight() if never(below) is None else None
-        if flat is None and never(below) is None:
+        below = planar_task(task)
+        flat = below.straight() if why_unreachable(below) is None else None
+        if flat is None and why_unreachable(below) is None:
             flat = self.plan(below)
-        return None if flat is None else with_heights(task, flat)
+        return None if flat is None else with_vertical_moves(task, flat)
 
     def _chains(self, task: Task) -> Points | None:
         """Return the plan of the chain with the fewest cycles."""
         best = None
         for first, state in task.departures():
-            errand = task.errand(start=state)
-            chain = shortest_chain(errand, first_found=True)
-            moves = None if chain is None else task.moves_of(chain, errand)
+            query = task.chain_query(start=state)
+            chain = shortest_chain(query, first_found=True)
+            moves = None if chain is None else task.moves_of(chain, query)
             if moves is not None and (best is None or len(first) + len(moves) < len(best)):
                 best = np.array([*first, *moves])
         return _fewer(self._long(task), Shortest().plan(task)) if best is None else best
@@ -76,9 +76,9 @@ class FewestMoves:
             return None
         best = None
         for first, state in task.departures():
-            errand = task.errand(start=state)
-            chain = grown_chain(errand, maps=DENSE_MAP)
-            moves = None if chain is None else task.moves_of(refined(errand, chain), errand)
+            query = task.chain_query(start=state)
+            chain = roadmap_chain(query, maps=DENSE_MAP)
+            moves = None if chain is None else task.moves_of(refined(query, chain), query)
             if moves is not None and not misses(task, np.array([*first, *moves])):
                 best = _fewer(best, np.array([*first, *moves]))
         return best
@@ -91,7 +91,7 @@ def _finished(task: Task, plan: Points) -> Points | None:
     for total in range(lasts[0] + 1, len(plan)):
         for count in lasts:
             begun = total - count
-            last = played(replace(task, start=states[begun]), count) if begun > 0 else None
+            last = shooting_plan(replace(task, start=states[begun]), count) if begun > 0 else None
             if last is not None:
                 whole = np.concatenate([plan[:begun], last])
                 if task.error(task.world.play(task.start, whole)[-1]) <= task.tolerance:

@@ -7,13 +7,13 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.steering.chains import Chain, Errand, shortest_chain
-from shoal.steering.growing import grown_chain
-from shoal.steering.kernels.nearest import nearest_on_circle, nearest_on_polygon
-from shoal.steering.opposite import ladder_chain
-from shoal.steering.outline import Points
-from shoal.steering.planners.base import PLANNERS
-from shoal.steering.task import Task
+from shoal.steering.kernels.cycles import nearest_on_circle, nearest_on_polygon
+from shoal.steering.planners.chains.antipodal import antipodal_chain
+from shoal.steering.planners.chains.chain import Chain, ChainQuery, shortest_chain
+from shoal.steering.planners.chains.roadmap import roadmap_chain
+from shoal.steering.planners.protocol import PLANNERS
+from shoal.steering.planners.task import Task
+from shoal.steering.workspaces.convex_geometry import Points
 
 _PATIENCE = 4  # cycles by whose progress the rest is judged
 _SLOW = 16  # cycles: if more are left another chain is looked for
@@ -39,13 +39,13 @@ class Greedy:
     def plan(self, task: Task) -> Points | None:
         """Return moves; see `Planner`."""
         for first, state in task.departures():
-            errand = task.errand(start=state)
-            chain = greedy_chain(errand, tolerance=task.tolerance / errand.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
-            moves = None if chain is None else task.moves_of(chain, errand)
-            slipped = moves is not None and errand.friction < inf and misses(task, np.array([*first, *moves]))
-            if moves is None or slipped or (len(moves) > _LONG and not errand.walls.round):
-                chain = any_chain(errand, grow=slipped)
-                few = None if chain is None else task.moves_of(chain, errand)
+            query = task.chain_query(start=state)
+            chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
+            moves = None if chain is None else task.moves_of(chain, query)
+            slipped = moves is not None and query.friction < inf and misses(task, np.array([*first, *moves]))
+            if moves is None or slipped or (len(moves) > _LONG and not query.walls.round):
+                chain = any_chain(query, grow=slipped)
+                few = None if chain is None else task.moves_of(chain, query)
                 moves = moves if few is None else few
             if moves is not None:
                 return np.array([*first, *moves])
@@ -57,32 +57,32 @@ def misses(task: Task, moves: Points) -> bool:
     return len(moves) > task.max_moves or task.error(task.world.play(task.start, moves)[-1]) > task.tolerance
 
 
-def greedy_chain(errand: Errand, *, tolerance: float, cycles: int) -> Chain | None:
+def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:
     """Return the chain of algorithm 1, None if it comes to a halt far from the goal or would need more cycles.
 
     Its last difference is the goal's; what it really reaches is nearer to that than ``tolerance``, or it stops at ``cycles``.
     """
-    if errand.walls.dimensions == 3:
-        return _with_heights(errand, tolerance=tolerance, cycles=cycles)
+    if query.walls.dimensions == 3:
+        return _spatial_chain(query, tolerance=tolerance, cycles=cycles)
     touchers: list[int] = []
     walls: list[int] = []
     contacts: list[float] = []
     deltas: list[Points] = []
-    state = errand.start
+    state = query.start
     lefts = [inf] * _PATIENCE
     alone = False  # no other chain was found
     while len(touchers) < max(cycles, 1):
         delta = state[1] - state[0]
-        left = float(np.linalg.norm(delta - errand.after))
+        left = float(np.linalg.norm(delta - query.after))
         if left <= tolerance and touchers:
             break
-        step = _cycle_on_circle(errand, state) if errand.walls.round else _cycle_on_polygon(errand, state)
+        step = _cycle_on_circle(query, state) if query.walls.round else _cycle_on_polygon(query, state)
         lefts.append(left)
         halted = step is None or not step[0] < left - 1e-12
         if step is None or halted or (not alone and _is_slow(left, lefts[-1 - _PATIENCE], tolerance)):
             # No way on, or hardly one, from a difference none of whose neighbours is nearer: another chain may pass it by.
-            grow = halted or errand.friction < inf
-            other_chain = None if alone and errand.friction < inf else any_chain(errand, grow=grow)
+            grow = halted or query.friction < inf
+            other_chain = None if alone and query.friction < inf else any_chain(query, grow=grow)
             if other_chain is not None or step is None or halted:
                 return other_chain
             alone = True
@@ -93,8 +93,8 @@ def greedy_chain(errand: Errand, *, tolerance: float, cycles: int) -> Chain | No
         deltas.append(after)
         other = contact + (after if toucher == 0 else -after)
         state = np.stack([contact, other] if toucher == 0 else [other, contact])
-    if errand.friction < inf and not alone and float(np.linalg.norm(state[1] - state[0] - errand.after)) > tolerance:
-        other_chain = any_chain(errand)
+    if query.friction < inf and not alone and float(np.linalg.norm(state[1] - state[0] - query.after)) > tolerance:
+        other_chain = any_chain(query)
         if other_chain is not None:
             return other_chain
     unknowns = np.concatenate([np.array(contacts), *deltas[:-1]])
@@ -110,33 +110,33 @@ def _is_slow(left: float, before: float, tolerance: float) -> bool:
     )
 
 
-def any_chain(errand: Errand, *, grow: bool = True) -> Chain | None:
+def any_chain(query: ChainQuery, *, grow: bool = True) -> Chain | None:
     """Return a chain that ends with the goal's difference exactly, of any length if it may grow; None if none is found."""
-    if errand.walls.round and errand.friction == inf:
-        ladder = ladder_chain(errand, cycles=_LADDER)
+    if query.walls.round and query.friction == inf:
+        ladder = antipodal_chain(query, cycles=_LADDER)
         if ladder is not None:
             return ladder
-    few = (1, 2) if errand.friction < inf else (1, 2, 3)
-    chain = shortest_chain(errand, cycles=few, first_found=True)
-    if chain is None and grow and errand.walls.dimensions == 2:
-        chain = grown_chain(errand)
+    few = (1, 2) if query.friction < inf else (1, 2, 3)
+    chain = shortest_chain(query, cycles=few, first_found=True)
+    if chain is None and grow and query.walls.dimensions == 2:
+        chain = roadmap_chain(query)
     return chain
 
 
-def _cycle_on_polygon(errand: Errand, state: Points) -> tuple[float, int, int, float, Points, Points] | None:
+def _cycle_on_polygon(query: ChainQuery, state: Points) -> tuple[float, int, int, float, Points, Points] | None:
     """Return how near a cycle comes, its toucher, wall, the contact along it and as a point, and Δ after it."""
-    frames, normals, offsets, *_ = errand.walls.shape
+    frames, normals, offsets, *_ = query.walls.shape
     found = np.full((len(normals), 2, 5), inf)
     nearest_on_polygon(
         state[1] - state[0],
-        errand.after,
+        query.after,
         frames,
-        errand.walls.reaches,
+        query.walls.reaches,
         normals,
         offsets,
-        errand.friction,
-        errand.margin,
-        errand.push,
+        query.friction,
+        query.margin,
+        query.push,
         found,
     )
     nearest = float(found[..., 0].min())
@@ -148,18 +148,18 @@ def _cycle_on_polygon(errand: Errand, state: Points) -> tuple[float, int, int, f
         middle, along = frames[wall]
         place = float(np.clip((state[toucher] - middle) @ along, low, high))
         contact = middle + place * along
-        length = float(np.linalg.norm(contact - state[toucher]) + np.linalg.norm(errand.goal[toucher] - contact))
+        length = float(np.linalg.norm(contact - state[toucher]) + np.linalg.norm(query.goal[toucher] - contact))
         if length < shortest:
             best, shortest = (float(away), int(toucher), int(wall), place, contact, np.array([x, y])), length
     return best
 
 
-def _cycle_on_circle(errand: Errand, state: Points) -> tuple[float, int, int, float, Points, Points] | None:
+def _cycle_on_circle(query: ChainQuery, state: Points) -> tuple[float, int, int, float, Points, Points] | None:
     """Return the same for a disk."""
-    radius = errand.walls.circle[2]
+    radius = query.walls.circle[2]
     found: NDArray[np.float64] = np.zeros(4)
     delta = state[1] - state[0]
-    nearest_on_circle(delta, errand.after, radius, errand.friction, errand.margin, errand.push, found)
+    nearest_on_circle(delta, query.after, radius, query.friction, query.margin, query.push, found)
     away, x, y, angle = found
     if away == inf:
         return None
@@ -167,25 +167,25 @@ def _cycle_on_circle(errand: Errand, state: Points) -> tuple[float, int, int, fl
     for toucher in (0, 1):
         place = float(angle + np.pi * toucher)
         contact = radius * np.array([np.cos(place), np.sin(place)])
-        length = float(np.linalg.norm(contact - state[toucher]) + np.linalg.norm(errand.goal[toucher] - contact))
+        length = float(np.linalg.norm(contact - state[toucher]) + np.linalg.norm(query.goal[toucher] - contact))
         if length < shortest:
             best, shortest = (float(away), toucher, 0, radius * place, contact, np.array([x, y])), length
     return best
 
 
-def _with_heights(errand: Errand, *, tolerance: float, cycles: int) -> Chain | None:
+def _spatial_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:
     """Return the chain of the plane with heights for its contacts; with further cycles where they do not fit in."""
-    flat = errand.flat()
+    flat = query.flat()
     if min(float(np.linalg.norm(flat.before)), float(np.linalg.norm(flat.before - flat.after))) > tolerance:
         chain = greedy_chain(flat, tolerance=tolerance, cycles=cycles)
         if chain is not None and chain.last is not None and float(np.linalg.norm(chain.last - flat.after)) <= tolerance:
             m = chain.cycles
-            guess = errand.guess(m)
+            guess = query.guess(m)
             guess[: 2 * m : 2] = chain.unknowns[:m]
-            guess[1 : 2 * m : 2] = errand.walls.height / 2
+            guess[1 : 2 * m : 2] = query.walls.height / 2
             guess[2 * m :].reshape(-1, 3)[:, :2] = chain.unknowns[m:].reshape(-1, 2)
-            on = np.full(m, len(errand.walls.normals)) if errand.walls.round else chain.walls
-            length = errand.settle(guess, chain.touchers, on, rounds=np.empty(0))
+            on = np.full(m, len(query.walls.normals)) if query.walls.round else chain.walls
+            length = query.settle(guess, chain.touchers, on, rounds=np.empty(0))
             if length < inf:
                 return Chain(chain.touchers, on, guess, length)
-    return shortest_chain(errand, first_found=True)
+    return shortest_chain(query, first_found=True)

@@ -8,15 +8,15 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.steering.chains import Chain, Errand, shortest_chain
-from shoal.steering.disturbance import Disturbance
+from shoal.steering.contact.disturbances import Disturbance
+from shoal.steering.contact.wall_release import direction_away_from, touched_normals
 from shoal.steering.kernels.contact import first_contact
-from shoal.steering.lifting import away_from, touched
-from shoal.steering.outline import Points
-from shoal.steering.planners.base import PLANNERS
+from shoal.steering.planners.chains.chain import Chain, ChainQuery, shortest_chain
 from shoal.steering.planners.greedy import any_chain
+from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shortest import Shortest
-from shoal.steering.task import Task
+from shoal.steering.planners.task import Task
+from shoal.steering.workspaces.convex_geometry import Points
 
 SURE = 4.0  # standard deviations that count as never
 LEAST = 1e-4  # of the size: the smallest overshoot
@@ -109,35 +109,35 @@ class _Loop:
         found: Chain | None = None
         for share in (1.0, 0.5, 0.2, 0.05, 0.0):
             margin = max(share * 2 * spread, LEAST * self.room.size)
-            errand = self._errand(margin)
-            found = shortest_chain(errand, cycles=(1, 2, 3), first_found=True)
+            query = self._chain_query(margin)
+            found = shortest_chain(query, cycles=(1, 2, 3), first_found=True)
             if found is not None:
                 break
         if found is None:
-            errand = self._errand(1e-6 * self.room.size)
-            found = any_chain(errand)
+            query = self._chain_query(1e-6 * self.room.size)
+            found = any_chain(query)
             if found is None:
                 return False
-        walls = errand.walls
+        walls = query.walls
         toucher = int(found.touchers[0])
         contact = walls.outward(found.contacts(walls)[0])
-        target = found.differences(errand.before, errand.after)[1] * walls.scale
+        target = found.differences(query.before, query.after)[1] * walls.scale
         last = found.cycles == 1
         if not self._touch(toucher, contact, spread):
             return True
         self._adjust(toucher, target, last=last, spread=spread)
         return True
 
-    def _errand(self, margin: float) -> Errand:
+    def _chain_query(self, margin: float) -> ChainQuery:
         """Return the way to the goal for chains that keep off the walls by a margin, and push into them by it."""
         seen = self.seen
         wanted = self._wanted(seen)
         middle = self.task.goal.mean(axis=0)
         aim = np.stack([middle - wanted / 2, middle + wanted / 2])
-        errand = self.task.errand(start=seen, aim=aim)
-        part = margin / errand.walls.scale
-        return Errand(
-            errand.walls, errand.start, errand.goal, friction=errand.friction * 0.9, margin=part, push=1.5 * part, rounds=CENTRAL
+        query = self.task.chain_query(start=seen, aim=aim)
+        part = margin / query.walls.scale
+        return ChainQuery(
+            query.walls, query.start, query.goal, friction=query.friction * 0.9, margin=part, push=1.5 * part, rounds=CENTRAL
         )
 
     def _touch(self, toucher: int, contact: Points, spread: float) -> bool:
@@ -169,10 +169,10 @@ class _Loop:
     def _translate(self, move: Points) -> None:
         """Send a move that no wall may hold at its start: a lift first, if a particle may be on a wall that it hardly leaves."""
         near = 3 * self.noise.measurement / self.room.size + 2e-9
-        normals = np.vstack([touched(self.room, point, within=near) for point in self.seen])
+        normals = np.vstack([touched_normals(self.room, point, within=near) for point in self.seen])
         least = SURE * self.noise.execution + 1e-8 * self.room.size
         if len(normals) and float((normals @ move).min()) < least:
-            lift = away_from(normals)
+            lift = direction_away_from(normals)
             if lift is not None:
                 lift = lift * (2 * least + 3 * self.noise.measurement)
                 self._send(lift)
@@ -221,7 +221,7 @@ class _Loop:
 
     def _room_along(self, point: Points, move: Points) -> float:
         """Return how far a particle can go before it meets a wall."""
-        walls = self.task.errand().walls
+        walls = self.task.chain_query().walls
         here = walls.inward(point)
         share, _ = first_contact(here, np.ascontiguousarray(move / walls.scale), walls.normals, walls.offsets, walls.circle, -1)
         return float(share * np.linalg.norm(move))

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
+from shoal.steering.contact.region_world import RegionWorld
+from shoal.steering.contact.world import ContactWorld
 from shoal.steering.kernels import sampling as kernels
-from shoal.steering.outline import Points
-from shoal.steering.planners.base import PLANNERS
-from shoal.steering.region import Region
-from shoal.steering.region_world import RegionWorld
-from shoal.steering.task import Task
-from shoal.steering.world import ContactWorld
+from shoal.steering.planners.protocol import PLANNERS
+from shoal.steering.planners.task import Task
+from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.region import Region
 
 NODES = 60_000  # of one tree
 ROUNDS = 80_000  # manoeuvres tried in one tree
@@ -170,7 +170,7 @@ class _Ways:
         self._room, self._goal = room, goal
 
     @cached_property
-    def grounds(self) -> list[_Ground]:
+    def grounds(self) -> list[_FreeOffsets]:
         """The offsets from which there is a way, once for each margin; none for a convex workspace, where all ways are straight."""
         if not isinstance(self._room, Region):
             return []
@@ -184,7 +184,7 @@ class _Ways:
 
 
 @dataclass
-class _Ground:
+class _FreeOffsets:
     """Offsets that are free and joined to the goal.
 
     Attributes
@@ -225,7 +225,7 @@ class _Ground:
         return np.array(way)
 
 
-def ground(room: Region, goal: Points, margin: float) -> _Ground | None:
+def ground(room: Region, goal: Points, margin: float) -> _FreeOffsets | None:
     """Return the offsets joined to the goal at which no particle is nearer to a wall than a margin; None if there are none."""
     import shapely
     from scipy.sparse.csgraph import dijkstra
@@ -247,7 +247,7 @@ def ground(room: Region, goal: Points, margin: float) -> _Ground | None:
                 away = np.maximum(np.linalg.norm(places - place, axis=1), 1e-300)
                 graph[row] = np.where(_sees(part, place, places), away, 0.0)
             lengths, following = dijkstra(graph, indices=0, directed=False, return_predecessors=True)
-            return _Ground(part, inner, places, lengths, following.astype(np.int64), reach)
+            return _FreeOffsets(part, inner, places, lengths, following.astype(np.int64), reach)
     return None
 
 

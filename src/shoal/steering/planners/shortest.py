@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.steering.chains import Chain, Errand, refined, shortest_chain
-from shoal.steering.outline import Points
-from shoal.steering.planners.base import PLANNERS
+from shoal.steering.planners.chains.chain import Chain, ChainQuery, refined, shortest_chain
 from shoal.steering.planners.greedy import greedy_chain, misses
-from shoal.steering.task import Task
+from shoal.steering.planners.protocol import PLANNERS
+from shoal.steering.planners.task import Task
+from shoal.steering.workspaces.convex_geometry import Points
 
 
 @PLANNERS.register("shortest")
@@ -26,9 +26,9 @@ class Shortest:
         """Return moves; see `Planner`."""
         best: Points | None = None
         for first, state in task.departures():
-            errand = task.errand(start=state)
-            for chain in (shortest_chain(errand), shortened_greedy(errand, task)):
-                moves = None if chain is None else task.moves_of(chain, errand)
+            query = task.chain_query(start=state)
+            for chain in (shortest_chain(query), shortened_greedy(query, task)):
+                moves = None if chain is None else task.moves_of(chain, query)
                 if moves is None:
                     continue
                 whole = np.array([*first, *moves])
@@ -42,10 +42,10 @@ def _rank(task: Task, moves: Points) -> tuple[bool, float]:
     return misses(task, moves), path_length(moves)
 
 
-def shortened_greedy(errand: Errand, task: Task) -> Chain | None:
+def shortened_greedy(query: ChainQuery, task: Task) -> Chain | None:
     """Return the chain of the planner greedy, of any number of cycles, made shorter."""
-    chain = greedy_chain(errand, tolerance=task.tolerance / errand.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
-    return None if chain is None else refined(errand, chain)
+    chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
+    return None if chain is None else refined(query, chain)
 
 
 def path_length(moves: Points) -> float:

@@ -1,0 +1,163 @@
+"""What friction that gives way can never do: gauges of Δ that no wall lets grow, and barriers that no reaction crosses.
+
+A wall acts on a particle by a reaction inside of the friction cone around its inward normal N. So whatever both particles touch,
+Δ changes by reactions on particle 2 less those on particle 1, and a gauge of Δ that no single reaction can raise never grows.
+A barrier is such a bound for one start: a closed line around 0 and the start's Δ, out of which no reaction leads that is possible
+there. The larger Δ, the fewer walls can be touched; so the line follows the outermost reactions all around, both ways.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+
+from shoal.steering.kernels.friction_barrier import kept_out
+from shoal.steering.workspaces.convex import ConvexWorkspace
+from shoal.steering.workspaces.convex_geometry import Points, hull
+from shoal.steering.workspaces.normalized_walls import normalize_walls
+
+_SLACK = 1e-12
+_ROUNDING = 1e-6  # of |Δ|, and of a turn: what sums of many steps may be off by
+_SAME_ANGLE = 1e-9
+_ANGLES = 3000  # corners of a barrier
+
+
+def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, *, near: float = 0.0) -> str | None:
+    """Return why friction keeps one difference from becoming another, or one so near to it, None if it may not.
+
+    On a disk of radius r: where |Δ| >= 2 r sin(atan μ), the other particle lies too far around the circle for a reaction at the
+    toucher to have a part along Δ; so |Δ| never rises above the larger of that and what it was, and above that it turns by no more
+    than shrinking lets it. On a polygon: a barrier, and the gauges whose unit balls have the walls' normals as normals of their
+    sides, or as corners, if no reaction raises them.
+    """
+    if friction == inf or workspace.dimensions == 3:
+        return None
+    size = float(np.hypot(*after))
+    if size <= near:
+        return None
+    least = after * (1 - near / size)
+    if workspace.round:
+        return _limit_on_disk(workspace, friction, before, least, float(np.arcsin(near / size)))
+    return _limit_of_gauges(workspace, friction, before, least) or _limit_of_barrier(workspace, friction, before, after, near)
+
+
+def _limit_on_disk(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, wide: float) -> str | None:
+    """Return the reason on a disk; the direction of the goal's difference may be off by an angle."""
+    large, small, cone = float(np.hypot(*before)), float(np.hypot(*after)), float(np.arctan(friction))
+    most = max(large, 2 * workspace.radius * float(np.sin(cone)))
+    if small > most:
+        return (
+            f"with friction {friction:g} the particles on this disk cannot come further apart than {most:.6g}, "
+            f"and the goals are {small:.6g} apart"
+        )
+    turn = float(np.arctan2(after[1], after[0]) - np.arctan2(before[1], before[0]))
+    turn = abs((turn + np.pi) % (2 * np.pi) - np.pi) - wide
+    possible = turn_on_the_way(large, small, workspace.radius, cone)
+    if turn > possible + _ROUNDING:
+        return (
+            f"with friction {friction:g} the difference of the particles on this disk turns by no more than {possible:.6g} rad "
+            f"while it shrinks from {large:.6g} to {small:.6g}, and it would have to by {turn:.6g}"
+        )
+    return None
+
+
+def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> float:
+    """Return by how much a difference turns at the most while it shrinks, where friction lets it do nothing else.
+
+    Along a reaction at the edge of the cone: d(turn) = tan(φ + cone) tan φ dφ with |Δ| = 2 radius cos φ, which has an integral.
+    Infinite where φ + cone comes to a right angle: from there on |Δ| need not shrink.
+    """
+    first, last = (float(np.arccos(min(1.0, size / (2 * radius)))) for size in (large, small))
+    if last + cone >= np.pi / 2:
+        return float("inf")
+    if cone < 1e-6:
+        return float(np.tan(last) - np.tan(first) - last + first)
+    rise = np.log(np.cos(last) / np.cos(last + cone)) - np.log(np.cos(first) / np.cos(first + cone))
+    return float(rise / np.tan(cone) - last + first)
+
+
+def _limit_of_gauges(workspace: ConvexWorkspace, friction: float, before: Points, after: Points) -> str | None:
+    """Return the reason if a gauge of the walls' normals says so."""
+    both = np.vstack([workspace.normals, -workspace.normals])
+    balls = [both, _sides_of_hull(both)]
+    if len(workspace.normals) == 4 and 0 < friction <= 1:
+        # On a rectangle all gauges |Δx| + k |Δy| with friction <= k <= 1 / friction, of which the outer two say most.
+        balls += [_sides_of_hull(both * np.tile([[weight], [1.0]], (4, 1))) for weight in (friction, 1 / friction)]
+    for sides in balls:
+        if _never_grows(sides, workspace.normals, friction):
+            low, high = float((sides @ before).max()), float((sides @ after).max())
+            if high > low:
+                return (
+                    f"with friction {friction:g} no wall of this polygon lets the difference of the particles grow, "
+                    f"in the gauge of its normals, and it would have to by a factor of {high / max(low, 1e-300):.6g}"
+                )
+    return None
+
+
+def _limit_of_barrier(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, near: float) -> str | None:
+    """Return the reason if there is a barrier between the start's difference and all that are so near to the goal's."""
+    walls = normalize_walls(workspace)
+    large, size = float(np.hypot(*before)), float(np.hypot(*after))
+    directions = np.arctan2(walls.normals[:, 1], walls.normals[:, 0]) + np.pi / 2
+    begin = float(np.arctan2(before[1], before[0])) % (2 * np.pi)
+    angles = np.concatenate([directions, directions + np.pi, 2 * np.pi * np.arange(_ANGLES) / _ANGLES, [begin]]) % (2 * np.pi)
+    angles = np.unique(angles)
+    angles = angles[np.append(np.diff(angles) > _SAME_ANGLE, True)]
+    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    corners = workspace.differences.vertices
+    edges = np.roll(corners, -1, axis=0) - corners
+    outward = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
+    with np.errstate(divide="ignore"):
+        rates = 1 / np.maximum(rays @ outward.T, 0.0)
+    farthest = (np.sum(outward * corners, axis=1) * rates).min(axis=1) * (1 + _SLACK)
+    goal, wide = float(np.arctan2(after[1], after[0])) % (2 * np.pi), float(np.arcsin(min(1.0, near / size)))
+    outside = kept_out(
+        int(np.argmin(np.abs(angles - begin))),
+        large / walls.scale * (1 + _SLACK),
+        angles,
+        farthest / walls.scale,
+        walls.frames,
+        walls.reaches,
+        walls.normals,
+        walls.offsets,
+        float(np.arctan(friction)),
+        int(np.searchsorted(angles, goal - wide)) - 1,
+        int(np.searchsorted(angles, goal + wide)),
+        (size - near) / walls.scale * (1 - _ROUNDING),
+    )
+    if outside:
+        return (
+            f"with friction {friction:g} the reactions of this polygon's walls carry the difference of the particles from "
+            f"({before[0]:.6g}, {before[1]:.6g}) nowhere near ({after[0]:.6g}, {after[1]:.6g})"
+        )
+    return None
+
+
+def _sides_of_hull(points: Points) -> Points:
+    """Return vectors n such that the hull of points is where all n @ p <= 1."""
+    corners = hull(points)
+    following = np.roll(corners, -1, axis=0)
+    return np.array([np.linalg.solve(np.stack([one, other]), np.ones(2)) for one, other in zip(corners, following, strict=True)])
+
+
+def _never_grows(sides: Points, normals: Points, friction: float) -> bool:
+    """Tell whether no reaction of any wall raises the gauge max(sides @ Δ), wherever on its unit ball Δ lies."""
+    order = np.argsort(np.arctan2(sides[:, 1], sides[:, 0]))
+    sides = sides[order]
+    kept = np.any(np.abs(sides - np.roll(sides, 1, axis=0)) > _SLACK, axis=1)
+    sides = sides[kept]
+    corners = np.array(
+        [np.linalg.solve(np.stack([one, other]), np.ones(2)) for one, other in zip(sides, np.roll(sides, -1, axis=0), strict=True)]
+    )
+    if (corners @ sides.T > 1 + 1e-9).any():
+        return False  # a side that is none: too steep to use
+    for k, side in enumerate(sides):
+        ends = np.stack([corners[k - 1], corners[k]])
+        for normal in np.vstack([normals, -normals]):  # toucher 1, toucher 2
+            if (ends @ normal).max() <= _SLACK:
+                continue
+            along = np.array([-normal[1], normal[0]])
+            if any(side @ (-normal + tilt * along) > _SLACK for tilt in (-friction, friction)):
+                return False
+    return True

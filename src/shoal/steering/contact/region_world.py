@@ -1,0 +1,112 @@
+"""RegionWorld: what a shared displacement does to particles in a region of any shape, with obstacles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.steering.kernels import region_contact as kernels
+from shoal.steering.workspaces.convex_geometry import Points, check_points
+from shoal.steering.workspaces.region import Region
+
+
+@dataclass(frozen=True, eq=False)
+class RegionWorld:
+    """The dynamics of particles under one shared displacement, in a region whose walls hold what is pushed into them.
+
+    A particle on an edge does not move while that edge has ``N u <= 0``, N its inward normal. In a corner that is narrower than
+    180 degrees either edge holds; at one that is wider, as those of obstacles are, it is held only if both would, so that it moves
+    wherever there is free space strictly. During a straight move a particle stops where it first meets an edge that would hold it
+    and stays there for the rest of that move; the others go on. Particles do not meet each other.
+
+    Parameters
+    ----------
+    workspace : Region
+
+    Notes
+    -----
+    Source: ours; paper W's outlook, section VIII. In a convex region it is the world of paper W, section III, eq. 1.
+
+    Examples
+    --------
+    >>> from shoal.steering import region
+    >>> yard = region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(1, 1), (2, 1), (2, 2), (1, 2)]])
+    >>> RegionWorld(yard).step([(0.5, 1.5), (0.5, 0.5)], (2.0, 0.0)).tolist()
+    [[1.0, 1.5], [2.5, 0.5]]
+    >>> RegionWorld(yard).step([(1.0, 1.0), (1.5, 1.0)], (0.25, -0.5)).tolist()
+    [[1.25, 0.5], [1.75, 0.5]]
+    """
+
+    workspace: Region
+
+    friction = inf
+
+    @property
+    def room(self) -> Region:
+        """Where the particles can be."""
+        return self.workspace
+
+    def initial(self, points: ArrayLike) -> Points:
+        """Return the state with particles at ``points``, float64, shape (n, 2).
+
+        Raises
+        ------
+        InvalidInputError
+            If one is outside.
+        """
+        return self.check_state(points, what="start")
+
+    def check_state(self, points: ArrayLike, *, what: str) -> Points:
+        """Return points where particles can be, float64, shape (n, 2); raise InvalidInputError for others."""
+        return self.workspace.check_inside(points, what=what)
+
+    def step(self, points: ArrayLike, move: ArrayLike) -> Points:
+        """Return where particles at ``points`` are after one straight move, float64, shape (n, 2).
+
+        Raises
+        ------
+        InvalidInputError
+            If the move is no vector of finite numbers.
+        """
+        state = np.array(check_points(points, what="points", dimensions=2), order="C")
+        vector = check_points([move], what="move", dimensions=2, count=1)
+        kernels.play(state, np.ascontiguousarray(vector), *self.walls)
+        return state
+
+    def play(self, points: ArrayLike, moves: ArrayLike) -> Points:
+        """Return the states at the start and after each move; float64, shape (moves + 1, n, 2)."""
+        vectors = np.asarray(moves, dtype=np.float64)
+        vectors = check_points(vectors.reshape(-1, 2) if vectors.size == 0 else vectors, what="moves", dimensions=2)
+        states = [self.initial(points)]
+        for move in vectors:
+            states.append(np.array(states[-1], order="C"))
+            kernels.play(states[-1], np.ascontiguousarray(move[None]), *self.walls)
+        return np.array(states)
+
+    def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
+        """Tell which particles the boundary would hold at the start of a move; bool, shape (n,)."""
+        state = np.ascontiguousarray(check_points(points, what="points", dimensions=2))
+        vector = check_points([move], what="move", dimensions=2, count=1)[0]
+        return np.array([kernels.is_held(point, vector, *self.walls) for point in state])
+
+    @cached_property
+    def walls(self) -> tuple[Any, ...]:
+        """What the kernels take: edges, normals, lengths, links, reflex corners and the size; see `kernels.region`."""
+        edges = np.ascontiguousarray(self.workspace.edges)
+        along = edges[:, 2:] - edges[:, :2]
+        lengths = np.hypot(*along.T)
+        normals = np.stack([-along[:, 1], along[:, 0]], axis=1) / lengths[:, None]
+        links = np.empty((len(edges), 2), dtype=np.int64)
+        first = 0
+        for ring in self.workspace.rings:
+            places = first + np.arange(len(ring))
+            links[places] = np.stack([np.roll(places, 1), np.roll(places, -1)], axis=1)
+            first += len(ring)
+        before = along[links[:, 0]]
+        reflex = before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0] < 0
+        return edges, normals, lengths, links, reflex, float(self.workspace.size)

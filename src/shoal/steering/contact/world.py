@@ -1,0 +1,191 @@
+"""ContactWorld: what a shared displacement does to particles between walls that hold what is pushed into them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.steering.kernels import contact as kernels
+from shoal.steering.workspaces.convex import ConvexWorkspace
+from shoal.steering.workspaces.convex_geometry import Points, check_points
+
+PUSHED = kernels.PUSHED
+
+
+@dataclass(frozen=True, eq=False)
+class ContactWorld:
+    """The dynamics of particles under one shared displacement, between walls with friction.
+
+    A particle on a wall does not move while that wall has ``N u <= 0``, N its inward normal; so a push along the wall is held,
+    too, and in a corner either wall holds. During a straight move a particle stops where it first meets a wall and stays there
+    for the rest of that move; the others go on.
+
+    With finite friction a particle that is pushed into a wall slides along it by ``|T u| - friction |N u|`` in the direction T of
+    the push, if that is more than nothing. With a gain a particle at p follows ``g(p) u``, where ``g(p) = 1 + gradient (p - c)``,
+    c the centre: the one nearer to a coil goes faster. Particles with a radius are spheres: their centres stay so far from the
+    walls, and one that runs into another that is held stops there.
+
+    Parameters
+    ----------
+    workspace : ConvexWorkspace
+    friction : float
+        Coefficient of Coulomb friction, 0 or more; infinite in the ideal world.
+    gradient : array_like of float, shape (dimensions,), optional
+        Of the gain, per unit of length.
+    radius : float
+        Of the particles.
+
+    Raises
+    ------
+    InvalidInputError
+        For other numbers, for a gain that is not positive everywhere, or if a particle does not fit in.
+
+    Notes
+    -----
+    Source: paper W, section III, eq. 1, and for the gain section VII.A. Friction, gain and radius are ours.
+
+    Examples
+    --------
+    >>> from shoal.steering import polygon
+    >>> square = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
+    >>> ContactWorld(square).step([(0.25, 0.5), (0.5, 0.5)], (-0.5, 0.25)).tolist()
+    [[0.0, 0.625], [0.0, 0.75]]
+    >>> ContactWorld(square, friction=0.25).step([(0.0, 0.5), (0.5, 0.5)], (-0.25, 0.25)).tolist()
+    [[0.0, 0.6875], [0.25, 0.75]]
+    """
+
+    workspace: ConvexWorkspace
+    friction: float = inf
+    gradient: Any = None
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        number = isinstance(self.friction, int | float | np.number) and not isinstance(self.friction, bool)
+        if not number or np.isnan(self.friction) or self.friction < 0:
+            raise InvalidInputError(f"friction: expected a number, 0 or more, got {self.friction!r}")
+        if not isinstance(self.radius, int | float | np.number) or not 0 <= self.radius < inf:
+            raise InvalidInputError(f"particle radius: expected a number, 0 or more, got {self.radius!r}")
+        if self.radius and (self.friction < inf or self.gradient is not None):
+            raise InvalidInputError("particle radius: expected no friction coefficient and no gain with it; those are for points")
+        _ = self.room, self.gain  # refuse what does not fit now
+
+    @cached_property
+    def room(self) -> ConvexWorkspace:
+        """Where the centres of the particles can be."""
+        return self.workspace.inset(self.radius) if self.radius else self.workspace
+
+    @cached_property
+    def gain(self) -> NDArray[np.float64]:
+        """(g, gx, gy, ...): a particle at p follows ``g + (gx, gy, ...) p`` times the input."""
+        d = self.workspace.dimensions
+        if self.gradient is None:
+            return np.asarray(np.eye(d + 1)[0])
+        gradient = check_points([self.gradient], what="gain", dimensions=d, count=1)[0]
+        center = np.zeros(d)
+        center[:2] = self.workspace.center
+        center[2:] = self.workspace.height / 2
+        reach = self.workspace.extent(gradient)
+        if reach >= 1:
+            raise InvalidInputError(f"gain: expected one that is positive everywhere, got one that varies by {reach:.3g} of itself")
+        return np.concatenate([[1 - gradient @ center], gradient])
+
+    def initial(self, points: ArrayLike) -> Points:
+        """Return the state with particles at ``points``, float64, shape (n, dimensions).
+
+        Raises
+        ------
+        InvalidInputError
+            If one is outside, or if two overlap.
+        """
+        return self.check_state(points, what="start")
+
+    def check_state(self, points: ArrayLike, *, what: str) -> Points:
+        """Return points where particles can be, float64, shape (n, dimensions); raise InvalidInputError for others."""
+        state = self.room.check_inside(points, what=what)
+        if self.radius:
+            away = np.linalg.norm(state[:, None] - state[None], axis=-1) + np.eye(len(state)) * 4 * self.radius
+            if away.min() < 2 * self.radius * (1 - 1e-12):
+                one, other = np.unravel_index(int(away.argmin()), away.shape)
+                raise InvalidInputError(
+                    f"{what}: expected particles that do not overlap, {2 * self.radius:g} apart or more, "
+                    f"got {away.min():.3g} between points {one + 1} and {other + 1}"
+                )
+        return state
+
+    def step(self, points: ArrayLike, move: ArrayLike) -> Points:
+        """Return where particles at ``points`` are after one straight move, float64, shape (n, dimensions).
+
+        Raises
+        ------
+        InvalidInputError
+            If the move is no vector of finite numbers.
+        """
+        dimensions = self.workspace.dimensions
+        state = check_points(points, what="points", dimensions=dimensions).copy()
+        vector = check_points([move], what="move", dimensions=dimensions, count=1)[0]
+        return self._moved(state, np.ascontiguousarray(vector))
+
+    def play(self, points: ArrayLike, moves: ArrayLike) -> Points:
+        """Return the states at the start and after each move; float64, shape (moves + 1, n, dimensions)."""
+        d = self.workspace.dimensions
+        vectors = np.asarray(moves, dtype=np.float64)
+        vectors = check_points(vectors.reshape(-1, d) if vectors.size == 0 else vectors, what="moves", dimensions=d)
+        states = [self.initial(points)]
+        for move in vectors:
+            states.append(self._moved(states[-1].copy(), np.ascontiguousarray(move)))
+        return np.array(states)
+
+    def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
+        """Tell which particles a wall would hold at the start of a move, were friction endless; bool, shape (n,)."""
+        state = check_points(points, what="points", dimensions=self.workspace.dimensions)
+        vector = check_points([move], what="move", dimensions=self.workspace.dimensions, count=1)[0]
+        normals, offsets, circle = self._walls
+        return np.array([kernels.is_held(point, vector, normals, offsets, circle, self.workspace.size) for point in state])
+
+    @cached_property
+    def _walls(self) -> tuple[NDArray[np.float64], ...]:
+        room = self.room
+        return np.ascontiguousarray(room.normals), room.offsets, np.array([*room.center, room.radius])
+
+    def _moved(self, state: Points, move: Points) -> Points:
+        size = self.workspace.size
+        shares = np.ones(len(state))
+        before = state.copy()
+        normals, offsets, circle = self._walls
+        for index, point in enumerate(state):
+            shares[index] = kernels.advance(point, move, normals, offsets, circle, size, float(self.friction), self.gain)
+        if self.radius:
+            stop_at_others(before, move, shares, 2 * self.radius, state)
+        return state
+
+
+def stop_at_others(before: Points, move: Points, shares: NDArray[np.float64], apart: float, after: Points) -> None:
+    """Stop, in place, spheres that run into one that a wall has stopped, in the order in which that happens.
+
+    Until a wall stops one of them, all move alike and none meets another. ``shares`` says at which share of the move each stopped.
+    """
+    shares = shares.copy()
+    length = float(move @ move)
+    while length > 0:
+        first, who = 1.0, None
+        for mover in range(len(before)):
+            for stopped in np.flatnonzero(shares < shares[mover]):
+                # |before + share move - after[stopped]| = apart, at the smaller share.
+                gap = before[mover] - after[stopped]
+                half, rest = float(gap @ move), float(gap @ gap) - apart * apart
+                under = half * half - length * rest
+                if half >= 0 or under < 0:
+                    continue
+                share = max((-half - np.sqrt(under)) / length, 0.0)
+                if max(share, shares[stopped]) < min(shares[mover], first):
+                    first, who = max(share, float(shares[stopped])), mover
+        if who is None:
+            return
+        shares[who] = first
+        after[who] = before[who] + first * move

@@ -1,0 +1,204 @@
+"""What Δ can be made in k moves on a polygon, and which share of all differences that is.
+
+As on a disk, of all that can be reached in k moves only the greatest depth at each contact matters: with particle 1 (σ = 1) or 2
+(σ = -1) at a contact c of a wall, H_k(c) is how deep below that wall the other particle can lie then. The sets of k + 2 moves are
+
+    { σ (q - c) : q in the polygon, depth of q below the wall of c <= H_k(c) },
+
+and the next depths are linear programs over those.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.steering.delta_space.disk_reach import check_moves
+from shoal.steering.delta_space.two_moves import toucher_shares, two_move_pieces
+from shoal.steering.kernels.chain import settle
+from shoal.steering.kernels.chain_kinds import kinds_of
+from shoal.steering.kernels.chain_limits import Kind, first_guess
+from shoal.steering.kernels.cycles import deeper
+from shoal.steering.workspaces.convex import ConvexWorkspace
+from shoal.steering.workspaces.convex_geometry import Points, check_points, clipped, hull
+from shoal.steering.workspaces.normalized_walls import normalize_walls
+
+_CLOSE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class PolygonReach:
+    """What can be reached on a polygon after an even number of moves.
+
+    Parameters
+    ----------
+    workspace : ConvexWorkspace
+    before : ndarray of float64, shape (2,)
+        Δ at the start.
+    moves : int
+        2, 4, 6, ...
+    contacts : ndarray of float64, shape (contacts, 2)
+        Points of the walls that are looked at.
+    walls : ndarray of int64, shape (contacts,)
+        Which wall each lies on.
+    depths : ndarray of float64, shape (2, contacts)
+        H_(moves - 2) for σ = 1 and σ = -1; negative where the toucher cannot be.
+    """
+
+    workspace: ConvexWorkspace
+    before: Points
+    moves: int
+    contacts: Points
+    walls: NDArray[np.int64]
+    depths: NDArray[np.float64]
+
+    def contains(self, differences: ArrayLike) -> NDArray[np.bool_]:
+        """Tell for each difference, shape (..., 2), whether it can be reached; bool, shape (...).
+
+        Exact for two moves. For more, between two of `contacts` the lower depth is taken, so this says no a little too often;
+        `reaches` is exact.
+        """
+        given = np.asarray(differences, dtype=np.float64)
+        points = given.reshape(-1, 2)
+        found = np.zeros(len(points), dtype=np.bool_)
+        for piece in self.pieces:
+            low, high = piece.min(axis=0) - _CLOSE, piece.max(axis=0) + _CLOSE
+            left = np.flatnonzero(~found & ((points >= low) & (points <= high)).all(axis=1))
+            found[left[_inside(piece, points[left], _CLOSE * self.workspace.size)]] = True
+        return found.reshape(given.shape[:-1])
+
+    def reaches(self, after: ArrayLike) -> bool:
+        """Tell exactly whether a difference can be reached: some kind of chain has contacts and differences that fit.
+
+        The time grows as (2 walls) ** (moves / 2): meant for up to six moves.
+
+        Raises
+        ------
+        InvalidInputError
+            If it is no difference of two points of the workspace.
+        """
+        goal = check_points([after], what="after", dimensions=2, count=1)[0]
+        if not self.workspace.differences.contains(goal):
+            raise InvalidInputError(f"after: expected the difference of two points of the polygon, got {tuple(goal.tolist())}")
+        walls = normalize_walls(self.workspace)
+        start, end = (np.stack([-delta / 2, delta / 2]) / walls.scale for delta in (self.before, goal))
+        lengths = np.zeros((2, len(walls.normals) + 1))  # all kinds of chains are of interest, however long
+        for cycles in range(1, self.moves // 2 + 1):
+            touchers, on, _ = kinds_of(cycles, start, end, walls.reaches, walls.shape, 0.0, np.inf, lengths)
+            for kind in range(len(on)):
+                chain = Kind(touchers[kind], on[kind], start, end, walls.shape, np.inf, 0.0, 0.0)
+                if settle(first_guess(start, end, cycles), 1e-12, np.empty(0), np.inf, chain) < np.inf:
+                    return True
+        return False
+
+    @cached_property
+    def pieces(self) -> list[Points]:
+        """Convex polygons whose union is the set, for drawing; each float64, shape (n, 2), counter-clockwise."""
+        if self.moves == 2:
+            return two_move_pieces(self.workspace, self.before)
+        found = []
+        corners = self.workspace.vertices
+        for sign, depths in zip((1.0, -1.0), self.depths, strict=True):
+            for wall in range(len(corners)):
+                on = np.flatnonzero((self.walls == wall) & (depths >= 0))
+                normal, offset = self.workspace.normals[wall], float(self.workspace.offsets[wall])
+                slabs = [clipped(corners, normal, offset + float(depths[k])) - self.contacts[k] for k in on]
+                # Between two contacts the set is at least that of the lower depth, swept along the wall.
+                for k, following in zip(range(len(on)), on[1:], strict=False):
+                    low = min(float(depths[on[k]]), float(depths[following]))
+                    slab = clipped(corners, normal, offset + low)
+                    found.append(hull(sign * np.concatenate([slab - self.contacts[on[k]], slab - self.contacts[following]])))
+                found += [hull(sign * slab) for slab in slabs]
+        return [piece for piece in found if len(piece) > 2]
+
+    @cached_property
+    def outline(self) -> list[tuple[Points, list[Points]]]:
+        """The set as polygons with holes, for drawing: (outline, holes) each; snapped to a grid of 1e-6 of the size."""
+        import shapely
+
+        whole = shapely.union_all([shapely.Polygon(piece) for piece in self.pieces], grid_size=1e-6 * self.workspace.size)
+        parts = [part for part in getattr(whole, "geoms", [whole]) if part.geom_type == "Polygon" and not part.is_empty]
+        return [
+            (np.asarray(part.exterior.coords)[:-1], [np.asarray(ring.coords)[:-1] for ring in part.interiors]) for part in parts
+        ]
+
+    def fraction(self, *, samples: int = 160) -> float:
+        """Return the share of the area of all differences, from a grid of so many points a side."""
+        space = self.workspace.differences
+        low, high = space.vertices.min(axis=0), space.vertices.max(axis=0)
+        steps = (np.arange(samples) + 0.5) / samples
+        grid = np.stack(np.meshgrid(*(low + steps[:, None] * (high - low)).T), axis=-1).reshape(-1, 2)
+        grid = grid[space.depth(grid) > 0]
+        return float(self.contains(grid).mean())
+
+
+def polygon_reach(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, contacts: int = 33) -> list[PolygonReach]:
+    """Return what two particles in a polygon can reach after 2, 4, ..., ``moves`` moves.
+
+    Parameters
+    ----------
+    workspace : ConvexWorkspace
+        A polygon.
+    before : array_like of float, shape (2,)
+        Δ at the start.
+    moves : int
+        Even, 2 or more.
+    contacts : int
+        How many points of each side are looked at.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Notes
+    -----
+    Source: paper W, section IV.C and Fig. 4, corrected.
+
+    Examples
+    --------
+    >>> from shoal.steering import regular_polygon
+    >>> sets = polygon_reach(regular_polygon(3), (0.2, 0.1), moves=6)
+    >>> [round(100 * reach.fraction(samples=60)) for reach in sets]
+    [29, 100, 100]
+    """
+    if workspace.kind != "polygon":
+        raise InvalidInputError(f"reach: expected a polygon, got {workspace!r}")
+    start = check_points([before], what="before", dimensions=2, count=1)[0]
+    if not workspace.differences.contains(start):
+        raise InvalidInputError(f"before: expected the difference of two points of the polygon, got {tuple(start.tolist())}")
+    check_moves(moves)
+    corners, ends = workspace.vertices, np.roll(workspace.vertices, -1, axis=0)
+    # Equally spaced, and where the range of contacts of the start ends: depths jump there.
+    jumps = np.clip(np.concatenate([np.stack(toucher_shares(workspace, (sign * start,))) for sign in (1.0, -1.0)]), 0, 1)
+    shares = np.sort(np.hstack([np.broadcast_to(np.linspace(0, 1, contacts), (len(corners), contacts)), jumps.T]), axis=1)
+    points = (corners[:, None] + shares[:, :, None] * (ends - corners)[:, None]).reshape(-1, 2)
+    walls = np.repeat(np.arange(len(corners)), shares.shape[1])
+    depths = np.full((2, len(points)), -1.0)
+    for row, sign in enumerate((1.0, -1.0)):
+        depth = sign * (workspace.normals @ start)[walls]
+        fits = workspace.contains(points + sign * start) & (depth > _CLOSE * workspace.size)
+        depths[row] = np.where(fits, depth, -1.0)
+    sets = [PolygonReach(workspace, start, 2, points, walls, depths)]
+    normals, offsets = np.ascontiguousarray(workspace.normals), workspace.offsets
+    for done in range(4, moves + 1, 2):
+        depths = deeper(np.ascontiguousarray(corners), normals, offsets, points, walls, depths)
+        sets.append(PolygonReach(workspace, start, done, points, walls, depths))
+    return sets
+
+
+def _inside(corners: Points, points: Points, slack: float) -> NDArray[np.bool_]:
+    """Tell which points lie in a convex polygon, by its half-planes."""
+    if len(corners) < 3:
+        return np.zeros(len(points), dtype=np.bool_)
+    edges = np.roll(corners, -1, axis=0) - corners
+    lengths = np.hypot(*edges.T)
+    real = lengths > slack
+    edges, starts, lengths = edges[real], corners[real], lengths[real]
+    area = float(np.sum(corners[:, 0] * np.roll(corners[:, 1], -1) - np.roll(corners[:, 0], -1) * corners[:, 1]))
+    towards = points[:, None] - starts[None]
+    heights = (edges[None, :, 0] * towards[..., 1] - edges[None, :, 1] * towards[..., 0]) / lengths
+    return np.asarray((heights * np.sign(area) >= -slack).all(axis=1))

@@ -1,0 +1,263 @@
+"""How much of the Δ configuration space moves fill: the data behind figures 4 and 8 of paper W.
+
+Every set that can be reached is a union of convex pieces that hold Δ = 0, so it is told by its *radii*: how far it goes in each
+direction. A contact c on whose wall the other particle may be as deep as H(c) lets Δ go in the direction e as far as
+min(way to the far wall, H(c) / N·e), and the radius is the largest of these. On a disk the next depths follow from the radii in
+turn. So areas are sums over directions, without any sampling of points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import pi
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.steering.delta_space.disk_reach import check_moves
+from shoal.steering.delta_space.polygon_reach import PolygonReach, polygon_reach
+from shoal.steering.workspaces.convex import ConvexWorkspace
+from shoal.steering.workspaces.convex_geometry import Points
+
+DIRECTIONS = 720
+FULL = 1 - 1e-6  # of the area: what counts as filled
+_LEVEL = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class DiskFractions:
+    """Which share of all differences particles on a disk reach, by the distance at which they start.
+
+    Parameters
+    ----------
+    distances : ndarray of float64, shape (n,)
+        Between the particles at the start, in diameters.
+    moves : ndarray of int64, shape (k,)
+        2, 4, 6, ...
+    fractions : ndarray of float64, shape (n, k)
+        Of the area of the Δ configuration space.
+    """
+
+    distances: NDArray[np.float64]
+    moves: NDArray[np.int64]
+    fractions: NDArray[np.float64]
+
+
+def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = DIRECTIONS) -> DiskFractions:
+    """Return the share of all differences that 2, 4, ..., ``moves`` moves reach on a disk.
+
+    Parameters
+    ----------
+    distances : array_like of float, shape (n,)
+        Between the particles at the start, in diameters: above 0 and at most 1.
+    moves : int
+        Even, 2 or more.
+    directions : int
+        How many contacts, and how many directions of Δ, are looked at: 16 or more.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Notes
+    -----
+    Source: paper W, section IV.F and Fig. 8.
+
+    Examples
+    --------
+    >>> (100 * disk_fractions([0.1], moves=6).fractions).round(1).tolist()
+    [[6.3, 30.1, 55.8]]
+    """
+    given = np.atleast_1d(np.asarray(distances, dtype=np.float64))
+    if given.ndim != 1 or not given.size or not ((given > 0) & (given <= 1)).all():
+        raise InvalidInputError(f"distances: expected numbers above 0 and at most 1, got {distances!r:.80}")
+    if isinstance(directions, bool) or not isinstance(directions, int) or directions < 16:
+        raise InvalidInputError(f"directions: expected a whole number, 16 or more, got {directions!r}")
+    steps = check_moves(moves) // 2
+    table = np.array([[np.mean(radii**2) for radii in disk_radii(float(d), steps, directions)] for d in given])
+    return DiskFractions(given, 2 * np.arange(1, steps + 1), table)
+
+
+def disk_radii(distance: float, cycles: int, directions: int = DIRECTIONS) -> list[NDArray[np.float64]]:
+    """Return how far Δ goes in directions from 0 to π after 1, 2, ... cycles, Δ at the start along direction 0; in diameters.
+
+    The sets are symmetrical, so directions from π to 2 π give the same again.
+    """
+    ahead = pi * (np.arange(directions // 2) + 0.5) / (directions // 2)
+    half = np.arccos(min(1.0, distance))
+    contacts = np.linspace(-half, half, directions)  # turned by π: contacts lie behind Δ
+    depths = distance * np.cos(contacts)
+    radii: list[NDArray[np.float64]] = []
+    for cycle in range(cycles):
+        if cycle:
+            contacts = np.linspace(-pi, pi, directions)
+            depths = _deepest(ahead, radii[-1], contacts)
+        radii.append(_furthest(ahead, contacts, depths))
+    return radii
+
+
+def disk_outlines(distance: float, *, moves: int = 14, directions: int = DIRECTIONS) -> list[Points]:
+    """Return the outlines of what is reached on a disk of diameter 1 in 2, 4, ..., ``moves`` moves; each float64, shape (n, 2).
+
+    Raises
+    ------
+    InvalidInputError
+
+    Notes
+    -----
+    Source: paper W, Fig. 9.
+
+    Examples
+    --------
+    >>> [float(np.linalg.norm(outline, axis=1).max().round(2)) for outline in disk_outlines(0.25, moves=4)]
+    [0.5, 0.71]
+    """
+    if not 0 < distance <= 1:
+        raise InvalidInputError(f"distance: expected a number above 0 and at most 1, got {distance!r}")
+    ahead = pi * (np.arange(directions // 2) + 0.5) / (directions // 2)
+    angles = np.concatenate([ahead, 2 * pi - ahead[::-1]])
+    around = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return [
+        np.concatenate([radii, radii[::-1]])[:, None] * around
+        for radii in disk_radii(distance, check_moves(moves) // 2, directions)
+    ]
+
+
+def _furthest(ahead: NDArray[np.float64], contacts: NDArray[np.float64], depths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far Δ goes in each direction from contacts at which the other particle may be so deep."""
+    slope = np.cos(ahead[:, None] - contacts)  # chords have this length, and this much of a step goes inward
+    with np.errstate(divide="ignore", invalid="ignore"):
+        allowed = np.where(slope > _LEVEL, depths / slope, 0.0)
+    reached = np.where(slope > _LEVEL, np.minimum(slope, allowed), 0.0)
+    # The longest way is often where chord and depth end together, between two contacts.
+    left = slope - allowed
+    crossed = (left[:, :-1] * left[:, 1:] < 0) & (slope[:, :-1] > _LEVEL) & (slope[:, 1:] > _LEVEL)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(crossed, left[:, :-1] / (left[:, :-1] - left[:, 1:]), 0.0)
+    between = np.where(crossed, slope[:, :-1] + share * (slope[:, 1:] - slope[:, :-1]), 0.0)
+    return np.asarray(np.maximum(reached.max(axis=1), between.max(axis=1)))
+
+
+def _deepest(ahead: NDArray[np.float64], radii: NDArray[np.float64], contacts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how deep below each contact Δ can go."""
+    around, far = np.concatenate([-ahead[::-1], ahead]), np.concatenate([radii[::-1], radii])
+    slope = np.maximum(np.cos(around - contacts[:, None]), 0.0)
+    return np.asarray((np.minimum(far, slope) * slope).max(axis=1))
+
+
+def largest_two_move_fraction() -> tuple[float, float]:
+    """Return the distance, in diameters, from which two moves on a disk reach most, and the share of all differences.
+
+    Notes
+    -----
+    Source: paper W, section IV.F, which has 0.373 at about 0.81.
+
+    Examples
+    --------
+    >>> distance, fraction = largest_two_move_fraction()
+    >>> round(distance, 2), round(fraction, 3)
+    (0.82, 0.377)
+    """
+    from scipy.optimize import minimize_scalar
+
+    found = minimize_scalar(
+        lambda d: -float(np.mean(disk_radii(float(d), 1, DIRECTIONS)[0] ** 2)), bounds=(0.5, 0.99), method="bounded"
+    )
+    return float(found.x), -float(found.fun)
+
+
+@dataclass(frozen=True, eq=False)
+class PolygonFractions:
+    """How the sets that can be reached on a polygon grow from one start.
+
+    Parameters
+    ----------
+    workspace : ConvexWorkspace
+    before : ndarray of float64, shape (2,)
+        Δ at the start.
+    sets : list of PolygonReach
+        After 2, 4, 6, ... moves.
+    """
+
+    workspace: ConvexWorkspace
+    before: Points
+    sets: list[PolygonReach]
+
+    @cached_property
+    def fractions(self) -> NDArray[np.float64]:
+        """The share of the area of all differences by set, slightly too small; float64, shape (sets,)."""
+        ahead = _around(DIRECTIONS)
+        whole = np.sum(_ways(self.workspace.differences, np.zeros((1, 2)), ahead)[0] ** 2)
+        return np.array([np.sum(polygon_radii(reach, ahead) ** 2) / whole for reach in self.sets])
+
+    @cached_property
+    def outlines(self) -> list[Points]:
+        """The outline of each set; float64, shape (n, 2)."""
+        corners = self.workspace.differences.vertices
+        ahead = np.concatenate([_around(2 * DIRECTIONS), corners / np.linalg.norm(corners, axis=1)[:, None]])
+        ahead = ahead[np.argsort(np.arctan2(ahead[:, 1], ahead[:, 0]))]
+        return [polygon_radii(reach, ahead)[:, None] * ahead for reach in self.sets]
+
+    @property
+    def moves(self) -> int | None:
+        """The least number of moves that fills it, up to `FULL`; None if these sets do not."""
+        full = np.flatnonzero(self.fractions >= FULL)
+        return self.sets[full[0]].moves if full.size else None
+
+
+def polygon_fractions(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int = 8, contacts: int = 33) -> PolygonFractions:
+    """Return what two particles in a polygon reach in 2, 4, ..., ``moves`` moves, with the shares of the area.
+
+    Parameters
+    ----------
+    workspace, before, moves, contacts
+        As for `polygon_reach`.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Notes
+    -----
+    Source: paper W, section IV.D and Fig. 4.
+
+    Examples
+    --------
+    >>> from shoal.steering import regular_polygon
+    >>> polygon_fractions(regular_polygon(6), (0.2, 0.1)).moves
+    6
+    """
+    sets = polygon_reach(workspace, before, moves=moves, contacts=contacts)
+    return PolygonFractions(workspace, sets[0].before, sets)
+
+
+def polygon_radii(reach: PolygonReach, ahead: Points) -> NDArray[np.float64]:
+    """Return how far a set goes in directions, unit vectors of shape (n, 2), from the contacts that it looks at; shape (n,)."""
+    radii = np.zeros(len(ahead))
+    for sign, depths in zip((1.0, -1.0), reach.depths, strict=True):
+        on = np.flatnonzero(depths >= 0)
+        slope = sign * (reach.workspace.normals[reach.walls[on]] @ ahead.T)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            allowed = np.where(slope > _LEVEL, depths[on, None] / slope, np.where(slope < -_LEVEL, 0.0, np.inf))
+        ways = _ways(reach.workspace, reach.contacts[on], sign * ahead)
+        radii = np.maximum(radii, np.minimum(ways, allowed).max(axis=0, initial=0.0))
+    return radii
+
+
+def _around(count: int) -> Points:
+    """Return unit vectors of equally spaced directions."""
+    angles = 2 * pi * (np.arange(count) + 0.5) / count
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+def _ways(workspace: ConvexWorkspace, points: Points, ahead: Points) -> NDArray[np.float64]:
+    """Return how far it is from points to the wall in directions; float64, shape (points, directions)."""
+    rates = ahead @ workspace.normals.T
+    clear = np.maximum(workspace.wall_distances(points), 0.0)
+    way = np.full((len(points), len(ahead)), np.inf)
+    for wall in range(len(workspace.normals)):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            way = np.minimum(way, np.where(rates[:, wall] < -_LEVEL, -clear[:, wall, None] / rates[:, wall], np.inf))
+    return way

@@ -1,0 +1,212 @@
+"""The Δ configuration space: what two moves and walls can make of the difference between two particles.
+
+Δ is the position of particle 2 less that of particle 1. One move brings a particle into contact with a wall, the toucher; the next
+moves the other while the wall holds the toucher. Moves that touch nothing leave Δ as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.steering.workspaces.convex import ConvexWorkspace
+from shoal.steering.workspaces.convex_geometry import Points, check_points, clipped, hull
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """How two moves change Δ: which particle touches which wall, and where.
+
+    Parameters
+    ----------
+    toucher : int
+        1 or 2.
+    wall : int
+        Index of the side that is touched; -1 for a round wall.
+    first, last : ndarray of float64, shape (2,)
+        The ends of the part of the wall where the toucher may be.
+    contact : ndarray of float64, shape (2,)
+        The middle of that part.
+    slack : float
+        How far the change is from being impossible, as a share of the size; 0 at the border of the reachable set.
+    """
+
+    toucher: int
+    wall: int
+    first: Points
+    last: Points
+    contact: Points
+    slack: float
+
+    def moves(self, points: ArrayLike, change: ArrayLike) -> Points:
+        """Return the two moves from ``points``, which are not on a wall, that change Δ by ``change``; shape (2, 2)."""
+        start = check_points(points, what="points", dimensions=2, count=2)
+        sign = 1.0 if self.toucher == 1 else -1.0
+        return np.stack([self.contact - start[self.toucher - 1], sign * np.asarray(change, dtype=np.float64)])
+
+
+def reached_in_two_moves(workspace: ConvexWorkspace, before: ArrayLike, after: ArrayLike) -> Crossing | None:
+    """Return how two moves turn one Δ into another, the way with the most room; None if none does.
+
+    Parameters
+    ----------
+    workspace : ConvexWorkspace
+        A polygon or a disk.
+    before, after : array_like of float, shape (2,)
+        Differences, particle 2 less particle 1.
+
+    Raises
+    ------
+    InvalidInputError
+        For other workspaces or differences that no two points of it have.
+
+    Notes
+    -----
+    Source: paper W, algorithms 2 and 3, corrected. On a polygon, with N the inward normal of a side and σ = 1 if particle 1
+    touches, -1 if particle 2 does: ``0 <= σN·after <= σN·before``, ``σN·before > 0``, and there is a point c of the side with
+    ``c + σ before`` and ``c + σ after`` in the workspace. On a disk around the origin: a contact c with
+    ``c·before <= -|before|²/2``, ``c·after <= -|after|²/2`` and ``c·(after - before) >= 0``.
+
+    Examples
+    --------
+    >>> from shoal.steering import ContactWorld, polygon
+    >>> square = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
+    >>> crossing = reached_in_two_moves(square, (0.5, 0.0), (0.25, 0.25))
+    >>> start = [(0.25, 0.5), (0.75, 0.5)]
+    >>> _, _, end = ContactWorld(square).play(start, crossing.moves(start, (-0.25, 0.25)))
+    >>> (end[1] - end[0]).tolist()
+    [0.25, 0.25]
+    >>> reached_in_two_moves(square, (0.5, 0.0), (0.75, 0.0)) is None
+    True
+    """
+    start, goal = (_check_difference(workspace, value, what) for value, what in ((before, "before"), (after, "after")))
+    ways = _disk_ways(workspace, start, goal) if workspace.round else _polygon_ways(workspace, start, goal)
+    return max(ways, key=lambda way: way.slack, default=None)
+
+
+def _check_difference(workspace: ConvexWorkspace, value: ArrayLike, what: str) -> Points:
+    space = workspace.differences
+    difference = check_points([value], what=what, dimensions=2, count=1)[0]
+    if not space.contains(difference):
+        raise InvalidInputError(
+            f"{what}: expected the difference of two points of the {workspace.kind}, got {tuple(difference.tolist())}"
+        )
+    return np.asarray(difference)
+
+
+def _polygon_ways(workspace: ConvexWorkspace, before: Points, after: Points) -> list[Crossing]:
+    ways = []
+    corners, ends = workspace.vertices, np.roll(workspace.vertices, -1, axis=0)
+    for toucher, sign in ((1, 1.0), (2, -1.0)):
+        depth = sign * (workspace.normals @ before)
+        target = sign * (workspace.normals @ after)
+        low, high = toucher_shares(workspace, (sign * before, sign * after))
+        lengths = np.hypot(*(ends - corners).T)
+        room = np.minimum(np.minimum(target, depth - target), (high - low) * lengths)
+        for wall in np.flatnonzero((depth > 0) & (room >= 0)):
+            first, last = (corners[wall] + share * (ends[wall] - corners[wall]) for share in (low[wall], high[wall]))
+            ways.append(Crossing(toucher, int(wall), first, last, (first + last) / 2, float(room[wall]) / workspace.size))
+    return ways
+
+
+def toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return for each side the shares of its length, lowest and highest, from where all shifted points are inside as well."""
+    corners = workspace.vertices
+    along = np.roll(corners, -1, axis=0) - corners
+    low, high = np.zeros(len(corners)), np.ones(len(corners))
+    rates = along @ workspace.normals.T  # (side, wall): how fast a point of the side leaves each wall
+    flat = np.abs(rates) <= 1e-14 * workspace.size
+    for shift in shifts:
+        clear = workspace.wall_distances(corners + shift)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            limits = -clear / rates
+        low = np.maximum(low, np.max(np.where(~flat & (rates > 0), limits, 0.0), axis=1))
+        high = np.minimum(high, np.min(np.where(~flat & (rates < 0), limits, 1.0), axis=1))
+        # A wall along the side is as far everywhere; the side's own normal was looked at by the caller.
+        lost = np.min(np.where(flat, clear, 0.0), axis=1) < -1e-12 * workspace.size
+        high = np.where(lost, -1.0, high)
+    return low, high
+
+
+def _disk_ways(workspace: ConvexWorkspace, before: Points, after: Points) -> list[Crossing]:
+    angles = contact_angles(workspace.radius, before, after)
+    if angles is None:
+        return []
+    first, last, slack = angles
+    points = [workspace.center + workspace.radius * np.array([np.cos(a), np.sin(a)]) for a in (first, last, (first + last) / 2)]
+    return [Crossing(1, -1, points[0], points[1], points[2], slack)]
+
+
+def contact_angles(radius: float, before: Points, after: Points) -> tuple[float, float, float] | None:
+    """Return the arc of contact angles of particle 1 on a disk (from, to, and half of what is left), or None.
+
+    What particle 2 can do by touching, particle 1 can do opposite. The arc is the common part of three: both differences fit
+    inside from there, and the wall holds.
+    """
+    arcs = [(_angle(-delta), np.arccos(np.clip(np.hypot(*delta) / (2 * radius), -1, 1))) for delta in (before, after)]
+    if not np.any(before):
+        return None  # both particles touch at once
+    if np.any(after != before):
+        arcs.append((_angle(after - before), pi / 2))
+    center, half = arcs[0]
+    low, high = -half, half
+    for other, width in arcs[1:]:
+        turn = (other - center + pi) % (2 * pi) - pi
+        low, high = max(low, turn - width), min(high, turn + width)
+    # An arc is at most half a turn, so two of them meet in one piece, which the shorter turn finds.
+    return (center + low, center + high, float(high - low) / 2) if high >= low else None
+
+
+def _angle(vector: Points) -> float:
+    return float(np.arctan2(vector[1], vector[0]))
+
+
+def two_move_pieces(workspace: ConvexWorkspace, before: ArrayLike) -> list[Points]:
+    """Return the convex pieces whose union is the set of Δ reached in two moves, for drawing; each float64, shape (n, 2).
+
+    On a polygon there is one for each side and toucher that can be used; on a disk one for each of many contacts.
+
+    Raises
+    ------
+    InvalidInputError
+        As for `reached_in_two_moves`.
+    """
+    start = _check_difference(workspace, before, "before")
+    return _disk_pieces(workspace.radius, start) if workspace.round else _polygon_pieces(workspace, start)
+
+
+def _polygon_pieces(workspace: ConvexWorkspace, before: Points) -> list[Points]:
+    pieces = []
+    corners, ends = workspace.vertices, np.roll(workspace.vertices, -1, axis=0)
+    for sign in (1.0, -1.0):
+        low, high = toucher_shares(workspace, (sign * before,))
+        for wall in range(len(corners)):
+            depth = sign * float(workspace.normals[wall] @ before)
+            if depth <= 0 or high[wall] < low[wall]:
+                continue
+            slab = clipped(corners, workspace.normals[wall], float(workspace.offsets[wall]) + depth)
+            contacts = [corners[wall] + share * (ends[wall] - corners[wall]) for share in (low[wall], high[wall])]
+            sums = np.concatenate([sign * (slab - contact) for contact in contacts])
+            pieces.append(hull(sums))
+    return pieces
+
+
+def _disk_pieces(radius: float, before: Points, *, contacts: int = 181, corners: int = 60) -> list[Points]:
+    distance = float(np.hypot(*before))
+    if distance == 0:
+        return []
+    half = float(np.arccos(np.clip(distance / (2 * radius), -1, 1)))
+    pieces = []
+    for angle in np.linspace(_angle(-before) - half, _angle(-before) + half, contacts):
+        contact = radius * np.array([np.cos(angle), np.sin(angle)])
+        depth = -float(before @ contact) / radius
+        chord = float(np.arccos(np.clip(1 - depth / radius, -1, 1)))
+        around = np.linspace(angle - chord, angle + chord, corners)
+        piece = radius * np.stack([np.cos(around), np.sin(around)], axis=1) - contact
+        pieces.append(piece)
+    return pieces

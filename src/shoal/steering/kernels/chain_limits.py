@@ -1,0 +1,362 @@
+"""What a chain of contacts is made of, and the limits and lengths that its sum adds up, with their derivatives.
+
+A chain has cycles m = 0 .. M-1. In cycle m particle ``touchers[m]`` (0 or 1) is brought to the contact c[m] on wall ``walls[m]``,
+then the other one moves while the wall holds it, which turns the difference D[m] into D[m+1]; D[0] is the start's and D[M] the
+goal's. The unknowns are the contacts, as d-1 coordinates on their wall, and D[1] .. D[M-1].
+
+A limit is a value that must be positive; what is added up is minus its logarithm.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.jit import kernel
+
+CONSTANT = 1e-13  # a limit whose gradient is smaller depends on no unknown
+FORGIVEN = 1e-12  # such a limit holds if it is above minus this
+TINY = 1e-200  # product of limits that is not made smaller before its logarithm is taken
+
+Shape = namedtuple("Shape", "frames normals offsets circle near")
+"""The walls: as in `shoal.steering.workspaces.normalized_walls.NormalizedWalls`."""
+
+Kind = namedtuple("Kind", "touchers walls start goal shape friction margin push")
+"""Which chains are meant: between which points, over which walls; how far the other particle keeps off them, and how far each
+adjustment goes into its wall."""
+
+Place = namedtuple("Place", "contacts delta")
+"""A chain. Of each contact: where it is, its derivatives by each of its coordinates and, on the circle, the second one by the arc;
+shape (cycles, d + 1, d). And its differences, shape (cycles + 1, d)."""
+
+Work = namedtuple("Work", "span index first second sums derivatives")
+"""A vector and its derivatives by the unknowns that it depends on, (1 + unknowns, d), and which they are; those of a value; sums
+over walls by a point: of normal / limit, of normal / limit^2, and of normal normal^T / limit^2; the Hessian of all, and its
+gradient as one more row.
+
+Kernels are handed the arrays that they need: each array taken out of a tuple is counted, which takes as long as a limit.
+"""
+
+
+@kernel
+def new_place(cycles, d):
+    return Place(np.zeros((cycles, d + 1, d)), np.empty((cycles + 1, d)))
+
+
+@kernel
+def new_work(unknowns, d):
+    size = 4 * d
+    return Work(
+        np.zeros((1 + size, d)),
+        np.zeros(size, dtype=np.int64),
+        np.zeros(size),
+        np.zeros((size, size)),
+        np.zeros((2 + d, d)),
+        np.zeros((unknowns + 1, unknowns)),
+    )
+
+
+def first_guess(start: NDArray[np.float64], goal: NDArray[np.float64], cycles: int) -> NDArray[np.float64]:
+    """Return unknowns to begin with: the middles of walls, and differences on half of the straight way."""
+    before, after = start[1] - start[0], goal[1] - goal[0]
+    between = (before + (after - before) * np.arange(1, cycles)[:, None] / cycles) / 2
+    return np.concatenate((np.zeros(cycles * (len(before) - 1)), between.ravel()))
+
+
+@kernel
+def put(x, kind, place):
+    """Write the contacts and differences that x stands for."""
+    contacts, delta, walls, start, goal = place.contacts, place.delta, kind.walls, kind.start, kind.goal
+    frames, circle = kind.shape.frames, kind.shape.circle
+    cycles, d = contacts.shape[0], contacts.shape[2]
+    for m in range(cycles):
+        wall, y = walls[m], m * (d - 1)
+        if wall < frames.shape[0]:
+            for i in range(d):
+                contacts[m, 0, i] = frames[wall, 0, i]
+                contacts[m, d, i] = 0.0
+                for k in range(1, d):
+                    contacts[m, 0, i] += x[y + k - 1] * frames[wall, k, i]
+                    contacts[m, k, i] = frames[wall, k, i]
+        else:
+            cosine, sine = np.cos(x[y] / circle[2]), np.sin(x[y] / circle[2])  # x[y] is the length of the arc
+            contacts[m, 0, 0], contacts[m, 0, 1] = circle[0] + circle[2] * cosine, circle[1] + circle[2] * sine
+            contacts[m, 1, 0], contacts[m, 1, 1] = -sine, cosine
+            contacts[m, d, 0], contacts[m, d, 1] = -cosine / circle[2], -sine / circle[2]
+            if d == 3:
+                contacts[m, 0, 2] = x[y + 1]
+                contacts[m, 1, 2] = contacts[m, 2, 0] = contacts[m, 2, 1] = contacts[m, d, 2] = 0.0
+                contacts[m, 2, 2] = 1.0
+    for i in range(d):
+        delta[0, i] = start[1, i] - start[0, i]
+        delta[cycles, i] = goal[1, i] - goal[0, i]
+        for m in range(1, cycles):
+            delta[m, i] = x[cycles * (d - 1) + (m - 1) * d + i]
+
+
+@kernel
+def begin(span, points, row, factor):
+    """Set the vector to a row of points, times a factor; 0 makes it zero."""
+    for i in range(span.shape[1]):
+        span[0, i] = factor * points[row, i]
+
+
+@kernel
+def combine(contacts, delta, span, index, one, a, other, b, left, p, right, q):
+    """Add ``a c[one] + b c[other] + p D[left] + q D[right]`` to the vector; write its derivatives; return of how many unknowns.
+
+    A negative number leaves a term out.
+    """
+    cycles, d = contacts.shape[0], contacts.shape[2]
+    used = 0
+    for term in range(2):
+        m, factor = (one, a) if term == 0 else (other, b)
+        if m < 0:
+            continue
+        for i in range(d):
+            span[0, i] += factor * contacts[m, 0, i]
+        for k in range(1, d):
+            index[used] = m * (d - 1) + k - 1
+            used += 1
+            for i in range(d):
+                span[used, i] = factor * contacts[m, k, i]
+    for term in range(2):
+        m, factor = (left, p) if term == 0 else (right, q)
+        if m < 0:
+            continue
+        for i in range(d):
+            span[0, i] += factor * delta[m, i]
+        if 0 < m < cycles:
+            for k in range(d):
+                index[used] = cycles * (d - 1) + (m - 1) * d + k
+                used += 1
+                for i in range(d):
+                    span[used, i] = factor if i == k else 0.0
+    return used
+
+
+@kernel
+def rows_dot(one, i, other, k):
+    """Return the product of a row of one array and a row of another one."""
+    total = 0.0
+    for j in range(one.shape[1]):
+        total += one[i, j] * other[k, j]
+    return total
+
+
+@kernel
+def add_length(contacts, span, index, first, derivatives, used, one, a, other, b, blur, weight, order):
+    """Add ``weight`` times the length of the vector, blurred where it vanishes, and its derivatives; return the value."""
+    length = np.sqrt(blur * blur + rows_dot(span, 0, span, 0))
+    if order == 0:
+        return weight * length
+    n, d = derivatives.shape[1], span.shape[1]
+    for u in range(used):
+        first[u] = rows_dot(span, 0, span, 1 + u) / length
+    for u in range(used):
+        derivatives[n, index[u]] += weight * first[u]
+        for v in range(used):
+            derivatives[index[u], index[v]] += weight * (rows_dot(span, 1 + u, span, 1 + v) - first[u] * first[v]) / length
+    for term in range(2):
+        m, factor = (one, a) if term == 0 else (other, b)
+        if m >= 0:
+            bend = 0.0
+            for i in range(d):
+                bend += span[0, i] * contacts[m, d, i]
+            derivatives[m * (d - 1), m * (d - 1)] += weight * factor * bend / length
+    return weight * length
+
+
+@kernel
+def add_limit(index, first, second, derivatives, value, used, curved, forgiven, slack, order):
+    """Add ``-log(value + slack)``, where the slack is the last unknown unless it is NaN; infinite if that is not positive.
+
+    ``second`` is only looked at if the value is ``curved``; where the value depends on no unknown, ``forgiven`` may be missing.
+    """
+    steep = 0.0
+    for u in range(used):
+        steep = max(steep, abs(first[u]))
+    if steep <= CONSTANT:
+        return 0.0 if value >= -FORGIVEN - forgiven else np.inf
+    n = derivatives.shape[1]
+    last, phase = n - 1, not np.isnan(slack)
+    total = value + slack if phase else value
+    if not total > 0:
+        return np.inf
+    if order == 0:
+        return -np.log(total)
+    for u in range(used):
+        i = index[u]
+        derivatives[n, i] -= first[u] / total
+        for v in range(used):
+            bend = first[u] * first[v] / total
+            if curved:
+                bend -= second[u, v]
+            derivatives[i, index[v]] += bend / total
+        if phase:
+            derivatives[i, last] += first[u] / total / total
+            derivatives[last, i] += first[u] / total / total
+    if phase:
+        derivatives[n, last] -= 1 / total
+        derivatives[last, last] += 1 / total / total
+    return -np.log(total)
+
+
+@kernel
+def add_flat(normals, offsets, near, span, index, sums, derivatives, used, skipped, margin, forgiven, slack, order):
+    """Add the limits of a point, the vector, that must lie inside of the flat walls by the margin.
+
+    Only those near the wall ``skipped``, if it is one. All of them depend on the unknowns through the point: they are summed up by
+    that first.
+    """
+    d, phase = span.shape[1], not np.isnan(slack)
+    total, product, ones, squares = 0.0, 1.0, 0.0, 0.0
+    for i in range(2 + d):
+        for k in range(d):
+            sums[i, k] = 0.0
+    for wall in range(normals.shape[0]):
+        if skipped >= 0 and not near[skipped, wall]:
+            continue
+        value = rows_dot(normals, wall, span, 0) - offsets[wall] - margin
+        if used < d and is_constant(normals, wall, span, used):  # with a difference among the unknowns none is
+            if value < -FORGIVEN - forgiven:
+                return np.inf
+            continue
+        if phase:
+            value += slack
+        if not value > 0:
+            return np.inf
+        product *= value
+        if product < TINY:
+            total -= np.log(product)
+            product = 1.0
+        if order > 0:
+            inverse = 1.0 / value
+            ones += inverse
+            squares += inverse * inverse
+            for i in range(d):
+                share = normals[wall, i] * inverse
+                sums[0, i] += share
+                share *= inverse
+                sums[1, i] += share
+                for k in range(d):
+                    sums[2 + i, k] += share * normals[wall, k]
+    if order > 0:
+        add_through(span, index, sums, derivatives, used, ones, squares, phase)
+    return total - np.log(product)
+
+
+@kernel
+def is_constant(normals, wall, span, used):
+    """Tell whether the distance to a wall depends on no unknown."""
+    for u in range(1, used + 1):
+        if abs(rows_dot(normals, wall, span, u)) > CONSTANT:
+            return False
+    return True
+
+
+@kernel
+def add_through(span, index, sums, derivatives, used, ones, squares, phase):
+    """Add the derivatives by a point, which are ``sums``, to those by the unknowns that it depends on.
+
+    ``ones`` and ``squares`` are the sums of 1 / limit and of its square, which are derivatives by the slack.
+    """
+    n, d = derivatives.shape[1], span.shape[1]
+    last = n - 1
+    for u in range(used):
+        at = index[u]
+        derivatives[n, at] -= rows_dot(sums, 0, span, 1 + u)
+        for v in range(used):
+            value = 0.0
+            for i in range(d):
+                value += span[1 + u, i] * rows_dot(sums, 2 + i, span, 1 + v)
+            derivatives[at, index[v]] += value
+        if phase:
+            both = rows_dot(sums, 1, span, 1 + u)
+            derivatives[at, last] += both
+            derivatives[last, at] += both
+    if phase:
+        derivatives[n, last] -= ones
+        derivatives[last, last] += squares
+
+
+@kernel
+def add_round(contacts, circle, span, index, first, second, derivatives, used, one, margin, forgiven, slack, order):
+    """Add the limit of a point, the vector, that must lie inside of the circle by the margin; c[one] is part of it."""
+    d = span.shape[1]
+    x, y = span[0, 0] - circle[0], span[0, 1] - circle[1]
+    value = (circle[2] * circle[2] - x * x - y * y) / (2 * circle[2]) - margin
+    for u in range(used):
+        first[u] = -(x * span[1 + u, 0] + y * span[1 + u, 1]) / circle[2]
+        for v in range(used):
+            second[u, v] = -(span[1 + u, 0] * span[1 + v, 0] + span[1 + u, 1] * span[1 + v, 1]) / circle[2]
+        if index[u] == one * (d - 1):  # the contact enters with the factor 1
+            second[u, u] -= (x * contacts[one, d, 0] + y * contacts[one, d, 1]) / circle[2]
+    return add_limit(index, first, second, derivatives, value, used, True, forgiven, slack, order)
+
+
+@kernel
+def add_hold(
+    contacts, delta, normals, circle, span, index, first, second, derivatives, m, wall, sign, push, friction, slack, order
+):  # fmt: skip
+    """Add the limits that the wall holds the toucher while D[m] becomes D[m+1]: pushed in, and inside of the friction cone."""
+    d, on_circle = span.shape[1], wall == normals.shape[0]
+    begin(span, delta, m, 0.0)
+    used = combine(contacts, delta, span, index, -1, 0.0, -1, 0.0, m + 1, sign, m, -sign)
+    into = outward(contacts, normals, circle, span, m, wall, 0)
+    for u in range(used):
+        first[u] = outward(contacts, normals, circle, span, m, wall, 1 + u)
+    if on_circle or friction < np.inf:
+        second[: used + 1, : used + 1] = 0.0
+    if on_circle:  # the wall's direction depends on the contact, too
+        index[used] = m * (d - 1)
+        first[used] = span[0, 0] * contacts[m, 1, 0] + span[0, 1] * contacts[m, 1, 1]
+        first[used] /= circle[2]
+        for u in range(used):
+            second[u, used] = (span[1 + u, 0] * contacts[m, 1, 0] + span[1 + u, 1] * contacts[m, 1, 1]) / circle[2]
+            second[used, u] = second[u, used]
+        second[used, used] = -into / circle[2] / circle[2]
+        for i in range(d):
+            span[1 + used, i] = 0.0
+        used += 1
+    total = add_limit(index, first, second, derivatives, into - push, used, on_circle, push, slack, order)
+    if friction == np.inf or total == np.inf:
+        return total
+    return total + add_cone(span, index, first, second, derivatives, friction, into, used, slack, order)
+
+
+@kernel
+def outward(contacts, normals, circle, span, m, wall, row):
+    """Return how far a row of the span leads out of the wall of a contact."""
+    if wall < normals.shape[0]:
+        return -rows_dot(normals, wall, span, row)
+    total = 0.0
+    for i in range(2):
+        total += (contacts[m, 0, i] - circle[i]) * span[row, i]
+    return total / circle[2]
+
+
+@kernel
+def add_cone(span, index, first, second, derivatives, friction, into, used, slack, order):
+    """Add the limit that the vector a lies in the cone |a|^2 <= (1 + friction^2) into^2, ``first`` and ``second`` are into's.
+
+    Divided by a length, to keep units: (1 + friction^2) into - |a|^2 / into.
+    """
+    whole = 1 + friction * friction
+    square, reach = rows_dot(span, 0, span, 0), max(into, 1e-12)
+    cone_first, cone_second = np.zeros(used), np.zeros((used, used))
+    for u in range(used):
+        u_along = rows_dot(span, 0, span, 1 + u)
+        cone_first[u] = whole * first[u] - 2 * u_along / reach + square * first[u] / reach / reach
+        for v in range(used):
+            cone_second[u, v] = (
+                whole * second[u, v]
+                - 2 * rows_dot(span, 1 + u, span, 1 + v) / reach
+                + 2 * (u_along * first[v] + rows_dot(span, 0, span, 1 + v) * first[u]) / reach / reach
+                + square * second[u, v] / reach / reach
+                - 2 * square * first[u] * first[v] / reach / reach / reach
+            )
+    value = whole * reach - square / reach if into > 0 or np.isnan(slack) else -square / reach
+    return add_limit(index, cone_first, cone_second, derivatives, value, used, True, 0.0, slack, order)

@@ -1,0 +1,277 @@
+"""The nearest difference to a goal's that one cycle makes: algorithms 2 and 3 of the paper, corrected, with friction.
+
+A cycle with the toucher on wall w turns D into D' if the toucher has a contact c with c + sD and c + sD' inside (s = 1 for the
+first particle, -1 for the second) and the wall holds: s(D' - D) lies in the cone of pushes. On a polygon all such sD' form one
+convex polygon: shifts of P by minus the contacts, cut by the cone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.jit import kernel
+from shoal.steering.kernels.contact import dot
+
+ANGLES = 96
+FLAT = 1e-14
+DEPTH_SLACK = 1e-12  # of the unit: by how much a polygon of depths is cut too large
+
+
+@kernel
+def contact_range(delta, sign, wall, frames, reaches, normals, offsets, low, high, margin):
+    """Return the part of a side, as a range around its middle, from where the other particle is inside by a margin."""
+    for other in range(normals.shape[0]):
+        rate = dot(normals[other], frames[wall, 1])
+        clear = dot(normals[other], frames[wall, 0]) + sign * dot(normals[other], delta) - offsets[other] - margin
+        if abs(rate) <= FLAT:
+            if other != wall and clear < 0:
+                return 1.0, 0.0
+        elif rate > 0:
+            low = max(low, -clear / rate)
+        else:
+            high = min(high, -clear / rate)
+    return low, high
+
+
+@kernel
+def clip(corners, count, normal, offset, result):
+    """Cut a convex polygon by ``normal @ p >= offset``; return the number of corners that are left."""
+    kept = 0
+    for i in range(count):
+        k = i + 1 if i + 1 < count else 0
+        here, there = dot(normal, corners[i]) - offset, dot(normal, corners[k]) - offset
+        if here >= 0:
+            result[kept, 0], result[kept, 1] = corners[i, 0], corners[i, 1]
+            kept += 1
+        if (here > 0 and there < 0) or (here < 0 and there > 0):
+            share = here / (here - there)
+            for j in range(2):
+                result[kept, j] = corners[i, j] + share * (corners[k, j] - corners[i, j])
+            kept += 1
+    return kept
+
+
+@kernel
+def nearest_in(corners, count, point, found):
+    """Write the point of a convex polygon, counter-clockwise, that is nearest to a point; return the distance."""
+    inside, best = count > 2, np.inf
+    for i in range(count):
+        k = i + 1 if i + 1 < count else 0
+        ex, ey = corners[k, 0] - corners[i, 0], corners[k, 1] - corners[i, 1]
+        px, py = point[0] - corners[i, 0], point[1] - corners[i, 1]
+        if ex * py - ey * px < 0:
+            inside = False
+        square = ex * ex + ey * ey
+        share = min(max((ex * px + ey * py) / square, 0.0), 1.0) if square > 0 else 0.0
+        away = np.sqrt((px - share * ex) ** 2 + (py - share * ey) ** 2)
+        if away < best:
+            best = away
+            found[0], found[1] = corners[i, 0] + share * ex, corners[i, 1] + share * ey
+    if inside:
+        found[0], found[1] = point[0], point[1]
+        return 0.0
+    return best
+
+
+@kernel
+def cycle_outline(delta, sign, wall, frames, reaches, normals, offsets, friction, margin, push, corners, spare):
+    """Fill ``corners`` with the polygon of all sD' of one wall and toucher; return how many, 0 if the wall gives nothing."""
+    height = sign * dot(normals[wall], delta)
+    if height <= margin + push:
+        return 0
+    low, high = contact_range(
+        delta, sign, wall, frames, reaches, normals, offsets, margin - reaches[wall], reaches[wall] - margin, margin
+    )
+    if high < low:
+        return 0
+    wide = 0.0
+    for other in range(normals.shape[0]):
+        wide = max(wide, 2 * reaches[other])
+    wide *= 4 * normals.shape[0]
+    for i in range(4):
+        corners[i, 0], corners[i, 1] = wide * (-1 if i in (0, 3) else 1), wide * (-1 if i < 2 else 1)
+    count = 4
+    normal = np.empty(2)
+    for other in range(normals.shape[0]):
+        rate = dot(normals[other], frames[wall, 1])
+        base = dot(normals[other], frames[wall, 0])
+        least = offsets[other] - max(base + low * rate, base + high * rate) + (margin if other != wall else 0.0)
+        if other == wall:
+            least = 0.0
+        count = clip(corners, count, normals[other], least, spare)
+        corners[:count] = spare[:count]
+    normal[:] = -normals[wall]
+    count = clip(corners, count, normal, push - height, spare)
+    corners[:count] = spare[:count]
+    if friction < np.inf:
+        for side in (-1.0, 1.0):
+            for i in range(2):
+                normal[i] = -friction * normals[wall, i] + side * frames[wall, 1, i]
+            count = clip(corners, count, normal, sign * dot(normal, delta), spare)
+            corners[:count] = spare[:count]
+    return count
+
+
+@kernel
+def nearest_on_polygon(delta, goal, frames, reaches, normals, offsets, friction, margin, push, results):
+    """For each wall and toucher write (distance, D'x, D'y, low, high) of the nearest D' and its contacts; shape (walls, 2, 5)."""
+    walls = normals.shape[0]
+    corners, spare = np.empty((2 * walls + 16, 2)), np.empty((2 * walls + 16, 2))
+    target, found = np.empty(2), np.empty(2)
+    for wall in range(walls):
+        for toucher in range(2):
+            sign = 1.0 if toucher == 0 else -1.0
+            results[wall, toucher, 0] = np.inf
+            count = cycle_outline(delta, sign, wall, frames, reaches, normals, offsets, friction, margin, push, corners, spare)
+            if count == 0:
+                continue
+            for i in range(2):
+                target[i] = sign * goal[i]
+            away = nearest_in(corners, count, target, found)
+            for i in range(2):
+                found[i] *= sign
+            low, high = contact_range(
+                delta, sign, wall, frames, reaches, normals, offsets, margin - reaches[wall], reaches[wall] - margin, margin
+            )
+            low, high = contact_range(found, sign, wall, frames, reaches, normals, offsets, low, high, margin * 0.999)
+            if high < low:
+                low = high = (low + high) / 2
+            results[wall, toucher, 0] = away
+            results[wall, toucher, 1], results[wall, toucher, 2] = found[0], found[1]
+            results[wall, toucher, 3], results[wall, toucher, 4] = low, high
+
+
+@kernel
+def nearest_from(angle, delta, goal, radius, friction, margin, push, found):
+    """Write the nearest D' with the first particle at an angle of the circle around the origin; return the distance."""
+    ex, ey = np.cos(angle), np.sin(angle)
+    height = -(delta[0] * ex + delta[1] * ey)
+    # In the frame of the contact: a to the left along the wall, h the depth below it.
+    along, deep = -goal[0] * ey + goal[1] * ex, -(goal[0] * ex + goal[1] * ey)
+    start = -delta[0] * ey + delta[1] * ex
+    top = height - push
+    if top < 0:
+        return np.inf
+    inner = radius - margin
+    best, best_a, best_h = np.inf, 0.0, 0.0
+    candidates = np.empty((9, 2))
+    count = 0
+    candidates[count] = along, deep
+    count += 1
+    candidates[count] = along, min(deep, top)
+    count += 1
+    away = np.sqrt(along**2 + (deep - radius) ** 2)
+    if away > 0:
+        candidates[count] = along / away * inner, radius + (deep - radius) / away * inner
+        count += 1
+    square = inner**2 - (top - radius) ** 2
+    if square >= 0:
+        candidates[count] = np.sqrt(square), top
+        candidates[count + 1] = -np.sqrt(square), top
+        count += 2
+    if friction < np.inf:
+        for side in (-1.0, 1.0):
+            # The ray from (start, height) down and outward: direction (side * friction, -1).
+            slope = side * friction
+            share = ((along - start) * slope - (deep - height)) / (1 + slope * slope)
+            share = max(share, push)
+            candidates[count] = start + share * slope, height - share
+            count += 1
+            a, b = 1 + slope * slope, start * slope - (height - radius)
+            c = start**2 + (height - radius) ** 2 - inner**2
+            if b * b - a * c >= 0:
+                share = (-b + np.sqrt(b * b - a * c)) / a
+                candidates[count] = start + share * slope, height - share
+                count += 1
+    for k in range(count):
+        a, h = candidates[k, 0], candidates[k, 1]
+        if h > top + 1e-15 or a * a + (h - radius) ** 2 > inner * inner * (1 + 1e-14):
+            continue
+        if friction < np.inf and abs(a - start) > friction * (height - h) * (1 + 1e-12):
+            continue
+        away = np.sqrt((a - along) ** 2 + (h - deep) ** 2)
+        if away < best:
+            best, best_a, best_h = away, a, h
+    found[0], found[1] = -best_a * ey - best_h * ex, best_a * ex - best_h * ey
+    return best
+
+
+@kernel
+def nearest_on_circle(delta, goal, radius, friction, margin, push, result):
+    """Write (distance, D'x, D'y, angle) of the nearest D' that contacts of the first particle give."""
+    result[0] = np.inf
+    size = np.sqrt(dot(delta, delta))
+    inner = radius - margin
+    # |c + delta| <= inner leaves an arc around the direction of -delta.
+    cosine = (radius**2 + size**2 - inner**2) / (2 * radius * size) if size > 0 else 2.0
+    if cosine > 1:
+        return
+    middle, half = np.arctan2(-delta[1], -delta[0]), np.arccos(cosine)
+    found = np.empty(2)
+    step = 2 * half / ANGLES
+    for k in range(ANGLES + 1):
+        angle = middle - half + k * step
+        away = nearest_from(angle, delta, goal, radius, friction, margin, push, found)
+        if away < result[0]:
+            result[0], result[1], result[2], result[3] = away, found[0], found[1], angle
+    if not 0 < result[0] < np.inf:
+        return
+    while step > 1e-11:  # the distance is smooth there
+        moved = False
+        for turn in (-step, step):
+            angle = min(max(result[3] + turn, middle - half), middle + half)
+            away = nearest_from(angle, delta, goal, radius, friction, margin, push, found)
+            if away < result[0]:
+                result[0], result[1], result[2], result[3] = away, found[0], found[1], angle
+                moved = True
+        if not moved:
+            step *= 0.5
+
+
+@kernel
+def deeper(corners, normals, offsets, contacts, walls, depths):
+    """Return the greatest depths after one more cycle, shape (2, contacts); negative where the toucher cannot be.
+
+    For a pair of contacts c (used, of particle s) and d (next, of particle t) that is the largest t N_d . D over D = s (q - c),
+    q in the polygon no deeper below the wall of c than allowed, and d + t D in the polygon: a polygon cut by half-planes.
+    """
+    n, sides = contacts.shape[0], normals.shape[0]
+    best = np.full((2, n), -1.0)
+    one, other = np.empty((4 * sides + 8, 2)), np.empty((4 * sides + 8, 2))
+    normal, spot = np.empty(2), np.empty(2)
+    for s in range(2):
+        sign = 1.0 if s == 0 else -1.0
+        for c in range(n):
+            if depths[s, c] < 0:
+                continue
+            wall = walls[c]
+            one[:sides] = corners
+            for i in range(2):
+                normal[i] = -normals[wall, i]
+            slab = clip(one, sides, normal, -(offsets[wall] + depths[s, c]) - DEPTH_SLACK, other)
+            for t in range(2):
+                turn = sign * (1.0 if t == 0 else -1.0)
+                for d in range(n):
+                    one[:slab] = other[:slab]
+                    count = inside_shifted(one, slab, contacts[c], contacts[d], turn, normals, offsets)
+                    for k in range(count):
+                        for i in range(2):
+                            spot[i] = turn * (one[k, i] - contacts[c, i])
+                        best[t, d] = max(best[t, d], dot(normals[walls[d]], spot))
+    return best
+
+
+@kernel
+def inside_shifted(corners, count, used, following, turn, normals, offsets):
+    """Cut a polygon, in place, to the points q with ``following + turn (q - used)`` inside; return how many corners are left."""
+    spare = np.empty((corners.shape[0], 2))
+    normal = np.empty(2)
+    for wall in range(normals.shape[0]):
+        for i in range(2):
+            normal[i] = turn * normals[wall, i]
+        least = offsets[wall] - dot(normals[wall], following) + turn * dot(normals[wall], used)
+        count = clip(corners, count, normal, least - DEPTH_SLACK, spare)
+        corners[:count] = spare[:count]
+        if count == 0:
+            return 0
+    return count

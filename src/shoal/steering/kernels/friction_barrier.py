@@ -1,0 +1,126 @@
+"""How far reactions of walls with friction can carry a difference: a barrier around it, in polar coordinates.
+
+A wall that holds or brakes the first particle changes Δ by a vector within atan(friction) of -N, one that stops the second particle
+by one within as much of N. Which walls can be touched at all depends on Δ: along a ray from zero each up to some |Δ|. Angles of
+reactions are measured from the direction of -Δ, counter-clockwise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.jit import kernel
+from shoal.steering.kernels.contact import dot
+from shoal.steering.kernels.cycles import contact_range
+
+SWEEPS = 12
+HALVINGS = 24
+SAME = 1e-9
+FLAT = 1e-9  # over pi: reactions that hardly leave a half plane stay in it
+
+
+@kernel
+def touchable(angle, step, most, frames, reaches, normals, offsets, ends, turns):
+    """Write for a direction of Δ how large Δ may be for each wall and toucher, 0 for never, and the angle of their reactions.
+
+    What can be touched by some Δ within half a step of the direction counts.
+    """
+    walls = normals.shape[0]
+    ray = np.array([np.cos(angle), np.sin(angle)])
+    delta = np.empty(2)
+    for wall in range(walls):
+        height = dot(normals[wall], ray)
+        across = ray[0] * normals[wall, 1] - ray[1] * normals[wall, 0]
+        for toucher in range(2):
+            sign = 1.0 if toucher == 0 else -1.0
+            row = 2 * wall + toucher
+            ends[row] = 0.0
+            if sign * height <= 0:
+                continue
+            turns[row] = np.arctan2(sign * across, sign * height)  # from -Δ to -sign N, as from Δ to sign N
+            inner, outer = 0.0, most
+            for halving in range(HALVINGS):
+                middle = outer if halving == 0 else (inner + outer) / 2
+                delta[:] = middle * ray
+                near = step * middle
+                low, high = contact_range(
+                    delta, sign, wall, frames, reaches, normals, offsets, -near - reaches[wall], reaches[wall] + near, -near
+                )
+                if low <= high:
+                    inner = middle
+                else:
+                    outer = middle
+                if inner == outer:
+                    break
+            ends[row] = outer
+
+
+@kernel
+def carried(radius, side, step, most, ends, turns, cone):
+    """Return the largest |Δ| to which reactions turn a Δ of no more than ``radius`` by a step, and how far out they lead it before.
+
+    They lead outward only from where they point into no half plane.
+    """
+    rows = ends.shape[0]
+    before = radius
+    for row in range(rows):
+        if ends[row] > before:
+            low, high = spread_at(ends[row], ends, turns, cone)
+            if high - low > np.pi + FLAT:
+                before = min(ends[row], most)
+    after = 0.0
+    for row in range(rows + 1):  # where on the ray one wall less can be touched, and at its end
+        place = before if row == rows else ends[row]
+        if not 0 < place <= before:
+            continue
+        low, high = spread_at(place, ends, turns, cone)
+        way = -low if side > 0 else high  # a turn of Δ by reactions that turn from -Δ the other way
+        if way > 0:
+            after = max(after, most if way + step >= np.pi else place * np.sin(way) / np.sin(way + step))
+    return after, before
+
+
+@kernel
+def spread_at(place, ends, turns, cone):
+    """Return the least and the greatest angle of the reactions at a place of a ray."""
+    low, high = np.inf, -np.inf
+    for row in range(ends.shape[0]):
+        if ends[row] >= place:
+            low, high = min(low, turns[row] - cone), max(high, turns[row] + cone)
+    return low, high
+
+
+@kernel
+def kept_out(start, radius, angles, farthest, frames, reaches, normals, offsets, cone, first, last, goal):
+    """Return whether no reactions carry a Δ of a radius, at the angle number ``start``, out to ``goal`` at ``first`` to ``last``.
+
+    The angles ascend all around, and between two of them Δ is parallel to no wall; ``farthest`` is the largest |Δ| there.
+    """
+    count, rows = angles.shape[0], 2 * normals.shape[0]
+    ends, turns, steps = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)
+    for k in range(count):
+        steps[k] = (angles[(k + 1) % count] - angles[k]) % (2 * np.pi)
+        most = max(farthest[k], farthest[(k + 1) % count])
+        touchable(angles[k] + steps[k] / 2, steps[k], most, frames, reaches, normals, offsets, ends[k], turns[k])
+    radii = np.zeros(count)
+    radii[start] = radius
+    for _sweep in range(SWEEPS):
+        settled = True
+        for side in (1, -1):
+            for turn in range(count):
+                k = (start + side * turn) % count
+                if radii[k] <= 0:
+                    continue
+                following = (k + side) % count
+                cell = k if side > 0 else following
+                after, before = carried(radii[k], side, steps[cell], farthest[k], ends[cell], turns[cell], cone)
+                after = min(after, farthest[following])
+                if before > radii[k] * (1 + SAME) or after > radii[following] * (1 + SAME):
+                    settled = False
+                radii[k], radii[following] = max(before, radii[k]), max(after, radii[following])
+            for k in range(first, last + 1):
+                if radii[k % count] >= goal:
+                    return False
+        if settled:
+            return True
+    return False

@@ -1,0 +1,110 @@
+"""Plans of few straight moves where random ones do not fit: what comes nearest is changed until it does.
+
+That a plan does not fit is measured, as a length: how much too early the other particle meets a wall. See `plays`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.jit import kernel
+from shoal.steering.kernels.contact import advance
+from shoal.steering.kernels.shooting import EXACT, finish, holds_nearby, lengths_along, shortage, total_length
+
+WIDEST = 0.1  # of the size: the first changes of a plan
+FINEST = 1e-5
+HOPELESS = 10.0  # times the change: what is left then is too much for all smaller ones
+WORTH = 0.01  # times the change: less is no gain
+ENOUGH = 1e-6  # of the size: room to spare
+
+
+@kernel
+def least_shortage(start, goal, trial, normals, offsets, circle, size, friction, gain, state, direction):
+    """Return the smaller shortage of both touchers after all but the last two moves of a plan, and write the state there."""
+    state[:, :] = start
+    for m in range(trial.shape[0] - 2):
+        for p in range(2):
+            advance(state[p], trial[m], normals, offsets, circle, size, friction, gain)
+    one, _ = shortage(state, goal, 0, normals, offsets, circle, size, direction)
+    other, _ = shortage(state, goal, 1, normals, offsets, circle, size, direction)
+    return min(one, other)
+
+
+@kernel
+def repair(start, goal, normals, offsets, circle, size, friction, gain, trial):
+    """Change all but the last two moves of a plan, in place, until these have room; return the shortage that is left."""
+    d = start.shape[1]
+    state, direction = np.empty((2, d)), np.empty(d)
+    best = least_shortage(start, goal, trial, normals, offsets, circle, size, friction, gain, state, direction)
+    step = WIDEST * size
+    while step > FINEST * size and best > -ENOUGH * size:
+        moved = False
+        for m in range(trial.shape[0] - 2):
+            for i in range(d):
+                for side in (-1.0, 1.0):
+                    kept = trial[m, i]
+                    trial[m, i] = kept + side * step
+                    left = least_shortage(start, goal, trial, normals, offsets, circle, size, friction, gain, state, direction)
+                    if left < best - WORTH * step:
+                        best, moved = left, True
+                    else:
+                        trial[m, i] = kept
+        if not moved:
+            step *= 0.5
+            if best > HOPELESS * step:
+                break
+    return best
+
+
+@kernel
+def draw(start, directions, shares, picks, normals, offsets, circle, size, friction, gain, lengths, state, trial):
+    """Write the moves that a row of picks says, a direction and a share each; return whether there are such."""
+    state[:, :] = start
+    for m in range(picks.shape[0]):
+        direction = directions[picks[m, 0] % directions.shape[0]]
+        count = lengths_along(state, direction, shares, normals, offsets, circle, size, lengths)
+        if count == 0:
+            return False
+        trial[m] = direction * lengths[picks[m, 1] % count]
+        for p in range(2):
+            advance(state[p], trial[m], normals, offsets, circle, size, friction, gain)
+    return True
+
+
+@kernel
+def search_guided(start, goal, directions, shares, picks, nudges, enough, normals, offsets, circle, size, friction, gain, plan):
+    """Write the shortest plan found of as many moves as ``plan`` has; return how many were found.
+
+    ``picks``, int64, shape (tries, wide, moves - 2, 2): of each try the nearest of so many random plans is mended. With ``enough``
+    plans found the search ends.
+    """
+    d = start.shape[1]
+    lengths, state, direction = np.empty(shares.shape[0]), np.empty((2, d)), np.empty(d)
+    trial, nearest, moves = np.zeros(plan.shape), np.zeros(plan.shape), np.empty((2, d))
+    shortest, found = np.inf, 0
+    for tried in range(picks.shape[0]):
+        best = np.inf
+        for row in picks[tried]:
+            if not draw(start, directions, shares, row, normals, offsets, circle, size, friction, gain, lengths, state, trial):
+                continue
+            left = least_shortage(start, goal, trial, normals, offsets, circle, size, friction, gain, state, direction)
+            if left < best:
+                best = left
+                nearest[:] = trial
+        if best == np.inf or repair(start, goal, normals, offsets, circle, size, friction, gain, nearest) > -0.5 * ENOUGH * size:
+            continue
+        least_shortage(start, goal, nearest, normals, offsets, circle, size, friction, gain, state, direction)
+        for toucher in range(2):
+            if finish(state, goal, toucher, normals, offsets, circle, size, friction, gain, moves) > EXACT * size:
+                continue
+            nearest[-2], nearest[-1] = moves[0], moves[1]
+            length = total_length(nearest)
+            if length < shortest and holds_nearby(
+                start, goal, toucher, nearest, nudges, normals, offsets, circle, size, friction, gain
+            ):
+                shortest = length
+                found += 1
+                plan[:] = nearest
+                if found >= enough:
+                    return found
+    return found

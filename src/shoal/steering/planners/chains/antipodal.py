@@ -1,0 +1,64 @@
+"""Chains to goals that lie almost opposite each other on a disk: planned from their end."""
+
+from __future__ import annotations
+
+from math import inf, pi
+
+import numpy as np
+
+from shoal.steering.planners.chains.chain import Chain, ChainQuery, shortest_chain
+
+NEAR = 0.6  # of the diameter: longer differences are planned from their end
+TURN = 0.9  # of the largest turn that a cycle allows
+
+
+def antipodal_chain(query: ChainQuery, *, cycles: int) -> Chain | None:
+    """Return a chain on a disk to a difference near the largest there is, None if the goal's is none or it takes more cycles.
+
+    One cycle at most halves what the logarithm of |Δ| / 2 r lacks: |Δ| becomes sqrt(2 r |Δ|), turned by acos(|Δ'| / 2 r). So the
+    difference before Δ' has the length |Δ'| cos(turn), turned back by it to either side; and so on, until it is short enough
+    for a chain of a few cycles.
+
+    Notes
+    -----
+    Source: paper W, section VI, Fig. 15: goals at antipodes are approached only. The backward plan is ours.
+    """
+    radius = query.walls.circle[2]
+    far = 2 * radius - 2 * query.margin
+    length, angle = float(np.hypot(*query.after)), float(np.arctan2(query.after[1], query.after[0]))
+    if length <= NEAR * 2 * radius or query.walls.dimensions != 2:
+        return None
+    rungs, contacts = [(min(length, far), angle)], []
+    side = 1.0
+    while rungs[-1][0] > NEAR * 2 * radius and len(rungs) < cycles - 3:
+        length, angle = rungs[-1]
+        turn = TURN * float(np.arccos(length / (2 * radius)))
+        angle += side * turn
+        contacts.append(angle + pi)
+        shorter = length * float(np.cos(turn)) + 2 * query.push
+        if shorter >= length:  # with so much of a push no cycle gets there
+            return None
+        rungs.append((shorter, angle))
+        side = -side
+    first = rungs[-1]
+    if first[0] > NEAR * 2 * radius:
+        return None
+    bottom = first[0] * np.array([np.cos(first[1]), np.sin(first[1])])
+    way = ChainQuery(
+        query.walls,
+        query.start,
+        np.stack([-bottom / 2, bottom / 2]),
+        friction=query.friction,
+        margin=query.margin,
+        push=query.push,
+    )
+    begun = shortest_chain(way, first_found=True)
+    if begun is None:
+        return None
+    deltas = [
+        *begun.differences(query.before, bottom)[1:],
+        *(size * np.array([np.cos(a), np.sin(a)]) for size, a in rungs[-2::-1]),
+    ]
+    along = np.concatenate([begun.unknowns[: begun.cycles], radius * np.array(contacts[::-1])])
+    touchers = np.concatenate([begun.touchers, np.zeros(len(contacts), dtype=np.int64)])
+    return Chain(touchers, np.zeros(len(touchers), dtype=np.int64), np.concatenate([along, *deltas[:-1]]), inf, last=deltas[-1])

@@ -1,0 +1,73 @@
+"""Differences on a disk with friction that lie on the ways to a large one: from its end, and around the middle."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.steering.contact.friction_limits import turn_on_the_way
+from shoal.steering.workspaces.convex_geometry import Points
+
+RUNGS = 500
+WAYS, TILTS = 129, 9  # contacts and directions among which a rung is sought
+LEAST = 1e-3  # of the radius: no need to begin with a smaller difference
+SAME = 1e-9
+BENDS = 300  # differences on a way around the middle
+
+
+def backward_nodes(after: Points, *, radius: float, friction: float, margin: float) -> Points:
+    """Return the smallest differences from which one, two, three, ... cycles lead to one; float64, shape (nodes, 2).
+
+    Each cycle can turn Δ either way by the same angle: those that always turn in one way and those that turn to and fro.
+    """
+    cone = float(np.arctan(friction)) * (1 - 1e-6)
+    sizes, turns = [float(np.hypot(*after))], list[float]()
+    for _rung in range(RUNGS):
+        size, turn = _rung_below(sizes[-1], radius, cone, margin)
+        if not size < sizes[-1] * (1 - SAME):
+            break
+        sizes.append(size)
+        turns.append(turn)
+        if size < LEAST * radius:
+            break
+    ways = []
+    signs = (-1.0) ** np.arange(len(turns))
+    for side in (np.ones(len(turns)), -np.ones(len(turns)), signs, -signs):
+        angles = np.arctan2(after[1], after[0]) + np.cumsum(side * turns)
+        ways.append(np.array(sizes[1:])[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+    return np.concatenate(ways)
+
+
+def _rung_below(size: float, radius: float, cone: float, margin: float) -> tuple[float, float]:
+    """Return the smallest |Δ| from which one cycle leads to one of a size at the angle 0, and its angle."""
+    inner = radius - margin
+    half = np.arccos(min(1.0, (radius**2 + size**2 - inner**2) / (2 * radius * size)))
+    contact = np.pi + half * (1 - SAME) * np.linspace(-1, 1, WAYS)[:, None]
+    way = contact + cone * np.linspace(-1, 1, TILTS)
+    x, y = radius * np.cos(contact) + size, radius * np.sin(contact)  # of the other particle at the end
+    along = x * np.cos(way) + y * np.sin(way)
+    room = along + np.sqrt(np.maximum(along**2 - (x**2 + y**2 - inner**2), 0.0))
+    back = np.clip(size * np.cos(way), 0.0, np.maximum(room, 0.0))
+    before_x, before_y = size - back * np.cos(way), -back * np.sin(way)
+    sizes = np.hypot(before_x, before_y)
+    best = np.unravel_index(int(np.argmin(sizes)), sizes.shape)
+    return float(sizes[best]), float(np.arctan2(before_y[best], before_x[best]))
+
+
+def turning_nodes(before: Points, after: Points, *, radius: float, friction: float) -> Points:
+    """Return differences on the way from one to another between which |Δ| can only shrink; none for other pairs."""
+    large, small = float(np.hypot(*before)), float(np.hypot(*after))
+    most = float(np.arctan(friction))
+    begin = float(np.arctan2(before[1], before[0]))
+    turn = (float(np.arctan2(after[1], after[0])) - begin + np.pi) % (2 * np.pi) - np.pi
+    if small >= large or not abs(turn) <= turn_on_the_way(large, small, radius, most) < np.inf:
+        return np.zeros((0, 2))
+    low, cone = 0.0, most
+    for _halving in range(60):
+        middle = (low + cone) / 2
+        low, cone = (middle, cone) if turn_on_the_way(large, small, radius, middle) < abs(turn) else (low, middle)
+    angles = np.linspace(np.arccos(large / (2 * radius)), np.arccos(small / (2 * radius)), BENDS + 2)[1:-1]
+    sizes: NDArray[np.float64] = 2 * radius * np.cos(angles)
+    whole = turn_on_the_way(large, small, radius, cone)
+    bends = begin + np.array([turn_on_the_way(large, float(size), radius, cone) for size in sizes]) * (turn / whole)
+    return np.asarray(sizes[:, None] * np.stack([np.cos(bends), np.sin(bends)], axis=1))

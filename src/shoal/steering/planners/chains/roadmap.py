@@ -1,0 +1,125 @@
+"""Chains of many cycles: the fewest over a map of differences, the outermost and the innermost that cycles make among them."""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.steering.kernels.cycles import nearest_on_circle, nearest_on_polygon
+from shoal.steering.kernels.roadmap import CycleModel, fewest_cycles, linked, widen
+from shoal.steering.planners.chains.chain import Chain, ChainQuery
+from shoal.steering.planners.chains.friction_roadmap import backward_nodes, turning_nodes
+from shoal.steering.workspaces.convex_geometry import Points
+
+MAPS = ((300, 60, 1.02, 200), (1500, 120, 1.01, 400))
+"""Maps that are tried one after the other: extreme differences, directions they are extreme in, by how much, and random ones."""
+
+_INSIDE = 1 + 1e-2  # of margin and push, so that a chain of links holds the limits of `chains`
+_DIRECTIONS = 48  # on a disk
+
+
+def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int], ...] = MAPS, seed: int = 0) -> Chain | None:
+    """Return a chain in the plane that ends with the goal's difference exactly, None if the maps hold none.
+
+    Notes
+    -----
+    Ours: a probabilistic roadmap in the Δ configuration space, whose links are two-move sets, with nodes where these are at their
+    largest: differences larger than all others of about the same direction that come from the start's, and smaller than all others
+    that lead to the goal's. With friction the ways along these may be the only ones.
+    """
+    walls, friction = query.walls, query.friction * (1 - 1e-9)
+    ground = CycleModel(
+        walls.frames,
+        walls.reaches,
+        walls.normals,
+        walls.offsets,
+        walls.circle,
+        friction,
+        query.margin * _INSIDE,
+        query.push * _INSIDE,
+    )
+    rng = np.random.default_rng(seed)
+    for extreme, bins, gain, spread in maps:
+        nodes = [
+            np.stack([query.before, query.after]),
+            _extreme(query, ground, extreme, bins, gain),
+            _spread(query, rng, spread),
+        ]
+        chain = _over(np.concatenate(nodes), ground)
+        if chain is not None:
+            return chain
+    return None
+
+
+def cycle_towards(query: ChainQuery, delta: Points, target: Points) -> tuple[float, Points, NDArray[np.float64]] | None:
+    """Return how near to a difference one cycle comes, the difference it makes, and its toucher, wall and contact."""
+    if query.walls.round:
+        found = np.zeros(4)
+        nearest_on_circle(delta, target, query.walls.circle[2], query.friction, query.margin, query.push, found)
+        away, x, y, angle = found
+        return None if away == inf else (float(away), np.array([x, y]), np.array([0.0, 0.0, angle * query.walls.circle[2]]))
+    frames, normals, offsets, *_ = query.walls.shape
+    table = np.full((len(normals), 2, 5), inf)
+    nearest_on_polygon(
+        delta, target, frames, query.walls.reaches, normals, offsets, query.friction, query.margin, query.push, table
+    )
+    wall, toucher = np.unravel_index(int(np.argmin(table[..., 0])), table.shape[:2])
+    away, x, y, low, high = table[wall, toucher]
+    return None if away == inf else (float(away), np.array([x, y]), np.array([float(toucher), float(wall), (low + high) / 2]))
+
+
+def _extreme(query: ChainQuery, ground: CycleModel, count: int, bins: int, gain: float) -> Points:
+    """Return the outermost differences on ways from the start's, and the innermost on ways to the goal's."""
+    walls = query.walls
+    if walls.round and query.friction < inf:
+        radius, friction = float(walls.circle[2]), ground.friction
+        return np.concatenate(
+            [
+                backward_nodes(query.after, radius=radius, friction=friction, margin=2 * ground.margin),
+                turning_nodes(query.before, query.after, radius=radius, friction=friction),
+            ]
+        )
+    angles = _ray_angles(query)
+    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    found = []
+    for delta, back in ((query.before, False), (query.after, True)):
+        nodes, records = np.empty((count, 2)), np.full(bins, inf if back else 0.0)
+        found.append(nodes[1 : widen(delta, back, rays, 2.0, ground, gain, records, nodes, 0)])
+    return np.concatenate(found)
+
+
+def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:
+    """Return directions in which cycles change Δ: straight from the walls and at the edges of the cones of friction."""
+    normals = query.walls.normals
+    if not len(normals):
+        return np.asarray(2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS)
+    straight = np.arctan2(normals[:, 1], normals[:, 0])
+    straight = np.concatenate([straight, straight + np.pi])
+    edge = float(np.arctan(query.friction)) * (1 - 1e-6)
+    return np.concatenate([straight, straight - edge, straight + edge])
+
+
+def _spread(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
+    """Return random differences, of all sizes and orders of size."""
+    angles = 2 * np.pi * rng.random(count)
+    sizes = np.where(rng.random(count) < 0.6, rng.random(count), 10 ** (-3 * rng.random(count)))
+    far = 2 * float(query.walls.circle[2]) if query.walls.round else 2.0
+    return np.asarray(far * sizes[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+
+
+def _over(nodes: Points, ground: CycleModel) -> Chain | None:
+    """Return the chain of the fewest cycles from node 0 to node 1."""
+    parents, order = np.empty(len(nodes), dtype=np.int64), np.empty(len(nodes), dtype=np.int64)
+    if not fewest_cycles(nodes, ground, parents, order):
+        return None
+    path = [1]
+    while path[-1]:
+        path.append(int(parents[path[-1]]))
+    path.reverse()
+    steps = np.empty((len(path) - 1, 3))
+    for step, before, after in zip(steps, path, path[1:], strict=False):
+        linked(nodes[before], nodes[after], ground, step)
+    unknowns = np.concatenate([steps[:, 2], nodes[path[1:-1]].ravel()])
+    return Chain(steps[:, 0].astype(np.int64), steps[:, 1].astype(np.int64), unknowns, inf)

@@ -1,0 +1,65 @@
+"""Plans of so many straight moves, found by playing moves and what must follow."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.steering.kernels import plan_repair, shooting
+from shoal.steering.planners.shortest import path_length
+from shoal.steering.planners.task import Task
+from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.normalized_walls import normalize_walls
+
+SHARES = np.array([0.0, 0.02, 0.06, 0.12, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85, 0.97, 1.0])
+DIRECTIONS = {2: 180, 3: 900}
+DENSE = 4  # times as many directions, where the first ones give no plan of three moves in the plane
+NUDGE = 1e-6  # of the size
+REPAIRS = {4: (400, 10), 5: (400, 10), 6: (250, 10)}  # tries and random plans of each, for plans of so many moves
+ENOUGH = 4  # plans, of which the shortest is taken
+_ALL = 1_000_000
+
+
+def shooting_plan(task: Task, count: int) -> Points | None:
+    """Return a plan of so many moves, 2 to 6, that was found by playing; shape (count, d); None if there was none."""
+    walls = normalize_walls(task.world.room)
+    d = walls.dimensions
+    start, goal = walls.inward(task.start), walls.inward(task.aim)
+    world = (walls.normals, walls.offsets, walls.circle, 1.0, float(task.world.friction), np.eye(d + 1)[0])
+    if count == 2:
+        two = _of_two(start, goal, world)
+        return None if two is None else two * walls.scale
+    nudges = NUDGE * np.vstack([np.eye(d), -np.eye(d)])
+    moves = np.zeros((count, d))
+    if count == 3:
+        found = shooting.search(start, goal, directions(d, DIRECTIONS[d]), SHARES, nudges, _ALL, *world, moves)
+        if not found and d == 2:
+            found = shooting.search(start, goal, directions(d, DENSE * DIRECTIONS[d]), SHARES, nudges, 1, *world, moves)
+    else:
+        picks = np.random.default_rng(0).integers(0, 2**31, (*REPAIRS[count], count - 2, 2))
+        ways = directions(d, DENSE * DIRECTIONS[d])
+        found = plan_repair.search_guided(start, goal, ways, SHARES, picks, nudges, ENOUGH, *world, moves)
+    if not found:
+        return None
+    shooting.improve(start, goal, count - 2, 0.05, nudges, *world, moves)
+    return moves * walls.scale
+
+
+def _of_two(start: Points, goal: Points, world: tuple[Points, Points, Points, float, float, Points]) -> Points | None:
+    """Return the shorter plan of two moves, None if there is none."""
+    found = []
+    for toucher in (0, 1):
+        two = np.zeros_like(start)
+        error = shooting.finish(start, goal, toucher, *world, two)
+        if error <= shooting.EXACT:
+            found.append(two)
+    return min(found, key=path_length, default=None)
+
+
+def directions(d: int, count: int) -> Points:
+    """Return unit vectors all around."""
+    if d == 2:
+        angles = 2 * np.pi * (np.arange(count) + 0.5) / count
+        return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    turns, heights = np.arange(count) * np.pi * (3 - np.sqrt(5)), 1 - (2 * np.arange(count) + 1) / count  # a golden spiral
+    flat = np.sqrt(1 - heights**2)
+    return np.stack([flat * np.cos(turns), flat * np.sin(turns), heights], axis=1)

@@ -1,0 +1,247 @@
+"""Task: what a planner is given, and what two particles on convex ground can never do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from shoal.steering.contact.friction_limits import friction_limit
+from shoal.steering.contact.wall_release import released_translation, separations, touched_normals
+from shoal.steering.contact.world import ContactWorld
+from shoal.steering.kernels.chain_kinds import reflected_lengths
+from shoal.steering.planners.chains.chain import MARGIN, Chain, ChainQuery, refined
+from shoal.steering.workspaces.convex import TOUCH
+from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.normalized_walls import normalize_walls
+
+_SURE = 3e-9  # of the size: how far a move to a wall goes on, against roundings
+_PUSH = 2e-9  # of the size: how far an adjustment goes into the wall at the least
+_SLIGHT = 2e-7  # of the size: roundings that may lead off a wall
+_CONE = 1 - 1e-4  # of the friction: planned pushes keep off the edge of the cone, so that roundings can be made up for
+_TINY = 1e-6  # of the size: a move that might as well be left out
+_ROUNDINGS = 1e-14  # of the size: what sums in another order may differ by
+_WIDER = (1e-7, 1e-6, 1e-5)  # margins for chains whose moves are fragile
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """From one state to another in a world: what planners plan.
+
+    Parameters
+    ----------
+    world : ContactWorld
+        Or another world with ``room``, ``step`` and ``play``.
+    start, goal : ndarray of float64, shape (n, d)
+        Who goes where is settled.
+    tolerance : float
+        How far from its goal each particle may end.
+    max_moves : int
+        More are of no use.
+    seed : int
+        For planners that draw numbers.
+    """
+
+    world: Any
+    start: Points
+    goal: Points
+    tolerance: float
+    max_moves: int = 100
+    seed: int = 0
+
+    @property
+    def before(self) -> Points:
+        """Δ at the start."""
+        return np.asarray(self.start[1] - self.start[0])
+
+    @property
+    def after(self) -> Points:
+        """Δ at the goal."""
+        return np.asarray(self.goal[1] - self.goal[0])
+
+    @cached_property
+    def aim(self) -> Points:
+        """The goal, off the walls by a part of the tolerance where it is on one; float64, shape (2, d)."""
+        room = self.world.room
+        aim = self.goal.copy()
+        center = np.zeros(room.dimensions)
+        center[:2] = room.center
+        center[2:] = room.height / 2
+        for row, point in enumerate(self.goal):
+            away = float(np.linalg.norm(center - point))
+            if float(room.depth(point)) < 0.2 * self.tolerance and away > 0:
+                aim[row] += min(0.45 * self.tolerance / away, 1.0) * (center - point)
+        return aim
+
+    def chain_query(self, start: Points | None = None, aim: Points | None = None) -> ChainQuery:
+        """Return the same for chains of contacts, in the units of their walls."""
+        walls = normalize_walls(self.world.room)
+        margin = min(MARGIN, 0.02 * self.tolerance / walls.scale)
+        return ChainQuery(
+            walls,
+            walls.inward(self.start if start is None else start),
+            walls.inward(self.aim if aim is None else aim),
+            friction=float(self.world.friction) * _CONE,
+            margin=max(margin, 2e-9),
+        )
+
+    def error(self, points: Points) -> float:
+        """Return the largest distance of a particle to its goal."""
+        return float(np.linalg.norm(points - self.goal, axis=1).max())
+
+    def straight(self) -> Points | None:
+        """Return the moves of a mere translation, shape (moves, d), if that will do; else None."""
+        shifts = self.goal - self.start
+        if float(np.linalg.norm(shifts - shifts.mean(axis=0), axis=1).max()) > self.tolerance * (1 - 1e-9):
+            return None
+        if not isinstance(self.world, ContactWorld):
+            return None  # around obstacles that takes a planner
+        move = (self.goal - self.start).mean(axis=0)
+        moves = released_translation(self.world.room, self.start, move)
+        if moves is None or self.error(self.world.play(self.start, moves)[-1]) > self.tolerance:
+            return None
+        return np.array(moves)
+
+    def moves_of(self, chain: Chain, query: ChainQuery) -> Points | None:
+        """Return the moves that play a chain, with lifts where a translation starts on a wall; None if a lift cannot be had.
+
+        Where contacts graze their walls beside corners, roundings may grow to more than the tolerance: there the chain is made
+        short again a little farther from all walls.
+        """
+        start, moves = query.walls.outward(query.start), self._played(chain, query)
+        if moves is None or not self._arrives(moves, start) or self._is_sure(moves, start):
+            return moves
+        for margin in _WIDER:
+            wider = replace(query, margin=margin)
+            surer = self._played(refined(wider, chain), wider)
+            if surer is not None and self._arrives(surer, start) and self._is_sure(surer, start):
+                return surer
+        return moves
+
+    def _arrives(self, moves: Points, start: Points) -> bool:
+        """Return whether a plan ends within the tolerance."""
+        return self.error(self.world.play(start, moves)[-1]) <= self.tolerance
+
+    def _is_sure(self, moves: Points, start: Points) -> bool:
+        """Return whether a plan would end there, too, if it began off its start by some roundings."""
+        steps = _ROUNDINGS * self.world.room.size * np.eye(start.shape[1])
+        return all(self._arrives(moves, start + step) for step in steps)
+
+    def _played(self, chain: Chain, query: ChainQuery) -> Points | None:
+        """Return the moves of a chain; each starts from where those before it have really led, so that roundings do not add up."""
+        room, walls = self.world.room, query.walls
+        state = walls.outward(query.start)
+        moves: list[Points] = []
+        contacts = walls.outward(chain.contacts(walls))
+        deltas = chain.differences(query.before, query.after)[1:] * walls.scale
+        for toucher, contact, delta in zip(chain.touchers, contacts, deltas, strict=True):
+            way = contact - state[toucher]
+            length = float(np.linalg.norm(way))
+            if length > 1e-12 * room.size:
+                steps = released_translation(room, state, way * (1 + _SURE * room.size / length))
+                if steps is None:
+                    return None
+                state = self._sent(steps, state, moves)
+            sign = 1.0 if toucher == 0 else -1.0
+            state = self._sent([self._held(state[toucher], sign * (delta - (state[1] - state[0])))], state, moves)
+        steps = released_translation(room, state, (walls.outward(query.goal) - state).mean(axis=0))
+        if steps is None:
+            return None
+        self._sent(steps, state, moves)
+        return self.tidied(np.array(moves), start=walls.outward(query.start))
+
+    def _held(self, point: Points, move: Points) -> Points:
+        """Return a move that pushes a toucher into its wall by a little at least: roundings must not lead it off."""
+        normals = touched_normals(self.world.room, point)
+        if not len(normals):
+            return move
+        wall = normals[int(np.argmin(normals @ move))]
+        size = self.world.room.size
+        off = float(wall @ move) + min(_PUSH * size, 0.02 * self.tolerance)
+        return np.asarray(move - off * wall) if 0 < off < _SLIGHT * size else move
+
+    def _sent(self, steps: list[Points], state: Points, moves: list[Points]) -> Points:
+        """Add moves to a plan; return the state after them."""
+        for step in steps:
+            moves.append(step)
+            state = self.world.step(state, step)
+        return state
+
+    def tidied(self, moves: Points, *, start: Points) -> Points:
+        """Return a plan without its tiny moves, where the one before can go on as far and a little further instead.
+
+        A chain keeps the other particle off the walls by a margin; where it touches next, the way there is that margin.
+        """
+        size = self.world.room.size
+        k = 1
+        while k < len(moves):
+            tiny = float(np.linalg.norm(moves[k]))
+            before = float(np.linalg.norm(moves[k - 1]))
+            if tiny <= _TINY * size and before > tiny:
+                shorter = np.delete(moves, k, axis=0)
+                shorter[k - 1] *= 1 + 2 * tiny / before
+                if self.error(self.world.play(start, shorter)[-1]) <= 0.5 * self.tolerance:
+                    moves = shorter
+                    continue
+            k += 1
+        return moves
+
+    def departures(self) -> list[tuple[list[Points], Points]]:
+        """Return ways to begin: moves and the state after them; nothing at all, and small steps where no move lifts both."""
+        room = self.world.room
+        if released_translation(room, self.start, np.zeros(room.dimensions)) is not None:
+            return [([], self.start)]
+        return [([move], after) for move, after in separations(room, self.start)]
+
+    def lower_bound(self) -> float:
+        """Return a length below which no plan ends within the tolerance; see spec of the planners in docs/concepts/steering.md."""
+        direct = float(np.linalg.norm(self.goal - self.start, axis=1).max())
+        apart = float(np.linalg.norm(self.after - self.before))
+        if apart <= 2 * self.tolerance:
+            return max(direct - self.tolerance, 0.0)
+        walls = normalize_walls(self.world.room)
+        ways = reflected_lengths(walls.inward(self.start), walls.inward(self.goal), walls.shape).min(axis=1) * walls.scale
+        if self.world.friction < inf:  # a toucher that slides moves and changes Δ at once
+            return max(direct - self.tolerance, float(ways.min()) - self.tolerance, apart - 2 * self.tolerance, 0.0)
+        one = float(ways.min()) + apart - 3 * self.tolerance
+        both = (float(ways.sum()) + apart) / 2 - 2 * self.tolerance
+        return max(min(one, both), direct - self.tolerance, 0.0)
+
+
+def why_unreachable(task: Task) -> str | None:
+    """Return why no plan can exist, None if one may."""
+    room = task.world.room
+    flat = float(np.hypot(*(task.before[:2])))
+    if float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
+        return None
+    if flat > TOUCH * room.size:
+        # What ends within the tolerance may differ from the goal's difference by twice as much.
+        return friction_limit(room, float(task.world.friction), task.before, task.after, near=2 * task.tolerance)
+    if room.dimensions == 2:
+        return "the particles start at one point, and a shared input never parts them"
+    if room.open_ends:
+        return "the particles start above each other in an open tube: side walls stop both at once, and there is no end cap"
+    return None
+
+
+def why_approachable(task: Task) -> str | None:
+    """Return why the goal can only be approached, None if it can be reached."""
+    room = task.world.room
+    if float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
+        return None
+    near = TOUCH * room.size
+    if room.round:
+        across = float(np.hypot(*task.after[:2]))
+        if across >= 2 * room.radius - near and float(np.max(room.circle_distance(task.goal))) <= near:
+            return "the goals lie opposite each other on the round wall, and their distance can only be approached"
+    on = [np.flatnonzero(room.wall_distances(point) <= near) for point in task.goal]
+    if len(on[0]) == len(on[1]) == 1 and float(room.normals[on[0][0]] @ room.normals[on[1][0]]) <= -1 + 1e-12:
+        circles = [float(room.circle_distance(point)) for point in task.goal]
+        if min(circles) > near:
+            return (
+                "the goals lie on opposite parallel walls, neither in a corner: no wall could hold one while the other comes there"
+            )
+    return None

@@ -1,0 +1,76 @@
+"""Heights for a plan of the plane: the same moves in a prism or a cylinder."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from shoal.steering.contact.world import ContactWorld
+from shoal.steering.planners.task import Task
+from shoal.steering.workspaces.convex_geometry import Points
+
+_OFF_CAPS = 1e-4  # of the height: how far the particles stay off the end caps on the way
+
+
+def planar_task(task: Task) -> Task:
+    """Return a task of space without its heights: that of its base."""
+    room = task.world.room
+    return Task(ContactWorld(room.base), task.start[:, :2], task.goal[:, :2], task.tolerance / 2, task.max_moves, task.seed)
+
+
+def with_vertical_moves(task: Task, flat: Points) -> Points | None:
+    """Return a plan of the plane with a height in each move, so that both particles come to the heights of their goals.
+
+    Side walls hold by the plane's part of a move alone, so what share of each move a particle makes is known; its height at the end
+    is linear in the heights of the moves. The smallest ones in sum are a linear program.
+
+    Parameters
+    ----------
+    task : Task
+        In a prism or a cylinder.
+    flat : ndarray of float64, shape (moves, 2)
+        A plan of `planar_task`.
+
+    Returns
+    -------
+    ndarray of float64, shape (moves, 3), or None
+        None if no heights do, as where a particle is held during all moves but one.
+
+    Notes
+    -----
+    Ours. Paper W, section IV.G, corrects heights by moves of their own while one particle is held; here they ride in the others.
+    """
+    room = task.world.room
+    states = ContactWorld(room.base).play(task.start[:, :2], flat)
+    squares = np.einsum("ij,ij->i", flat, flat)
+    shares = np.einsum("ipj,ij->ip", np.diff(states, axis=0), flat) / np.where(squares > 0, squares, 1.0)[:, None]
+    upwards = _least_vertical_moves(shares, task.start[:, 2], task.aim[:, 2], room.height)
+    if upwards is None:
+        return None
+    moves = np.column_stack([flat, upwards])
+    return moves if task.error(task.world.play(task.start, moves)[-1]) <= task.tolerance else None
+
+
+def _least_vertical_moves(
+    shares: NDArray[np.float64], start: NDArray[np.float64], goal: NDArray[np.float64], height: float
+) -> NDArray[np.float64] | None:
+    """Return the heights of moves that lead from heights to heights within 0 .. height; None if none do."""
+    count = len(shares)
+    sums = np.tril(np.ones((count, count)))
+    risen = [sums * shares[:, particle] for particle in range(2)]  # what each particle has risen after each move
+    nothing, eye = np.zeros((count, count)), np.eye(count)
+    least, most = _OFF_CAPS * height, (1 - _OFF_CAPS) * height
+    rows, limits = [np.hstack([eye, -eye]), np.hstack([-eye, -eye])], [np.zeros(count), np.zeros(count)]
+    for particle, sum_ in enumerate(risen):
+        rows += [np.hstack([sum_, nothing])[:-1], np.hstack([-sum_, nothing])[:-1]]
+        limits += [np.full(count - 1, most - start[particle]), np.full(count - 1, start[particle] - least)]
+    found = linprog(
+        np.concatenate([np.zeros(count), np.ones(count)]),
+        A_ub=np.vstack(rows),
+        b_ub=np.concatenate(limits),
+        A_eq=np.vstack([np.hstack([sum_[-1], np.zeros(count)]) for sum_ in risen]),
+        b_eq=goal - start,
+        bounds=(None, None),
+    )
+    return np.asarray(found.x[:count]) if found.success else None

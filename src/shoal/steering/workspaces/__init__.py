@@ -1,0 +1,1 @@
+"""Workspaces: convex ones, regions with obstacles, and the files that hold them."""

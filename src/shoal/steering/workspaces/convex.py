@@ -1,0 +1,247 @@
+"""Convex workspaces: polygons and disks, prisms and cylinders over them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import pi
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.steering.workspaces.convex_geometry import Points, check_points, clipped, convex_outline, hull
+
+TOUCH = 1e-9  # of the size: who is nearer to a wall than this is on it
+
+
+@dataclass(frozen=True, eq=False)
+class ConvexWorkspace:
+    """A convex region: what lies inside of some flat walls, and of a circle if there is one.
+
+    Made by `polygon`, `disk`, `regular_polygon`, `prism` and `cylinder`. Points are (x, y) or (x, y, z), y up.
+
+    Parameters
+    ----------
+    kind : str
+        "polygon", "disk", "prism" or "cylinder".
+    vertices : ndarray of float64, shape (n, 2)
+        Corners of the polygon or of the prism's base, counter-clockwise; none for a disk or cylinder.
+    radius : float
+        Of the disk or cylinder; 0 for the others.
+    center : ndarray of float64, shape (2,)
+        Of the disk or cylinder, or the mean of the vertices.
+    height : float
+        Of the prism or cylinder, which stands on z = 0; 0 in the plane.
+    open_ends : bool
+        A tube without end caps: particles can go out there, and no cap holds them.
+    """
+
+    kind: str
+    vertices: Points
+    radius: float
+    center: Points
+    height: float = 0.0
+    open_ends: bool = False
+
+    @property
+    def dimensions(self) -> int:
+        """2 or 3."""
+        return 3 if self.height else 2
+
+    @property
+    def round(self) -> bool:
+        """Whether its side wall is a circle."""
+        return self.radius > 0
+
+    @cached_property
+    def size(self) -> float:
+        """The largest extent in the plane; what tolerances are measured in."""
+        return 2 * self.radius if self.round else float(np.ptp(self.vertices, axis=0).max())
+
+    @cached_property
+    def normals(self) -> Points:
+        """Inward unit normals of the flat walls, sides first, then floor and ceiling; float64, shape (walls, dimensions)."""
+        along = np.roll(self.vertices, -1, axis=0) - self.vertices
+        sides: Points = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
+        if self.dimensions == 2:
+            return sides
+        sides = np.hstack([sides, np.zeros((len(sides), 1))])
+        caps = np.zeros((0, 3)) if self.open_ends else np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+        return np.vstack([sides, caps])
+
+    @cached_property
+    def offsets(self) -> NDArray[np.float64]:
+        """Inside is where ``normals @ point >= offsets``; float64, shape (walls,)."""
+        sides = np.sum(self.normals[: len(self.vertices), :2] * self.vertices, axis=1)
+        return sides if self.dimensions == 2 or self.open_ends else np.concatenate([sides, [0.0, -self.height]])
+
+    @cached_property
+    def base(self) -> ConvexWorkspace:
+        """The polygon or disk that a prism or cylinder stands on; a plane workspace itself."""
+        return ConvexWorkspace("disk" if self.round else "polygon", self.vertices, self.radius, self.center)
+
+    @cached_property
+    def differences(self) -> ConvexWorkspace:
+        """The Δ configuration space, all differences of two points of a plane workspace: a polygon, or a disk of twice the radius.
+
+        A polygon of n sides has one of 2n sides, two fewer for each pair of parallel ones. Source: paper W, section IV.A.
+
+        Examples
+        --------
+        >>> [len(regular_polygon(n).differences.vertices) for n in (3, 4, 5, 6)]
+        [6, 4, 10, 6]
+        """
+        if self.dimensions != 2:
+            raise InvalidInputError(f"Δ configuration space: expected a plane workspace, got a {self.kind}")
+        if self.round:
+            return disk(2 * self.radius)
+        return polygon(hull((self.vertices[:, None] - self.vertices[None]).reshape(-1, 2)))
+
+    def wall_distances(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return the distance of each point to each flat wall, negative outside; float64, shape (..., walls)."""
+        return np.asarray(points, dtype=np.float64) @ self.normals.T - self.offsets
+
+    def circle_distance(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return the distance of each point to the round wall, negative outside; infinite if there is none; shape (...)."""
+        flat = np.asarray(points, dtype=np.float64)[..., :2] - self.center
+        return np.asarray(self.radius - np.hypot(flat[..., 0], flat[..., 1])) if self.round else np.full(flat.shape[:-1], np.inf)
+
+    def depth(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return the distance of each point to the nearest wall, negative outside; float64, shape (...)."""
+        walls = self.wall_distances(points)
+        nearest = walls.min(axis=-1) if walls.shape[-1] else np.full(walls.shape[:-1], np.inf)
+        return np.asarray(np.minimum(nearest, self.circle_distance(points)))
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Tell for each point whether it lies inside or on a wall, within `TOUCH` of the size; bool, shape (...)."""
+        return np.asarray(self.depth(points) >= -TOUCH * self.size)
+
+    def check_inside(self, points: ArrayLike, *, what: str) -> Points:
+        """Return two points or more as float64, shape (n, dimensions); raise InvalidInputError if one lies outside."""
+        array = check_points(points, what=what, dimensions=self.dimensions)
+        outside = ~self.contains(array)
+        if outside.any():
+            index = int(np.argmax(outside))
+            place = tuple(array[index].tolist())
+            raise InvalidInputError(
+                f"{what}: expected points inside the {self.kind}, got {place} at point {index + 1}, "
+                f"{-float(self.depth(array[index])):.3g} outside"
+            )
+        return array
+
+    def extent(self, direction: ArrayLike) -> float:
+        """Return how far the workspace reaches from its centre along a vector, times the length of that."""
+        vector = np.asarray(direction, dtype=np.float64)
+        flat = vector[:2]
+        side = self.radius * np.hypot(*flat) if self.round else np.max(np.abs((self.vertices - self.center) @ flat))
+        return float(side + (abs(vector[2]) * self.height / 2 if len(vector) == 3 else 0.0))
+
+    def inset(self, margin: float) -> ConvexWorkspace:
+        """Return the workspace without what lies nearer than ``margin`` to a wall; in space it keeps its z.
+
+        Raises
+        ------
+        InvalidInputError
+            If nothing is left.
+
+        Examples
+        --------
+        >>> disk(0.5).inset(0.125).radius
+        0.375
+        """
+        if self.dimensions == 3:
+            raise InvalidInputError("inset: expected a plane workspace; particles with a radius are for the plane")
+        if self.round:
+            left = self.radius - margin
+            if left <= 0:
+                raise InvalidInputError(f"inset: expected a margin below the radius {self.radius:g}, got {margin:g}")
+            return disk(left, center=self.center)
+        corners = self.vertices
+        for normal, offset in zip(self.normals, self.offsets, strict=True):
+            corners = clipped(corners, -normal, -(float(offset) + margin))
+        try:
+            return polygon(corners)
+        except InvalidInputError:
+            raise InvalidInputError(f"inset: expected a margin that leaves room in the polygon, got {margin:g}") from None
+
+    def __repr__(self) -> str:
+        shape = f"radius {self.radius:g}" if self.round else f"{len(self.vertices)} corners"
+        return f"<ConvexWorkspace {self.kind}, {shape}{f', height {self.height:g}' if self.height else ''}>"
+
+
+def polygon(vertices: ArrayLike) -> ConvexWorkspace:
+    """Return a convex polygon; see `shoal.steering.workspaces.convex_geometry.convex_outline` for what is accepted.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> square = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
+    >>> square.contains([(0.5, 0.5), (1.5, 0.5)]).tolist()
+    [True, False]
+    """
+    corners = convex_outline(vertices)
+    return ConvexWorkspace("polygon", corners, 0.0, corners.mean(axis=0))
+
+
+def regular_polygon(sides: int, *, radius: float = 0.5) -> ConvexWorkspace:
+    """Return a regular polygon around the origin, its lowest side horizontal.
+
+    Parameters
+    ----------
+    sides : int
+        3 or more.
+    radius : float
+        Of the circle through its corners.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if isinstance(sides, bool) or not isinstance(sides, int) or not 3 <= sides <= 1000:
+        raise InvalidInputError(f"regular polygon: expected 3 to 1000 sides, got {sides!r}")
+    angles = -pi / 2 + pi / sides + 2 * pi * np.arange(sides) / sides
+    return polygon(_positive("radius", radius) * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+
+
+def disk(radius: float = 0.5, *, center: ArrayLike = (0.0, 0.0)) -> ConvexWorkspace:
+    """Return a disk.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    middle = check_points([center], what="center", dimensions=2, count=1)[0]
+    return ConvexWorkspace("disk", np.zeros((0, 2)), _positive("radius", radius), middle)
+
+
+def prism(base: ConvexWorkspace, height: float, *, open_ends: bool = False) -> ConvexWorkspace:
+    """Return the right prism over a polygon, or the cylinder over a disk, from z = 0 to ``height``.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if base.dimensions != 2:
+        raise InvalidInputError(f"prism: expected a polygon or a disk as base, got {base!r}")
+    kind = "cylinder" if base.round else "prism"
+    return ConvexWorkspace(kind, base.vertices, base.radius, base.center, _positive("height", height), open_ends)
+
+
+def cylinder(radius: float, height: float, *, open_ends: bool = False) -> ConvexWorkspace:
+    """Return the cylinder around the z axis.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    return prism(disk(radius), height, open_ends=open_ends)
+
+
+def _positive(name: str, value: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not (np.isfinite(value) and value > 0):
+        raise InvalidInputError(f"{name}: expected a number above 0, got {value!r}")
+    return float(value)

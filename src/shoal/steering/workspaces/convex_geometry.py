@@ -1,0 +1,123 @@
+"""Outlines of convex polygons: checked, turned counter-clockwise, without vertices that are none."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+
+Points = NDArray[np.float64]
+
+_FLAT = 1e-9  # of the size: what is thinner has no inside
+_STRAIGHT = 1e-12  # of the size squared: a corner that turns less is none
+
+
+def check_points(points: Any, *, what: str, dimensions: int, count: int | None = None) -> Points:
+    """Return points as a finite float64 array, shape (count, dimensions).
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    expected = f"{what}: expected {'' if count is None else f'{count} '}points of {dimensions} numbers"
+    try:
+        array = np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInputError(f"{expected}, got {str(points)[:80]}") from None
+    if array.ndim != 2 or array.shape[1] != dimensions or (count is not None and len(array) != count):
+        raise InvalidInputError(f"{expected}, got an array of shape {array.shape}")
+    if not np.isfinite(array).all():
+        index = int(np.argmin(np.isfinite(array).all(axis=1)))
+        raise InvalidInputError(f"{what}: expected finite numbers, got {tuple(array[index].tolist())} at point {index + 1}")
+    return array
+
+
+def convex_outline(vertices: ArrayLike) -> Points:
+    """Return the corners of a convex polygon counter-clockwise, float64, shape (n, 2).
+
+    Vertices may come in either order, closed or not; repeated ones and those on a straight side are dropped.
+
+    Raises
+    ------
+    InvalidInputError
+        If the outline is flat, crosses itself or is not convex; the vertex is named by its place in the input, from 1.
+
+    Examples
+    --------
+    >>> convex_outline([(0, 0), (0, 1), (1, 1), (1, 0.5), (1, 0)]).tolist()
+    [[1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]]
+    """
+    from shapely import LinearRing
+
+    given = check_points(vertices, what="polygon", dimensions=2)
+    places = np.arange(len(given))
+    kept = np.any(given != np.roll(given, 1, axis=0), axis=1) if len(given) > 1 else np.ones(len(given), dtype=np.bool_)
+    corners, places = given[kept], places[kept]
+    if len(corners) < 3:
+        raise InvalidInputError(f"polygon: expected 3 different vertices or more, got {len(corners)}")
+    size = float(np.ptp(corners, axis=0).max())
+    area = _signed_area(corners)
+    ring = LinearRing(corners)
+    if abs(area) <= _FLAT * size * size and _thickness(corners) <= _FLAT * size:
+        raise InvalidInputError(f"polygon: expected an outline with an inside, got a flat one, {len(given)} vertices on a line")
+    if not ring.is_simple:
+        where = _crossing(corners)
+        raise InvalidInputError(f"polygon: expected an outline that does not cross itself, got one that does{where}")
+    if area < 0:
+        corners, places = corners[::-1], places[::-1]
+    turns = _turns(corners)
+    straight = np.abs(turns) <= _STRAIGHT * size * size
+    corners, places, turns = corners[~straight], places[~straight], turns[~straight]
+    if (turns < 0).any():
+        worst = int(np.argmax(turns < 0))
+        corner = tuple(corners[worst].tolist())
+        raise InvalidInputError(
+            f"polygon: expected a convex outline, got one that bends inward at vertex {places[worst] + 1}, {corner}"
+        )
+    return np.ascontiguousarray(corners)
+
+
+def hull(points: Points) -> Points:
+    """Return the corners of the convex hull of points, float64, shape (n, 2)."""
+    from shapely import MultiPoint
+
+    return np.asarray(MultiPoint(points).convex_hull.exterior.coords)[:-1]
+
+
+def clipped(corners: Points, normal: Points, most: float) -> Points:
+    """Return the corners of the part of a convex polygon where ``normal @ point <= most``."""
+    kept = []
+    depths = corners @ normal - most
+    for point, following, depth, next_depth in zip(corners, np.roll(corners, -1, axis=0), depths, np.roll(depths, -1), strict=True):
+        if depth <= 0:
+            kept.append(point)
+        if (depth < 0 < next_depth) or (next_depth < 0 < depth):
+            kept.append(point + depth / (depth - next_depth) * (following - point))
+    return np.array(kept).reshape(-1, 2)
+
+
+def _signed_area(corners: Points) -> float:
+    x, y = corners.T
+    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
+def _thickness(corners: Points) -> float:
+    """Return how far the points lie from the line that fits them best."""
+    centred = corners - corners.mean(axis=0)
+    return float(np.abs(centred @ np.linalg.svd(centred, full_matrices=False)[2][1]).max())
+
+
+def _turns(corners: Points) -> NDArray[np.float64]:
+    before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+    return np.asarray(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
+
+
+def _crossing(corners: Points) -> str:
+    from shapely import Polygon
+    from shapely.validation import explain_validity
+
+    said = explain_validity(Polygon(corners))
+    return f" at ({said.partition('[')[2].rstrip(']').replace(' ', ', ')})" if "[" in said else ""

@@ -1,0 +1,131 @@
+"""Regions of any shape, with obstacles: for planning by sampling."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.steering.workspaces.convex import TOUCH
+from shoal.steering.workspaces.convex_geometry import Points, check_points
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """What lies inside an outline and outside of obstacles. Made by `region`.
+
+    Parameters
+    ----------
+    outline : ndarray of float64, shape (n, 2)
+        Corners, counter-clockwise.
+    obstacles : tuple of ndarray of float64, each of shape (n, 2)
+        Their corners, clockwise, so that the free side of every edge is on its left.
+    """
+
+    outline: Points
+    obstacles: tuple[Points, ...]
+
+    kind = "region"
+    dimensions = 2
+    round = False
+    height = 0.0
+
+    @cached_property
+    def size(self) -> float:
+        """The largest extent; what tolerances are measured in."""
+        return float(np.ptp(self.outline, axis=0).max())
+
+    @cached_property
+    def rings(self) -> tuple[Points, ...]:
+        """All outlines, the outer one first."""
+        return self.outline, *self.obstacles
+
+    @cached_property
+    def edges(self) -> NDArray[np.float64]:
+        """All edges, x and y of both ends, the free side on the left; float64, shape (edges, 4)."""
+        return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in self.rings])
+
+    @cached_property
+    def shape(self) -> Any:
+        """The region as a Shapely polygon."""
+        from shapely import Polygon
+
+        return Polygon(self.outline, self.obstacles)
+
+    def depth(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return the distance of each point to the nearest edge, negative outside; float64, shape (...)."""
+        import shapely
+
+        array = np.asarray(points, dtype=np.float64)
+        spots = shapely.points(array)
+        away = shapely.distance(self.shape.boundary, spots)
+        return np.asarray(np.where(shapely.intersects(self.shape, spots), away, -away))
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Tell for each point whether it lies inside or on an edge, within `TOUCH` of the size; bool, shape (...)."""
+        return np.asarray(self.depth(points) >= -TOUCH * self.size)
+
+    def check_inside(self, points: ArrayLike, *, what: str) -> Points:
+        """Return two points or more as float64, shape (n, 2); raise InvalidInputError if one lies outside."""
+        array = check_points(points, what=what, dimensions=2)
+        outside = ~self.contains(array)
+        if outside.any():
+            index = int(np.argmax(outside))
+            raise InvalidInputError(
+                f"{what}: expected points inside the region, got {tuple(array[index].tolist())} at point {index + 1}, "
+                f"{-float(self.depth(array[index])):.3g} outside"
+            )
+        return array
+
+    def __repr__(self) -> str:
+        return f"<Region, {len(self.outline)} corners, {len(self.obstacles)} obstacles>"
+
+
+def region(outline: ArrayLike, obstacles: Sequence[ArrayLike] = ()) -> Region:
+    """Return a region; obstacles must lie inside the outline and apart from each other.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> yard = region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(1, 1), (2, 1), (2, 2), (1, 2)]])
+    >>> yard.contains([(0.5, 0.5), (1.5, 1.5)]).tolist()
+    [True, False]
+    """
+    from shapely import Polygon
+    from shapely.geometry.polygon import orient
+    from shapely.validation import explain_validity
+
+    rings = [
+        check_points(ring, what="outline" if k == 0 else f"obstacle {k}", dimensions=2)
+        for k, ring in enumerate([outline, *obstacles])
+    ]
+    for k, ring in enumerate(rings):
+        name = "outline" if k == 0 else f"obstacle {k}"
+        if len(np.unique(ring, axis=0)) < 3:
+            raise InvalidInputError(f"{name}: expected 3 different vertices or more, got {len(np.unique(ring, axis=0))}")
+        alone = Polygon(ring)
+        if not alone.is_valid or alone.area <= 1e-12 * float(np.ptp(ring, axis=0).max()) ** 2:
+            why = explain_validity(alone)
+            raise InvalidInputError(
+                f"{name}: expected an outline that has an inside and does not cross itself, got one that does not: {why}"
+            )
+    whole = Polygon(rings[0], rings[1:])
+    if not whole.is_valid:
+        raise InvalidInputError(
+            f"region: expected obstacles inside the outline and apart from each other, got {explain_validity(whole)}"
+        )
+    turned = orient(whole)
+    corners = [np.asarray(ring.coords)[:-1] for ring in (turned.exterior, *turned.interiors)]
+    return Region(_without_repeats(corners[0]), tuple(_without_repeats(ring) for ring in corners[1:]))
+
+
+def _without_repeats(ring: Points) -> Points:
+    return np.asarray(ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)])

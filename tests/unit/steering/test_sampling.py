@@ -1,0 +1,115 @@
+"""Planning by sampling: regions with obstacles, and more than two particles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shoal.errors import InvalidInputError
+from shoal.steering import ContactWorld, Disturbance, SteeringProblem, Task, disk, polygon, prism, region, regular_polygon, steer
+from shoal.steering.contact.region_world import RegionWorld
+from shoal.steering.planners import sampling
+from shoal.steering.planners.sampling import Sampling
+
+SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
+YARD = region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(1.5, 1.5), (2.5, 1.5), (2.5, 2.5), (1.5, 2.5)]])
+CORNER = region([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)])
+POSTS = region([(0, 0), (6, 0), (6, 4), (0, 4)], [[(1, 1), (2, 0.8), (2.2, 2.5)], [(3.5, 1.5), (5, 1.2), (4.6, 2.9), (3.8, 3)]])
+
+
+def planned(world, start, goal, tolerance=1e-6, *, max_moves=100, seed=0):
+    """The moves, replayed by the stepper alone."""
+    task = Task(world, np.array(start, dtype=float), np.array(goal, dtype=float), tolerance, max_moves, seed)
+    moves = Sampling().plan(task)
+    assert moves is not None
+    assert len(moves) <= max_moves
+    state = world.initial(start)
+    for move in moves:
+        state = world.step(state, move)
+    assert np.linalg.norm(state - task.goal, axis=1).max() <= tolerance
+    return moves
+
+
+@pytest.mark.parametrize(
+    ("room", "start", "goal"),
+    [
+        (YARD, [(0.5, 0.5), (0.7, 0.5)], [(3.5, 3.5), (3.5, 3.7)]),
+        (YARD, [(1.2, 2.0), (2.8, 2.0)], [(2.8, 2.0), (1.2, 2.0)]),
+        (YARD, [(1.5, 1.5), (2.5, 2.5)], [(2.5, 2.5), (1.5, 1.5)]),
+        (CORNER, [(2.5, 0.3), (2.7, 0.8)], [(0.3, 2.5), (0.9, 2.6)]),
+        (CORNER, [(0.0, 0.0), (3.0, 0.0)], [(0.2, 2.9), (0.4, 0.1)]),
+        (POSTS, [(0.5, 0.5), (2.8, 2.0)], [(5.5, 2.0), (0.5, 3.5)]),
+    ],
+)
+def test_two_particles_around_obstacles(room, start, goal):
+    planned(RegionWorld(room), start, goal)
+
+
+def test_a_mere_translation_goes_around():
+    """Particles that are right but for a translation take a way on which none meets a wall."""
+    moves = planned(RegionWorld(YARD), [(0.5, 0.5), (0.5, 0.7)], [(3.2, 3.2), (3.2, 3.4)])
+    assert len(moves) == 2
+    assert np.linalg.norm(moves, axis=1).sum() < 1.1 * np.hypot(2.7, 2.7)
+
+
+@pytest.mark.parametrize("room", [SQUARE, disk(), regular_polygon(5)])
+def test_two_particles_in_convex_workspaces(room):
+    start, goal = [np.array(pair) * 0.4 + room.center for pair in ([(0.1, 0.2), (0.5, 0.4)], [(-0.3, 0.1), (0.4, -0.5)])]
+    planned(ContactWorld(room), start, goal)
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-6])
+def test_three_particles(tolerance):
+    start, goal = [(0.2, 0.3), (0.7, 0.4), (0.5, 0.8)], [(0.6, 0.2), (0.3, 0.5), (0.9, 0.7)]
+    planned(ContactWorld(SQUARE), start, goal, tolerance)
+    planned(RegionWorld(YARD), np.array(start) * 1.4, np.array(goal) * 1.4, tolerance)
+
+
+def test_four_particles():
+    start = [(0.2, 0.3), (0.7, 0.4), (0.5, 0.8), (0.1, 0.9)]
+    goal = [(0.6, 0.2), (0.3, 0.5), (0.9, 0.7), (0.4, 0.1)]
+    planned(ContactWorld(SQUARE), start, goal, 1e-2)
+
+
+def test_friction_and_goals_on_walls():
+    planned(ContactWorld(SQUARE, friction=0.5), [(0.2, 0.2), (0.6, 0.3)], [(0.4, 0.4), (0.7, 0.45)])
+    planned(ContactWorld(SQUARE), [(0.0, 0.2), (1.0, 0.3)], [(1.0, 1.0), (0.0, 0.0)])
+
+
+def test_few_moves_are_enough_or_nothing_is_found():
+    world, pairs = ContactWorld(SQUARE), ([(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.4, 0.5)])
+    assert len(planned(world, *pairs, max_moves=3)) == 3
+    assert Sampling().plan(Task(world, *(np.array(pair) for pair in pairs), 1e-6, 1)) is None
+
+
+def test_seeds():
+    world, pairs = RegionWorld(YARD), ([(0.5, 0.5), (0.7, 0.5)], [(3.5, 3.5), (3.5, 3.7)])
+    first, again, other = (planned(world, *pairs, seed=seed) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_what_cannot_be(monkeypatch):
+    """Particles at one point stay together, and goals in parts that no way joins are not reached."""
+    monkeypatch.setattr(sampling, "TREES", 1)
+    monkeypatch.setattr(sampling, "ROUNDS", 10_000)
+    apart = region([(0, 0), (9, 0), (9, 1), (5, 1), (4.5, 1e-3), (4, 1), (0, 1)])
+    task = Task(RegionWorld(CORNER), np.array([(0.5, 0.5), (0.5, 0.5)]), np.array([(0.5, 0.5), (0.6, 0.5)]), 1e-6, 100, 0)
+    assert Sampling().plan(task) is None
+    few = Task(RegionWorld(apart), np.array([(0.5, 0.5), (0.7, 0.5)]), np.array([(8.5, 0.5), (0.3, 0.2)]), 1e-6, 2, 0)
+    assert Sampling().plan(few) is None
+    space = prism(SQUARE, 1.0)
+    high = np.array([(0.2, 0.2, 0.2), (0.4, 0.4, 0.4)])
+    with pytest.raises(InvalidInputError, match="planner sampling: expected a plane workspace, got a prism"):
+        Sampling().plan(Task(ContactWorld(space), high, high[::-1], 1e-6))
+
+
+def test_steer_with_it():
+    problem = SteeringProblem(YARD, [(0.5, 0.5), (0.7, 0.5)], [(3.5, 3.7), (3.5, 3.5)], interchangeable=True)
+    episode = steer(problem, planner="sampling")
+    assert episode
+    assert episode.planner == "sampling"
+    with pytest.raises(InvalidInputError, match="expected no friction"):
+        steer(problem, planner="sampling", disturbance=Disturbance(friction=0.5))
+    with pytest.raises(InvalidInputError, match="planner greedy: expected a convex workspace, got a region"):
+        steer(problem, planner="greedy")
