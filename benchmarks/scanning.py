@@ -13,8 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from shoal import Episode, open_map, run_trials
-from shoal.views.charts import BLUE, GRID, MUTED, ORANGE, new_figure, plain_axes, set_title
-from shoal.views.figures import save_figure
+from shoal.views.drawing.charts import BLUE, GRID, MUTED, ORANGE, new_figure, plain_axes, save_figure, set_title
 
 MAPS = {"line": "line:5000", "rectangle": "rectangle:50x100", "H-tree": "htree:5000", "vessels": "vessels:5000"}
 COUNTS = (100, 1000)

@@ -24,12 +24,13 @@ from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_ant
 from shoal.swarm.noise import Noise
 from shoal.swarm.theory.one_dimension import Line, sample
 from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, Powers
-from shoal.views.figures import frontier_plot, map_figure, save_figure
-from shoal.views.search import expected_time_figure, search_figure, timeline_figure
-from shoal.views.steering import plan_figure, reach_figure
-from shoal.views.steering_paper import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
-from shoal.views.theory import coverage_curve, gap_distributions, move_distributions, schedule_ratios, theorem_chart
-from shoal.views.tours import tour_figure
+from shoal.views.drawing.charts import save_figure
+from shoal.views.search.figures import expected_time_figure, search_figure, timeline_figure
+from shoal.views.search.tours import tour_figure
+from shoal.views.steering.figures import plan_figure, reach_figure
+from shoal.views.steering.paper_figures import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
+from shoal.views.swarm.figures import frontier_plot, map_figure
+from shoal.views.swarm.theory import coverage_curve, gap_distributions, move_distributions, schedule_ratios, theorem_chart
 
 FOLDER = Path(__file__).parent / "images"
 MAP, PARTICLES, SEED = "vessels:5000", 300, 1

@@ -68,7 +68,7 @@ def open_player(visitor: Visitor, tmp_path: Path) -> Iterator[OpenPlayer]:
 
     def open_(data: dict[str, object] | str, **options: Any) -> Page:
         file = tmp_path / f"player-{len(files)}.html"
-        file.write_text(data if isinstance(data, str) else render(data), encoding="utf-8")
+        file.write_text(data if isinstance(data, str) else render("swarm", data), encoding="utf-8")
         files.append(file.as_uri())
         page = visitor.page(**options) if options else visitor.plain
         page.mouse.move(0, 0)

@@ -9,7 +9,7 @@ from tests.browser.waiting import until
 from shoal import GridWorkspace, open_map, run
 from shoal.swarm.noise import Noise, NoisyRig, moments
 from shoal.swarm.rigs import drive
-from shoal.views.player.page import player_data
+from shoal.views.swarm.page import page_data
 
 pytestmark = pytest.mark.browser
 NOISE = Noise(slip=0.1, misplace=0.05, miss=0.05)
@@ -19,7 +19,7 @@ SHOWN = "({n}) => (shoalPlayer.seek(n), shoalPlayer.snapshot())"
 @pytest.mark.parametrize("name", ["maze:15x11", "vessels3d:120"])
 def test_every_move_is_what_the_library_says(open_player, name):
     episode = run(open_map(name), particles=8, noise=NOISE, confidence=0.8, seed=2, scan_every=3)
-    page = open_player(player_data(episode))
+    page = open_player(page_data(episode))
     all_moments, beliefs = list(episode.moments()), [belief for _, belief in episode.frames()]
     for move in [*range(0, episode.moves, 9), episode.moves, 3, 4, 40, 2]:  # there and back
         shown = page.evaluate(SHOWN, {"n": move})
@@ -38,7 +38,7 @@ def test_every_move_is_what_the_library_says(open_player, name):
 def test_colours_of_cells(open_player):
     """Settled cells have the colours of the legend, the rest lie in between."""
     episode = run(GridWorkspace([[1, 1, 1, 0, 1, 1]]), particles=2, noise=NOISE, seed=1)
-    page = open_player(player_data(episode))
+    page = open_player(page_data(episode))
     world = "{world: {looks: {unknown: 8, free: 16, frontier: 17, tint: 0.5}}}"
     grey = "obstacle: [0, 0, 0], unknown: [80, 80, 80], free: [240, 240, 240]"
     palette = f"{{{grey}, frontier: [0, 0, 255], wrong: [200, 0, 100]}}"
@@ -50,7 +50,7 @@ def test_colours_of_cells(open_player):
 def test_a_drive_says_that_particles_are_where_they_were_seen(open_player):
     workspace = open_map("maze:9x7")
     driven = drive(NoisyRig(workspace, workspace.cells[::8], NOISE, np.random.default_rng(2)), noise=NOISE)
-    page = open_player(player_data(driven.episode))
+    page = open_player(page_data(driven.episode))
     assert page.locator("#particleWord").inner_text() == "Seen at the last scan"
     assert page.locator("#wrongRow").is_hidden()
     page.keyboard.press("End")
@@ -60,7 +60,7 @@ def test_a_drive_says_that_particles_are_where_they_were_seen(open_player):
 
 @pytest.mark.parametrize("text", ["AAAA", "//////8=", ""])
 def test_damaged_moments_are_said(open_player, text):
-    data = player_data(run(open_map("maze:9x7"), particles=3, noise=NOISE, seed=1)) | {"moments": text}
+    data = page_data(run(open_map("maze:9x7"), particles=3, noise=NOISE, seed=1)) | {"moments": text}
     page = open_player(data)
     assert "moments" in page.locator("#problem").inner_text()
 
@@ -68,7 +68,7 @@ def test_damaged_moments_are_said(open_player, text):
 def test_a_tall_slice_stays_inside_the_stage(open_player):
     free = np.zeros((4, 60, 5), bool)
     free[1:3, :, 2] = True
-    page = open_player(player_data(run(GridWorkspace(free), particles=9, seed=1)))
+    page = open_player(page_data(run(GridWorkspace(free), particles=9, seed=1)))
     for axis in "012":
         page.locator("#axis").select_option(axis)
         stage, panel = page.locator("#stage").bounding_box(), page.locator(".cut").bounding_box()

@@ -469,7 +469,7 @@ def test_bad_data_gets_one_sentence(open_player, change, sentence):
 
 def test_nothing_in_the_data_can_close_the_script():
     hostile = "</script><script>alert(1)</script><!-- shoal:css --> \u2028"
-    page = render(pond() | {"map": hostile})
+    page = render("swarm", pond() | {"map": hostile})
     assert hostile not in page
     block = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert block is not None

@@ -14,9 +14,9 @@ from tests.browser.waiting import until
 
 from shoal.search import SearchEpisode, region_of, search
 from shoal.search.faults import Crash, Liar, Pause
-from shoal.views.player import render_search
-from shoal.views.player.search_page import search_data, search_page
-from shoal.views.search_story import SearchStory
+from shoal.views.player import render
+from shoal.views.search.history import SearchStory
+from shoal.views.search.page import page_data, player_page
 
 pytestmark = pytest.mark.browser
 
@@ -50,7 +50,7 @@ def played(page: Page, times: list[float]) -> list[list[object]]:
 @pytest.mark.parametrize("name", CASES)
 def test_shows_what_the_episode_tells(name, open_player):
     story = SearchStory(CASES[name]())
-    page = open_player(search_page(story.episode))
+    page = open_player(player_page(story.episode))
     rng = np.random.default_rng(1)
     moments = np.sort(np.concatenate([[0.0, story.end], rng.uniform(0, story.end, 40)]))
     rng.shuffle(moments)  # backwards, too
@@ -67,7 +67,7 @@ def test_shows_what_the_episode_tells(name, open_player):
 
 
 def test_plays_and_steps(open_player):
-    page = open_player(search_page(ring()))
+    page = open_player(player_page(ring()))
     page.select_option("#speed", "8")
     page.click("#play")
     assert page.get_attribute("#play", "aria-label") == "Pause"
@@ -89,7 +89,7 @@ def test_plays_and_steps(open_player):
 
 
 def test_rows_seek_and_tell(open_player):
-    page = open_player(search_page(ring()))
+    page = open_player(player_page(ring()))
     box = page.locator("#chart").bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + 5)
     assert page.evaluate("shoalPlayer.time / shoalPlayer.length") == pytest.approx(0.5, abs=0.01)
@@ -100,7 +100,7 @@ def test_rows_seek_and_tell(open_player):
 
 
 def test_a_robot_is_followed_and_let_go(open_player):
-    page = open_player(search_page(ring()))
+    page = open_player(player_page(ring()))
     page.evaluate("shoalPlayer.seek(10)")
     page.wait_for_timeout(60)
     plain = page.locator("#picture").screenshot()
@@ -118,7 +118,7 @@ def test_a_robot_is_followed_and_let_go(open_player):
 
 
 def test_themes_and_zoom(open_player):
-    page = open_player(search_page(ring()))
+    page = open_player(player_page(ring()))
     before = page.screenshot()
     page.keyboard.press("d")
     page.wait_for_timeout(60)
@@ -135,7 +135,7 @@ def test_themes_and_zoom(open_player):
 def test_cells_have_the_colours_of_their_robots(open_player):
     """Pixels of the canvas are compared with the figure's rule, at the end, in the middle between ways."""
     story = SearchStory(search("square:40", robots=1, footprint=20))
-    page = open_player(search_page(story.episode))
+    page = open_player(player_page(story.episode))
     page.keyboard.press("End")
     page.wait_for_timeout(60)
     colour = page.evaluate("""(() => {
@@ -152,7 +152,7 @@ def test_cells_have_the_colours_of_their_robots(open_player):
 
 @pytest.mark.parametrize("size", [(1400, 900), (390, 844), (844, 390)])
 def test_fits_every_screen(size, open_player):
-    page = open_player(search_page(ring()), viewport={"width": size[0], "height": size[1]})
+    page = open_player(player_page(ring()), viewport={"width": size[0], "height": size[1]})
     assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
     for name in ("#picture", "#play", "#scrub", "#forward", "#robots", "#chart"):
         box = page.locator(name).bounding_box()
@@ -164,7 +164,7 @@ def test_fits_every_screen(size, open_player):
 
 
 def test_every_button_has_a_name_and_can_be_focused(open_player):
-    page = open_player(search_page(ring()))
+    page = open_player(player_page(ring()))
     for button in page.locator("button:visible").all():
         assert button.get_attribute("aria-label") or button.inner_text().strip()
         button.focus()
@@ -173,7 +173,7 @@ def test_every_button_has_a_name_and_can_be_focused(open_player):
 
 def test_nothing_in_the_data_can_close_the_script(open_player):
     hostile = "</script><script>alert(1)</script><img src=x onerror=alert(1)> \u2028"
-    page = render_search(search_data(ring()) | {"tour": hostile, "title": hostile})
+    page = render("search", page_data(ring()) | {"tour": hostile, "title": hostile})
     assert hostile not in page
     block = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert block is not None
@@ -182,7 +182,7 @@ def test_nothing_in_the_data_can_close_the_script(open_player):
 
 
 def test_damaged_data_gets_one_sentence(visitor, tmp_path):
-    (tmp_path / "player.html").write_text(render_search({"title": "x"}), encoding="utf-8")
+    (tmp_path / "player.html").write_text(render("search", {"title": "x"}), encoding="utf-8")
     page = visitor.plain
     page.goto((tmp_path / "player.html").as_uri())
     assert page.inner_text("body").strip() == "This film cannot be shown. Its data is damaged."

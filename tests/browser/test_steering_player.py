@@ -12,9 +12,9 @@ from playwright.sync_api import Page
 from tests.browser.waiting import until
 
 from shoal.steering import Disturbance, SteeringEpisode, SteeringProblem, open_workspace, prism, region, regular_polygon, steer
-from shoal.views.player import render_steering
-from shoal.views.player.steering_page import steering_data, steering_page
-from shoal.views.steering_motion import Schedule, legs_of
+from shoal.views.player import render
+from shoal.views.steering.page import page_data, player_page
+from shoal.views.steering.trajectories import Schedule, legs_of
 
 pytestmark = pytest.mark.browser
 
@@ -61,7 +61,7 @@ def done(page: Page) -> int:
 @pytest.mark.parametrize("make", [plan, tall, yard, noisy])
 def test_states_after_each_move(make, open_player):
     episode = make()
-    page = open_player(steering_page(episode))
+    page = open_player(player_page(episode))
     assert page.evaluate("shoalPlayer.length") == episode.n_moves
     shown = page.evaluate("""Array.from({ length: shoalPlayer.length + 1 }, (_, move) => {
         shoalPlayer.seek(move);
@@ -80,7 +80,7 @@ def test_moments_are_those_of_films(open_player):
     episode = noisy()
     legs = legs_of(episode)
     schedule = Schedule(legs, size=1.0)
-    page = open_player(steering_page(episode))
+    page = open_player(player_page(episode))
     times = np.linspace(0, schedule.seconds, 40)
     shown = page.evaluate(
         """times => times.map((time) => {
@@ -99,7 +99,7 @@ def test_moments_are_those_of_films(open_player):
 
 def test_plays_and_steps(open_player):
     episode = plan()
-    page = open_player(steering_page(episode))
+    page = open_player(player_page(episode))
     page.select_option("#speed", "8")
     page.click("#play")
     assert page.get_attribute("#play", "aria-label") == "Pause"
@@ -133,7 +133,7 @@ def test_plays_and_steps(open_player):
 
 def test_list_chart_and_themes(open_player):
     episode = yard()
-    page = open_player(steering_page(episode))
+    page = open_player(player_page(episode))
     assert page.locator("#moves button").count() == 40
     page.locator("#moves button").nth(29).click()
     assert done(page) == 30
@@ -151,7 +151,7 @@ def test_list_chart_and_themes(open_player):
 
 
 def test_view_in_space_turns(open_player):
-    page = open_player(steering_page(tall()))
+    page = open_player(player_page(tall()))
     first = page.evaluate("shoalPlayer.view")
     box = page.locator("#picture").bounding_box()
     page.mouse.move(box["x"] + 200, box["y"] + 200)
@@ -172,7 +172,7 @@ def test_view_in_space_turns(open_player):
 
 def test_drawn_is_where_the_walls_are(open_player):
     """The goals' white rings lie where the plane is mapped to: read from the canvas."""
-    page = open_player(steering_page(plan()))
+    page = open_player(player_page(plan()))
     page.wait_for_timeout(100)
     colour = page.evaluate("""(() => {
         const canvas = document.getElementById('picture'), { width, height } = canvas;
@@ -191,7 +191,7 @@ def test_drawn_is_where_the_walls_are(open_player):
 
 @pytest.mark.parametrize("size", [(1400, 900), (390, 844), (844, 390)])
 def test_fits_every_screen(size, open_player):
-    page = open_player(steering_page(plan()), viewport={"width": size[0], "height": size[1]})
+    page = open_player(player_page(plan()), viewport={"width": size[0], "height": size[1]})
     assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
     for name in ("#picture", "#play", "#scrub", "#forward"):
         box = page.locator(name).bounding_box()
@@ -203,7 +203,7 @@ def test_fits_every_screen(size, open_player):
 
 
 def test_every_button_has_a_name_and_can_be_focused(open_player):
-    page = open_player(steering_page(plan()))
+    page = open_player(player_page(plan()))
     for button in page.locator("button:visible").all():
         name = button.get_attribute("aria-label") or button.inner_text().strip()
         assert name
@@ -212,7 +212,7 @@ def test_every_button_has_a_name_and_can_be_focused(open_player):
 
 
 def test_no_moves(open_player):
-    page = open_player(steering_page(thrown(SQUARE, START, np.zeros((0, 2)))))
+    page = open_player(player_page(thrown(SQUARE, START, np.zeros((0, 2)))))
     page.keyboard.press("Space")
     page.keyboard.press("ArrowRight")
     assert done(page) == 0
@@ -221,7 +221,7 @@ def test_no_moves(open_player):
 
 def test_nothing_in_the_data_can_close_the_script(open_player):
     hostile = "</script><script>alert(1)</script><img src=x onerror=alert(1)> \u2028"
-    page = render_steering(steering_data(plan()) | {"planner": hostile, "reason": hostile, "title": hostile})
+    page = render("steering", page_data(plan()) | {"planner": hostile, "reason": hostile, "title": hostile})
     assert hostile not in page
     block = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert block is not None
@@ -230,7 +230,7 @@ def test_nothing_in_the_data_can_close_the_script(open_player):
 
 
 def test_damaged_data_gets_one_sentence(visitor, tmp_path):
-    (tmp_path / "player.html").write_text(render_steering({"title": "x"}), encoding="utf-8")
+    (tmp_path / "player.html").write_text(render("steering", {"title": "x"}), encoding="utf-8")
     page = visitor.plain
     page.goto((tmp_path / "player.html").as_uri())
     assert page.inner_text("body").strip() == "This film cannot be shown. Its data is damaged."

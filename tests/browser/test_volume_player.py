@@ -8,7 +8,7 @@ from tests.browser.waiting import until
 
 from shoal import GridWorkspace, run
 from shoal.swarm.maps.generators import generate
-from shoal.views.player.page import player_data
+from shoal.views.swarm.page import page_data
 
 pytestmark = pytest.mark.browser
 
@@ -18,7 +18,7 @@ def test_every_move_is_what_the_library_says(open_player, rule):
     free = np.random.default_rng(4).random((4, 5, 6)) < 0.75
     workspace = GridWorkspace(free).largest_component()
     episode = run(workspace, particles=9, rule=rule, policy="random-moves", max_moves=60)
-    page = open_player(player_data(episode))
+    page = open_player(page_data(episode))
     counts = np.concatenate([[episode.first_frontier], episode.frontier])
     for move, (state, belief) in enumerate(episode.frames()):
         if move % 7 and move != episode.moves:
@@ -32,7 +32,7 @@ def test_every_move_is_what_the_library_says(open_player, rule):
 
 def test_it_turns_and_slices(open_player):
     episode = run(GridWorkspace(generate("vessels3d:400")), particles=40)
-    page = open_player(player_data(episode))
+    page = open_player(page_data(episode))
     picture = "document.getElementById('picture').toDataURL()"
     cut = "document.getElementById('slice').toDataURL()"
     before = page.evaluate(picture)

@@ -718,7 +718,7 @@ def test_interrupted_while_an_archive_is_made(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("suffix", [".gif", ".mp4"])
 def test_interrupted_while_it_films(tmp_path, monkeypatch, capfd, suffix):
-    from shoal.views import films
+    from shoal.views.swarm import films
 
     frames = films.film_frames
 

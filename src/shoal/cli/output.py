@@ -170,7 +170,7 @@ def check_outputs(out: Path | None, film: list[Path] | None) -> None:
     OutputError
     """
     if film:
-        from shoal.views.encoding import check_film
+        from shoal.views.drawing.encoding import check_film
 
         for path in film:
             check_folder(check_film(path).parent)

@@ -104,8 +104,8 @@ def _shown(value: Any) -> str:
 
 def _write_tour(made: Tour, result: dict[str, Any], out: Path) -> list[Path]:
     from shoal.files import atomic
-    from shoal.views.figures import save_figure
-    from shoal.views.tours import tour_figure
+    from shoal.views.drawing.charts import save_figure
+    from shoal.views.search.tours import tour_figure
 
     save_figure(tour_figure(made), out / FILES[0])
     with atomic(out / FILES[1]) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:

@@ -159,8 +159,8 @@ def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | No
     written: list[Path] = []
     if out is not None:
         from shoal.files import atomic
-        from shoal.views.figures import save_figure
-        from shoal.views.search import search_figure, timeline_figure
+        from shoal.views.drawing.charts import save_figure
+        from shoal.views.search.figures import search_figure, timeline_figure
 
         save_figure(search_figure(episode), out / "region.png")
         save_figure(timeline_figure(episode), out / "timeline.png")
@@ -169,7 +169,7 @@ def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | No
             temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
         written += [out / name for name in ("region.png", "timeline.png", "episode.json", "summary.json")]
     if film:
-        from shoal.views.search_films import write_search_film
+        from shoal.views.search.films import write_search_film
 
         for path in film:
             with progress(f"film {path.name}", 100, shown=path.suffix.lower() != ".html") as tell:

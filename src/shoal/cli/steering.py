@@ -137,8 +137,8 @@ def _write_plan(episode: SteeringEpisode, result: dict[str, Any], out: Path | No
     written: list[Path] = []
     if out is not None:
         from shoal.files import atomic
-        from shoal.views.figures import save_figure
-        from shoal.views.steering import plan_figure
+        from shoal.views.drawing.charts import save_figure
+        from shoal.views.steering.figures import plan_figure
 
         save_figure(plan_figure(episode), out / "plan.png")
         episode.save(out / "episode.json")
@@ -153,7 +153,7 @@ def _write_plan(episode: SteeringEpisode, result: dict[str, Any], out: Path | No
 
 def write_film(episode: SteeringEpisode, path: Path) -> None:
     """Write one film, with a bar."""
-    from shoal.views.steering_films import write_steering_film
+    from shoal.views.steering.films import write_steering_film
 
     frames = 1000  # of the bar: how many the film has is known only once it is being written
     with progress(f"film {path.name}", frames, shown=path.suffix.lower() != ".html") as advance:
@@ -238,8 +238,8 @@ def reach(
     written = []
     if out is not None:
         from shoal.files import atomic
-        from shoal.views.figures import save_figure
-        from shoal.views.steering import reach_figure
+        from shoal.views.drawing.charts import save_figure
+        from shoal.views.steering.figures import reach_figure
 
         save_figure(reach_figure(sets), out / "reach.png")
         with atomic(out / "summary.json") as temporary:
@@ -279,8 +279,8 @@ def demo_steer(out: Path, *, seed: int, json_: bool) -> None:
     import numpy as np
 
     from shoal.steering import Disturbance, SteeringProblem, disk, open_workspace, prism, steer
-    from shoal.views.figures import save_figure
-    from shoal.views.steering import plan_figure
+    from shoal.views.drawing.charts import save_figure
+    from shoal.views.steering.figures import plan_figure
 
     check_folder(out)
     square, hexagon = open_workspace("square"), open_workspace("hexagon")

@@ -340,7 +340,8 @@ def write_outputs(episodes: list[Episode], result: dict[str, Any], out: Path | N
     if out is not None:
         from shoal.files import atomic
         from shoal.swarm.noise import SeenEpisode
-        from shoal.views.figures import final_map, frontier_plot, save_figure
+        from shoal.views.drawing.charts import save_figure
+        from shoal.views.swarm.figures import final_map, frontier_plot
 
         for name, figure in (("map.png", final_map(episodes[0])), ("frontier.png", frontier_plot(episodes))):
             save_figure(figure, out / name)
@@ -371,7 +372,7 @@ def _remove_earlier(out: Path) -> None:
 
 def write_film_with_progress(episode: Episode, path: Path) -> None:
     """Write one film, with a bar if it takes long."""
-    from shoal.views.films import write_film
+    from shoal.views.swarm.films import write_film
 
     frames = 1000  # of the bar: how many the film has is known only once it is being written
     with progress(f"film {path.name}", frames, shown=episode.moves > 200) as advance:

@@ -61,7 +61,7 @@ def line(
         result = line_summary(chosen, drawn, seed=seed)
     written = []
     if out is not None:
-        from shoal.views.theory import gap_distributions, move_distributions
+        from shoal.views.swarm.theory import gap_distributions, move_distributions
 
         figures = {"gaps.png": gap_distributions(chosen, drawn)} if cells <= EXACT_CELLS else {}
         if drawn is not None and figures:
@@ -106,7 +106,7 @@ def _means(row: dict[str, Any]) -> str:
 
 def _write(out: Path, figures: dict[str, Figure], result: dict[str, Any]) -> list[Path]:
     from shoal.files import atomic
-    from shoal.views.figures import save_figure
+    from shoal.views.drawing.charts import save_figure
 
     for name, figure in figures.items():
         save_figure(figure, out / name)
@@ -144,7 +144,7 @@ def schedule(
         }
     written = []
     if out is not None:
-        from shoal.views.theory import schedule_ratios
+        from shoal.views.swarm.theory import schedule_ratios
 
         written = _write(out, {"ratios.png": schedule_ratios([*others[:-1], best], max_distance=distance)}, result)
     if json_:

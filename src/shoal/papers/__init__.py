@@ -6,7 +6,7 @@ non-slip wall contacts; H, exhaustive search along a space-filling curve (1998).
 
 from __future__ import annotations
 
-from shoal.papers.recipe import Outcome, Recipe, Settings, Table
-from shoal.papers.reproduce import Result, recipes, reproduce, reproduce_all
+from shoal.papers.recipe import Outcome, Recipe, Result, Settings, Table
+from shoal.papers.reproduce import recipes, reproduce, reproduce_all
 
 __all__ = ["Outcome", "Recipe", "Result", "Settings", "Table", "recipes", "reproduce", "reproduce_all"]

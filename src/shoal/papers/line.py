@@ -46,7 +46,7 @@ def _sampled(line: Line, settings: Settings) -> Any:
 
 def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     from shoal.swarm.theory.one_dimension import Line
-    from shoal.views.theory import gap_distributions
+    from shoal.views.swarm.theory import gap_distributions
 
     line = Line(1000, 10)
     drawn = _sampled(line, settings)
@@ -71,7 +71,7 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     from shoal.swarm.theory.one_dimension import Line
-    from shoal.views.theory import move_distributions
+    from shoal.views.swarm.theory import move_distributions
 
     line = Line(1000, 100)
     drawn = _sampled(line, settings)

@@ -7,15 +7,12 @@ import os
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from shoal.files import atomic
 from shoal.lab.versions import versions
 from shoal.papers.errata import Finding
-from shoal.papers.recipe import Table
-
-if TYPE_CHECKING:
-    from shoal.papers.reproduce import Result
+from shoal.papers.recipe import Result, Table
 
 _STYLE = """
 :root { --ink: #22262c; --muted: #6b7280; --line: #e5e7eb; --blue: #0072b2; --good: #00734f; --bad: #b3470a; --soft: #f7f8fa; }

@@ -8,13 +8,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.lab.statistics import Estimate, Row, summarise
-from shoal.views.curves import Curve, Published
+from shoal.views.drawing.curves import Curve, Published
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -119,6 +120,28 @@ class Recipe:
     on_map: bool = False
     also: str = ""
     published: str = field(default="")
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A figure that was reproduced.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    outcome : Outcome
+    files : tuple of Path
+        The figure, its tables and a summary.
+    seconds : float
+    trials : int
+        Of all its sweeps.
+    """
+
+    recipe: Recipe
+    outcome: Outcome
+    files: tuple[Path, ...]
+    seconds: float
+    trials: int
 
 
 @cache

@@ -7,7 +7,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,39 +17,18 @@ from shoal.files import atomic
 from shoal.lab.coordinator import OnProgress, run_sweep
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
-from shoal.papers.recipe import Outcome, Recipe, Settings
+from shoal.papers import line, mapping, search, steering
+from shoal.papers.errata import check_all
+from shoal.papers.page import write_page
+from shoal.papers.recipe import Outcome, Recipe, Result, Settings
 from shoal.registry import Registry
 
 STORE = "results.sqlite"
 
 
-@dataclass(frozen=True, eq=False)
-class Result:
-    """A figure that was reproduced.
-
-    Parameters
-    ----------
-    recipe : Recipe
-    outcome : Outcome
-    files : tuple of Path
-        The figure, its tables and a summary.
-    seconds : float
-    trials : int
-        Of all its sweeps.
-    """
-
-    recipe: Recipe
-    outcome: Outcome
-    files: tuple[Path, ...]
-    seconds: float
-    trials: int
-
-
 @cache
 def recipes() -> Registry[Recipe]:
     """Return all recipes by name, in the order of the papers."""
-    from shoal.papers import line, mapping, search, steering
-
     found: Registry[Recipe] = Registry("figure")
     for recipe in (*line.RECIPES, *mapping.RECIPES, *steering.RECIPES, *search.RECIPES):
         found.add(recipe.name, recipe)
@@ -126,8 +105,8 @@ def _no_fewer(path: Path, sweep: Sweep) -> Sweep:
 
 
 def _write(folder: Path, recipe: Recipe, outcome: Outcome, sweeps: Sequence[Sweep]) -> tuple[Path, ...]:
-    from shoal.views.curves import add_note
-    from shoal.views.figures import save_figure
+    from shoal.views.drawing.charts import save_figure
+    from shoal.views.drawing.curves import add_note
 
     files = [folder / f"{recipe.name}.png"]
     add_note(outcome.figure, outcome.note)
@@ -166,9 +145,6 @@ def reproduce_all(out: str | os.PathLike[str], *, on_result: Callable[[Result], 
     ------
     InvalidInputError, OutputError
     """
-    from shoal.papers.errata import check_all
-    from shoal.papers.page import write_page
-
     results = []
     for name in recipes():
         chosen = options if recipes().get(name).on_map else {key: value for key, value in options.items() if key != "on_map"}

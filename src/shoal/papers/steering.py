@@ -20,7 +20,7 @@ from shoal.steering.delta_space.reachable_fraction import (
     polygon_fractions,
 )
 from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes
-from shoal.views.steering_paper import (
+from shoal.views.steering.paper_figures import (
     EXAMPLES,
     PRINTED_FRACTIONS,
     PRINTED_LAW,

@@ -31,7 +31,7 @@ from shoal.steering.contact.world import stop_at_others
 from shoal.steering.planners.chains.antipodal import antipodal_chain
 from shoal.steering.planners.chains.chain import ChainQuery
 from shoal.steering.workspaces.normalized_walls import normalize_walls
-from shoal.views.steering import plan_figure, reach_figure
+from shoal.views.steering.figures import plan_figure, reach_figure
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
 FORM = {"type": "polygon", "vertices": [[0, 0], [1, 0], [1, 1], [0, 1]]}

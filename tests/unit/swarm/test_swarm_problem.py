@@ -9,7 +9,7 @@ import pytest
 
 from shoal.errors import InvalidInputError, UnknownNameError
 from shoal.swarm import Coverage, GridWorkspace, SubsetCoverage, SwarmProblem
-from shoal.swarm.policies import BeamRollout, ClosestFrontier
+from shoal.swarm.policies import ClosestFrontier
 
 
 class Outsider:

@@ -28,7 +28,7 @@ from shoal.swarm.theory.scan_schedules import (
     theorem_rate,
     worst_of_both,
 )
-from shoal.views.films import scan_strip, write_film
+from shoal.views.swarm.films import scan_strip, write_film
 
 
 def printed(capsys, *words):

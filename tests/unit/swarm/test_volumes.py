@@ -15,11 +15,11 @@ from shoal.cli import run as shoal
 from shoal.swarm.kernels.paths import path_lengths
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.generators.vessels3d import grow_tree, murray_radius
-from shoal.views.figures import final_map, map_figure
-from shoal.views.films import write_film
-from shoal.views.looks import codes_of
-from shoal.views.player.page import player_data
-from shoal.views.volume import Fit, Slices, sheet, sheet_width, slice_pictures, turned_view, workspace_codes
+from shoal.views.swarm.cell_colours import codes_of
+from shoal.views.swarm.figures import final_map, map_figure
+from shoal.views.swarm.films import write_film
+from shoal.views.swarm.page import page_data
+from shoal.views.swarm.volume import Fit, Slices, sheet, sheet_width, slice_pictures, turned_view, workspace_codes
 
 nibabel = pytest.importorskip("nibabel")  # an extra
 BLOCK = np.random.default_rng(3).random((4, 5, 6)) < 0.7
@@ -232,7 +232,7 @@ def test_films_figures_and_data(tmp_path):
         assert (tmp_path / f"film{suffix}").stat().st_size > 1000
     assert final_map(episode).axes[0].get_title(loc="left").startswith("tree after")
     assert map_figure(episode, moves=3).axes[0].images[0].get_array().shape[0] == 900
-    data = player_data(episode)
+    data = page_data(episode)
     assert data["shape"] == list(workspace.shape)
     assert data["spacing"] == [1.0, 0.5, 2.0]
     assert "volume.js" not in (tmp_path / "film.html").read_text()

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError, RigError
-from shoal.swarm.grid.commands import letters_of
-from shoal.swarm.grid.commands import RULES
+from shoal.swarm.grid.commands import RULES, letters_of
 from shoal.swarm.maps.workspace import MAX_CELLS
 from shoal.swarm.rigs.messages import (
     PROTOCOL,

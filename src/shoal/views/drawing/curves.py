@@ -1,0 +1,161 @@
+"""Curves of means with their confidence bands, published ones behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from textwrap import fill
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.views.drawing.charts import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, new_figure, plain_axes, set_title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, MUTED)
+Numbers = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Published:
+    """A curve, or some points, as published.
+
+    Parameters
+    ----------
+    x, mean : ndarray of float64, shape (n,)
+    std : ndarray of float64, shape (n,), optional
+        Standard deviations; not a number where none is published.
+    points : bool
+        Draw circles, as there is no whole curve.
+    """
+
+    x: Numbers
+    mean: Numbers
+    std: Numbers | None = None
+    points: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Means against something.
+
+    Parameters
+    ----------
+    label : str
+    x, mean, low, high : ndarray of float64, shape (n,)
+        With the ends of the confidence interval.
+    published : Published, optional
+    """
+
+    label: str
+    x: Numbers
+    mean: Numbers
+    low: Numbers
+    high: Numbers
+    published: Published | None = None
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What a chart of curves says around them."""
+
+    title: str
+    x: str
+    y: str
+    published: str = "published"
+    note: str = ""
+    extra: Mapping[str, str] = field(default_factory=dict)
+
+
+def mean_curves(curves: Sequence[Curve], labels: Labels, *, log_x: bool = False, log_y: bool = True) -> Figure:
+    """Return means with their confidence bands; published curves behind them, grey with one standard deviation around.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no curve.
+    """
+    if not curves:
+        raise InvalidInputError("curves: expected one or more, got none")
+    figure = new_figure(7.4, 4.8)
+    axes = figure.add_subplot()
+    for curve, colour in zip(curves, COLOURS * len(curves), strict=False):
+        _behind(axes, curve.published, colour)
+        axes.fill_between(curve.x, curve.low, curve.high, color=colour, alpha=0.25, lw=0, zorder=3)
+        axes.plot(curve.x, curve.mean, color=colour, lw=1.6, zorder=4)
+        _name_at_end(axes, curve, colour)
+    axes.set(xlabel=labels.x, ylabel=labels.y, xscale="log" if log_x else "linear", yscale="log" if log_y else "linear")
+    _key(axes, curves, labels)
+    set_title(axes, labels.title)
+    plain_axes(axes)
+    add_note(figure, labels.note)
+    return figure
+
+
+def add_note(figure: Figure, note: str) -> None:
+    """Write a note below a figure, or above it where a legend stands below."""
+    note = fill(note, width=int(17 * figure.get_figwidth()))
+    if note and figure.legends:
+        figure.suptitle(note, fontsize=8, color=MUTED, x=0.01, ha="left")
+    elif note:
+        figure.supxlabel(note, fontsize=8, color=MUTED, x=0.01, ha="left")
+
+
+def _behind(axes: Axes, published: Published | None, colour: str) -> None:
+    """Draw what is published, behind ours."""
+    if published is None:
+        return
+    if published.points:
+        errors = None if published.std is None else np.nan_to_num(published.std)
+        axes.errorbar(
+            published.x, published.mean, yerr=_above_zero(published.mean, errors), fmt="o", ms=6, mfc="white", mec=colour, mew=1.4,
+            ecolor=colour, elinewidth=0.9, capsize=2.5, alpha=0.9, zorder=5,
+        )  # fmt: skip
+        return
+    if published.std is not None:
+        below = np.maximum(published.mean - published.std, published.mean / 5)
+        axes.fill_between(published.x, below, published.mean + published.std, color=MUTED, alpha=0.16, lw=0, zorder=1)
+    axes.plot(published.x, published.mean, color=MUTED, lw=5, alpha=0.5, zorder=2, solid_capstyle="round")
+
+
+def _above_zero(mean: Numbers, errors: Numbers | None) -> Numbers | None:
+    """Return errors down and up, such that a logarithmic axis can show them."""
+    return None if errors is None else np.stack([np.minimum(errors, 0.8 * mean), errors])
+
+
+def _name_at_end(axes: Axes, curve: Curve, colour: str) -> None:
+    axes.plot([], [], color=colour, lw=2.4, label=curve.label)
+
+
+def _key(axes: Axes, curves: Sequence[Curve], labels: Labels) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles: list[object] = [
+        Line2D([], [], color=colour, lw=2.4, label=curve.label) for curve, colour in zip(curves, COLOURS * 9, strict=False)
+    ]
+    lines = [curve.published for curve in curves if curve.published is not None and not curve.published.points]
+    if lines:
+        handles.append(Line2D([], [], color=MUTED, lw=5, alpha=0.5, label=labels.published))
+        if any(line.std is not None for line in lines):
+            handles.append(Patch(facecolor=MUTED, alpha=0.16, label="± one standard deviation"))
+    if any(curve.published is not None and curve.published.points for curve in curves):
+        handles.append(
+            Line2D(
+                [],
+                [],
+                ls="",
+                marker="o",
+                mfc="white",
+                mec=INK,
+                mew=1.4,
+                ms=6,
+                label=labels.published if not lines else "published points",
+            )
+        )
+    axes.legend(handles=handles, frameon=False, fontsize=9, labelcolor=INK)

@@ -1,0 +1,350 @@
+"""Figures of a search: where the robots went, what each did when, and the expected time of paper H, Fig. 5."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.search import SearchEpisode
+from shoal.search.expectation import expected_time, stay_share
+from shoal.views.drawing.charts import BLUE, INK, MUTED, ORANGE, bare_axes, new_figure, plain_axes, set_title
+from shoal.views.search.history import SearchStory, long_legs, rings_of, robot_colour
+from shoal.views.search.timeline import draw_heading, timeline_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["cell_colours", "expected_time_figure", "search_figure", "spread_out", "timeline_figure"]
+
+NOT_SEEN = "#d81b1b"
+OBSTACLE = "#5b6470"
+_OUTSIDE, _EDGE, _LINES = "#eef0f3", "#39424e", "#e1e5ea"
+_OWN, _TAKEN = 0.16, 0.36  # how much of a robot's colour its cells have
+_GRID = 3000  # cells whose sides are still drawn
+_NAMED = 24  # findings whose confidence is still written
+_ARROWS = 14  # on a route, at the most
+
+
+def search_figure(episode: SearchEpisode) -> Figure:
+    """Return the figure of a search: the region, and the way of each robot in its colour.
+
+    A square with its number is where a robot started, a cross where it died, a diamond a finding with how sure it is. Cells have
+    the colour of the robot that first searched them; those of another's part have a darker one and an outline, and the way through
+    them is thicker. Ways to cells farther off are thin and dashed. What nobody saw is red.
+    """
+    story = SearchStory(episode)
+    left, right, bottom, top = story.extent
+    ratio = (top - bottom) / (right - left)
+    width = 7.2 if ratio < 1.2 else max(4.6, 8.4 / ratio)
+    figure = new_figure(width, float(np.clip((width - 0.6) * ratio, 1.2, 8.6)) + 1.3)
+    axes = figure.add_subplot()
+    side = 72 * 0.9 * min(width / (right - left), figure.get_figheight() / (top - bottom)) * episode.plan.grid.size
+    _draw_ground(axes, story)
+    for robot in range(story.n_robots):
+        _draw_route(axes, story, robot, side)
+    _draw_not_seen(axes, episode)
+    _draw_findings(axes, episode)
+    axes.set(xlim=(left, right), ylim=(bottom, top))
+    axes.set_xlabel("metres", color=MUTED, fontsize=8)
+    bare_axes(axes)
+    axes.set_title(_summary(episode), fontsize=9, color=MUTED, loc="left", parse_math=False)
+    draw_heading(figure, f"{episode.plan.grid.region.name}, {_robots(story.n_robots)}")
+    _draw_legend(figure, story)
+    figure.draw_without_rendering()  # settles where the axes are, so that numbers can be kept apart on paper
+    figure.set_layout_engine("none")
+    _draw_robots(axes, story)
+    return figure
+
+
+def _robots(count: int) -> str:
+    return f"{count} robot" if count == 1 else f"{count} robots"
+
+
+def _summary(episode: SearchEpisode) -> str:
+    cells = episode.plan.grid.n_cells
+    when = f"searched after {episode.covered_at:.4g} cells' time" if episode.covered_at < inf else "not searched wholly"
+    over = f", {episode.takeovers} taken over" if episode.takeovers else ""
+    return f"{cells:,} cell{'s' if cells != 1 else ''} of {episode.plan.grid.size:.3g} m, {when}{over}"
+
+
+def _draw_ground(axes: Axes, story: SearchStory) -> None:
+    """Draw the cells in the colours of who searched them, and the region with its holes over them."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import to_rgb
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    left, right, bottom, top = story.extent
+    picture = story.raster(cell_colours(story), 1.0)
+    axes.imshow(picture, extent=(left, right, bottom, top), interpolation="nearest", zorder=0)
+    size = story.episode.plan.grid.size
+    if story.n_cells <= _GRID:
+        height, width = story.episode.plan.grid.shape
+        lines = [[(x, bottom), (x, top)] for x in left + size * np.arange(1, width)]
+        lines += [[(left, y), (right, y)] for y in bottom + size * np.arange(1, height)]
+        axes.add_collection(LineCollection(lines, colors=[_LINES], linewidths=0.4, zorder=0.5))
+    pad = 0.02 * max(right - left, top - bottom)
+    frame = np.array([(left - pad, bottom - pad), (right + pad, bottom - pad), (right + pad, top + pad), (left - pad, top + pad)])
+    rings = [ring for part in rings_of(story.episode.plan.grid.region.area) for ring in part]
+    axes.add_patch(PathPatch(_even_odd([frame, *rings]), facecolor="white", lw=0, zorder=0.8))
+    for part in rings_of(story.episode.plan.grid.region.area):
+        for hole in part[1:]:
+            axes.fill(*hole.T, facecolor=to_rgb(_OUTSIDE), lw=0, zorder=0.9)
+        for ring in part:
+            axes.add_patch(PathPatch(Path(ring, closed=True), facecolor="none", edgecolor=_EDGE, lw=1.2, zorder=1.2))
+
+
+def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
+    """Return a path whose inside is what an odd number of rings goes around: the outer frame, without the parts."""
+    from matplotlib.path import Path
+
+    def turned(ring: NDArray[np.float64], sign: float) -> NDArray[np.float64]:
+        x, y = ring.T
+        return ring if sign * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) > 0 else ring[::-1]
+
+    frame, *rest = rings
+    return Path.make_compound_path(
+        *(Path(np.vstack([r, r[:1]]), closed=True) for r in (turned(frame, 1), *(turned(r, -1) for r in rest)))
+    )
+
+
+def cell_colours(story: SearchStory, time: float = inf) -> NDArray[np.float64]:
+    """Return the colour of each cell at a time, white if nobody had searched it; float64, shape (n, 3), by number on the tour.
+
+    That of an obstacle once it was found.
+    """
+    from matplotlib.colors import to_rgb
+
+    times, by = story.first
+    palette = np.array([(1.0, 1.0, 1.0), *(to_rgb(robot_colour(robot)) for robot in range(story.n_robots))])
+    part = np.where(story.taken, _TAKEN, _OWN) * ((times <= time) & (by > 0))
+    colours = 1.0 - part[:, None] * (1.0 - palette[by])
+    colours[[cell for cell, moment in story.episode.obstacles.items() if moment <= time]] = to_rgb(OBSTACLE)
+    return np.asarray(colours)
+
+
+def _draw_route(axes: Axes, story: SearchStory, robot: int, side: float) -> None:
+    """Draw the way of a robot; ``side`` is that of a cell on paper, in points."""
+    from matplotlib.collections import LineCollection
+
+    episode, colour = story.episode, robot_colour(robot)
+    route, size = episode.routes[robot], episode.plan.grid.size
+    outline = story.outline(robot)
+    if len(outline):
+        axes.add_collection(LineCollection(list(outline), colors=[colour], linewidths=1.5, capstyle="round", zorder=0.7))
+    if len(route.points) < 2:
+        _draw_unfinished(axes, story, robot)
+        return
+    pieces = np.stack([route.points[:-1], route.points[1:]], axis=1)
+    ends = story.stop_ends(robot)
+    cell = np.clip(np.searchsorted(ends, np.arange(1, len(route.points))) - 1, 0, None)
+    taken = (story.others(robot) > 0)[np.minimum(cell, len(ends) - 2)]
+    far = long_legs(route, size)
+    thick = float(np.clip(0.16 * side, 0.45, 1.9))
+    for chosen, width, style, alpha in (
+        (far, 0.55 * thick, (0, (3, 1.8)), 0.75),
+        (~far & ~taken, thick, "solid", 1.0),
+        (~far & taken, 1.7 * thick, "solid", 1.0),
+    ):
+        lines = LineCollection(
+            list(pieces[chosen]), colors=[colour], linewidths=width, linestyles=[style], alpha=alpha, capstyle="butt", zorder=3
+        )
+        axes.add_collection(lines)
+    _draw_arrows(axes, pieces[~far], colour, float(np.clip(0.3 * side, 2.2, 4.8)) * size / side)
+
+
+def _draw_unfinished(axes: Axes, story: SearchStory, robot: int) -> None:
+    """Draw how far a robot came that died before it searched anything."""
+    way = story.motions[robot].points
+    if len(way) > 1:
+        axes.plot(*way.T, color=robot_colour(robot), lw=0.8, ls=(0, (3, 1.8)), zorder=3)
+
+
+def _draw_arrows(axes: Axes, pieces: NDArray[np.float64], colour: str, size: float) -> None:
+    """Draw arrowheads on pieces of a way, far from one another."""
+    from matplotlib.collections import PolyCollection
+
+    lengths = np.hypot(*(pieces[:, 1] - pieces[:, 0]).T)
+    far = np.cumsum(lengths)
+    good = np.flatnonzero(lengths > 1e-9)
+    if not len(good):
+        return
+    count = int(np.clip(far[-1] / (14 * size), 1, _ARROWS))
+    chosen = good[np.minimum(np.searchsorted(far[good], (np.arange(count) + 0.5) * far[-1] / count), len(good) - 1)]
+    along = (pieces[chosen, 1] - pieces[chosen, 0]) / lengths[chosen, None]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    middle = pieces[chosen].mean(axis=1)
+    heads = np.stack([middle + size * along, middle - 0.7 * size * along + 0.75 * size * across,
+                      middle - 0.7 * size * along - 0.75 * size * across], axis=1)  # fmt: skip
+    axes.add_collection(PolyCollection(list(heads), facecolors=[colour], edgecolors="white", linewidths=0.3, zorder=3.5))
+
+
+def _draw_not_seen(axes: Axes, episode: SearchEpisode) -> None:
+    for rings in rings_of(_not_seen(episode)):
+        from matplotlib.patches import PathPatch
+
+        axes.add_patch(PathPatch(_even_odd(rings), facecolor=NOT_SEEN, alpha=0.55, edgecolor=NOT_SEEN, lw=0.8, zorder=2.5))
+
+
+def _draw_findings(axes: Axes, episode: SearchEpisode) -> None:
+    found = episode.findings
+    for finding in found:
+        place = episode.plan.grid.waypoint(tuple(episode.plan.tour.cells[finding.cell]))
+        axes.plot(*place, "D", mfc="#ffd54a", mec=INK, mew=1.1, ms=6.5, zorder=6)
+        if len(found) <= _NAMED:
+            _label(axes, f"{100 * finding.confidence:.3g} %", place, (6, 5))
+
+
+def _label(axes: Axes, words: str, place: Any, offset: tuple[float, float]) -> None:
+    from matplotlib.patheffects import withStroke
+
+    axes.annotate(
+        words, (float(place[0]), float(place[1])), xytext=offset, textcoords="offset points", fontsize=7, color=INK, zorder=8,
+        path_effects=[withStroke(linewidth=2, foreground="white")],
+    )  # fmt: skip
+
+
+def _draw_robots(axes: Axes, story: SearchStory) -> None:
+    """Draw starts and deaths; where starts are close, numbers are moved apart and joined to them by lines."""
+    places = story.episode.plan.places
+    points_a_pixel = 72 / axes.figure.dpi
+    on_paper = axes.transData.transform(places) * points_a_pixel
+    small = story.n_robots > 12
+    side, font = (9.5, 5.8) if small else (11.0, 7.0)
+    moved = spread_out(on_paper, 1.12 * side)
+    for robot, (place, here, there) in enumerate(zip(places, on_paper, moved, strict=True)):
+        colour = robot_colour(robot)
+        label = axes.transData.inverted().transform(there / points_a_pixel)
+        if np.hypot(*(there - here)) > 1:
+            axes.plot(*np.stack([place, label]).T, color=colour, lw=0.9, zorder=6.2)
+            axes.plot(*place, "s", color=colour, ms=3, zorder=6.2)
+        axes.plot(*label, "s", mfc=colour, mec="white", mew=0.9, ms=side, zorder=6.5, clip_on=False)
+        x, y = (float(part) for part in label)
+        axes.text(
+            x, y, str(robot + 1), color="white", fontsize=font, fontweight="bold", ha="center", va="center_baseline", zorder=7
+        )
+    for robot in range(story.n_robots):
+        if story.death(robot) < inf:
+            place = story.motions[robot].at(story.death(robot))
+            axes.plot(*place, "x", color="white", ms=10, mew=4.6, zorder=7.2)
+            axes.plot(*place, "x", color=INK, ms=9, mew=2.2, zorder=7.3)
+            _label(axes, str(robot + 1), place, (5.5, -9))
+
+
+def spread_out(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+    """Return places moved apart until no two are closer than ``least``, or nearly so; float64, shape (n, 2).
+
+    Examples
+    --------
+    >>> apart = spread_out(np.zeros((2, 2)), 10.0)
+    >>> bool(np.hypot(*(apart[1] - apart[0])) > 9.9)
+    True
+    """
+    moved = places + 1e-3 * np.stack([np.cos(2.4 * np.arange(len(places))), np.sin(2.4 * np.arange(len(places)))], axis=1)
+    for _ in range(300):
+        ways = moved[:, None] - moved[None]
+        apart = np.hypot(ways[..., 0], ways[..., 1])
+        np.fill_diagonal(apart, inf)
+        push = np.clip(least - apart, 0, None)
+        if not (push > 0.01).any():
+            break
+        moved = moved + 0.5 * ((push / np.maximum(apart, 1e-9))[..., None] * ways).sum(axis=1)
+    return np.asarray(moved)
+
+
+def _not_seen(episode: SearchEpisode) -> Any:
+    """Return what was not seen, but for obstacles."""
+    import shapely
+
+    if not episode.obstacles:
+        return episode.coverage.uncovered
+    grid = episode.plan.grid
+    left, top = grid.corner
+    rows, cols = episode.plan.tour.cells[[*episode.obstacles]].T
+    x, y = left + cols * grid.size, top - rows * grid.size
+    return episode.coverage.uncovered - shapely.union_all(shapely.box(x, y - grid.size, x + grid.size, y))
+
+
+def _draw_legend(figure: Figure, story: SearchStory) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    episode = story.episode
+    handles: list[Any] = [Line2D([], [], ls="", marker="s", color=MUTED, ms=8, label="start")]
+    if any(story.death(robot) < inf for robot in range(story.n_robots)):
+        handles.append(Line2D([], [], ls="", marker="x", color=INK, ms=7, mew=2, label="died"))
+    if story.taken.any():
+        handles.append(Patch(facecolor="#c9ced6", edgecolor=MUTED, lw=1.5, label="searched for another robot"))
+    if episode.findings:
+        handles.append(Line2D([], [], ls="", marker="D", mfc="#ffd54a", mec=INK, ms=6, label="finding, and how sure"))
+    if episode.obstacles:
+        handles.append(Patch(facecolor=OBSTACLE, label="obstacle, found on the way"))
+    left = _not_seen(episode).area
+    if left > 1e-6 * episode.plan.grid.region.area_m2:
+        handles.append(Patch(facecolor=NOT_SEEN, alpha=0.55, label=f"not seen: {left:.4g} m²"))
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=3 if len(handles) > 4 or figure.get_figwidth() < 6 else 4, frameon=False,
+        fontsize=8, labelcolor=INK, handletextpad=0.5, columnspacing=1.4,
+    )  # fmt: skip
+
+
+def expected_time_figure(
+    *,
+    robots: Sequence[int] = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50),
+    cells: int = 1024,
+    dead: int = 5,
+    trials: int = 10_000,
+    seed: int = 0,
+) -> Figure:
+    """Return the expected time of robots that stay where they are against their number, as paper H, Fig. 5.
+
+    Marks are Monte Carlo, with two standard errors; lines are theory: H_m/m, the same for those that live if ``dead`` of them never
+    start, and the bound 1/m.
+
+    Parameters
+    ----------
+    robots : sequence of int
+        Numbers of robots, one or more.
+    cells, trials, seed
+        As `shoal.search.expectation.expected_time` takes them.
+    dead : int
+        0 for no second curve.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if not len(robots):
+        raise InvalidInputError("expected time: expected at least one number of robots, got none")
+    figure = new_figure(6.8, 4.2)
+    axes = figure.add_subplot()
+    numbers = np.arange(1, max(robots) + 1)
+    cases = [(0, BLUE, "o", "all live: H$_m$/m")]
+    if 0 < dead < max(robots):
+        cases.append((dead, ORANGE, "s", f"{dead} dead on arrival: H$_{{m-{dead}}}$/(m-{dead})"))
+    for lost, colour, marker, words in cases:
+        shown = [count for count in robots if count > lost]
+        found = [expected_time(cells, count, dead=lost, trials=trials, seed=seed) for count in shown]
+        curve = [(count, 100 * stay_share(int(count), dead=lost)) for count in numbers if count > lost]
+        axes.plot(*np.array(curve).T, color=colour, lw=1.5, label=words)
+        axes.errorbar(
+            shown, [100 * one.mean for one in found], [200 * one.error for one in found], fmt=marker, mfc="white", mec=colour,
+            ecolor=colour, mew=1.5, ms=5.5, capsize=2.5, lw=1.2,
+        )  # fmt: skip
+    axes.plot(numbers, 100 / numbers, color=MUTED, lw=1.3, ls=(0, (4, 2)), label="no search is faster: 1/m")
+    if max(robots) >= 20:
+        axes.annotate(
+            f"20 robots: {100 * stay_share(20):.1f} %", (20, 100 * stay_share(20)), xytext=(-4, -15), textcoords="offset points",
+            fontsize=9, color=BLUE, ha="center",
+        )  # fmt: skip
+    axes.set(xlabel="robots m", ylabel="T$_E$ as % of one robot's time", ylim=(0, 104), xlim=(0, max(robots) * 1.02 + 0.5))
+    set_title(axes, f"Robots that stay where they are: {cells:,} cells, {trials:,} trials a mark")
+    plain_axes(axes)
+    axes.legend(frameon=False, fontsize=9, labelcolor=INK)
+    return figure

@@ -1,0 +1,230 @@
+"""Films of searches: robots move along their ways, cells take on their colour, robots die and others take over."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from math import inf
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.files import atomic
+from shoal.search import SearchEpisode
+from shoal.views.drawing.charts import INK, MUTED
+from shoal.views.drawing.encoding import LONGEST, OnFrame, check_film, encode
+from shoal.views.search.figures import cell_colours
+from shoal.views.search.history import SearchStory, Stretch, rings_of, robot_colour
+
+if TYPE_CHECKING:
+    from shoal.views.drawing.canvas import Canvas
+
+RATE = {".gif": 10, ".mp4": 30}  # frames a second
+HEIGHT = {".gif": 432, ".mp4": 720}
+SECONDS = 24.0
+_SHORTEST = 4.0
+_REST = 1.2  # seconds for which the end stays
+_GROUND, _EDGE, _BAR = "#f1f3f5", "#39424e", "#dfe3e8"
+_FLASH = 40  # rings of a takeover grow for so large a part of the film: 1/40
+
+
+def write_search_film(episode: SearchEpisode, path: str | os.PathLike[str], *, on_frame: OnFrame | None = None) -> None:
+    """Write a film of a search; the suffix says which kind.
+
+    Parameters
+    ----------
+    episode : SearchEpisode
+    path : path
+        ``.gif``, ``.mp4`` (H.264) or ``.html`` (the player).
+    on_frame : callable, optional
+        Told the progress.
+
+    Raises
+    ------
+    InvalidInputError
+        For another suffix.
+    OutputError
+        If it cannot be written; nothing is left behind.
+    """
+    target = check_film(path)
+    suffix = target.suffix.lower()
+    with atomic(target) as temporary:
+        if suffix == ".html":
+            from shoal.views.search.page import player_page
+
+            temporary.write_text(player_page(episode), encoding="utf-8")
+            return
+        film = SearchFilm(episode, height=HEIGHT[suffix])
+        times = film.times(RATE[suffix], LONGEST[suffix])
+        encode(temporary, film, times, rate=RATE[suffix], quality=22, gif=suffix == ".gif", on_frame=on_frame)
+
+
+class SearchFilm:
+    """The frames of a film.
+
+    Parameters
+    ----------
+    episode : SearchEpisode
+    height : int
+        Pixels.
+    """
+
+    def __init__(self, episode: SearchEpisode, *, height: int = 720) -> None:
+        from shoal.views.drawing.canvas import Canvas
+
+        self.story = SearchStory(episode)
+        left, right, bottom, top = self.story.extent
+        self._unit = unit = max(height / 720, 0.7)
+        head, foot, side = 64 * unit, 92 * unit, 32 * unit
+        across = float(np.clip((right - left) / (top - bottom), 0.9, 1.9))
+        self.height, self.width = height, 2 * round(((height - head - foot) * across + 2 * side) / 2)
+        self._scale = min((self.width - 2 * side) / (right - left), (height - head - foot) / (top - bottom))
+        self._corner = (
+            (self.width - self._scale * (right - left)) / 2,
+            head + (height - head - foot - self._scale * (top - bottom)) / 2,
+        )
+        self._canvas: Canvas = Canvas(self.width, self.height)
+        self._label = self._pixels()
+        self._rings = [[self._at(ring) for ring in part] for part in rings_of(episode.plan.grid.region.area)]
+        self._outlines = [list(self._at(self.story.outline(robot))) for robot in range(self.story.n_robots)]
+
+    def times(self, rate: float, longest: int) -> list[float]:
+        """Return when the frames are, in the time of a cell; the end stays for a while."""
+        seconds = float(np.clip(self.story.end / 8, _SHORTEST, SECONDS))
+        rest = round(_REST * rate)
+        count = min(round(seconds * rate), longest - rest)
+        return [*np.linspace(0, self.story.end, count).tolist(), *[self.story.end] * rest]
+
+    def frames(self, times: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
+        """Yield the picture at each time; uint8, shape (height, width, 3)."""
+        self._draw_background()
+        drawn = -1.0
+        for time in times:
+            if time < drawn or self.story.searched(time) != self.story.searched(drawn):
+                self._draw_cells(time)
+            drawn = time
+            self._canvas.clear()
+            self._draw_frame(time)
+            yield self._canvas.frame()
+
+    def _at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        left, _, _, top = self.story.extent
+        return np.asarray((points - (left, top)) * (self._scale, -self._scale) + self._corner)
+
+    def _pixels(self) -> NDArray[np.int64]:
+        """Return the number of the cell that each pixel lies in, the number of cells for none; int64, shape (height, width)."""
+        grid = self.story.episode.plan.grid
+        rows, cols = (
+            np.floor((np.arange(length) + 0.5 - first) / (self._scale * grid.size)).astype(np.int64)
+            for length, first in ((self.height, self._corner[1]), (self.width, self._corner[0]))
+        )
+        number = self.story.raster(np.arange(self.story.n_cells), self.story.n_cells)
+        padded = np.pad(number, 1, constant_values=self.story.n_cells)
+        return np.asarray(padded[np.clip(rows + 1, 0, grid.shape[0] + 1)[:, None], np.clip(cols + 1, 0, grid.shape[1] + 1)[None]])
+
+    def _draw_background(self) -> None:
+        canvas, unit, episode = self._canvas, self._unit, self.story.episode
+        canvas.area([[(0, 0), (self.width, 0), (self.width, self.height), (0, self.height)]], "#ffffff")
+        name = episode.plan.grid.region.name
+        width = canvas.text((32 * unit, 38 * unit), name if len(name) < 30 else name[:29] + "…", INK, 19 * unit, bold=True)
+        count = self.story.n_robots
+        words = f"{count} robot{'s' if count != 1 else ''}, {self.story.n_cells:,} cells of {episode.plan.grid.size:.3g} m"
+        canvas.text((32 * unit + width + 14 * unit, 38 * unit), words, MUTED, 14 * unit)
+        self._plain = canvas.frame()
+        self._draw_cells(-1.0)
+
+    def _draw_cells(self, time: float) -> None:
+        """Colour the cells, cover what of them lies outside, and keep that as the background of the frames to come."""
+        colours = np.rint(255 * np.vstack([cell_colours(self.story, time), (1.0, 1.0, 1.0)])).astype(np.uint8)
+        canvas = self._canvas
+        canvas.paint(np.where((self._label < self.story.n_cells)[..., None], colours[self._label], self._plain))
+        for robot, stretches in enumerate(self.story.stretches):
+            if any(stretch.kind == "taken" and stretch.begin <= time for stretch in stretches):
+                canvas.lines(self._outlines[robot], robot_colour(robot), 2 * self._unit)
+        frame = np.array([(-9, -9), (self.width + 9, -9), (self.width + 9, self.height + 9), (-9, self.height + 9)], dtype=float)
+        head = 56 * self._unit
+        frame[:2, 1], frame[2:, 1] = head, self.height - 80 * self._unit
+        canvas.area([frame, *(_turned(part[0], frame) for part in self._rings)], "#ffffff")
+        for part in self._rings:
+            for hole in part[1:]:
+                canvas.area([hole], _GROUND)
+            for ring in part:
+                canvas.line(ring, _EDGE, 1.4 * self._unit, closed=True)
+        canvas.keep()
+
+    def _draw_frame(self, time: float) -> None:
+        canvas, unit, story = self._canvas, self._unit, self.story
+        thick = float(np.clip(0.12 * self._scale * story.episode.plan.grid.size, 0.7, 2.6 * unit))
+        now = [_current(stretches, time) for stretches in story.stretches]
+        for robot, motion in enumerate(story.motions):
+            way = motion.until(time)
+            if len(way) > 1:
+                canvas.line(self._at(way), robot_colour(robot), thick, alpha=0.75)
+        for finding in story.episode.findings:
+            if story.first[0][finding.cell] <= time:
+                self._draw_diamond(story.episode.plan.course.points[finding.cell] * story.episode.plan.grid.size)
+        for robot, stretch in enumerate(now):
+            self._draw_robot(robot, stretch, time)
+        self._draw_foot(time, now)
+
+    def _draw_diamond(self, place: NDArray[np.float64]) -> None:
+        size = 6.5 * self._unit
+        corners = self._at(place) + size * np.array([(0, -1), (1, 0), (0, 1), (-1, 0)])
+        self._canvas.area([corners], "#ffd54a", edge=INK, width=1.2 * self._unit)
+
+    def _draw_robot(self, robot: int, stretch: Stretch, time: float) -> None:
+        canvas, unit, colour = self._canvas, self._unit, robot_colour(robot)
+        place = self._at(self.story.motions[robot].at(time))
+        radius = (11 if self.story.n_robots <= 12 else 8.5) * unit
+        if stretch.kind == "dead":
+            for width, shade in ((5.5 * unit, "#ffffff"), (2.6 * unit, INK)):
+                for sign in (1, -1):
+                    canvas.line(place + 0.62 * radius * np.array([(-1, -sign), (1, sign)]), shade, width)
+            canvas.text(place + radius * np.array((0.9, 1.3)), str(robot + 1), INK, 11 * unit, bold=True)
+            return
+        if stretch.kind == "taken":
+            since = (time - stretch.begin) / (self.story.end / _FLASH)
+            if since < 1:
+                canvas.disc(place, radius * (1.2 + 2.6 * since), None, edge=colour, width=3 * unit, alpha=1 - since)
+            canvas.disc(place, 1.38 * radius, None, edge=colour, width=2.2 * unit)
+        idle = stretch.kind in ("waiting", "complete", "listening", "paused")
+        canvas.disc(
+            place, radius, "#ffffff" if idle else colour, edge=colour if idle else "#ffffff", width=(2.4 if idle else 1.4) * unit
+        )
+        size = 1.05 * radius
+        canvas.text(place + np.array((0, 0.37 * size)), str(robot + 1), colour if idle else "#ffffff", size, bold=True, align=0.5)
+
+    def _draw_foot(self, time: float, now: list[Stretch]) -> None:
+        """Draw the clock, the share searched, and what robots are doing."""
+        canvas, unit, story = self._canvas, self._unit, self.story
+        level, left, right = self.height - 26 * unit, 32 * unit, self.width - 32 * unit
+        done = story.searched(time)
+        share = f"{100 * done / story.n_cells:.0f} % searched"
+        if 0 < story.n_cells - done < 0.005 * story.n_cells:
+            share = f"{story.n_cells - done} cells left"
+        width = canvas.text((left, level - 20 * unit), share, INK, 19 * unit, bold=True)
+        clock = f"{time:,.0f} of {story.end:,.0f} cells' time"
+        canvas.text((left + width + 14 * unit, level - 20 * unit), clock, MUTED, 14 * unit)
+        kinds = [stretch.kind for stretch in now]
+        words = [
+            f"{kinds.count(kind)} {name}"
+            for kind, name in (("dead", "dead"), ("taken", "taking over"), ("paused", "paused"), ("waiting", "waiting"))
+            if kind in kinds
+        ]
+        canvas.text((right, level - 20 * unit), " · ".join(words), MUTED, 14 * unit, align=1.0)
+        canvas.line([(left, level), (right, level)], _BAR, 5 * unit)
+        if done:
+            canvas.line([(left, level), (left + (right - left) * done / story.n_cells, level)], "#0072b2", 5 * unit)
+
+
+def _current(stretches: tuple[Stretch, ...], time: float) -> Stretch:
+    """Return what a robot does at a time."""
+    found = [stretch for stretch in stretches if stretch.begin <= time]
+    return found[-1] if found else Stretch(0.0, inf, "listening")
+
+
+def _turned(ring: NDArray[np.float64], frame: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a ring the other way round than the frame around it, which makes it a hole."""
+    areas = [float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) for x, y in (ring.T, frame.T)]
+    return ring if areas[0] * areas[1] < 0 else ring[::-1]

@@ -1,0 +1,88 @@
+"""Workspaces, trajectories and their ends on the axes of a chart."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
+from shoal.views.drawing.charts import BLUE, INK, ORANGE, PURPLE, bare_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PARTICLES = (BLUE, ORANGE, PURPLE, "#009e73", "#b8860b")
+_ROUND = 240
+_BENT = 160  # largest number of numbered moves
+
+
+def colour_of(particle: int) -> str:
+    """Return the colour of a particle, counted from 0; after five they come again."""
+    return PARTICLES[particle % len(PARTICLES)]
+
+
+def draw_workspace(axes: Axes, workspace: ConvexWorkspace | Region) -> None:
+    """Draw the walls of a workspace in the plane."""
+    for k, ring in enumerate(outlines_of(workspace)):
+        hole = k > 0
+        axes.fill(*ring.T, facecolor="#d6d9de" if hole else "#f7f8fa", edgecolor=INK, lw=1.6, zorder=0.5 if hole else 0)
+    bare_axes(axes)
+
+
+def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]]:
+    """Return the outline of a workspace in the plane and those of its obstacles; each float64, shape (n, 2)."""
+    if isinstance(workspace, Region):
+        return list(workspace.rings)
+    if workspace.round:
+        angles = np.linspace(0, 2 * np.pi, _ROUND, endpoint=False)
+        return [workspace.center + workspace.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)]
+    return [workspace.vertices]
+
+
+def draw_ways(axes: Axes, episode: SteeringEpisode) -> None:
+    """Draw where each particle went, its start (a square) and its goal (a circle)."""
+    states, size = episode.states[..., :2], episode.problem.workspace.size
+    for particle in range(episode.problem.n_particles):
+        way, colour = states[:, particle], colour_of(particle)
+        for here, there in pairwise(way):
+            if np.linalg.norm(there - here) > 1e-4 * size:
+                axes.annotate(
+                    "",
+                    xy=there,
+                    xytext=here,
+                    zorder=3,
+                    arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 0, "shrinkB": 0},
+                )
+        goal = episode.goal[particle]
+        axes.plot(*way[0], "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
+        axes.plot(*goal[:2], "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
+        number_ends(axes, way, colour, size)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=3, frameon=False, labelcolor=INK, handletextpad=0.3)
+
+
+def number_ends(axes: Axes, way: NDArray[np.float64], colour: str, size: float) -> None:
+    """Write the numbers of the moves where they end; moves that a particle spends at one place have none."""
+    if len(way) - 1 > _BENT:
+        return
+    labelled: list[tuple[NDArray[np.float64], list[str]]] = []
+    for number in range(1, len(way)):
+        if np.linalg.norm(way[number] - way[number - 1]) <= 1e-4 * size:
+            continue
+        near = next((entry for entry in labelled if np.linalg.norm(entry[0] - way[number]) < 0.03 * size), None)
+        if near is None:
+            labelled.append((way[number], [str(number)]))
+        else:
+            near[1].append(str(number))
+    for place, numbers in labelled:
+        axes.annotate(
+            ", ".join(numbers[:3]) + ("…" if len(numbers) > 3 else ""),
+            (float(place[0]), float(place[1])),
+            xytext=(5, 5),
+            textcoords="offset points",
+            color=colour,
+            fontsize=8,
+            zorder=5,
+        )

@@ -1,0 +1,195 @@
+"""Films of steering episodes: GIF, MP4, or the HTML player."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from math import pi, sin
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.files import atomic
+from shoal.steering import SteeringEpisode
+from shoal.views.drawing.charts import INK, MUTED
+from shoal.views.drawing.encoding import LONGEST, OnFrame, check_film, encode
+from shoal.views.steering.trajectories import Leg, Moment, Schedule, has_delta, legs_of
+
+if TYPE_CHECKING:
+    from shoal.views.drawing.canvas import Canvas
+
+RATE = {".gif": 20, ".mp4": 30}  # frames a second
+HEIGHT = {".gif": 432, ".mp4": 720}
+_TURN = 0.5  # radians to both sides by which a camera turns in a film
+_LINE, _BAR = "#dfe3e8", "#0072b2"
+
+
+def write_steering_film(episode: SteeringEpisode, path: str | os.PathLike[str], *, on_frame: OnFrame | None = None) -> None:
+    """Write a film of a steering episode; the suffix says which kind.
+
+    Parameters
+    ----------
+    episode : SteeringEpisode
+        One that `SteeringEpisode.verify` finds true: what happens within the moves is played again.
+    path : path
+        ``.gif``, ``.mp4`` (H.264) or ``.html`` (the player).
+    on_frame : callable, optional
+        Told the progress.
+
+    Raises
+    ------
+    InvalidInputError
+        For another suffix.
+    OutputError
+        If it cannot be written; nothing is left behind.
+    """
+    target = check_film(path)
+    suffix = target.suffix.lower()
+    with atomic(target) as temporary:
+        if suffix == ".html":
+            from shoal.views.steering.page import player_page
+
+            temporary.write_text(player_page(episode), encoding="utf-8")
+            return
+        legs = legs_of(episode)
+        schedule = Schedule(legs, size=episode.problem.workspace.size)
+        moments, rate = schedule.moments(RATE[suffix], LONGEST[suffix])
+        film = SteeringFilm(episode, legs, height=HEIGHT[suffix])
+        encode(temporary, film, moments, rate=rate, quality=20, gif=suffix == ".gif", on_frame=on_frame)
+
+
+class SteeringFilm:
+    """The frames of a film.
+
+    Parameters
+    ----------
+    episode : SteeringEpisode
+    legs : list of Leg
+        As `legs_of` returns them.
+    height : int
+        Pixels.
+    """
+
+    def __init__(self, episode: SteeringEpisode, legs: list[Leg], *, height: int = 720) -> None:
+        from shoal.views.drawing.canvas import Canvas
+        from shoal.views.steering.panels import Box, DeltaScene, PlaneScene, SpaceScene
+
+        self._episode, self._legs = episode, legs
+        pair, space = has_delta(episode), episode.problem.workspace.dimensions == 3
+        self.height, self.width = height, 2 * round(height * (16 / 9 if pair else 4 / 3) / 2)
+        self._unit = unit = max(height / 720, 0.72)  # words and lines of small films stay readable
+        self._canvas: Canvas = Canvas(self.width, self.height)
+        top, foot, side = 86 * unit, 124 * unit, 40 * unit
+        room = Box(side, top, self.width - 2 * side, height - top - foot)
+        if pair:
+            half = (room.width - side) / 2
+            boxes = [Box(side, top, half, room.height), Box(2 * side + half, top, half, room.height)]
+        else:
+            boxes = [room]
+        view = SpaceScene if space else PlaneScene
+        self._scenes: list[PlaneScene | SpaceScene | DeltaScene] = [view(episode, legs, self._canvas, boxes[0], unit)]
+        if pair:
+            self._scenes.append(DeltaScene(episode, legs, self._canvas, boxes[1], unit))
+        self._draw_head([box.left + box.width / 2 for box in boxes])
+        for scene in self._scenes:
+            scene.draw_background()
+        self._canvas.keep()
+
+    def frames(self, moments: Sequence[Moment]) -> Iterator[NDArray[np.uint8]]:
+        """Yield the picture of each moment; uint8, shape (height, width, 3)."""
+        for number, moment in enumerate(moments):
+            self._canvas.clear()
+            turn = -pi / 3 + _TURN * sin(2 * pi * number / max(1, len(moments) - 1))
+            for scene in self._scenes:
+                scene.draw(moment, turn)
+            self._draw_foot(moment, turn)
+            yield self._canvas.frame()
+
+    def _draw_head(self, middles: list[float]) -> None:
+        canvas, unit, episode = self._canvas, self._unit, self._episode
+        title = f"{episode.planner} in a {episode.problem.workspace.kind}"
+        shaded = episode.disturbance.friction == np.inf
+        delta = "Δ configuration space" + ("; shaded: what two moves can make of Δ" if shaded else "")
+        names = ["workspace", delta] if len(middles) > 1 else [""]
+        width = canvas.text((40 * unit, 38 * unit), title, INK, 19 * unit, bold=True)
+        if len(middles) == 1:
+            canvas.text((40 * unit + width + 16 * unit, 38 * unit), episode.status, MUTED, 15 * unit)
+        for middle, name in zip(middles, names, strict=True):
+            canvas.text((middle, 66 * unit), name, MUTED, 14 * unit, align=0.5)
+
+    def _draw_foot(self, moment: Moment, turn: float) -> None:
+        """Draw the command as an arrow, what happens in words, and how far the plan is."""
+        canvas, unit, legs = self._canvas, self._unit, self._legs
+        middle = np.array([76 * unit, self.height - 66 * unit])
+        self._draw_command(middle, 38 * unit, moment, turn)
+        left, right = 136 * unit, self.width - 40 * unit
+        done = sum(leg.length for leg in legs[: moment.move]) + (legs[moment.move].length * moment.share if legs else 0.0)
+        total = self._episode.path_length
+        last = moment.move == len(legs) - 1 and moment.share == 1
+        if not legs:
+            words = f"no moves: {self._episode.status}"
+        elif last:
+            words = f"{self._episode.status} after {len(legs)} moves · length {total:.2f}"
+        else:
+            words = f"move {moment.move + 1} of {len(legs)} · length {_short(legs[moment.move].length)}"
+        canvas.text((left, self.height - 74 * unit), words, INK, 19 * unit, bold=True)
+        canvas.text((left, self.height - 49 * unit), f"{done:.2f} of {total:.2f} in all", MUTED, 14 * unit)
+        level = self.height - 30 * unit
+        gap = (9 if len(legs) < 30 else 6.5) * unit  # the ends of the segments are round
+        at = 0.0
+        for k, leg in enumerate(legs):
+            first = left + (right - left) * at / max(total, 1e-300)
+            at += leg.length
+            final = max(first, left + (right - left) * at / max(total, 1e-300) - gap)
+            canvas.line([(first, level), (final, level)], _LINE, 5 * unit)
+            share = 1.0 if k < moment.move else moment.share if k == moment.move else 0.0
+            if share > 0:
+                canvas.line([(first, level), (first + share * (final - first), level)], _BAR, 5 * unit)
+
+    def _draw_command(self, middle: NDArray[np.float64], radius: float, moment: Moment, turn: float) -> None:
+        """Draw the dial with the present command, its length in proportion to the longest; in space as the camera sees it."""
+        canvas, unit = self._canvas, self._unit
+        canvas.disc(middle, radius, "#ffffff", edge="#cfd5dc", width=1.6 * unit)
+        if not self._legs:
+            return
+        leg = self._legs[moment.move]
+        longest = max(one.length for one in self._legs)
+        if leg.length == 0:
+            return
+        sent = leg.sent * (0.35 + 0.6 * leg.length / longest) / leg.length
+        if len(sent) == 3:
+            from shoal.views.steering.camera import Camera
+
+            camera = Camera(np.zeros(3), 1.0, azimuth=turn)
+            angles = 2 * pi * np.arange(40) / 40
+            seen = camera.project(np.stack([0.9 * np.cos(angles), 0.9 * np.sin(angles), 0 * angles], axis=1))[:, :2]
+            canvas.area([middle + radius * 0.95 * seen * np.array([1, -1])], "#eef1f4")
+            tip, below = (camera.project(point)[:2] * 0.9 for point in (sent, sent * np.array([1, 1, 0])))
+            canvas.line(
+                [middle + radius * end * np.array([1, -1]) for end in (tip, below)],
+                MUTED, 1.2 * unit, dashes=(2 * unit, 2 * unit),
+            )  # fmt: skip
+        else:
+            tip = sent
+        draw_arrow(canvas, middle, middle + radius * tip * np.array([1, -1]), 3.4 * unit, centred=len(sent) == 2)
+
+
+def _short(length: float) -> str:
+    return f"{length:.2f}" if length >= 0.1 or length == 0 else f"{length:.2g}"
+
+
+def draw_arrow(canvas: Canvas, tail: NDArray[np.float64], tip: NDArray[np.float64], width: float, *, centred: bool) -> None:
+    """Draw an arrow; a centred one has its middle where the tail was given."""
+    if centred:
+        half = (tip - tail) * 0.9
+        tail, tip = tail - half, tail + half
+    long = float(np.linalg.norm(tip - tail))
+    if long < 1:
+        return
+    along = (tip - tail) / long
+    across = np.array([-along[1], along[0]])
+    head = min(4.2 * width, long)
+    foot = tip - head * along
+    canvas.line([tail, foot + 0.3 * head * along], INK, width)
+    canvas.area([[tip, foot + 0.52 * head * across, foot - 0.52 * head * across]], INK)

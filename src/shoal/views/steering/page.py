@@ -1,0 +1,112 @@
+"""From a steering episode to the data of the player."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from shoal.errors import InvalidInputError
+from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
+from shoal.views.player import render
+from shoal.views.steering.axes import outlines_of
+from shoal.views.steering.trajectories import Schedule, delta_outline, has_delta, legs_of, two_move_rings
+
+LARGEST = 200_000
+"""Points of ways that a page still plays smoothly enough."""
+
+
+def player_page(episode: SteeringEpisode) -> str:
+    """Return the HTML page that plays a steering episode.
+
+    Raises
+    ------
+    InvalidInputError
+        If the episode is too large for a browser.
+    """
+    return render("steering", page_data(episode))
+
+
+def page_data(episode: SteeringEpisode) -> dict[str, object]:
+    """Return what the page is told: the episode, ready for JSON.
+
+    Returns
+    -------
+    dict
+        - ``title``, ``planner``, ``kind``, ``status``, ``reason``, ``version`` : str; ``seed`` : int.
+        - ``size``, ``radius``, ``tolerance``, ``length`` : float; ``bound`` : float or None.
+        - ``walls`` : what `_walls` returns, of the workspace.
+        - ``start``, ``goal`` : lists of points.
+        - ``legs`` : list of ``{"sent", "length", "shares", "points", "held"}``; see `shoal.views.steering.trajectories.Leg`.
+        - ``starts``, ``lasting``, ``seconds`` : when the moves begin, how long they last and how long the film is.
+        - ``delta`` : None, or ``{"walls", "sets", "which"}``: the sets of Δ that two moves reach, and which of them belongs to
+          each move.
+
+    Raises
+    ------
+    InvalidInputError
+        If the episode is too large for a browser.
+    """
+    problem, legs = episode.problem, legs_of(episode)
+    points = sum(leg.points.shape[0] * leg.points.shape[1] for leg in legs)
+    if points > LARGEST:
+        raise InvalidInputError(f"the HTML player: expected ways of at most {LARGEST} points, got {points} (use .gif or .mp4)")
+    schedule = Schedule(legs, size=problem.workspace.size)
+    names = {2: "Two", 3: "Three", 4: "Four", 5: "Five"}
+    count = names.get(problem.n_particles, str(problem.n_particles))
+    return {
+        "title": f"{count} particles in a {problem.workspace.kind}",
+        "planner": episode.planner,
+        "kind": problem.workspace.kind,
+        "status": episode.status,
+        "reason": episode.reason,
+        "version": episode.version,
+        "seed": episode.seed,
+        "noise": episode.disturbance.random,
+        "friction": None if episode.disturbance.friction == np.inf else episode.disturbance.friction,
+        "size": problem.workspace.size,
+        "radius": episode.disturbance.radius,
+        "tolerance": problem.tolerance,
+        "length": episode.path_length,
+        "bound": episode.lower_bound,
+        "walls": _walls(problem.workspace),
+        "start": episode.states[0].tolist(),
+        "goal": episode.goal.tolist(),
+        "legs": [
+            {
+                "sent": leg.sent.tolist(),
+                "length": leg.length,
+                "shares": leg.shares.tolist(),
+                "points": leg.points.tolist(),
+                "held": leg.held,
+            }
+            for leg in legs
+        ],
+        "starts": schedule.starts,
+        "lasting": schedule.lasting,
+        "seconds": schedule.seconds,
+        "delta": _delta(episode) if has_delta(episode) else None,
+    }
+
+
+def _walls(workspace: ConvexWorkspace | Region) -> dict[str, Any]:
+    """Return outlines (``rings``; of a circle its corners), ``circle`` (x, y, radius) or None, ``height`` and ``open``."""
+    circle = [*workspace.center.tolist(), workspace.radius] if isinstance(workspace, ConvexWorkspace) and workspace.round else None
+    return {
+        "rings": [] if circle else [ring.tolist() for ring in outlines_of(workspace)],
+        "circle": circle,
+        "height": workspace.height,
+        "open": isinstance(workspace, ConvexWorkspace) and workspace.open_ends,
+    }
+
+
+def _delta(episode: SteeringEpisode) -> dict[str, Any]:
+    sets: list[Any] = []
+    which: list[int] = []
+    last: Any = None
+    for rings in two_move_rings(episode):
+        if rings is not last:
+            sets.append([np.round(ring, 6).tolist() for ring in rings])
+        last = rings
+        which.append(len(sets) - 1)
+    return {"walls": _walls(delta_outline(episode)), "sets": sets, "which": which}

@@ -1,0 +1,228 @@
+"""The picture of a steering episode at one moment: the workspace in the plane or in space, and the Δ configuration space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
+from shoal.views.drawing.canvas import Canvas
+from shoal.views.drawing.charts import INK, MUTED
+from shoal.views.steering.axes import colour_of, outlines_of
+from shoal.views.steering.camera import Frame3D, camera_for, flattened, spread
+from shoal.views.steering.trajectories import Leg, Moment, delta_outline, two_move_rings
+
+FLOOR, OBSTACLE, REACHED, FAINT = "#f4f6f8", "#d6d9de", "#cfe3f5", "#b9c0c9"
+_ARC = 0.2  # radians of a round wall, to both sides of the contact, that are shown as holding
+_OLD = 0.3  # opacity of the ways of earlier moves
+
+
+@dataclass(frozen=True)
+class Box:
+    """A part of the canvas, in pixels."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+
+
+class PlaneView:
+    """Where points of the plane lie on a canvas: as large as a box allows, in its middle."""
+
+    def __init__(self, outline: NDArray[np.float64], box: Box) -> None:
+        low, high = outline.min(axis=0), outline.max(axis=0)
+        self.scale = float(min(box.width / (high[0] - low[0]), box.height / (high[1] - low[1])))
+        self._middle = (low + high) / 2
+        self._center = np.array([box.left + box.width / 2, box.top + box.height / 2])
+
+    def at(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return pixels, x right and y down; shape (..., 2)."""
+        return np.asarray(self._center + (np.asarray(points)[..., :2] - self._middle) * self.scale * np.array([1, -1]))
+
+
+def wall_shape(workspace: ConvexWorkspace | Region, wall: int, contact: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what to draw of a wall that holds: a line in the plane, the corners of a face in space; of a round wall a part."""
+    if isinstance(workspace, Region):
+        return np.asarray(workspace.edges[wall].reshape(2, 2))
+    sides = len(workspace.vertices)
+    if wall == len(workspace.normals):
+        angle = np.arctan2(*(contact[:2] - workspace.center)[::-1])
+        turns = np.linspace(angle - _ARC, angle + _ARC, 15)
+        line = workspace.center + workspace.radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    elif wall < sides:
+        line = workspace.vertices[[wall, (wall + 1) % sides]]
+    else:
+        frame = Frame3D.of(workspace)
+        return frame.floor if wall == sides else frame.ceiling
+    if workspace.dimensions == 2:
+        return np.asarray(line)
+    low, high = (np.column_stack([line, np.full(len(line), level)]) for level in (0.0, workspace.height))
+    return np.concatenate([low, high[::-1]])
+
+
+class PlaneScene:
+    """The workspace in the plane, from above."""
+
+    def __init__(self, episode: SteeringEpisode, legs: list[Leg], canvas: Canvas, box: Box, unit: float) -> None:
+        self._episode, self._legs, self._canvas, self._unit = episode, legs, canvas, unit
+        outlines = outlines_of(episode.problem.workspace)
+        self._view = PlaneView(outlines[0], box)
+        self._radius = max(episode.disturbance.radius * self._view.scale, 9.5 * unit)
+        self._outlines = [self._view.at(outline) for outline in outlines]
+
+    def draw_background(self) -> None:
+        """Draw what does not change: walls, starts, goals."""
+        canvas, unit = self._canvas, self._unit
+        for k, ring in enumerate(self._outlines):
+            canvas.area([ring], OBSTACLE if k else FLOOR, edge=INK, width=2 * unit)
+        side = 0.8 * self._radius
+        square = np.array([(-side, -side), (side, -side), (side, side), (-side, side)])
+        for particle, (start, goal) in enumerate(zip(self._episode.states[0], self._episode.goal, strict=True)):
+            colour = colour_of(particle)
+            canvas.area([self._view.at(start) + square], colour, alpha=0.25)
+            canvas.line(self._view.at(start) + square, colour, 1.5 * unit, closed=True)
+            canvas.disc(self._view.at(goal), 1.32 * self._radius, "#ffffff", edge=colour, width=2.6 * unit)
+
+    def draw(self, moment: Moment, _turn: float) -> None:
+        """Draw what moves."""
+        canvas, unit = self._canvas, self._unit
+        workspace = self._episode.problem.workspace
+        here = points_at(self._episode, self._legs, moment)
+        if self._legs:
+            for particle, wall in self._legs[moment.move].holders(moment.share):
+                line = self._view.at(wall_shape(workspace, wall, here[particle]))
+                canvas.line(line, colour_of(particle), 7 * unit)
+        draw_trails(canvas, self._legs, moment, self._view.at, unit)
+        for particle, place in enumerate(self._view.at(here)):
+            draw_particle(canvas, place, self._radius, particle, unit)
+
+
+class SpaceScene:
+    """The workspace in space, seen by a camera that turns."""
+
+    def __init__(self, episode: SteeringEpisode, legs: list[Leg], canvas: Canvas, box: Box, unit: float) -> None:
+        self._episode, self._legs, self._canvas, self._unit = episode, legs, canvas, unit
+        workspace = episode.problem.workspace
+        assert isinstance(workspace, ConvexWorkspace)
+        self._workspace, self._frame = workspace, Frame3D.of(workspace)
+        right, up, down = spread(workspace, episode.states)
+        self._scale = min(box.width / (2 * right), box.height / (up + down))
+        self._center = np.array([box.left + box.width / 2, box.top + (box.height + (up - down) * self._scale) / 2])
+
+    def draw_background(self) -> None:
+        """Draw nothing: all of it turns."""
+
+    def draw(self, moment: Moment, turn: float) -> None:
+        """Draw everything, what is behind first: the camera looks from the azimuth ``turn``."""
+        self._camera = camera_for(self._workspace, self._episode.states, azimuth=turn)
+        canvas, unit = self._canvas, self._unit
+        here = points_at(self._episode, self._legs, moment)
+        behind, front = self._frame.edges(self._camera.eye)
+        canvas.area([self._at(self._frame.floor)], FLOOR)
+        canvas.lines(list(self._at(np.array(behind))), FAINT, 1.3 * unit)
+        if self._legs:
+            for particle, wall in self._legs[moment.move].holders(moment.share):
+                shape = self._at(wall_shape(self._workspace, wall, here[particle]))
+                canvas.area([shape], colour_of(particle), alpha=0.16)
+                canvas.line(shape, colour_of(particle), 1.6 * unit, closed=True, alpha=0.55)
+        self._draw_shadows(here, moment)
+        self._draw_ends(moment)
+        draw_trails(canvas, self._legs, moment, self._at, unit)
+        for particle in np.argsort(self._camera.project(here)[:, 2]):  # the nearest last
+            x, y, larger = self._camera.project(here[particle])
+            draw_particle(canvas, self._center + self._scale * np.array([x, -y]), 10.5 * unit * larger, int(particle), unit)
+        canvas.lines(list(self._at(np.array(front))), INK, 1.6 * unit, alpha=0.75)
+
+    def _at(self, points: ArrayLike) -> NDArray[np.float64]:
+        seen = self._camera.project(points)
+        return np.asarray(self._center + self._scale * seen[..., :2] * np.array([1, -1]))
+
+    def _draw_shadows(self, here: NDArray[np.float64], moment: Moment) -> None:
+        """Draw on the floor what is right below: the ways and the particles, and a line down from each particle."""
+        unit = self._unit
+        draw_trails(self._canvas, self._legs, moment, lambda points: self._at(flattened(points)), unit, shadow=True)
+        angles = 2 * np.pi * np.arange(24) / 24
+        for particle, point in enumerate(here):
+            below = flattened(point)
+            ring = below + 10 * unit / self._scale * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+            self._canvas.area([self._at(ring)], "#2b3038", alpha=0.22)
+            self._canvas.line(self._at([below, point]), colour_of(particle), 1.3 * unit, alpha=0.8, dashes=(3 * unit, 3 * unit))
+
+    def _draw_ends(self, _moment: Moment) -> None:
+        """Draw starts and goals, each with a line down to a cross or ring on the floor."""
+        canvas, unit = self._canvas, self._unit
+        angles = 2 * np.pi * np.arange(24) / 24
+        for particle, (start, goal) in enumerate(zip(self._episode.states[0], self._episode.goal, strict=True)):
+            colour = colour_of(particle)
+            ring = flattened(goal) + 7 * unit / self._scale * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+            canvas.line(self._at(ring), colour, 1.2 * unit, closed=True, alpha=0.6)
+            canvas.line(self._at([flattened(goal), goal]), colour, 1.1 * unit, alpha=0.35)
+            x, y, larger = self._camera.project(goal)
+            canvas.disc(self._center + self._scale * np.array([x, -y]), 13 * unit * larger, None, edge=colour, width=2.4 * unit)
+            side = 7 * unit * float(self._camera.project(start)[2])
+            square = self._at(start) + side * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+            canvas.area([square], colour, alpha=0.25)
+            canvas.line(square, colour, 1.4 * unit, closed=True)
+
+
+class DeltaScene:
+    """The Δ configuration space: Δ, its way, its goal, and what two moves can make of it."""
+
+    def __init__(self, episode: SteeringEpisode, legs: list[Leg], canvas: Canvas, box: Box, unit: float) -> None:
+        self._episode, self._legs, self._canvas, self._unit = episode, legs, canvas, unit
+        outline = outlines_of(delta_outline(episode))[0]
+        self._view = PlaneView(outline, box)
+        self._outline = self._view.at(outline)
+        self._rings = [[self._view.at(ring) for ring in rings] for rings in two_move_rings(episode)]
+
+    def draw_background(self) -> None:
+        """Draw the outline; what lies in it is drawn over it."""
+        self._canvas.area([self._outline], FLOOR, edge=INK, width=2 * self._unit)
+
+    def draw(self, moment: Moment, _turn: float) -> None:
+        """Draw what moves."""
+        canvas, unit, view = self._canvas, self._unit, self._view
+        canvas.area(self._rings[moment.move] if self._rings else [], REACHED)
+        canvas.line(self._outline, INK, 2 * unit, closed=True)
+        zero = view.at(np.zeros(2))
+        for across in (np.array([6, 0]), np.array([0, 6])):
+            canvas.line([zero - across * unit, zero + across * unit], MUTED, 1.2 * unit)
+        start, goal = (view.at(points[1] - points[0]) for points in (self._episode.states[0], self._episode.goal))
+        side = 7 * unit
+        canvas.line(start + side * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]), INK, 1.5 * unit, closed=True)
+        canvas.disc(goal, 11.5 * unit, "#ffffff", edge=INK, width=2.4 * unit)
+        for k, leg in enumerate(self._legs[: moment.move + 1]):
+            points = leg.points if k < moment.move else leg.until(moment.share)
+            canvas.line(view.at(points[:, 1] - points[:, 0]), INK, 2 * unit, alpha=_OLD if k < moment.move else 0.9)
+        here = points_at(self._episode, self._legs, moment)
+        canvas.disc(view.at(here[1] - here[0]), 7 * unit, INK, edge="#ffffff", width=1.5 * unit)
+
+
+def points_at(episode: SteeringEpisode, legs: list[Leg], moment: Moment) -> NDArray[np.float64]:
+    """Return where the particles are at a moment."""
+    return legs[moment.move].at(moment.share) if legs else np.asarray(episode.states[0])
+
+
+def draw_trails(canvas: Canvas, legs: list[Leg], moment: Moment, at: Any, unit: float, *, shadow: bool = False) -> None:
+    """Draw where the particles have gone: paler in earlier moves; as a shadow, grey."""
+    for k, leg in enumerate(legs[: moment.move + 1]):
+        old = k < moment.move
+        ways = leg.points if old else leg.until(moment.share)
+        for particle in range(ways.shape[1]):
+            way = at(ways[:, particle])
+            if np.abs(way - way[0]).max() < 0.5:
+                continue
+            colour = "#2b3038" if shadow else colour_of(particle)
+            alpha = (0.5 * _OLD if old else 0.3) if shadow else (_OLD if old else 0.95)
+            canvas.line(way, colour, (2 if shadow else 2.6) * unit, alpha=alpha)
+
+
+def draw_particle(canvas: Canvas, place: NDArray[np.float64], radius: float, particle: int, unit: float) -> None:
+    """Draw a particle with its number."""
+    canvas.disc(place, radius, colour_of(particle), edge="#ffffff", width=1.6 * unit)
+    size = min(max(12 * unit, 0.9 * radius), 24 * unit)
+    canvas.text(place + np.array([0, 0.37 * size]), str(particle + 1), "#ffffff", size, bold=True, align=0.5)

@@ -1,0 +1,300 @@
+"""The figures of paper W from our own computations: sets in the Δ configuration space (4, 8, 9), costs of plans (14 to 16)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.steering.delta_space.reachable_fraction import DiskFractions, PolygonFractions, disk_outlines, largest_two_move_fraction
+from shoal.steering.sweeps import AntipodeSwap, GoalSweep
+from shoal.views.drawing.charts import BLUE, INK, MUTED, ORANGE, PURPLE, SKY, new_figure, plain_axes, set_title
+from shoal.views.steering.axes import PARTICLES, draw_workspace
+from shoal.views.steering.figures import REACH_COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# What the paper prints (sections IV.F and VI), to be drawn beside what is computed.
+PRINTED_FRACTIONS: Mapping[float, Mapping[int, float]] = {
+    0.1: {2: 0.063, 4: 0.30, 6: 0.55, 8: 0.75, 10: 0.86, 12: 0.93, 14: 0.96},
+    0.001: {14: 0.90},
+    0.81: {2: 0.373},
+}
+PRINTED_LAW = (8.66, 3)
+EXAMPLES = (0.1, 0.3)  # distances of Fig. 9, marked in Fig. 8
+
+
+def reachable_sets(fillings: Sequence[PolygonFractions]) -> Figure:
+    """Return workspaces, and beside each its Δ configuration space with what 2, 4, ... moves reach, as paper W, Fig. 4.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is nothing to draw.
+    """
+    if not fillings:
+        raise InvalidInputError("reachable sets: expected one polygon or more, got none")
+    rows = (len(fillings) + 1) // 2
+    figure = _roomy_figure(10.4, 2.75 * rows + 0.6)
+    grid = figure.subplots(rows, 4 if len(fillings) > 1 else 2, squeeze=False, width_ratios=[2, 3] * min(2, len(fillings)))
+    panels = grid.reshape(-1, 2)
+    for (left, right), filling in zip(panels, fillings, strict=False):
+        _draw_start(left, filling)
+        _draw_outlines(right, filling.workspace.differences.vertices, filling.outlines)
+        right.plot(*filling.before, "s", color=ORANGE, ms=5, mec="white", mew=0.6, zorder=5)
+        full = next((k for k, reach in enumerate(filling.sets) if reach.moves == filling.moves), len(filling.sets) - 1)
+        shares = ", ".join(_percent(share) for share in filling.fractions[: full + 1])
+        right.set_title(f"{shares} %", fontsize=9, color=INK, loc="center")
+        left.set_title(f"{len(filling.workspace.vertices)} sides", fontsize=9, color=INK, loc="center", fontweight="bold", y=1.0)
+    for axes in panels[len(fillings) :].ravel():
+        axes.set_axis_off()
+    moves = [reach.moves for reach in max(fillings, key=lambda filling: len(filling.sets)).sets]
+    _colour_key(figure, moves)
+    return figure
+
+
+def _roomy_figure(width: float, height: float) -> Figure:
+    """Return a figure whose titles keep off the border."""
+    figure = new_figure(width, height)
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    engine.set(h_pad=0.08, w_pad=0.06)  # type: ignore[call-arg]  # of the constrained layout
+    return figure
+
+
+def _percent(share: float) -> str:
+    """Write a share so that only a whole reads 100."""
+    return f"{min(100 * share, 99.9):.1f}" if share < 1 - 1e-6 else "100"
+
+
+def _draw_start(axes: Axes, filling: PolygonFractions) -> None:
+    draw_workspace(axes, filling.workspace)
+    axes.set_axis_off()
+    middle = filling.workspace.center
+    for point, colour in zip((middle - filling.before / 2, middle + filling.before / 2), PARTICLES, strict=False):
+        axes.plot(*point, "s", color=colour, ms=6, zorder=4)
+
+
+def _draw_outlines(axes: Axes, border: NDArray[np.float64], outlines: Sequence[NDArray[np.float64]]) -> None:
+    """Draw sets one above the other, the smallest on top, in the border of all differences."""
+    axes.fill(*border.T, facecolor="#f7f8fa", edgecolor="none", zorder=0)
+    for k, outline in reversed([*enumerate(outlines)]):
+        axes.fill(*outline.T, facecolor=REACH_COLOURS[k % len(REACH_COLOURS)], edgecolor="white", lw=0.3, zorder=1)
+    axes.fill(*border.T, facecolor="none", edgecolor=INK, lw=1.4, zorder=2)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+
+
+def _colour_key(figure: Figure, moves: Sequence[int]) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    keys: list[Patch | Line2D] = [
+        Patch(facecolor=REACH_COLOURS[k % len(REACH_COLOURS)], label=f"{number} moves") for k, number in enumerate(moves)
+    ]
+    keys.append(Line2D([], [], marker="s", ls="", color=ORANGE, label="Δ at the start"))
+    columns = len(keys) if len(keys) <= 5 else (len(keys) + 1) // 2
+    figure.legend(handles=keys, loc="outside lower center", ncols=columns, frameon=False, labelcolor=INK, fontsize=9)
+
+
+def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figure:
+    """Return what 2, 4, ... moves reach on a disk from starts so many diameters apart, as paper W, Fig. 9.
+
+    Raises
+    ------
+    InvalidInputError
+        For distances not above 0 and at most 1.
+    """
+    figure = _roomy_figure(4.2 * len(distances), 5.0)
+    angles = np.linspace(0, 2 * np.pi, 361)
+    border = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    for axes, distance in zip(figure.subplots(1, len(distances), squeeze=False)[0], distances, strict=True):
+        _draw_outlines(axes, border, disk_outlines(distance, moves=moves))
+        axes.plot(distance, 0, "s", color=ORANGE, ms=6, mec="white", mew=0.6, zorder=5)
+        set_title(axes, f"{distance:g} diameters apart")
+    _colour_key(figure, range(2, moves + 1, 2))
+    return figure
+
+
+def fraction_curves(data: DiskFractions) -> Figure:
+    """Return the share of all differences that moves reach on a disk against the distance at the start, as paper W, Fig. 8.
+
+    Numbers that the paper prints are circles; vertical lines are the starts of Fig. 9.
+    """
+    from matplotlib import colormaps
+
+    figure = new_figure(7.8, 4.6)
+    axes = figure.add_subplot()
+    colours = colormaps["viridis"](np.linspace(0, 0.86, len(data.moves)))
+    for moves, shares, colour in reversed([*zip(data.moves, data.fractions.T, colours, strict=True)]):
+        axes.plot(data.distances, 100 * shares, color=colour, lw=1.8, zorder=3, label=f"{moves} moves")
+    for distance in EXAMPLES:
+        axes.axvline(distance, color=ORANGE, lw=1.0, zorder=1)
+    printed = [(d, 100 * share) for d, shares in PRINTED_FRACTIONS.items() for n, share in shares.items() if n in data.moves]
+    axes.plot(*np.array(printed).reshape(-1, 2).T, "o", mfc="white", mec=INK, ms=5, label="printed", zorder=4, clip_on=False)
+    distance, most = largest_two_move_fraction()
+    axes.plot(
+        distance, 100 * most, "D", color=PURPLE, ms=5, zorder=5, label=f"most in two\nmoves: {100 * most:.1f} %\nat {distance:.2f}"
+    )
+    axes.set(xlabel="distance at the start, diameters", ylabel="reached, % of all differences", xlim=(0, 1), ylim=(0, 101))
+    axes.legend(frameon=False, fontsize=9, loc="center left", bbox_to_anchor=(1.0, 0.5), labelcolor=INK)
+    set_title(axes, "What moves reach on a disk")
+    plain_axes(axes)
+    return figure
+
+
+def goal_maps(rows: Sequence[Sequence[tuple[GoalSweep, str]]]) -> Figure:
+    """Return maps of what plans cost over the goal of one particle, as paper W, Figs. 14 and 16.
+
+    Parameters
+    ----------
+    rows : sequence of sequences of (GoalSweep, "moves" or "length")
+        What each panel shows. Lengths share one scale, moves another.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is nothing to draw, rows differ in length, or a panel is to show anything else.
+    """
+    if not rows or not rows[0] or len({len(row) for row in rows}) != 1:
+        raise InvalidInputError("goal maps: expected rows of equal length with a panel each or more")
+    panels = [panel for row in rows for panel in row]
+    scales = {
+        what: _Scale([sweep for sweep, shown in panels if shown == what], what) for what in dict.fromkeys(w for _, w in panels)
+    }
+    columns = len(rows[0])
+    figure = _roomy_figure(3.2 * columns + 0.9, 3.05 * len(rows))
+    grid = figure.subplots(len(rows), columns, squeeze=False)
+    for axes, (sweep, what) in zip(grid.ravel(), panels, strict=True):
+        scales[what].draw(axes, sweep)
+    shown = np.array([[what for _, what in row] for row in rows])
+    by_row = bool((shown == shown[:, :1]).all())
+    for group, what in zip(grid if by_row else grid.T, shown[:, 0] if by_row else shown[0], strict=True):
+        _draw_bar(figure, [*group], scales[str(what)])
+    figure.legend(handles=_goal_key(panels[0][0]), loc="outside lower center", ncols=3, frameon=False, labelcolor=INK, fontsize=9)
+    return figure
+
+
+def _draw_bar(figure: Figure, on: list[Axes], scale: _Scale) -> None:
+    bar = figure.colorbar(scale.image, ax=on, shrink=0.9 if len(on) > 1 else 0.8, pad=0.02, aspect=18, ticks=scale.ticks)
+    bar.set_label({"moves": "moves", "length": "length of the plan"}[scale.what], color=INK)
+    bar.outline.set_visible(False)
+    bar.minorticks_off()
+    bar.ax.tick_params(length=0, labelcolor=INK, labelsize=8)
+
+
+class _Scale:
+    """One colour scale for all panels that show the same."""
+
+    def __init__(self, sweeps: Sequence[GoalSweep], what: str) -> None:
+        if what not in {"moves", "length"}:
+            raise InvalidInputError(f'goal maps: expected "moves" or "length", got {what!r}')
+        from matplotlib import colormaps
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import BoundaryNorm, Normalize
+
+        self.what = what
+        values = np.concatenate([self.values(sweep).ravel() for sweep in sweeps])
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        if what == "moves":
+            edges = np.arange(np.floor(low), high + 2) - 0.5
+            self.norm: Normalize = BoundaryNorm(edges, 256)
+            self.ticks: list[float] | None = [float(tick) for tick in edges[:-1] + 0.5]
+            self.levels = edges
+        else:
+            self.norm, self.ticks = Normalize(0, high), None
+            self.levels = np.arange(0.25, high, 0.25)
+        self.colours = colormaps["viridis_r" if what == "length" else "cividis_r"]
+        self.image = ScalarMappable(self.norm, self.colours)
+
+    def values(self, sweep: GoalSweep) -> NDArray[np.float64]:
+        """Return what is drawn of a sweep."""
+        return sweep.moves if self.what == "moves" else sweep.lengths
+
+    def draw(self, axes: Axes, sweep: GoalSweep) -> None:
+        """Draw a panel: the map, contours if it is one of lengths, starts and the goal that stays."""
+        values, problem = self.values(sweep), sweep.problem
+        half = (sweep.x[1] - sweep.x[0]) / 2, (sweep.y[1] - sweep.y[0]) / 2
+        extent = (sweep.x[0] - half[0], sweep.x[-1] + half[0], sweep.y[0] - half[1], sweep.y[-1] + half[1])
+        draw_workspace(axes, problem.workspace)
+        border, limits = axes.patches[0], (axes.get_xlim(), axes.get_ylim())
+        border.set(facecolor="none", zorder=3)
+        image = axes.imshow(
+            _up_to_the_wall(sweep, values), origin="lower", extent=extent, cmap=self.colours, norm=self.norm,
+            interpolation="nearest", zorder=1,
+        )  # fmt: skip
+        image.set_clip_path(border)
+        axes.set(xlim=limits[0], ylim=limits[1])
+        if self.what == "length":
+            axes.contour(sweep.x, sweep.y, values, levels=self.levels, colors="white", linewidths=0.5, alpha=0.7, zorder=2)
+        for point, colour in zip(problem.start, PARTICLES, strict=False):
+            axes.plot(*point, "s", color=colour, mec="white", mew=1, ms=7, zorder=5)
+        fixed = 2 - sweep.varied
+        axes.plot(*problem.goal[fixed], "o", mfc="white", mec=PARTICLES[fixed], mew=2, ms=7, zorder=5)
+        set_title(axes, f"{self.what} ≤ {np.nanmax(values):.3g}")
+        if problem.interchangeable:
+            axes.set_ylabel("interchangeable", color=INK)
+
+
+def _up_to_the_wall(sweep: GoalSweep, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Give cells whose middle lies outside of the workspace the value of the nearest inside, for what of them is inside."""
+    from scipy.ndimage import distance_transform_edt
+
+    outside = ~sweep.problem.workspace.contains(np.stack(np.meshgrid(sweep.x, sweep.y), axis=-1))
+    row, column = distance_transform_edt(outside, return_distances=False, return_indices=True)
+    return np.asarray(values[row, column])
+
+
+def _goal_key(sweep: GoalSweep) -> list[object]:
+    from matplotlib.lines import Line2D
+
+    fixed = 2 - sweep.varied
+    starts: list[object] = [
+        Line2D([], [], marker="s", ls="", color=colour, label=f"particle {k + 1} at the start")
+        for k, colour in zip(range(2), PARTICLES, strict=False)
+    ]
+    goal = Line2D([], [], marker="o", ls="", mfc="white", mec=PARTICLES[fixed], mew=2, label=f"goal of particle {fixed + 1}")
+    return [*starts, goal]
+
+
+def antipode_errors(second: AntipodeSwap, nearer: AntipodeSwap, *others: tuple[AntipodeSwap, str]) -> Figure:
+    """Return how near plans come to goals at antipodes, against their length, as paper W, Fig. 15.
+
+    Parameters
+    ----------
+    second, nearer : AntipodeSwap
+        With particle 2 always touching, as the paper's law has it, and with the nearer particle.
+    *others : (AntipodeSwap, str)
+        Further plans with their names.
+    """
+    figure = new_figure(7.6, 4.4)
+    axes = figure.add_subplot()
+    coefficient, exponent = second.law()
+    curves = [
+        (second, ORANGE, f"particle 2 always touches: about {coefficient:.3g} / length^{exponent:.2g}"),
+        (nearer, BLUE, "the nearer particle touches"),
+        *((swap, colour, name) for (swap, name), colour in zip(others, (PURPLE, SKY), strict=False)),
+    ]
+    for swap, colour, name in curves:
+        axes.plot(swap.lengths, swap.errors, "o-", color=colour, lw=1.3, ms=3.2, label=name, zorder=3)
+    high = float(second.lengths.max())
+    lengths = np.linspace((PRINTED_LAW[0] / 0.5) ** (1 / PRINTED_LAW[1]), high, 200)
+    axes.plot(
+        lengths, PRINTED_LAW[0] / lengths ** PRINTED_LAW[1], "--", color=INK, lw=1.2, label="printed: 8.66 / length³", zorder=2
+    )
+    axes.axhline(0.01, color=MUTED, lw=0.9, ls=":", zorder=1)
+    for swap, colour, _ in curves:
+        at = swap.length_to(0.01)
+        axes.annotate(
+            f"{at:.1f}", (at, 0.01), xytext=(3, 6), textcoords="offset points", color=colour, fontsize=9, fontweight="bold"
+        )
+    axes.set(xlabel="length of the plan, diameters", ylabel="distance to the goals δ, diameters", yscale="log", xlim=(0, None))
+    axes.legend(frameon=False, fontsize=9, labelcolor=INK)
+    set_title(axes, "Goals at antipodes of a disk")
+    plain_axes(axes)
+    return figure

@@ -1,0 +1,111 @@
+"""Figures of episodes: the final map, and the frontier by move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from shoal.errors import InvalidInputError
+from shoal.swarm import Episode
+from shoal.swarm.maps.raster import PALETTE, in_strips
+from shoal.swarm.noise import SeenEpisode
+from shoal.views.drawing.charts import MUTED, new_figure, plain_axes, set_title
+from shoal.views.swarm.cell_colours import HAZY, WRONG_FREE, codes_after, ink_of
+from shoal.views.swarm.volume import Fit, Slices
+from shoal.views.swarm.volume import sheet as volume_sheet
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+CORNER = 0.6  # radians from which a 3-D map is seen
+_LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obstacle": "obstacle", "unknown": "unknown"}
+
+
+def final_map(episode: Episode) -> Figure:
+    """Return the figure of the map at the end of an episode: particles, frontier, free cells, obstacles, unknown cells.
+
+    Very wide maps are cut into strips, read like lines of text; a 3-D map is seen from a corner, with slices on the right.
+    """
+    return map_figure(episode, moves=episode.moves)
+
+
+def map_figure(episode: Episode, *, moves: int) -> Figure:
+    """Return the figure of the map after ``moves`` moves.
+
+    Raises
+    ------
+    InvalidInputError
+        If the episode has fewer moves.
+    """
+    if not 0 <= moves <= episode.moves:
+        raise InvalidInputError(f"moves: expected 0 to {episode.moves}, got {moves}")
+    workspace, ink, codes = episode.workspace, ink_of(episode), codes_after(episode, moves)
+    if workspace.ndim == 3:
+        slices, fit = Slices.of(workspace), Fit.of(workspace)
+        sheet = volume_sheet(codes, slices, azimuth=CORNER, side=900, spacing=workspace.spacing, ink=ink, fit=fit)
+    else:
+        sheet = in_strips(ink.colours[codes])
+    height, width = sheet.shape[:2]
+    inches = 6.4
+    figure = new_figure(inches, float(np.clip(inches * height / width + 0.9, 2.2, 9.5)))
+    axes = figure.add_subplot()
+    axes.imshow(sheet, interpolation="nearest" if max(height, width) < 900 else "antialiased")
+    axes.set_axis_off()
+    scans = 1 + int(np.count_nonzero(episode.scanned[:moves]))
+    looked = "" if episode.scanned.all() else f" and {scans} scans"
+    set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}")
+    _legend(axes, coverage=episode.targets is not None, hazy=ink is HAZY, seen=isinstance(episode, SeenEpisode))
+    return figure
+
+
+def _legend(axes: Axes, *, coverage: bool, hazy: bool, seen: bool) -> None:
+    from matplotlib.patches import Patch
+
+    names = dict(_LEGEND, frontier="not covered yet") if coverage else _LEGEND
+    if seen:
+        names = names | {"particle": "seen at the last scan"}
+    handles = [
+        Patch(facecolor=PALETTE[key], edgecolor=MUTED, linewidth=0.5, label=name)
+        for key, name in names.items()
+        if not (coverage and key == "unknown")
+    ]
+    if hazy:
+        handles.append(Patch(facecolor=WRONG_FREE, edgecolor=MUTED, linewidth=0.5, label="settled wrongly"))
+    axes.legend(
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=len(handles), frameon=False, fontsize=8,
+        handlelength=1, handleheight=1, columnspacing=1.4,
+    )  # fmt: skip
+
+
+def frontier_plot(episodes: Sequence[Episode]) -> Figure:
+    """Return the plot of frontier cells against moves, as paper M, Fig. 8: a line an episode, and the median of many.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no episode.
+    """
+    if not episodes:
+        raise InvalidInputError("frontier plot: expected at least one episode, got none")
+    figure = new_figure(6.4, 3.6)
+    axes = figure.add_subplot()
+    curves = [np.concatenate([[e.first_frontier], e.frontier]) for e in episodes]
+    many = len(curves) > 1
+    for curve in curves[:200]:
+        axes.plot(curve, color=PALETTE["frontier"], lw=0.7 if many else 1.8, alpha=0.35 if many else 1.0)
+    if many:
+        longest = max(len(curve) for curve in curves)
+        table = np.zeros((len(curves), longest))
+        for row, curve in zip(table, curves, strict=True):
+            row[: len(curve)] = curve
+        axes.plot(np.median(table, axis=0), color=PALETTE["particle"], lw=2, label=f"median of {len(curves)} trials")
+        axes.legend(frameon=False, fontsize=9)
+    first = episodes[0]
+    cells = "frontier cells" if first.targets is None else "cells not covered yet"
+    axes.set(xlabel="moves", ylabel=cells, xlim=(0, None), ylim=(0, None))
+    set_title(axes, f"{first.workspace.name}: {first.task} by {first.policy}, {first.n_particles} particles")
+    plain_axes(axes)
+    return figure

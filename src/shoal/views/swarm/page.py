@@ -1,0 +1,108 @@
+"""From an episode to the data of the player."""
+
+from __future__ import annotations
+
+import base64
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.swarm import Episode
+from shoal.swarm.noise import NoisyEpisode, SeenEpisode, moments
+from shoal.views.player import render
+from shoal.views.swarm.cell_colours import FRONTIER_TINT
+from shoal.views.swarm.recording import packed_moments
+
+LARGEST = 2_000_000_000
+"""Cells times moves that a page still plays smoothly enough."""
+
+
+def player_page(episode: Episode) -> str:
+    """Return the HTML page that plays an episode.
+
+    Raises
+    ------
+    InvalidInputError
+        If map and episode together are too large for a browser.
+    """
+    work = episode.workspace.free.size * max(1, episode.moves)
+    if work > LARGEST or episode.workspace.free.size > LARGEST // 100:
+        raise InvalidInputError(
+            f"the HTML player: expected at most {LARGEST:.0e} cells times moves, got {work:.1e} (use .gif or .mp4)"
+        )
+    return render("swarm", page_data(episode))
+
+
+def page_data(episode: Episode) -> dict[str, object]:
+    """Return what the page is given: the episode, ready for JSON.
+
+    Returns
+    -------
+    dict
+        - ``title``, ``map``, ``policy``, ``version`` : str, shown as they are; ``seed`` : int or None.
+        - ``task`` : ``"mapping"``, ``"coverage"`` or ``"subset-coverage"``.
+        - ``rule`` : ``"block"``, ``"merge"`` or ``"tilt"``.
+        - ``shape`` : ``[H, W]`` or ``[D, H, W]``; ``spacing`` : None or missing, or the size of a cell along each axis.
+        - ``free`` : base64 of ``numpy.packbits(free.ravel())``; a set bit is a free cell.
+        - ``start`` : base64 of the particles as little-endian uint32 indices ``r * W + c``, in 3-D ``(l * H + r) * W + c``.
+        - ``targets`` : None, or the cells to cover in the form of ``free``; None in the task ``"coverage"``
+          means all free cells.
+        - ``commands`` : str of the letters ``lurd``, in 3-D ``lurdio``.
+        - ``scanned`` : None or missing if a scan followed every command; else base64 of ``numpy.packbits`` of whether one
+          followed each.
+        - ``status`` : ``"complete"``, ``"stalled"`` or ``"limit"``.
+        - With noise instead of ``start`` and ``targets``: ``moments`` : base64 of `shoal.views.swarm.recording.packed_moments`;
+          ``looks`` : what their numbers mean; ``noise`` : rates by name; ``goal`` : how many cells there are to settle;
+          ``truth`` : whether it is known what is wrong; ``seen`` : whether particles are where they were seen, not where they are.
+    """
+    return {
+        "title": f"{episode.task.capitalize()} of {episode.workspace.name}",
+        "map": episode.workspace.name,
+        "task": episode.task,
+        "policy": episode.policy,
+        "rule": episode.rule,
+        "shape": list(episode.workspace.shape),
+        "spacing": None if episode.workspace.spacing is None else list(episode.workspace.spacing),
+        "free": _packed(episode.workspace.free),
+        "commands": episode.commands,
+        "scanned": None if episode.scanned.all() else _packed(episode.scanned),
+        "status": episode.status,
+        "seed": episode.seed,
+        "version": episode.version,
+    } | (_recorded(episode) if isinstance(episode, NoisyEpisode | SeenEpisode) else _simulated(episode))
+
+
+def _simulated(episode: Episode) -> dict[str, object]:
+    """Return what a page needs to simulate an episode again."""
+    flat = np.ravel_multi_index(tuple(episode.start.T), episode.workspace.shape)
+    return {
+        "start": base64.b64encode(flat.astype("<u4").tobytes()).decode(),
+        "targets": None if episode.targets is None else _packed(episode.targets),
+    }
+
+
+def _recorded(episode: NoisyEpisode | SeenEpisode) -> dict[str, object]:
+    """Return what there is to see of an episode with noise, which a page cannot simulate."""
+    if isinstance(episode, SeenEpisode):
+        seen, truth, goal = True, episode.truth is not None, len(episode.final()[1].known)
+    else:
+        seen, truth, goal = False, True, episode.errors.free + episode.errors.walls
+    return {
+        "moments": base64.b64encode(packed_moments(episode.moments())).decode(),
+        "looks": {
+            "unknown": moments.UNKNOWN,
+            "free": moments.FREE,
+            "frontier": moments.FRONTIER,
+            "wrong": moments.FALSE_FREE,
+            "tint": FRONTIER_TINT,
+        },
+        "noise": {**vars(episode.noise), "confidence": episode.confidence},
+        "goal": goal,
+        "seen": seen,
+        "truth": truth,
+    }
+
+
+def _packed(mask: NDArray[np.bool_]) -> str:
+    return base64.b64encode(np.packbits(mask.ravel()).tobytes()).decode()

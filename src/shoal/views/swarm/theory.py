@@ -1,0 +1,198 @@
+"""Figures of one dimension: what placements cost, and what schedules cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from itertools import islice, takewhile
+from math import log10
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.swarm.theory.one_dimension import Distribution, Line, LineSample
+from shoal.swarm.theory.scan_schedules import Hyperexponential, Powers, Schedule, least_simultaneous_ratio, worst_of_both
+from shoal.views.drawing.charts import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, new_figure, plain_axes, set_title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_BARS = 60
+
+
+def gap_distributions(line: Line, sample: LineSample | None = None) -> Figure:
+    """Return the distributions of first gap, last gap, largest gap and spread, as paper M, Fig. 5.
+
+    Lines are exact; bars, if there is a sample, Monte Carlo.
+    """
+    figure = new_figure(7.6, 5.2)
+    first = line.first_distribution
+    panels = (
+        ("to the first particle", "first", first),
+        ("to the last particle", "last", first),
+        ("largest gap", "largest_gap", line.largest_gap_distribution),
+        ("spread", "spread", line.spread_distribution),
+    )
+    for axes, (name, column, exact) in zip(figure.subplots(2, 2).ravel(), panels, strict=True):
+        values = None if sample is None else getattr(sample, column)
+        _density(axes, exact, values)
+        axes.set(xlabel="cells", ylim=(0, None))
+        set_title(axes, name)
+    figure.suptitle(_heading(line, sample), fontsize=11, color=INK, x=0.01, ha="left")
+    return figure
+
+
+def _heading(line: Line, sample: LineSample | None) -> str:
+    trials = "" if sample is None else f"; bars: {sample.trials:,} random placements"
+    return f"{line.particles} particles in {line.cells} cells{trials}"
+
+
+def _density(axes: Axes, exact: Distribution, values: NDArray[np.int32] | None) -> None:
+    """Draw an exact distribution as a line and its mean, over the bars of a sample."""
+    probabilities = exact.probabilities
+    shown = np.flatnonzero(probabilities > probabilities.max() / 1000)
+    low, high = int(exact.values[shown[0]]), int(exact.values[shown[-1]])
+    if values is not None:
+        _bars(axes, values, low, high, SKY, "Monte Carlo")
+    axes.plot(exact.values[shown], probabilities[shown], color=BLUE, lw=1.8, label="exact")
+    mean = float(exact.mean)
+    axes.axvline(mean, color=ORANGE, lw=1.2, label=f"mean {mean:.2f}")
+    axes.legend(frameon=False, fontsize=8)
+    axes.set_yticks([])
+    plain_axes(axes)
+
+
+def _bars(axes: Axes, values: NDArray[np.int32], low: int, high: int, colour: str, label: str) -> None:
+    """Draw shares a cell of values in bars of whole cells."""
+    width = max(1, (high - low + 1) // _BARS)
+    edges = np.arange(low, high + width + 1, width)
+    heights = np.histogram(values, bins=edges)[0] / (len(values) * width)
+    axes.bar(edges[:-1] - 0.5, heights, width=width, align="edge", color=colour, alpha=0.55, lw=0, label=label)
+
+
+def move_distributions(line: Line, sample: LineSample) -> Figure:
+    """Return the distributions of the moves that find both ends and that cover all cells, as paper M, Fig. 6."""
+    figure = new_figure(6.8, 3.6)
+    axes = figure.add_subplot()
+    high = int(max(np.quantile(sample.coverage, 0.999), np.quantile(sample.boundary, 0.999)))
+    for values, mean, colour, name in (
+        (sample.boundary, line.boundary.exact, BLUE, "both ends found"),
+        (sample.coverage, line.coverage.exact, GREEN, "all cells visited"),
+    ):
+        _bars(axes, values, int(values.min()), high, colour, f"{name}: mean {float(mean):.2f}")
+        axes.axvline(float(mean), color=colour, lw=1.4)
+    axes.axvline(
+        float(line.coverage.printed), color=ORANGE, lw=1.4, ls="--", label=f"printed formula: {float(line.coverage.printed):.2f}"
+    )
+    axes.set(xlabel="moves", ylabel="share of placements")
+    axes.legend(frameon=False, fontsize=9)
+    set_title(axes, f"{line.particles} particles in {line.cells} cells, {sample.trials:,} placements")
+    plain_axes(axes)
+    return figure
+
+
+def coverage_curve(cells: int, published: Mapping[int, float]) -> Figure:
+    """Return mean full coverage against the number of particles: exact, the printed formula, and published means.
+
+    Parameters
+    ----------
+    cells : int
+    published : mapping from number of particles to moves
+    """
+    particles = sorted(published)
+    lines = [Line(cells, n) for n in particles]
+    data = np.array([published[n] for n in particles])
+    exact = np.array([float(line.coverage.exact) for line in lines])
+    printed = np.array([float(line.coverage.printed) for line in lines])
+    positions = np.array([float(line.published_coverage) for line in lines])
+    figure = new_figure(6.8, 5.6)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    curves = (
+        (exact, BLUE, "-", "exact"),
+        (printed, ORANGE, "--", "printed formula"),
+        (positions, PURPLE, ":", "printed formula, gap as difference of positions"),
+    )
+    for values, colour, style, name in curves:
+        above.plot(particles, values, color=colour, ls=style, lw=1.8, label=name)
+        below.plot(particles, values - exact, color=colour, ls=style, lw=1.8)
+    above.plot(particles, data, "o", color=INK, ms=3.5, mfc="none", label="published")
+    below.plot(particles, data - exact, "o", color=INK, ms=3.5, mfc="none")
+    above.set(ylabel="mean moves", yscale="log")
+    below.set(xlabel="particles", ylabel="moves more than exact", ylim=(-0.6, 3.2))
+    above.legend(frameon=False, fontsize=9)
+    set_title(above, f"Full coverage of {cells} cells in a line")
+    for axes in (above, below):
+        plain_axes(axes)
+    return figure
+
+
+def schedule_ratios(schedules: Sequence[Schedule], *, max_distance: int) -> Figure:
+    """Return both ratios of schedules against the distance of the wall, up to distances of any size.
+
+    Parameters
+    ----------
+    schedules : sequence of Schedule
+    max_distance : int
+    """
+    figure = new_figure(7.6, 4.2)
+    left, right = figure.subplots(1, 2)
+    colours = (BLUE, ORANGE, GREEN, PURPLE, MUTED, SKY)
+    for schedule, colour in zip(schedules, colours, strict=False):
+        costs = [schedule.cost(distance) for distance in telling_distances(schedule, max_distance)]
+        at = [log10(cost.distance + 1) for cost in costs]  # of exact integers: they may be too large for a float
+        left.plot(at, [_float(cost.move_ratio) for cost in costs], color=colour, lw=1.3, label=schedule.name)
+        right.plot(at, [_float(cost.scan_ratio) for cost in costs], color=colour, lw=1.3, label=schedule.name)
+    for axes, name in ((left, "moves"), (right, "scans")):
+        axes.set(xlabel="distance of the wall + 1", ylabel=f"{name} / optimum", yscale="log")
+        axes.set(xlim=(0, max(0.3, log10(max_distance + 1))), ylim=(0.9, None))
+        axes.xaxis.get_major_locator().set_params(integer=True)
+        axes.xaxis.set_major_formatter(lambda x, _: f"$10^{{{x:g}}}$")
+        set_title(axes, name)
+        plain_axes(axes)
+    highest = max(
+        (float(s.cost(max_distance).scan_ratio) for s in schedules if isinstance(s, Powers | Hyperexponential)), default=5
+    )
+    right.set_ylim(0.9, 2 * highest)  # that of a scan a move would hide the others
+    right.legend(frameon=False, fontsize=9)
+    return figure
+
+
+def _float(ratio: Fraction) -> float:
+    """Return a ratio as a float, the largest ones as 1e100."""
+    return float(min(ratio, Fraction(10**100)))
+
+
+def telling_distances(schedule: Schedule, max_distance: int, *, teeth: int = 40, at_most: int = 400) -> list[int]:
+    """Return distances that show a schedule's ratios.
+
+    Each side of its scans; where these are many, only the worst side, so that the line runs along the peaks; where they are
+    too many even for that, ten distances a decade.
+    """
+    scans = [*islice(takewhile(lambda position: position <= max_distance, schedule.positions()), at_most + 1)]
+    if len(scans) <= teeth:
+        chosen = [position - side for position in scans for side in (1, 0)]
+    elif len(scans) <= at_most:
+        return [0, *scans]
+    else:
+        tenths = (10, 13, 16, 20, 25, 32, 40, 50, 63, 80)
+        chosen = [10**k * tenth // 10 for k in range(len(str(max_distance))) for tenth in tenths]
+    return sorted({0, *(distance for distance in chosen if distance <= max_distance), max_distance})
+
+
+def theorem_chart(exponents: Sequence[int]) -> Figure:
+    """Return the check of theorem 1: the worst of both ratios of i^i up to 10^k, beside the best that any schedule can do."""
+    distances = [10**k for k in exponents]
+    best = [float(least_simultaneous_ratio(distance).ratio) for distance in distances]
+    mine = [float(worst_of_both(Hyperexponential(), distance)) for distance in distances]
+    figure = new_figure(6.4, 3.6)
+    axes = figure.add_subplot()
+    axes.plot(exponents, mine, "o-", color=ORANGE, ms=3, lw=1.5, label="i^i")
+    axes.plot(exponents, best, "o-", color=BLUE, ms=3, lw=1.5, label="best possible")
+    axes.plot(exponents, np.array(mine) / np.array(best), color=MUTED, lw=1.2, ls="--", label="their quotient")
+    axes.set(xlabel="largest distance, power of ten", ylabel="larger of both ratios, worst case", ylim=(0, None))
+    axes.legend(frameon=False, fontsize=9)
+    set_title(axes, "No schedule is good at both")
+    plain_axes(axes)
+    return figure

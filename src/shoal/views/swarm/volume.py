@@ -1,0 +1,234 @@
+"""Pictures of 3-D workspaces: a view that turns, and slices along the three axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from shoal.swarm import GridWorkspace
+from shoal.swarm.grid import belief as states
+from shoal.swarm.maps.raster import PALETTE
+from shoal.views.swarm.cell_colours import PLAIN, Ink
+
+ELEVATION = 0.35  # radians above the middle from which is looked
+FARTHEST = 0.45  # brightness of what is farthest away
+BACKGROUND = tuple(bytes.fromhex(PALETTE["obstacle"][1:]))
+FINEST = 4  # pixels of a cell, before the picture is enlarged
+GAP = 8  # pixels between the parts of a sheet
+NARROWEST, WIDEST = 0.31, 0.42  # of the side of a sheet: the width of its slices, and of their names
+LEAST_LINE = 13  # pixels, of a line of words
+
+
+@dataclass(frozen=True)
+class Slices:
+    """Where a volume is cut: the layer, row and column with most free cells."""
+
+    layer: int
+    row: int
+    column: int
+
+    @classmethod
+    def of(cls, workspace: GridWorkspace) -> Slices:
+        """Return the cuts for a workspace."""
+        counts = [np.count_nonzero(workspace.free, axis=tuple({0, 1, 2} - {axis})) for axis in range(3)]
+        return cls(*(int(np.argmax(count)) for count in counts))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How much of a volume a view shows that turns: as little as holds what is drawn, from whichever side it is seen.
+
+    Parameters
+    ----------
+    centre : tuple of float
+        What is turned about: layer, row and column, in the units of the cells' sizes, from the corner of the rim.
+    wide, tall : float
+        What must fit, in the same units.
+    middle : float
+        How far below the centre the middle of the picture is.
+    """
+
+    centre: tuple[float, float, float]
+    wide: float
+    tall: float
+    middle: float = 0.0
+
+    @classmethod
+    def of_box(cls, shape: tuple[int, ...], sizes: NDArray[np.float64], elevation: float) -> Fit:
+        """Return the fit of a whole array, rim included."""
+        extent = np.array(shape) * sizes
+        wide = float(np.hypot(extent[0], extent[2]))  # whichever way it is turned
+        z, y, x = (extent / 2).tolist()
+        return cls((z, y, x), wide, float(extent[1]) * np.cos(elevation) + wide * np.sin(elevation))
+
+    @classmethod
+    def of(cls, workspace: GridWorkspace, elevation: float = ELEVATION) -> Fit:
+        """Return the fit of the free cells of a workspace and the walls around them."""
+        sizes = _sizes(workspace.spacing)
+        margin = 1.5 * float(sizes.max())
+        places = (workspace.cells + 1.5) * sizes  # the rim has the first cell
+        z, y, x = ((places.min(axis=0) + places.max(axis=0)) / 2).tolist()
+        away = np.hypot(places[:, 0] - z, places[:, 2] - x)
+        height = (places[:, 1] - y) * np.cos(elevation)
+        top, bottom = float((height - away * np.sin(elevation)).min()), float((height + away * np.sin(elevation)).max())
+        return cls((z, y, x), 2 * (float(away.max()) + margin), bottom - top + 2 * margin, (top + bottom) / 2)
+
+
+def _sizes(spacing: tuple[float, ...] | None) -> NDArray[np.float64]:
+    """Return the size of a cell along each axis, the smallest 1."""
+    return np.array(spacing or (1.0, 1.0, 1.0)) / min(spacing or (1.0,))
+
+
+def workspace_codes(workspace: GridWorkspace) -> NDArray[np.uint8]:
+    """Return what each cell looks like of a workspace of which everything is known; uint8, with one cell of rim on each side."""
+    return np.pad(np.where(workspace.free, states.FREE, states.OBSTACLE).astype(np.uint8), 1, constant_values=states.OBSTACLE)
+
+
+def turned_view(
+    codes: NDArray[np.uint8],
+    *,
+    azimuth: float,
+    side: int,
+    spacing: tuple[float, ...] | None = None,
+    elevation: float = ELEVATION,
+    ink: Ink = PLAIN,
+    fit: Fit | None = None,
+) -> NDArray[np.uint8]:
+    """Return known-free cells, frontier and particles as seen from a turning place; uint8, shape (side, side, 3).
+
+    Parameters
+    ----------
+    codes : ndarray of uint8, shape (D + 2, H + 2, W + 2)
+        As of `shoal.views.swarm.cell_colours.codes_by_move`.
+    azimuth : float
+        Radians; 0 looks at layer 0, with row 0 on top.
+    side : int
+        Pixels.
+    spacing : tuple of float, optional
+        Size of a cell along each axis; only their ratio matters.
+    elevation : float
+        Radians above the middle from which is looked.
+    ink : Ink
+        The colours of the codes.
+    fit : Fit, optional
+        How much is shown; the whole array if none.
+    """
+    sizes = _sizes(spacing)
+    background, cells = BACKGROUND, _surface(codes, ink)
+    if not len(cells):
+        return np.full((side, side, 3), background, dtype=np.uint8)
+    fit = fit or Fit.of_box(codes.shape, sizes, elevation)
+    largest = max(fit.wide, fit.tall)
+    coarse = max(1, int(0.96 * side / largest * float(sizes.max()) / FINEST))  # large cells need no fine picture
+    small = -(-side // coarse)
+    picture = np.full((small, small, 3), background, dtype=np.uint8)
+    scale = 0.96 * small / largest
+    z, y, x = ((cells + 0.5) * sizes - np.array(fit.centre)).T * scale
+    across, away = x * np.cos(azimuth) + z * np.sin(azimuth), z * np.cos(azimuth) - x * np.sin(azimuth)
+    down, depth = (
+        y * np.cos(elevation) - away * np.sin(elevation) - fit.middle * scale,
+        away * np.cos(elevation) + y * np.sin(elevation),
+    )
+    order = np.argsort(-depth, kind="stable")  # the nearest last, over all others
+    nearness = 1 - (depth - depth.min()) / max(1e-9, float(np.ptp(depth)))
+    shade = (FARTHEST + (1 - FARTHEST) * nearness)[:, None]
+    colours = (ink.colours[codes[tuple(cells.T)]] * shade).astype(np.uint8)[order]
+    size = max(1, int(np.ceil(scale * float(sizes.max()))))
+    left, top = (np.floor(place[order] + small / 2 - size / 2).astype(np.int64) for place in (across, down))
+    _splat(picture, left, top, depth[order], colours, size)
+    return picture.repeat(coarse, axis=0).repeat(coarse, axis=1)[:side, :side]
+
+
+def _surface(codes: NDArray[np.uint8], ink: Ink) -> NDArray[np.int64]:
+    """Return the cells that are drawn and have a neighbour that is not, or lie in the rim; int64, shape (n, 3)."""
+    shown = np.pad(ink.solid[codes], 1).ravel()
+    flat = np.flatnonzero(shown)
+    hidden = np.ones(len(flat), dtype=np.bool_)
+    shape = tuple(side + 2 for side in codes.shape)
+    for step in (1, shape[2], shape[1] * shape[2]):
+        hidden &= shown[flat - step] & shown[flat + step]
+    return np.stack(np.unravel_index(flat[~hidden], shape), axis=1) - 1
+
+
+def _splat(
+    picture: NDArray[np.uint8],
+    left: NDArray[np.int64],
+    top: NDArray[np.int64],
+    depth: NDArray[np.float64],
+    colours: NDArray[np.uint8],
+    size: int,
+) -> None:
+    """Draw squares, far ones first; a square's pixels yield to nearer squares."""
+    side = len(picture)
+    near = np.full((side, side), np.inf)
+    for dx in range(size):
+        for dy in range(size):
+            x, y = left + dx, top + dy
+            inside = (x >= 0) & (x < side) & (y >= 0) & (y < side)
+            inside[inside] = depth[inside] < near[y[inside], x[inside]]
+            near[y[inside], x[inside]] = depth[inside]
+            picture[y[inside], x[inside]] = colours[inside]
+
+
+def slice_pictures(codes: NDArray[np.uint8], slices: Slices, ink: Ink = PLAIN) -> list[NDArray[np.uint8]]:
+    """Return the three slices, one pixel a cell, rim included: from the front, from above, from the right."""
+    front = codes[slices.layer + 1]
+    above = codes[::-1, slices.row + 1]  # what is in front is below
+    right = codes[:, :, slices.column + 1].T
+    return [ink.colours[cut] for cut in (front, above, right)]
+
+
+def sheet_width(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None = None) -> int:
+    """Return how wide a sheet of an array of codes of that shape is."""
+    return side + GAP + _room(shape, side, spacing)[1]
+
+
+def _room(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None) -> tuple[int, int, int]:
+    """Return how high and wide the slices of a sheet may get, and how high their names are; pixels."""
+    line = max(LEAST_LINE, side // 30)
+    high = (side - 2 * GAP) // 3 - line
+    deep, tall, wide = (length * size for length, size in zip(shape, _sizes(spacing), strict=True))
+    widest = max(wide / tall, wide / deep, deep / tall) * high
+    return high, round(float(np.clip(widest, NARROWEST * side, WIDEST * side))), line
+
+
+def sheet(
+    codes: NDArray[np.uint8],
+    slices: Slices,
+    *,
+    azimuth: float,
+    side: int,
+    spacing: tuple[float, ...] | None = None,
+    ink: Ink = PLAIN,
+    fit: Fit | None = None,
+) -> NDArray[np.uint8]:
+    """Return a picture of the turned view with named slices in a column on its right; uint8, shape (side, about 1.4 side, 3)."""
+    sizes = spacing or (1.0, 1.0, 1.0)
+    lengths = [(sizes[1], sizes[2]), (sizes[0], sizes[2]), (sizes[1], sizes[0])]
+    names = f"layer {slices.layer}, from the front", f"row {slices.row}, from above", f"column {slices.column}, from the right"
+    *room, line = _room(codes.shape, side, spacing)
+    whole = np.full((side, sheet_width(codes.shape, side, spacing), 3), 255, dtype=np.uint8)
+    whole[:, :side] = turned_view(codes, azimuth=azimuth, side=side, spacing=spacing, ink=ink, fit=fit)
+    for number, (picture, (tall, wide), name) in enumerate(zip(slice_pictures(codes, slices, ink), lengths, names, strict=True)):
+        scale = min(room[0] / (picture.shape[0] * tall), room[1] / (picture.shape[1] * wide))
+        height, width = max(1, int(picture.shape[0] * tall * scale)), max(1, int(picture.shape[1] * wide * scale))
+        method = Image.Resampling.NEAREST if height >= picture.shape[0] else Image.Resampling.BOX
+        drawn = np.asarray(Image.fromarray(picture).resize((width, height), method))
+        top, left = number * (room[0] + line + GAP), side + GAP
+        whole[top : top + line, left:] = _written(name, room[1], line)
+        whole[top + line : top + line + height, left : left + width] = drawn
+    return whole
+
+
+@lru_cache(maxsize=16)
+def _written(words: str, width: int, height: int) -> NDArray[np.uint8]:
+    """Return a line of words, dark on white; uint8, shape (height, width, 3)."""
+    from shoal.views.drawing.canvas import Canvas
+
+    canvas = Canvas(width, height)
+    canvas.text((0, 0.72 * height), words, PALETTE["obstacle"], 0.74 * height)
+    return canvas.frame()

@@ -1,0 +1,246 @@
+"""Figures, timelines and films of searches: what is drawn is what the episode tells."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+from math import inf
+
+import numpy as np
+import pytest
+import shapely
+from PIL import Image
+
+from shoal.errors import InvalidInputError
+from shoal.search import SearchEpisode, region_of, search
+from shoal.search.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
+from shoal.views.drawing.charts import save_figure
+from shoal.views.search.figures import expected_time_figure, search_figure, spread_out, timeline_figure
+from shoal.views.search.films import SearchFilm, write_search_film
+from shoal.views.search.history import SearchStory, rings_of
+from shoal.views.search.page import page_data, simplified
+
+TWO = shapely.MultiPolygon([shapely.box(0, 0, 40, 30), shapely.box(70, 10, 100, 40)])
+CASES = {
+    "ring": lambda: search(
+        "ring:60x40", robots=4, footprint=10, loss=0.2, faults=[Crash(2, 9.0), Pause(3, 5, 12)], targets=3, seed=3
+    ),
+    "one robot, one cell": lambda: search("square:5", robots=1, footprint=10),
+    "reserve": lambda: search("square:20", robots=7, footprint=10, starts="line"),
+    "all dead": lambda: search(
+        "rectangle:90x40", robots=3, footprint=10, faults=[Crash(1, 0.0), Crash(2, 7.0), Crash(3, 9.5)], targets=1
+    ),
+    "two parts": lambda: search(region_of(TWO, name="two $parts$"), robots=2, footprint=10, transit=True, speed=3.0),
+    "as planned": lambda: search("square:60", robots=3, footprint=10, simulate=False),
+    "many": lambda: search("square:100", robots=30, footprint=10, starts="clustered", faults=[Crash(k, 2.0) for k in range(2, 9)]),
+    "a liar": lambda: search(
+        "square:60", robots=3, footprint=10, fold=2, faults=[Liar(2), Slow(1, 2.0, 5.0), WrongPosition(3, 4), Battery(1, 9.0)]
+    ),
+}
+
+
+@cache
+def episode(name: str) -> SearchEpisode:
+    return CASES[name]()
+
+
+@pytest.fixture(params=CASES)
+def story(request: pytest.FixtureRequest) -> SearchStory:
+    return SearchStory(episode(request.param))
+
+
+def test_stretches_follow_one_another(story):
+    for robot, stretches in enumerate(story.stretches):
+        assert stretches[0].begin == 0
+        assert stretches[-1].end == story.end
+        assert all(one.end == two.begin for one, two in pairwise(stretches))
+        log = story.episode.robots[robot]
+        for time, other in zip(log.times, story.others(robot), strict=True):
+            doing = [one for one in stretches if one.begin < time <= one.end]
+            assert [(one.kind, one.other) for one in doing] == [("taken", other) if other else ("own", 0)]
+
+
+def test_robots_are_in_each_cell_when_they_have_searched_it(story):
+    plan = story.episode.plan
+    for robot, (log, motion) in enumerate(zip(story.episode.robots, story.motions, strict=True)):
+        assert (np.diff(motion.times) >= 0).all()
+        np.testing.assert_array_equal(motion.at(0.0), plan.places[robot])
+        ends = story.episode.routes[robot].points[story.stop_ends(robot)[1:]] if len(log.cells) else np.zeros((0, 2))
+        for time, place in zip(log.times, ends, strict=True):
+            np.testing.assert_allclose(motion.at(time), place, atol=1e-6)
+        far = np.hypot(*np.diff(motion.points, axis=0).T)
+        if not story.liars and len(log.cells):
+            np.testing.assert_allclose(far.sum(), story.episode.routes[robot].length)
+        for time in np.linspace(0, story.end, 60):  # what the player is told is the same, to a millimetre or so
+            np.testing.assert_allclose(simplified(motion, 1e-3).at(time), motion.at(time), atol=0.05)
+
+
+def test_motion_stays_inside_and_is_no_faster_than_robots_are(story):
+    region, size = story.episode.plan.grid.region, story.episode.plan.grid.size
+    for robot, motion in enumerate(story.motions):
+        points = np.array([motion.at(time) for time in np.linspace(0, story.end, 100)])
+        if not story.episode.plan.transit:
+            assert region.contains(points).all()
+        log = story.episode.robots[robot]
+        if story.episode.simulated and len(log.cells) > 1:  # from cell to cell: ways around corners are longer than reckoned
+            way = motion.times >= log.times[0] - 1e-9
+            speeds = np.hypot(*np.diff(motion.points[way], axis=0).T) / np.maximum(np.diff(motion.times[way]), 1e-12) / size
+            assert np.median(speeds) <= story.episode.scenario.rates[robot] + 1e-6
+
+
+def test_robots_go_home_to_recharge():
+    found = SearchStory(search("square:80", robots=2, footprint=10, energy=180.0, recharge=60.0, seed=2))
+    for robot, motion in enumerate(found.motions):
+        log, home = found.episode.robots[robot], found.episode.plan.places[robot]
+        gaps = np.flatnonzero(np.diff(log.times) > 6.0)  # recharging lasts six cells
+        resting = [pair for pair in pairwise(zip(motion.times, motion.points, strict=True)) if pair[1][0] - pair[0][0] > 5.9]
+        at_home = [pair for pair in resting if np.allclose(pair[0][1], home) and np.allclose(pair[1][1], home)]
+        assert len(at_home) >= 1
+        assert len(at_home) == sum(1 for k in gaps if any(log.times[k] < pair[0][0] < log.times[k + 1] for pair in at_home))
+        assert (np.diff(motion.times) >= 0).all()
+        speeds = np.hypot(*np.diff(motion.points, axis=0).T) / np.maximum(np.diff(motion.times), 1e-12) / 10
+        assert speeds.max() < 1 + 1e-6
+        for time, cell in zip(log.times, log.cells, strict=True):
+            np.testing.assert_allclose(motion.at(time), found.episode.plan.course.points[cell] * 10, atol=1e-6)
+
+
+def test_first_searched_is_what_the_logs_tell(story):
+    times, by = story.first
+    logs = story.episode.robots
+    for cell in range(story.n_cells):
+        found = [
+            (log.times[k], number)
+            for number, log in enumerate(logs, start=1)
+            if number not in story.liars
+            for k in np.flatnonzero(log.cells == cell)
+        ]
+        assert (times[cell], by[cell] if found else 0) == (min(found) if found else (inf, 0))
+    if story.episode.simulated:
+        assert times.max() == story.episode.covered_at
+    assert story.searched(story.end) == np.isfinite(times).sum()
+
+
+def test_taken_over_is_from_the_dead():
+    found = SearchStory(episode("ring"))
+    taken = {one.other for stretches in found.stretches for one in stretches if one.kind == "taken"}
+    assert taken == {2}
+    assert found.taken.any()
+    assert (found.owners[0][found.taken] == 2).all()
+    assert found.death(1) == 9.0
+    takers = [robot for robot in range(4) if len(found.outline(robot))]
+    around = np.concatenate([found.outline(robot) for robot in takers])
+    assert np.allclose(np.abs(around[:, 1] - around[:, 0]).sum(axis=1), found.episode.plan.grid.size)
+
+
+def test_outline_goes_round_the_cells():
+    found = SearchStory(episode("ring"))
+    for robot in range(found.n_robots):
+        mask = found.raster((found.first[1] == robot + 1) & found.taken, False)
+        padded = np.pad(mask, 1)
+        sides = sum(int((padded & ~np.roll(padded, step, axis)).sum()) for axis in (0, 1) for step in (1, -1))
+        assert len(found.outline(robot)) == sides
+
+
+@pytest.mark.parametrize("name", sorted(CASES.keys() - {"as planned", "ring"}))  # which other tests draw
+def test_figures_are_drawn(name, tmp_path):
+    told = episode(name)
+    for make in (search_figure, timeline_figure):
+        figure = make(told)
+        figure.set_dpi(60)
+        save_figure(figure, tmp_path / "figure.png")
+        assert len(np.unique(np.asarray(Image.open(tmp_path / "figure.png").convert("L")))) > 20
+
+
+def texts(figure) -> list[str]:
+    return [text.get_text() for axes in figure.axes for text in axes.texts]
+
+
+def test_figure_numbers_every_robot_and_shows_the_dead_and_what_nobody_saw():
+    figure = search_figure(episode("all dead"))
+    words = texts(figure)
+    assert sorted(word for word in words if word in "123") == ["1", "1", "2", "2", "3", "3"]  # starts and deaths
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "died" in legend
+    assert f"not seen: {episode('all dead').coverage.uncovered_m2:.4g} m²" in legend
+    whole = [text.get_text() for text in search_figure(episode("as planned")).legends[0].get_texts()]
+    assert whole == ["start"]
+
+
+def test_timeline_names_whose_part_and_when():
+    figure = timeline_figure(episode("ring"))
+    words = texts(figure)
+    assert "2" in words
+    assert any(f"{episode('ring').covered_at:.4g}" in word for word in words)
+    lines = [line.get_xdata()[0] for line in figure.axes[0].lines if len(set(line.get_xdata())) == 1 and len(line.get_xdata()) == 2]
+    assert max(episode("ring").declared.values()) in lines
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["1", "2", "3", "4"]
+
+
+def test_numbers_are_moved_apart():
+    places = np.random.default_rng(2).normal(size=(30, 2))
+    moved = spread_out(places, 10.0)
+    apart = np.hypot(*(moved[:, None] - moved[None]).transpose(2, 0, 1)) + 99 * np.eye(30)
+    assert apart.min() > 9
+    far = np.array([(0.0, 0.0), (50.0, 0.0)])
+    np.testing.assert_allclose(spread_out(far, 10.0), far, atol=0.01)
+
+
+def test_expected_time_figure():
+    figure = expected_time_figure(robots=(1, 5, 20), dead=3, trials=500)
+    lines = {line.get_label(): np.array(line.get_data()) for line in figure.axes[0].lines}
+    theory = next(data for label, data in lines.items() if label.startswith("all live"))
+    np.testing.assert_allclose(theory[1, [0, 19]], [100, 17.9887], atol=1e-3)
+    with pytest.raises(InvalidInputError, match="expected at least one number of robots"):
+        expected_time_figure(robots=())
+    assert len(expected_time_figure(robots=(1,), dead=0, trials=10).axes[0].lines) >= 2
+
+
+def test_rings_of_parts_with_holes():
+    area = TWO.difference(shapely.box(10, 10, 20, 20))
+    assert [[len(ring) for ring in part] for part in rings_of(area)] == [[5, 5], [5]]
+    assert rings_of(shapely.GeometryCollection()) == []
+
+
+def test_film_shows_what_is_searched():
+    told = episode("ring")
+    film = SearchFilm(told, height=240)
+    times = film.times(10, 100)
+    assert len(times) <= 100
+    assert (times[0], times[-1]) == (0.0, SearchStory(told).end)
+    frames = list(film.frames(np.array([0.0, told.covered_at / 2, SearchStory(told).end])))
+    assert {frame.shape for frame in frames} == {(240, film.width, 3)}
+    middle = slice(24, 200)
+    coloured = [int((np.ptp(frame[middle].astype(int), axis=2) > 10).sum()) for frame in frames]
+    assert coloured[0] < 0.7 * coloured[1] < 0.7 * coloured[2]
+    again = list(film.frames(np.array([told.covered_at / 2, 0.0])))  # backwards
+    np.testing.assert_array_equal(again[0], frames[1])
+    np.testing.assert_array_equal(again[1], frames[0])
+
+
+@pytest.mark.parametrize("name", ["one robot, one cell", "all dead", "two parts"])
+def test_gif(name, tmp_path, monkeypatch):
+    monkeypatch.setattr("shoal.views.search.films._SHORTEST", 0.6)
+    monkeypatch.setattr("shoal.views.search.films.SECONDS", 0.6)
+    told: list[tuple[int, int]] = []
+    write_search_film(episode(name), tmp_path / "film.gif", on_frame=lambda done, total: told.append((done, total)))
+    with Image.open(tmp_path / "film.gif") as film:
+        assert film.n_frames > 1
+    assert told == [(k + 1, len(told)) for k in range(len(told))]
+
+
+def test_mp4_and_html(tmp_path, monkeypatch):
+    monkeypatch.setattr("shoal.views.search.films._SHORTEST", 0.4)
+    monkeypatch.setattr("shoal.views.search.films.SECONDS", 0.4)
+    write_search_film(episode("ring"), tmp_path / "film.mp4")
+    assert (tmp_path / "film.mp4").read_bytes()[4:8] == b"ftyp"
+    write_search_film(episode("ring"), tmp_path / "film.html")
+    assert "<!doctype html>" in (tmp_path / "film.html").read_text(encoding="utf-8")
+    with pytest.raises(InvalidInputError, match="expected a film"):
+        write_search_film(episode("ring"), tmp_path / "film.txt")
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_too_many_visits_for_a_page(monkeypatch):
+    monkeypatch.setattr("shoal.views.search.page.LARGEST", 10)
+    with pytest.raises(InvalidInputError, match="at most 10 visits of cells, got"):
+        page_data(episode("ring"))

@@ -1,0 +1,119 @@
+"""Figures, films and what notebooks show: that they are there, whole, and show what they should."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import subprocess
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from PIL import Image
+
+from shoal import GridWorkspace, InvalidInputError, open_map, run, run_trials
+from shoal.swarm.maps.raster import PALETTE, belief_raster, in_strips, workspace_raster
+from shoal.views.drawing.charts import save_figure
+from shoal.views.swarm.figures import final_map, frontier_plot, map_figure
+from shoal.views.swarm.films import film_frames, shown_moves, write_film
+from shoal.views.swarm.page import player_page
+
+
+@pytest.fixture(scope="module")
+def episode():
+    return run(open_map("maze:15x11"), particles=10, seed=2)
+
+
+def colour(name):
+    return tuple(int(PALETTE[name][i : i + 2], 16) for i in (1, 3, 5))
+
+
+def test_raster_shows_every_state(episode):
+    state, belief = next(iter(episode.frames()))
+    raster = belief_raster(state, belief)
+    assert raster.shape == (13, 17, 3)
+    for cell in state.cells.tolist():
+        assert tuple(raster[cell[0] + 1, cell[1] + 1]) == colour("particle")
+    shown = {tuple(pixel) for pixel in raster.reshape(-1, 3).tolist()}
+    assert shown == {colour("particle"), colour("frontier"), colour("unknown")}
+    last = belief_raster(*episode.final())
+    assert {tuple(p) for p in last.reshape(-1, 3).tolist()} >= {colour("particle"), colour("free"), colour("obstacle")}
+
+
+def test_wide_maps_are_cut_into_strips():
+    sheet = in_strips(workspace_raster(open_map("line:5000")))
+    assert max(sheet.shape[:2]) < 500
+    assert (sheet == colour("free")).all(axis=2).sum() >= 5000
+
+
+def test_notebooks(episode):
+    image = Image.open(io.BytesIO(episode.workspace._repr_png_()))
+    assert image.width > 300
+    html = episode._repr_html_()
+    assert "data:image/png;base64," in html
+    assert "complete after" in html
+
+
+def test_three_dimensions_side_by_side():
+    workspace = GridWorkspace(np.ones((3, 4, 5), bool))
+    assert workspace_raster(workspace).shape == (4, 3 * 5 + 2, 3)
+    figure = final_map(run(workspace, particles=6))
+    assert figure.axes
+
+
+def test_figures(episode, tmp_path):
+    for suffix in (".png", ".svg", ".pdf"):
+        save_figure(final_map(episode), tmp_path / f"map{suffix}")
+        assert (tmp_path / f"map{suffix}").stat().st_size > 1000
+    many = run_trials(open_map("maze:15x11"), trials=5, particles=10)
+    axes = frontier_plot(many).axes[0]
+    assert len(axes.lines) == 6  # each trial, and the median
+    single = frontier_plot([episode]).axes[0].lines[0].get_ydata()
+    np.testing.assert_array_equal(single, [episode.first_frontier, *episode.frontier])
+    with pytest.raises(InvalidInputError, match="at least one"):
+        frontier_plot([])
+    with pytest.raises(InvalidInputError, match=f"0 to {episode.moves}"):
+        map_figure(episode, moves=episode.moves + 1)
+
+
+def test_gif_shows_each_move(episode, tmp_path):
+    write_film(episode, tmp_path / "film.gif")
+    with Image.open(tmp_path / "film.gif") as film:
+        assert film.n_frames == episode.moves + 1
+        film.seek(film.n_frames - 1)
+        last = np.asarray(film.convert("RGB").resize((17, 13), Image.Resampling.NEAREST))
+    np.testing.assert_array_equal(last, belief_raster(*episode.final()))
+
+
+def test_mp4_can_be_decoded(episode, tmp_path):
+    write_film(episode, tmp_path / "film.mp4")
+    height, width = 13 * (960 // 17), 17 * (960 // 17)
+    height, width = height + height % 2, width + width % 2
+    decoded = subprocess.run(
+        [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", tmp_path / "film.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"],
+        check=True,
+        capture_output=True,
+    ).stdout
+    frames = np.frombuffer(decoded, np.uint8).reshape(-1, height, width, 3)
+    assert len(frames) == episode.moves + 1
+    side = width // 17
+    centres = frames[-1][side // 2 :: side, side // 2 :: side][:13, :17].astype(int)
+    assert np.abs(centres - belief_raster(*episode.final())).mean() < 12  # a lossy format
+
+
+def test_long_films_show_first_and_last(episode):
+    assert shown_moves(10_000, 400)[[0, -1]].tolist() == [0, 10_000]
+    assert len(shown_moves(10_000, 400)) == 400
+    frames = list(film_frames(episode, shown_moves(episode.moves, 3)))
+    np.testing.assert_array_equal(frames[0], belief_raster(*next(iter(episode.frames()))))
+    np.testing.assert_array_equal(frames[-1], belief_raster(*episode.final()))
+
+
+def test_player_page_holds_the_episode(episode, tmp_path):
+    page = player_page(episode)
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert "https://" not in page
+    data = json.loads(re.search(r'<script[^>]*type="application/json"[^>]*>(.*?)</script>', page, re.S).group(1))
+    assert data["commands"] == episode.commands
+    assert data["shape"] == [11, 15]
