@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from shoal.search import Course, allocate, make_tour, plan_search
-from shoal.search.expectation import expected_time, stay_share
+from shoal.search.allocation.expected_time import expected_time, stay_share
 
 METHODS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
 SPECIFIED = {  # spec/search.md, section 3

@@ -17,7 +17,7 @@ from PIL import Image
 from shoal import open_map, run
 from shoal.papers.recipe import published_curve
 from shoal.search import make_tour, search
-from shoal.search.faults import Crash, Pause
+from shoal.search.simulation.faults import Crash, Pause
 from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon, steer
 from shoal.steering.delta_space.reachable_fraction import disk_fractions, largest_two_move_fraction, polygon_filling
 from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes, sweep_goals

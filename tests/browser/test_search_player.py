@@ -13,7 +13,7 @@ from playwright.sync_api import Page
 from tests.browser.waiting import until
 
 from shoal.search import SearchEpisode, region_of, search
-from shoal.search.faults import Crash, Liar, Pause
+from shoal.search.simulation.faults import Crash, Liar, Pause
 from shoal.views.player import render
 from shoal.views.search.history import SearchStory
 from shoal.views.search.page import page_data, player_page

@@ -9,7 +9,7 @@ import pytest
 
 from shoal.errors import InvalidInputError
 from shoal.search import Course, allocate, make_tour
-from shoal.search.expectation import expected_time, stay_share
+from shoal.search.allocation.expected_time import expected_time, stay_share
 
 TRIALS = 4000
 SURE = 4.5  # standard errors: one such test in 150,000 would fail by chance

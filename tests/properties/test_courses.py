@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shoal.search.bits import bits_of
-from shoal.search.course import Course
+from shoal.search.allocation.tour_cost import Course
+from shoal.search.cells.distances import CellWays
 from shoal.search.tours import make_tour
-from shoal.search.ways import CellWays
+from shoal.search.tours.bitset import bits_of
 
 SHAPES = {"hilbert": (8, 8), "moore": (4, 4), "hilbert-rectangle": (1, 10), "comb": (5, 7), "spanning-tree": (6, 8)}
 

@@ -9,13 +9,13 @@ import os
 from math import inf
 
 import pytest
+from tests.properties.search_invariants import Checker, InvariantError, check_outcome
+from tests.properties.search_scenarios import random_scenario
 
-from shoal.search import robot as robots
-from shoal.search import world as worlds
-from shoal.search.faults import Crash, Liar, Pause
-from shoal.search.invariants import Checker, InvariantError, check_outcome
-from shoal.search.scenarios import random_scenario
-from shoal.search.world import World
+from shoal.search.protocol import robot as robots
+from shoal.search.simulation import world as worlds
+from shoal.search.simulation.faults import Crash, Liar, Pause
+from shoal.search.simulation.world import World
 
 SEARCHES = int(os.environ.get("SHOAL_SOAK", "2000"))
 CHUNKS = 20

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shoal.search import Course, Sweep, allocate, make_tour
-from shoal.search.allocation import work_time
+from shoal.search.allocation.allocate import work_time
 
 
 def all_borders(n, m):

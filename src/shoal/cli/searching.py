@@ -68,7 +68,7 @@ def search(
     """
     from shoal.search import open_region
     from shoal.search import search as run
-    from shoal.search.faults import crashes_of
+    from shoal.search.simulation.faults import crashes_of
 
     area = open_region(region, no_go=list(no_go) if no_go else None)
     faults = crashes_of(kill or [], robots=robots)
@@ -245,7 +245,7 @@ def demo_search(out: Path, *, seed: int, json_: bool) -> None:
     """Search a marsh around a lake with 12 robots, three of which die: ``shoal demo search``."""
     from shoal.search import open_region
     from shoal.search import search as run
-    from shoal.search.faults import Crash
+    from shoal.search.simulation.faults import Crash
 
     check_folder(out)
     marsh = open_region(Path(__file__).parent / "data" / "marsh.geojson")

@@ -7,7 +7,7 @@ import numpy as np
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, curve_of, estimates
-from shoal.search.expectation import stay_share
+from shoal.search.allocation.expected_time import stay_share
 from shoal.views.drawing.curves import Curve, Labels, Published, mean_curves
 
 ROBOTS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 40, 50)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from shoal.search.allocation import Allocation, Sweep, allocate
-from shoal.search.cells import CellGrid, cells_of
-from shoal.search.course import Course
-from shoal.search.coverage import Coverage, coverage_check
-from shoal.search.episode import RobotLog, SearchEpisode
-from shoal.search.ground import GroundPaths, Route, merge_collinear
-from shoal.search.planning import SearchPlan, plan_search
-from shoal.search.projection import LocalFrame
-from shoal.search.region import SearchRegion, open_region, region_of
-from shoal.search.running import search
+from shoal.search.allocation.allocate import Allocation, Sweep, allocate
+from shoal.search.allocation.plan import SearchPlan, plan_search
+from shoal.search.allocation.tour_cost import Course
+from shoal.search.cells.grid import CellGrid, cells_of
+from shoal.search.cells.routing import GroundPaths, Route, merge_collinear
+from shoal.search.episode import SearchEpisode
+from shoal.search.regions.builder import open_region
+from shoal.search.regions.coverage import Coverage, coverage_check
+from shoal.search.regions.projection import LocalFrame
+from shoal.search.regions.region import SearchRegion, region_of
+from shoal.search.run import search
+from shoal.search.simulation.trace import RobotLog
 from shoal.search.tours import (
     Tour,
     TourMaker,

@@ -25,54 +25,23 @@ from pydantic import (
 
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
-from shoal.search import faults
-from shoal.search.bits import bits_of, bits_to_array
-from shoal.search.coverage import Coverage, coverage_check
-from shoal.search.findings import Finding, merged
-from shoal.search.formats.text import check_file, read_text
-from shoal.search.ground import Route
-from shoal.search.planning import SearchPlan
-from shoal.search.projection import LocalFrame
-from shoal.search.world import Scenario
+from shoal.search.allocation.plan import SearchPlan, plan_search
+from shoal.search.cells.routing import Route
+from shoal.search.regions.coverage import Coverage, coverage_check
+from shoal.search.regions.formats.text import check_file, read_text
+from shoal.search.regions.projection import LocalFrame
+from shoal.search.regions.region import region_of
+from shoal.search.simulation import faults
+from shoal.search.simulation.findings import Finding, merged
+from shoal.search.simulation.scenario import Scenario, scenario_of
+from shoal.search.simulation.trace import Played, RobotLog, as_planned, simulated
+from shoal.search.tours.bitset import bits_of, bits_to_array
 
 FORMAT: Literal[1] = 1
 _KINDS = {
     kind.__name__: kind for kind in (faults.Crash, faults.Pause, faults.Slow, faults.Battery, faults.WrongPosition, faults.Liar)
 }
 _STATUS = {"dead": "dead", "paused": "paused"}
-
-
-@dataclass(frozen=True, eq=False)
-class RobotLog:
-    """What one robot did.
-
-    Parameters
-    ----------
-    cells : ndarray of int64, shape (k,)
-        The cells in which it stopped to search them, and with a wider footprint those around, as numbers on the tour.
-    times : ndarray of float64, shape (k,)
-        When it had searched each, in the time of a cell.
-    states : tuple of (float, str)
-        When it began to be "listening", "searching", "waiting", "complete", "paused" or "dead".
-    found : tuple of (int, tuple of int)
-        What it knew at the end: cells, and the robots that have found something there.
-    detours : tuple of tuple of int
-        Cells that it passed on the way to each that it searched, where robots go from cell to cell; else empty.
-    obstructed : tuple of (float, int)
-        When it came upon which obstacle.
-    """
-
-    cells: NDArray[np.int64]
-    times: NDArray[np.float64]
-    states: tuple[tuple[float, str], ...]
-    found: tuple[tuple[int, tuple[int, ...]], ...]
-    detours: tuple[tuple[int, ...], ...] = ()
-    obstructed: tuple[tuple[float, int], ...] = ()
-
-    @property
-    def status(self) -> str:
-        """What it was at the end."""
-        return self.states[-1][1] if self.states else "listening"
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,8 +291,6 @@ class SearchEpisode:
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"])
             raise InvalidInputError(f"{source}: not a search episode: {where or 'the file'}: {first['msg']}") from None
-        from shoal.search.replaying import replayed
-
         try:
             return replayed(form)
         except InvalidInputError as error:
@@ -334,8 +301,6 @@ class SearchEpisode:
 
         What processes did cannot be played again: then only whether it fits what the episode says was searched, and when.
         """
-        from shoal.search.replaying import played_again
-
         if self.live is not None:
             first = np.full(len(self.plan.course), inf)
             for log, seen in zip(self.robots, self.seen, strict=True):
@@ -430,3 +395,93 @@ def fault_of(entry: dict[str, Any]) -> faults.Fault:
     if kind is None or set(values) != set(kind.__slots__) or not all(isinstance(value, int | float) for value in values.values()):
         raise InvalidInputError(f"faults: expected one of {', '.join(_KINDS)} with its numbers, got {entry!r:.120}")
     return kind(**values)
+
+
+def _prepared(form: EpisodeForm) -> tuple[SearchPlan, Scenario]:
+    """Return the plan and the scenario of an episode on disk."""
+    import shapely
+
+    try:
+        area = shapely.from_wkt(form.region.area)
+    except shapely.errors.ShapelyError:
+        raise InvalidInputError("region: expected well-known text of a polygon, got something else") from None
+    frame = None if form.region.frame is None else LocalFrame(*form.region.frame)
+    plan = plan_search(
+        region_of(area, frame=frame, name=form.region.name),
+        robots=len(form.starts),
+        footprint=form.footprint,
+        starts=np.array(form.starts).reshape(-1, 2),
+        tour=form.tour,
+        allocation=form.allocation,
+        turn_cost=form.turn_cost,
+        rates=form.rates,
+        transit=form.transit,
+        stepwise=form.stepwise,
+        seed=form.seed,
+    )
+    scenario = scenario_of(
+        plan,
+        network=form.network,
+        loss=form.loss,
+        faults=tuple(fault_of(entry) for entry in form.faults),
+        fold=form.fold,
+        energy=inf if form.energy is None else form.energy,
+        recharge=form.recharge,
+        speed=form.speed,
+        targets=tuple(form.targets),
+        detection=form.detection,
+        false_alarm=form.false_alarm,
+        obstacles=tuple(form.obstacles),
+        seed=form.seed,
+    )
+    return plan, scenario
+
+
+def _episode(form: EpisodeForm, plan: SearchPlan, scenario: Scenario, played: Played) -> SearchEpisode:
+    return SearchEpisode(
+        plan=plan,
+        scenario=scenario,
+        network=form.network,
+        loss=form.loss,
+        speed=form.speed,
+        simulated=form.simulated,
+        live=form.live,
+        **vars(played),
+        seed=form.seed,
+        seconds=form.seconds,
+        version=form.version,
+    )
+
+
+def played_again(form: EpisodeForm) -> SearchEpisode:
+    """Plan and play an episode on disk again."""
+    plan, scenario = _prepared(form)
+    return _episode(form, plan, scenario, simulated(plan, scenario) if form.simulated else as_planned(plan))
+
+
+def replayed(form: EpisodeForm) -> SearchEpisode:
+    """Return the episode that a file tells of, as it tells it.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    plan, scenario = _prepared(form)
+    n = len(plan.course)
+    if len(form.robots) != len(form.starts) or any(
+        len(log.cells) != len(log.times) or any(cell >= n for cell in log.cells) for log in form.robots
+    ):
+        raise InvalidInputError(f"robots: expected cells below {n} and their times for {len(form.starts)} robots")
+    logs = tuple(
+        RobotLog(
+            np.array(log.cells, dtype=np.int64),
+            np.array(log.times, dtype=np.float64),
+            tuple(log.states),
+            tuple(log.found),
+            tuple(log.detours),
+            tuple(log.obstructed),
+        )
+        for log in form.robots
+    )
+    covered_at = inf if form.covered_at is None else form.covered_at
+    return _episode(form, plan, scenario, Played(logs, covered_at, dict(form.declared), form.sent, form.lost, form.takeovers))

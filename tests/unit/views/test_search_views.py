@@ -13,7 +13,7 @@ from PIL import Image
 
 from shoal.errors import InvalidInputError
 from shoal.search import SearchEpisode, region_of, search
-from shoal.search.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
+from shoal.search.simulation.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.views.drawing.charts import save_figure
 from shoal.views.search.figures import expected_time_figure, search_figure, spread_out, timeline_figure
 from shoal.views.search.films import SearchFilm, write_search_film

@@ -62,7 +62,7 @@ class SearchProblem(Problem):
         import numpy as np
 
         from shoal.search import search
-        from shoal.search.faults import Crash
+        from shoal.search.simulation.faults import Crash
 
         rng = np.random.default_rng([seed, 2])
         dead = rng.choice(self.robots, size=self.crashes, replace=False) + 1

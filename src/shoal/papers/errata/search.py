@@ -17,7 +17,7 @@ erratum = into(CHECKS)
     "10,000 random starts of 10, 20 and 50 robots in 1024 cells",
 )
 def _reciprocal() -> tuple[str, bool]:
-    from shoal.search.expectation import expected_time, stay_share
+    from shoal.search.allocation.expected_time import expected_time, stay_share
 
     drawn = {m: expected_time(1024, m) for m in (10, 20, 50)}
     found = {m: one.mean for m, one in drawn.items()}

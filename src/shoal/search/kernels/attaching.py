@@ -6,7 +6,7 @@ import heapq
 
 import numpy as np
 
-from shoal.search.kernels.compiling import kernel
+from shoal.jit import kernel
 from shoal.search.kernels.cycles import apart, border, find, grow, merge
 
 TOUCHED = 4096

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.search.kernels.compiling import kernel
+from shoal.jit import kernel
 
 
 @kernel

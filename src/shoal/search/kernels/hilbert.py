@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.search.kernels.compiling import kernel
+from shoal.jit import kernel
 from shoal.search.kernels.hilbert_tables import LEVELS_2, LEVELS_3, tables
 
 DECODING_2, ENCODING_2, BEGIN_2 = tables(2, LEVELS_2)

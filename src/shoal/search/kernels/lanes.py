@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.search.kernels.compiling import kernel
+from shoal.jit import kernel
 
 LOOK = 64
 """Unvisited neighbours of a chain that are compared."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shoal.search.kernels.compiling import kernel
+from shoal.jit import kernel
 
 
 @kernel

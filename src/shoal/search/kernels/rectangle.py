@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.search.kernels.compiling import kernel
+from shoal.jit import kernel
 
 DEPTH = 512
 """Room on the stack: a box of 2^31 cells a side needs 4 entries a halving."""

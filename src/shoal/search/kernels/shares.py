@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.search.kernels.compiling import kernel
+from shoal.jit import kernel
 
 
 @kernel

@@ -1,12 +1,12 @@
 """Live search: each robot is a process of its own with a radio of its own. Nobody leads them.
 
 `running` starts the processes (`fleet`), kills some, and writes down what they report (`outcome`). In each `process` a `pilot`
-joins the pure robot (`shoal.search.robot`) to a `radio`, a `vehicle` and its `presence` on the ground.
+joins the pure robot (`shoal.search.protocol.robot`) to a `radio`, a `vehicle` and its `presence` on the ground.
 """
 
 from __future__ import annotations
 
 from shoal.search.live.outcome import LiveEvent, LiveOutcome
-from shoal.search.live.running import run_live
+from shoal.search.live.supervisor import run_live
 
 __all__ = ["LiveEvent", "LiveOutcome", "run_live"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from shoal.search.bits import at_least, bits_of
+from shoal.search.tours.bitset import at_least, bits_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The robots' processes: python -m shoal.search.live.process FILE SIZE IN:OUT ..., started by `shoal.search.live.fleet`.
+"""The robots' processes: python -m shoal.search.live.process FILE SIZE IN:OUT ..., started by `shoal.search.live.process_pool`.
 
 This first process loads what takes long, once, splits off one process per robot, and then does nothing but wait: when its standard
 input closes it ends what is left of them. A robot's process has nothing in common with the others but the open file that stands for
@@ -18,11 +18,11 @@ import traceback
 from random import Random
 from typing import Any
 
-from shoal.search.live.pilot import Pilot
+from shoal.search.allocation.partition import parts_of
+from shoal.search.live.agent import Pilot
 from shoal.search.live.radio import Radio
 from shoal.search.live.task import LiveTask
-from shoal.search.messages import Beacon, Sign, decode, encode
-from shoal.search.sharing import parts_of
+from shoal.search.protocol.messages import Beacon, Sign, decode, encode
 
 _STARTER = 0  # standard input
 

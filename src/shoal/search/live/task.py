@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from shoal.search.cells.distances import CellWays
 from shoal.search.live.radio import Channel
-from shoal.search.robot import Brief, Robot
-from shoal.search.ways import CellWays
+from shoal.search.protocol.robot import Brief, Robot
 
 
 @dataclass(frozen=True)

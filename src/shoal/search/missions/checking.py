@@ -13,12 +13,12 @@ import numpy as np
 
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
-from shoal.search.coverage import Coverage, coverage_check
 from shoal.search.missions.files import FORMATS, format_of
 from shoal.search.missions.findings import Finding, Sheet
 from shoal.search.missions.lint import examine
 from shoal.search.missions.rules import ROUNDING, metres_of
-from shoal.search.region import SearchRegion
+from shoal.search.regions.coverage import Coverage, coverage_check
+from shoal.search.regions.region import SearchRegion
 
 
 @dataclass(frozen=True, eq=False)

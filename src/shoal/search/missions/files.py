@@ -12,8 +12,8 @@ from pathlib import Path
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
 from shoal.registry import Registry
-from shoal.search.missions import geojson, gpx, kml, plan, table, wpl
 from shoal.search.missions.findings import RULES, Sheet
+from shoal.search.missions.formats import geojson, gpx, kml, plan, table, wpl
 from shoal.search.missions.mission import ALTITUDES, SPEEDS, Mission
 from shoal.search.missions.rules import check_coordinates
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from shoal.search.rings import Points
+from shoal.search.regions.outline_checks import Points
 
 Severity = Literal["error", "warning"]
 

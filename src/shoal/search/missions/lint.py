@@ -13,7 +13,7 @@ from shoal.search.missions.files import mission_files, open_sheet
 from shoal.search.missions.findings import Finding, Sheet
 from shoal.search.missions.mission import CAPS
 from shoal.search.missions.rules import check_elsewhere, check_place, check_sense
-from shoal.search.region import SearchRegion
+from shoal.search.regions.region import SearchRegion
 
 _SAME_PLACE = 1e-7  # degrees
 _SAME_METRES = 0.01

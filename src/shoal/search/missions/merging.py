@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from shoal.search.rings import Points
+from shoal.search.regions.outline_checks import Points
 
 
 def merged(points: Points, tolerance: float) -> Points:

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from shoal.errors import InvalidInputError
 from shoal.search.missions.merging import merged
 from shoal.search.missions.splitting import Ways, sorties
-from shoal.search.projection import LocalFrame
-from shoal.search.rings import Points, check_points, text_of
+from shoal.search.regions.outline_checks import Points, check_points, text_of
+from shoal.search.regions.projection import LocalFrame
 
 Kind = Literal["multirotor", "rover"]
 Vehicle = Literal["px4", "ardupilot"]

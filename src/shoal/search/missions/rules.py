@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from shoal.errors import InvalidInputError
 from shoal.search.missions.findings import Sheet
 from shoal.search.missions.mission import CAPS, OVERHEAD
-from shoal.search.projection import REACH
-from shoal.search.region import SearchRegion
-from shoal.search.rings import Points, text_of
+from shoal.search.regions.outline_checks import Points, text_of
+from shoal.search.regions.projection import REACH
+from shoal.search.regions.region import SearchRegion
 
 ROUNDING = 0.005  # metres by which a waypoint may lie beside where it was planned: 8 decimals are 1.1 mm
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.errors import InvalidInputError
-from shoal.search.rings import Points, check_points, text_of
+from shoal.search.regions.outline_checks import Points, check_points, text_of
 
 Ways = Callable[[Points, Points], ArrayLike]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.search import SearchEpisode
-from shoal.search.expectation import expected_time, stay_share
+from shoal.search.allocation.expected_time import expected_time, stay_share
 from shoal.views.drawing.charts import BLUE, INK, MUTED, ORANGE, bare_axes, new_figure, plain_axes, set_title
 from shoal.views.search.history import SearchStory, long_legs, rings_of, robot_colour
 from shoal.views.search.timeline import draw_heading, timeline_figure
@@ -312,7 +312,7 @@ def expected_time_figure(
     robots : sequence of int
         Numbers of robots, one or more.
     cells, trials, seed
-        As `shoal.search.expectation.expected_time` takes them.
+        As `shoal.search.allocation.expected_time.expected_time` takes them.
     dead : int
         0 for no second curve.
 

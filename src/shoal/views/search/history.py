@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.search import RobotLog, Route, SearchEpisode, Sweep
-from shoal.search.faults import Liar, Slow, WrongPosition
-from shoal.search.sharing import parts_of
+from shoal.search.allocation.partition import parts_of
+from shoal.search.simulation.faults import Liar, Slow, WrongPosition
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]

@@ -1,0 +1,69 @@
+"""The parts of a tour as a robot sees them: whose they are, who takes over, and what is left costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+from shoal.search.allocation.allocate import Sweep, sweeps_of
+from shoal.search.allocation.tour_cost import Course
+from shoal.search.tours.bitset import run, runs
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What one robot is to search: its sweeps, and the same cells as bits; none for one in reserve. It begins at ``first``."""
+
+    robot: int
+    first: int
+    sweeps: tuple[Sweep, ...]
+    bits: int
+
+
+@lru_cache(maxsize=256)
+def parts_of(course: Course, method: str, robots: tuple[tuple[int, int, float, int], ...]) -> tuple[Part, ...]:
+    """Return the parts of all robots in the order of the tour, those in reserve where they start.
+
+    Parameters
+    ----------
+    course : Course
+    method : str
+    robots : tuple of (number, start, rate, width)
+        In the order of the numbers, so that all robots compute the same.
+    """
+    n = len(course)
+    _, starts, rates, widths = zip(*robots, strict=True)
+    parts = []
+    for (number, start, *_), sweeps in zip(robots, sweeps_of(course, method, starts, rates, widths), strict=True):
+        bits, lows = 0, []
+        for sweep in sweeps:
+            low = sweep.first if sweep.step > 0 else (sweep.first - sweep.count + 1) % n
+            bits |= run(low, sweep.count, n)
+        # Two sweeps meet at the start; the part begins where nothing of it comes before.
+        lows = [first for first, _ in runs(bits, start, n) if not bits >> ((first - 1) % n) & 1]
+        first = lows[0] if lows else start
+        parts.append((first, bool(bits), number, Part(number, first, sweeps, bits)))
+    return tuple(part for *_, part in sorted(parts, key=lambda entry: entry[:3]))
+
+
+def previous_in(parts: tuple[Part, ...], index: int, live: Callable[[int], bool], count: int) -> list[int]:
+    """Return the robots that are to search a part: its own one and those before it, the first ``count`` that are alive."""
+    found: list[int] = []
+    for back in range(len(parts)):
+        number = parts[index - back].robot
+        if live(number):
+            found.append(number)
+            if len(found) == count:
+                break
+    return found
+
+
+def cost_of_all(course: Course, wanted: int, here: int, fresh: bool, closed: int = 0) -> float:
+    """Return what it costs to search all cells of a set, as bits, round the tour from ``here`` on, ``closed`` ones left out."""
+    total, n = 0.0, len(course)
+    for first, count in runs(wanted, here, n):
+        total += course.way(here, first, fresh=fresh, closed=closed)
+        total += course.search_cost(first, count)
+        here, fresh = (first + count - 1) % n, False
+    return total

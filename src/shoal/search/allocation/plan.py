@@ -1,0 +1,288 @@
+"""SearchPlan: a region cut into cells, the tour through them, where robots start and who searches what."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.search.allocation.allocate import Allocation, Sweep, allocate
+from shoal.search.allocation.arcs import numbers_of
+from shoal.search.allocation.tour_cost import Course
+from shoal.search.allocation.viewpoint_selection import stops_of
+from shoal.search.cells.distances import CellWays, RegionWays, Ways
+from shoal.search.cells.footprint import RegionSight, cell_side, widths_of
+from shoal.search.cells.grid import CellGrid, cells_of
+from shoal.search.cells.routing import GroundPaths, Route
+from shoal.search.regions.builder import open_region
+from shoal.search.regions.coverage import check_footprints
+from shoal.search.regions.formats.text import check_file, read_text
+from shoal.search.regions.region import SearchRegion
+from shoal.search.tours import Tour, TourMaker, make_tour
+
+Points = NDArray[np.float64]
+LAYOUTS = ("random", "clustered", "line")
+_HOLLOW = 1e-9  # of its area: what a convex region may lack because of rounding
+_CLUSTER = 0.05  # of the larger side: the spread of clustered starts
+
+
+@dataclass(frozen=True, eq=False)
+class SearchPlan:
+    """All that is settled before robots move.
+
+    Parameters
+    ----------
+    grid : CellGrid
+    course : Course
+        The tour with its costs; lengths in sides of a cell.
+    places : ndarray of float64, shape (m, 2)
+        Where the robots start, metres.
+    starts : ndarray of int64, shape (m,)
+        The number on the tour of the cell in which each is.
+    rates : ndarray of float64, shape (m,)
+        Their speeds, as multiples of the common one.
+    allocation : Allocation
+    footprints : ndarray of float64, shape (m,)
+        Sides of the squares that they see, metres.
+    transit : bool
+        Whether ways may lead from one part of the region to another, outside.
+    """
+
+    grid: CellGrid
+    course: Course
+    places: Points
+    starts: NDArray[np.int64]
+    rates: NDArray[np.float64]
+    allocation: Allocation
+    footprints: NDArray[np.float64]
+    transit: bool = False
+
+    @property
+    def tour(self) -> Tour:
+        """The tour."""
+        return self.course.tour
+
+    @cached_property
+    def paths(self) -> GroundPaths:
+        """Ways inside the region."""
+        return GroundPaths(self.grid, transit=self.transit)
+
+    @cached_property
+    def widths(self) -> NDArray[np.int64]:
+        """How many cells wide each footprint counts, int64, shape (m,)."""
+        return widths_of(self.footprints, self.grid.size)
+
+    def numbers(self, sweeps: Sequence[Sweep]) -> NDArray[np.int64]:
+        """Return the cells of sweeps in the order of the visit, as numbers on the tour; int64, shape (k,)."""
+        return numbers_of(sweeps, len(self.course))
+
+    def stops(self, robot: int) -> NDArray[np.int64]:
+        """Return where a robot, counted from 0, stops to see its part, as numbers on the tour; int64, shape (k,)."""
+        cells = self.numbers(self.allocation.sweeps[robot])
+        width = int(self.widths[robot])
+        return cells if width == 1 or not len(cells) else stops_of(self.course, width, cells)[0]
+
+    def seen(self, robot: int, stops: ArrayLike) -> list[NDArray[np.int64]]:
+        """Return the cells that a robot, counted from 0, sees from each stop, as numbers on the tour."""
+        width = int(self.widths[robot])
+        return [self.course.seen(int(stop), width) for stop in np.asarray(stops)]
+
+    def route(self, robot: int, numbers: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> Route:
+        """Return the way of a robot from its start through cells given by their numbers on the tour.
+
+        ``detours`` are the cells that it passes before each of them, without searching.
+        """
+        if any(detours):
+            return self._route_round(robot, np.asarray(numbers, dtype=np.int64), detours)
+        cells = self.tour.cells[np.asarray(numbers, dtype=np.int64)]
+        home = self.places[robot]
+        if not len(cells):
+            return Route(home[None].copy(), np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.bool_))
+        searched = self.paths.route(cells)
+        first = self.paths.legs(np.stack([home, searched.points[0]]))
+        return Route(
+            np.concatenate([first.points[:-1], searched.points]),
+            np.concatenate([[0], searched.stops + len(first.points) - 1]),
+            np.concatenate([first.transit, searched.transit]),
+        )
+
+    def _route_round(self, robot: int, numbers: NDArray[np.int64], detours: Sequence[Sequence[int]]) -> Route:
+        grid = self.grid
+        index = grid.ordinals(self.tour.cells)
+        begins, ends = grid.stand_starts[index], grid.stand_starts[index + 1]
+        stops = [self.places[robot][None]]
+        for cell, passed in zip(numbers.tolist(), detours, strict=True):
+            stops += [grid.stand_points[begins[list(passed)]], grid.stand_points[begins[cell] : ends[cell]]]
+        return self.paths.legs(np.concatenate(stops))
+
+
+def plan_search(
+    region: SearchRegion | str | os.PathLike[str],
+    *,
+    robots: int,
+    footprint: ArrayLike,
+    starts: str | ArrayLike | os.PathLike[str] = "random",
+    tour: str | TourMaker = "spanning-tree",
+    allocation: str = "hop",
+    turn_cost: float = 0.0,
+    rates: ArrayLike | None = None,
+    transit: bool = False,
+    stepwise: bool = False,
+    seed: int = 0,
+) -> SearchPlan:
+    """Plan a search.
+
+    Parameters
+    ----------
+    region : SearchRegion, str or path
+        As `open_region` takes it.
+    robots : int
+    footprint : float, or array_like of float, shape (robots,)
+        Side of the square that a robot sees, metres; where they differ, one a robot. Then cells are those of the smallest, or
+        smaller if so all together see more a second (`cell_side`), and a footprint counts as the largest odd number of cells that
+        it holds.
+    starts : str, path or array_like of float, shape (robots, 2)
+        "random", "clustered", "line" (along the western border), points in metres, or a CSV file of points: x and y in metres, or
+        longitude and latitude for a region on the earth.
+    tour : str or TourMaker
+    allocation : str
+        See `allocate`.
+    turn_cost : float
+        What a turn costs, in cells.
+    rates : array_like of float, shape (robots,), optional
+        Speeds of the robots, as multiples of the common one.
+    transit : bool
+        Whether ways may lead from one part of the region to another, outside, for robots that fly.
+    stepwise : bool
+        Whether robots go from cell to cell, as they must where they may come upon obstacles, instead of straight.
+    seed : int
+        For starts.
+
+    Raises
+    ------
+    InvalidInputError
+        For a region of several parts without ``transit``, besides what its parts refuse.
+    UnknownNameError
+
+    Examples
+    --------
+    >>> plan = plan_search("square:100", robots=4, footprint=10, seed=1)
+    >>> len(plan.course), plan.allocation.lower_bound
+    (100, 25.0)
+    """
+    if isinstance(robots, bool) or not isinstance(robots, int | np.integer) or robots < 1:
+        raise InvalidInputError(f"robots: expected a whole number, 1 or more, got {robots!r}")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InvalidInputError(f"seed: expected a whole number, 0 or more, got {seed!r}")
+    area = region if isinstance(region, SearchRegion) else open_region(region)
+    footprints = check_footprints(footprint, robots)
+    speeds = _rates(rates, robots)
+    side = cell_side(footprints, speeds)
+    grid = cells_of(area, side)
+    if len(area.parts) > 1 and not transit:
+        raise InvalidInputError(
+            f"region {area.name!r}: expected one part, as robots stay inside, got {len(area.parts)}; allow transit for robots that "
+            "may cross what lies between, or search each part by itself"
+        )
+    made = make_tour(tour, grid.mask)
+    if stepwise and len(area.parts) > 1:
+        raise InvalidInputError(f"obstacles: expected a region of one part, as robots go round them, got {len(area.parts)}")
+    course = _course(made, GroundPaths(grid, transit=transit), turn_cost, stepwise=stepwise)
+    places = start_points(grid, starts, robots, np.random.default_rng(seed))
+    numbers = made.position[tuple(grid.cell_of(places).T)]
+    widths = widths_of(footprints, grid.size)
+    given = allocate(course, numbers, method=allocation, rates=speeds, places=places / grid.size, widths=widths)
+    return SearchPlan(grid, course, places, numbers, speeds, given, footprints, transit)
+
+
+def _rates(rates: ArrayLike | None, robots: int) -> NDArray[np.float64]:
+    """Return the speeds of robots."""
+    try:
+        speeds = np.ones(robots) if rates is None else np.asarray(rates, dtype=np.float64)
+    except (TypeError, ValueError):
+        speeds = np.zeros(0)
+    if speeds.shape != (robots,) or not (np.isfinite(speeds) & (speeds > 0)).all():
+        raise InvalidInputError(f"rates: expected {robots} speeds above 0, got {rates!r:.200}")
+    return speeds
+
+
+def _course(tour: Tour, paths: GroundPaths, turn_cost: float, *, stepwise: bool) -> Course:
+    """Return a tour with the lengths of its ways inside the region."""
+    grid = paths.grid
+    index = grid.ordinals(tour.cells)
+    firsts = grid.stand_points[grid.stand_starts[index]]
+    whole = paths.route(np.concatenate([tour.cells, tour.cells[:1]]))
+    far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(whole.points, axis=0).T))])[whole.stops]
+    begins = np.concatenate([[0], np.cumsum(np.diff(grid.stand_starts)[index])])
+    steps = np.diff(far[begins])
+    ways: Ways | None = None
+    if stepwise or not _is_convex(grid.region.area):
+        cellwise = CellWays(tour, doors_east=grid.doors_east, doors_south=grid.doors_south, steps=steps / grid.size)
+        ways = cellwise if stepwise else RegionWays(paths, tour, cellwise)
+    return Course(
+        tour,
+        firsts / grid.size,
+        turn_cost=turn_cost,
+        steps=steps / grid.size,
+        ways=ways,
+        sight=RegionSight(grid, tour),
+        reckoned=True,
+    )
+
+
+def _is_convex(area: Any) -> bool:
+    """Tell whether all ways inside an area are straight."""
+    return bool(area.convex_hull.area - area.area <= _HOLLOW * area.area)
+
+
+def start_points(grid: CellGrid, starts: str | ArrayLike | os.PathLike[str], robots: int, rng: Generator) -> Points:
+    """Return where robots start, metres; float64, shape (robots, 2); see `plan_search`."""
+    if isinstance(starts, str | os.PathLike) and str(starts) not in LAYOUTS:
+        return grid.region.check_inside(read_points(Path(starts), grid.region, what="starts", count=robots), what=str(starts))
+    if not isinstance(starts, str | os.PathLike):
+        points = grid.region.check_inside(starts, what="starts")
+        if len(points) != robots:
+            raise InvalidInputError(f"starts: expected {robots} points, one a robot, got {len(points)}")
+        return points
+    stands = grid.waypoints()
+    if starts == "random":
+        return np.asarray(stands[rng.integers(0, len(stands), size=robots)])
+    if starts == "clustered":
+        middle = stands[rng.integers(len(stands))]
+        spread = max(_CLUSTER * max(np.ptp(stands, axis=0)), grid.size)
+        wanted = middle + rng.normal(0, spread, size=(robots, 2))
+    else:
+        low, high = stands.min(axis=0), stands.max(axis=0)
+        wanted = np.column_stack([np.full(robots, low[0]), np.linspace(low[1], high[1], robots)])
+    import shapely
+
+    return np.asarray(stands[shapely.STRtree(shapely.points(stands)).nearest(shapely.points(wanted))])
+
+
+def read_points(path: Path, region: SearchRegion, *, what: str, count: int | None = None) -> Points:
+    """Read points from a CSV file; a first line without numbers is a heading. Metres; float64, shape (k, 2)."""
+    found: list[tuple[float, float]] = []
+    check_file(path, what=f"table of {what}")
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        words = [word.strip() for word in line.replace(";", ",").split(",")]
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        try:
+            x, y = (float(word) for word in words)
+        except ValueError:
+            if not found and number == 1:
+                continue
+            raise InvalidInputError(f"{path}, line {number}: expected two numbers, got {line.strip()[:60]!r}") from None
+        found.append((x, y))
+    if count is not None and len(found) != count:
+        raise InvalidInputError(f"{path}: expected {count} {what}, one a robot, got {len(found)}")
+    points = np.array(found).reshape(-1, 2)
+    return points if region.frame is None else region.frame.to_metres(points)

@@ -1,0 +1,237 @@
+"""How far it is from one cell to another: inside the region, or from cell to cell round what is found to be in the way."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.search.cells.routing import GroundPaths, length_of
+from shoal.search.cells.visibility_graph import inside, pulled
+from shoal.search.tours import Tour
+from shoal.search.tours.bitset import array_to_bits, bits_of, bits_to_array
+
+_KEPT = 1 << 22  # distances that are remembered
+_DIAGONAL = float(np.sqrt(2))
+
+
+class Ways(Protocol):
+    """What a `Course` asks of the ground."""
+
+    @property
+    def stepwise(self) -> bool:
+        """Whether robots go from cell to cell and find obstacles on the way."""
+
+    def length(self, here: int, cell: int, closed: int = 0) -> float:
+        """Return the length of the way between two cells given by their numbers on the tour, in sides of a cell.
+
+        ``closed`` are cells, as bits, that the way may not enter; infinite if there is none.
+        """
+
+    def lengths(self, here: int) -> NDArray[np.float64]:
+        """Return about how far it is from a cell to all, in sides of a cell; finite; float64, shape (N,)."""
+
+
+class CellWays:
+    """Ways from cell to neighbouring cell, also across a corner where both cells beside it are open.
+
+    Parameters
+    ----------
+    tour : Tour
+        Of a plane region.
+    doors_east : array_like of bool, shape (H, W - 1), optional
+        Where a robot comes from a cell to the next one in its row; by default wherever both are cells.
+    doors_south : array_like of bool, shape (H - 1, W), optional
+        The same for the cell below.
+    steps : array_like of float64, shape (N,), optional
+        The length of the way from each cell of the tour to the next. Where they are not joined otherwise, robots may go that way.
+
+    Raises
+    ------
+    InvalidInputError
+        If the tour is not in a plane.
+
+    Examples
+    --------
+    >>> from shoal.search.tours import make_tour
+    >>> tour = make_tour("comb", (3, 3))
+    >>> ways = CellWays(tour)
+    >>> here, cell = int(tour.position[0, 0]), int(tour.position[0, 2])
+    >>> ways.length(here, cell), round(ways.length(here, cell, closed=1 << int(tour.position[0, 1])), 3)
+    (2.0, 4.0)
+    """
+
+    stepwise = True
+
+    def __init__(
+        self,
+        tour: Tour,
+        *,
+        doors_east: ArrayLike | None = None,
+        doors_south: ArrayLike | None = None,
+        steps: ArrayLike | None = None,
+    ) -> None:
+        position = tour.position
+        if position.ndim != 2:
+            raise InvalidInputError(f"ways: expected a tour in a plane, got one in {position.ndim} dimensions")
+        there = position >= 0
+        self._n, self._position = len(tour), position
+        self._east = there[:, :-1] & there[:, 1:] if doors_east is None else np.asarray(doors_east, dtype=np.bool_)
+        self._south = there[:-1] & there[1:] if doors_south is None else np.asarray(doors_south, dtype=np.bool_)
+        self._cells = tour.cells
+        self._links: dict[tuple[int, int], float] = {}
+        self._remember()
+        if steps is not None:
+            self._join(np.asarray(steps, dtype=np.float64))
+
+    def _remember(self) -> None:
+        kept = max(_KEPT // self._n, 8)
+        self._found = lru_cache(maxsize=kept)(self._search)
+        self._graph = lru_cache(maxsize=16)(self._open_graph)
+        self._parts = lru_cache(maxsize=kept)(self._components)
+
+    def _join(self, steps: NDArray[np.float64]) -> None:
+        """Link cells that follow each other on the tour, but are in different parts of the graph."""
+        labels = self._labels(0)
+        for cell in np.flatnonzero(labels != np.roll(labels, -1)).tolist():
+            other = (cell + 1) % self._n
+            self._links[cell, other] = self._links[other, cell] = float(steps[cell])
+        self._remember()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name not in ("_found", "_graph", "_parts")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._remember()
+
+    def length(self, here: int, cell: int, closed: int = 0) -> float:
+        """Return the length of the shortest way, in sides of a cell; infinite if there is none."""
+        return float(self._found(here, closed)[0][cell])
+
+    def lengths(self, here: int) -> NDArray[np.float64]:
+        """Return how far it is from a cell to all, in sides of a cell; the cells' number where there is no way."""
+        return np.minimum(self._found(here, 0)[0], float(self._n))
+
+    def cells(self, here: int, cell: int, closed: int = 0) -> tuple[int, ...]:
+        """Return the cells of the shortest way after the first one, as numbers on the tour; none if there is no way."""
+        came = self._found(here, closed)[1]
+        way: list[int] = []
+        while cell != here:
+            if cell < 0:
+                return ()
+            way.append(cell)
+            cell = int(came[cell])
+        return tuple(reversed(way))
+
+    def beside(self, one: int, other: int) -> tuple[int, ...]:
+        """Return the cells that must be open, too, for the step from a cell to a neighbour: two if it leads across a corner."""
+        (row, col), (to_row, to_col) = self._cells[one], self._cells[other]
+        if row == to_row or col == to_col or (one, other) in self._links:
+            return ()
+        return int(self._position[row, to_col]), int(self._position[to_row, col])
+
+    def crossed(self, here: int, through: tuple[int, ...]) -> int:
+        """Return the cells, as bits, that are open if a robot came this way: those that it entered, and those beside its steps."""
+        return bits_of(cell for one, other in pairwise((here, *through)) for cell in (other, *self.beside(one, other)))
+
+    def reach(self, cell: int, closed: int = 0) -> int:
+        """Return the cells, as bits, that can be reached from one; itself, too, even if it is closed."""
+        return self._parts(closed & ~(1 << cell))[cell]
+
+    def _search(self, here: int, closed: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        from scipy.sparse.csgraph import dijkstra
+
+        return tuple(dijkstra(self._graph(closed & ~(1 << here)), indices=here, return_predecessors=True))
+
+    def _components(self, closed: int) -> list[int]:
+        labels = self._labels(closed)
+        sets = [array_to_bits(labels == label) for label in range(int(labels.max()) + 1)]
+        return [sets[label] for label in labels.tolist()]
+
+    def _labels(self, closed: int) -> NDArray[np.int32]:
+        """Return which connected part of the graph each cell is in; int32, shape (N,)."""
+        from scipy.sparse.csgraph import connected_components
+
+        return np.asarray(connected_components(self._graph(closed), directed=False)[1])
+
+    def _open_graph(self, closed: int) -> Any:
+        """Return the graph of neighbouring cells that are not closed."""
+        from scipy.sparse import coo_array
+
+        position, free = self._position, np.zeros(self._position.shape, dtype=np.bool_)
+        free[tuple(self._cells.T)] = ~bits_to_array(closed, self._n)
+        east = self._east & free[:, :-1] & free[:, 1:]
+        south = self._south & free[:-1] & free[1:]
+        # Across a corner: over both cells beside it.
+        across = east[:-1] & east[1:] & south[:, :-1] & south[:, 1:]
+        rows = [position[:, :-1][east], position[:-1][south], position[:-1, :-1][across], position[:-1, 1:][across]]
+        cols = [position[:, 1:][east], position[1:][south], position[1:, 1:][across], position[1:, :-1][across]]
+        lengths = [np.full(len(some), _DIAGONAL if k > 1 else 1.0) for k, some in enumerate(rows)]
+        links = [(*ends, away) for ends, away in self._links.items() if not any(closed >> end & 1 for end in ends)]
+        for some, values in zip((rows, cols, lengths), zip(*links, strict=True), strict=False):
+            some.append(np.array(values))
+        one, other, away = np.concatenate(rows), np.concatenate(cols), np.concatenate(lengths)
+        ends = (np.concatenate([one, other]), np.concatenate([other, one]))
+        return coo_array((np.concatenate([away, away]), ends), shape=(self._n, self._n)).tocsr()
+
+
+class RegionWays:
+    """Ways inside a region: straight where that stays inside, else from cell to cell, pulled tight.
+
+    The way that a robot then takes (`GroundPaths.leg`) is at most that long; in a ring it is shorter by a twentieth at most.
+
+    Parameters
+    ----------
+    paths : GroundPaths
+    tour : Tour
+    cells : CellWays
+        Of the same tour.
+    """
+
+    stepwise = False
+
+    def __init__(self, paths: GroundPaths, tour: Tour, cells: CellWays) -> None:
+        grid = paths.grid
+        self._paths, self._cells, self._size = paths, cells, grid.size
+        self._places = grid.stand_points[grid.stand_starts[grid.ordinals(tour.cells)]]
+        self._rows_cols = tour.cells.astype(np.float64)
+        self._known: dict[tuple[int, int], float] = {}
+        self._steps: dict[tuple[int, int], NDArray[np.float64]] = {}
+
+    def length(self, here: int, cell: int, closed: int = 0) -> float:
+        """Return the length of a way, in sides of a cell; ``closed`` must be 0."""
+        key = (here, cell) if here < cell else (cell, here)
+        length = self._known.get(key)
+        if length is None:
+            length = self._known[key] = self._measure(*key) / self._size
+        return length
+
+    def lengths(self, here: int) -> NDArray[np.float64]:
+        """Return about how far it is from a cell to all: straight, and by how much walls make the way from cell to cell longer."""
+        straight = np.hypot(*(self._places - self._places[here]).T) / self._size
+        rows, cols = np.abs(self._rows_cols - self._rows_cols[here]).T
+        free = np.maximum(rows, cols) + (_DIAGONAL - 1) * np.minimum(rows, cols)
+        found = self._cells.lengths(here)
+        return np.asarray(straight + np.where(found < len(found), np.maximum(found - free, 0.0), 0.0))
+
+    def _measure(self, here: int, cell: int) -> float:
+        region, ends = self._paths.grid.region, self._places[[here, cell]]
+        if inside(region, ends[:1], ends[1:])[0]:
+            return length_of(ends)
+        through = (here, *self._cells.cells(here, cell))
+        if len(through) == 1:  # in another part of the region
+            return self._paths.legs(ends).length
+        way = np.concatenate([self._places[[here]], *(self._step(*pair) for pair in pairwise(through))])
+        return length_of(pulled(region, pulled(region, way)[::-1]))
+
+    def _step(self, here: int, cell: int) -> NDArray[np.float64]:
+        """Return the points of the way to a neighbour, without the first."""
+        points = self._steps.get((here, cell))
+        if points is None:
+            points = self._steps[here, cell] = self._paths.legs(self._places[[here, cell]]).points[1:]
+        return points

@@ -1,0 +1,216 @@
+"""What a robot sees from a cell: its own, and with a wider footprint the cells around it.
+
+A footprint is ``width`` cells wide, an odd number: the robot stands in the middle one. It has seen a neighbouring cell if all of
+its own piece lies in the footprint and inside of that is joined to where the robot stands: not behind a wall.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.search.tours import Tour
+
+if TYPE_CHECKING:
+    from shoal.search.cells.grid import CellGrid
+
+Numbers = NDArray[np.int64]
+_HAIR = 1e-9  # of a cell: rounding
+_USED = 0.75  # of a footprint of several cells, when sizes of cells are compared
+WIDEST = 99  # cells: a wider footprint counts as that
+_PARTS = (1, 3, 5)  # into how many cells' widths a footprint may be cut to choose the size of cells
+
+
+class Sight(Protocol):
+    """What a `Course` asks about sensors."""
+
+    def seen(self, cell: int, width: int) -> Numbers:
+        """Return what a robot sees that stands in a cell, as numbers on the tour, rising; the cell itself is one of them."""
+
+
+class MaskSight:
+    """Sight over the cells of a tour, of any number of dimensions: what is no cell hides what is behind it.
+
+    Parameters
+    ----------
+    tour : Tour
+
+    Examples
+    --------
+    >>> from shoal.search.tours import make_tour
+    >>> MaskSight(make_tour("comb", (2, 5))).seen(0, 3).tolist()
+    [0, 1, 8, 9]
+    """
+
+    def __init__(self, tour: Tour) -> None:
+        self._cells, self._position = tour.cells, tour.position
+        self._known: dict[tuple[int, int], Numbers] = {}
+
+    def seen(self, cell: int, width: int) -> Numbers:
+        """Return what a robot sees that stands in a cell, as numbers on the tour, rising."""
+        if width == 1:
+            return np.array([cell], dtype=np.int64)
+        key = (cell, width)
+        found = self._known.get(key)
+        if found is None:
+            found = self._known[key] = np.sort(self._look(cell, width))
+        return found
+
+    def _look(self, cell: int, width: int) -> Numbers:
+        middle = self._cells[cell]
+        low, high = np.maximum(middle - width // 2, 0), np.minimum(middle + width // 2 + 1, self._position.shape)
+        block = self._position[tuple(slice(*ends) for ends in zip(low.tolist(), high.tolist(), strict=True))]
+        around = np.asarray(block[block >= 0], dtype=np.int64)
+        if self._plain(cell, around, block):
+            return around
+        return around[[other == cell or self._clear(cell, int(other)) for other in around]]
+
+    def _plain(self, cell: int, around: Numbers, block: NDArray[np.int64]) -> bool:
+        """Tell whether nothing is in the way to any of the cells around."""
+        return len(around) == block.size
+
+    def _clear(self, cell: int, other: int) -> bool:
+        """Tell whether all of a cell is seen from another one: whether all cells between are some."""
+        ends = np.sort(self._cells[[cell, other]], axis=0)
+        return bool((self._position[tuple(slice(low, high + 1) for low, high in ends.T.tolist())] >= 0).all())
+
+
+class RegionSight(MaskSight):
+    """Sight inside a region: a robot does not see what is behind a wall, but what it sees of the region may go round a corner.
+
+    Parameters
+    ----------
+    grid : CellGrid
+    tour : Tour
+    """
+
+    def __init__(self, grid: CellGrid, tour: Tour) -> None:
+        super().__init__(tour)
+        self._grid = grid
+        self._half, self._room = 0.0, None
+
+    # Found when the first wide footprint asks: most searches have none.
+
+    @cached_property
+    def _index(self) -> Numbers:
+        return self._grid.ordinals(self._cells)
+
+    @cached_property
+    def _stands(self) -> NDArray[np.float64]:
+        return np.asarray(self._grid.stand_points[self._grid.stand_starts[self._index]])
+
+    @cached_property
+    def _single(self) -> NDArray[np.bool_]:
+        """Which cells are only their own piece, seen from one place."""
+        return np.asarray(np.diff(self._grid.stand_starts)[self._index] == 1)
+
+    @cached_property
+    def _whole(self) -> NDArray[np.bool_]:
+        return np.asarray(self._grid.clipped.whole[tuple(self._cells.T)] & self._single)
+
+    def _plain(self, cell: int, around: Numbers, block: NDArray[np.int64]) -> bool:
+        return len(around) == block.size and bool(self._whole[around].all())
+
+    def _look(self, cell: int, width: int) -> Numbers:
+        self._room = None
+        self._half = width * self._grid.size / 2
+        return super()._look(cell, width)
+
+    def _clear(self, cell: int, other: int) -> bool:
+        """Tell whether a cell's piece is in the footprint and, inside of that, joined to where the robot stands."""
+        import shapely
+
+        if not self._single[other]:
+            return False  # it has places to stand of its own, for what cannot be seen from one
+        piece, place = self._piece(other), self._stands[cell]
+        bounds = np.array(piece.bounds).reshape(2, 2)
+        if (np.abs(bounds - place) > self._half + _HAIR * self._grid.size).any():
+            return False
+        if self._room is None:
+            self._room = self._room_around(place)
+        return bool(shapely.intersects(self._room, shapely.point_on_surface(piece)))
+
+    def _room_around(self, place: NDArray[np.float64]) -> Any:
+        """Return the connected part of the region inside the footprint that a robot stands in."""
+        import shapely
+
+        square = shapely.box(*(place - self._half), *(place + self._half))
+        parts = shapely.get_parts(shapely.intersection(self._grid.region.area, square))
+        return parts[int(np.argmin(shapely.distance(parts, shapely.points(place))))]
+
+    def _piece(self, cell: int) -> Any:
+        """Return the own piece of a cell."""
+        import shapely
+
+        grid, (row, col) = self._grid, self._cells[cell]
+        if grid.clipped.whole[row, col]:
+            x, y = grid.lattice.centers(np.array([row]), np.array([col]))[0]
+            half = grid.size / 2
+            return shapely.box(x - half, y - half, x + half, y + half)
+        return grid.clipped.pieces[grid.own[row, col]]
+
+
+def check_widths(widths: NDArray[np.int64], robots: int, tour: Tour) -> None:
+    """Refuse what are no widths of footprints.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    good = widths.shape == (robots,) and widths.dtype.kind in "iu" and (widths % 2 == 1).all()
+    if not good or (widths < 1).any() or (widths > WIDEST).any():
+        raise InvalidInputError(f"widths: expected {robots} odd numbers of cells up to {WIDEST}, got {widths.tolist()!r:.200}")
+    if (widths > 1).any() and len(tour.shape) != 2:
+        raise InvalidInputError(f"widths: expected a tour in a plane for more than one cell, got one of shape {tour.shape}")
+
+
+def check_odd(width: int) -> int:
+    """Return a number that is odd.
+
+    Raises
+    ------
+    ValueError
+    """
+    if width % 2 == 0:
+        raise ValueError(f"expected an odd number, got {width}")
+    return width
+
+
+def widths_of(footprints: ArrayLike, size: float) -> Numbers:
+    """Return how many cells wide each footprint counts: the largest odd number that it holds, at most `WIDEST`; int64.
+
+    Examples
+    --------
+    >>> widths_of([2.0, 4.0, 6.0, 11.0], 2.0).tolist()
+    [1, 1, 3, 5]
+    """
+    held = np.floor(np.asarray(footprints, dtype=np.float64) / size * (1 + _HAIR)).astype(np.int64)
+    return np.asarray(np.clip(held - (held + 1) % 2, 1, WIDEST))
+
+
+def cell_side(footprints: ArrayLike, rates: ArrayLike) -> float:
+    """Return the size of cells with which robots together see most a second, metres; the larger of two as good.
+
+    No footprint is smaller. Where all are alike it is theirs. Of what is more than a cell wide three quarters count, for that is
+    about what such robots gain (`gain_of`).
+
+    Examples
+    --------
+    >>> cell_side([2.0, 6.0], [1.0, 1.0]), cell_side([2.0, 4.0], [1.0, 1.0])
+    (2.0, 1.3333333333333333)
+    """
+    sides = np.asarray(footprints, dtype=np.float64)
+    if sides.min() == sides.max():
+        return float(sides[0])
+    tried = np.unique([side / parts for side in np.unique(sides) for parts in _PARTS])[::-1]  # the largest first
+    tried = tried[tried <= sides.min()]
+    widths = [widths_of(sides, side) for side in tried]
+    seen = [
+        float((np.where(wide > 1, _USED * wide, 1.0) * side * np.asarray(rates)).sum())
+        for wide, side in zip(widths, tried, strict=True)
+    ]
+    return float(tried[int(np.argmax(np.array(seen) > max(seen) * (1 - 1e-9)))])

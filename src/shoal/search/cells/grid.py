@@ -1,0 +1,335 @@
+"""A region as square cells no larger than a footprint, with places to stand that see all of it from inside."""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.search.cells.clipping import Clipped, Lattice, clip
+from shoal.search.cells.portals import Gates, gates_of
+from shoal.search.cells.viewpoints import stands_of
+from shoal.search.regions.outline_checks import Points, check_points
+from shoal.search.regions.region import SearchRegion
+
+MAX_CELLS = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class CellGrid:
+    """The cells of a region. Made by `cells_of`.
+
+    A cell on the border of the region is cut by it into pieces. The largest is the cell's own; each other one is left to a cell
+    from which a vehicle comes to it without leaving the region, so that nobody goes around a wall to see what is behind it.
+
+    Parameters
+    ----------
+    region : SearchRegion
+    footprint : float
+        Side of the square that a vehicle sees, centred on it, sides along the axes; metres.
+    mask : ndarray of bool, shape (H, W)
+        Cells that hold some of the region; row 0 on top.
+    lattice : Lattice
+        Where the cells are.
+    clipped : Clipped
+        Which of them are whole, and the pieces of the others.
+    stand_points : ndarray of float64, shape (k, 2)
+        Places to stand, metres, in the order of the cells (row by row) and of the visit.
+    stand_starts : ndarray of int64, shape (cells + 1,)
+        Where the places of each cell begin.
+    own : ndarray of int64, shape (H, W)
+        The number of each cell's own piece as in `Gates`; -1 where there is no cell.
+    """
+
+    region: SearchRegion
+    footprint: float
+    mask: NDArray[np.bool_]
+    lattice: Lattice
+    clipped: Clipped
+    gates: Gates
+    stand_points: Points
+    stand_starts: NDArray[np.int64]
+    own: NDArray[np.int64]
+
+    @property
+    def size(self) -> float:
+        """Side of a cell, metres."""
+        return self.lattice.size
+
+    @property
+    def corner(self) -> tuple[float, float]:
+        """(x, y) of the top left corner, metres."""
+        return self.lattice.left, self.lattice.top
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.lattice.shape
+
+    @property
+    def n_cells(self) -> int:
+        """How many cells hold some of the region."""
+        return len(self.stand_starts) - 1
+
+    @cached_property
+    def cells(self) -> NDArray[np.int64]:
+        """The cells, row by row; int64, shape (n_cells, 2)."""
+        return np.argwhere(self.mask)
+
+    @cached_property
+    def _ordinal(self) -> NDArray[np.int64]:
+        ordinal = np.full(self.shape, -1, dtype=np.int64)
+        ordinal[self.mask] = np.arange(self.n_cells)
+        return ordinal
+
+    def centers(self) -> Points:
+        """Return the centres of all cells, in the order of `cells`, inside the region or not; float64, shape (n_cells, 2)."""
+        return self.lattice.centers(*self.cells.T)
+
+    def waypoints(self) -> Points:
+        """Return the first place to stand in each cell, in the order of `cells`; float64, shape (n_cells, 2)."""
+        return np.asarray(self.stand_points[self.stand_starts[:-1]])
+
+    def ordinals(self, cells: ArrayLike) -> NDArray[np.int64]:
+        """Return the place of each cell among `cells`; int64, shape (n,).
+
+        Raises
+        ------
+        InvalidInputError
+            If one of them holds nothing of the region.
+        """
+        array = np.asarray(cells)
+        if array.ndim != 2 or array.shape[1] != 2 or not (array.size == 0 or np.issubdtype(array.dtype, np.integer)):
+            raise InvalidInputError(f"cells: expected integers of shape (n, 2), got {array.dtype} of shape {array.shape}")
+        there = np.asarray(((array >= 0) & (array < self.shape)).all(axis=1))
+        there[there] = self.mask[tuple(array[there].T)]
+        if not there.all():
+            index = int(np.argmin(there))
+            raise InvalidInputError(f"cells: expected cells of the region, got {tuple(array[index].tolist())} at place {index + 1}")
+        return np.asarray(self._ordinal[tuple(array.T)])
+
+    def stands(self, cell: tuple[int, int]) -> Points:
+        """Return the places to stand for one cell, in the order of the visit; float64, shape (k, 2), k >= 1."""
+        index = int(self.ordinals(np.array([cell]))[0])
+        return np.asarray(self.stand_points[self.stand_starts[index] : self.stand_starts[index + 1]])
+
+    def waypoint(self, cell: tuple[int, int]) -> Points:
+        """Return the first place to stand for one cell: its centre if that is inside; float64, shape (2,)."""
+        return np.asarray(self.stands(cell)[0])
+
+    def point(self, cell: tuple[int, int]) -> Points:
+        """Return the centre of any cell of the lattice, inside the region or not; float64, shape (2,)."""
+        return np.asarray(self.lattice.centers(np.array([cell[0]]), np.array([cell[1]]))[0])
+
+    def cell_of(self, points: ArrayLike) -> NDArray[np.int64]:
+        """Return the cell that each point lies in, or the one with the nearest waypoint if that one holds nothing of the region.
+
+        Returns
+        -------
+        ndarray of int64, shape (n, 2)
+        """
+        array = check_points(points, what="points")
+        cols = np.floor((array[:, 0] - self.lattice.left) / self.size).astype(np.int64)
+        rows = np.floor((self.lattice.top - array[:, 1]) / self.size).astype(np.int64)
+        found = np.stack([np.clip(rows, 0, self.shape[0] - 1), np.clip(cols, 0, self.shape[1] - 1)], axis=1)
+        lost = ~self.mask[tuple(found.T)]
+        if lost.any():
+            from scipy.spatial import KDTree
+
+            found[lost] = self.cells[KDTree(self.waypoints()).query(array[lost])[1]]
+        return found
+
+    @cached_property
+    def components(self) -> NDArray[np.int64]:
+        """Which of `SearchRegion.parts` each cell's own piece lies in; -1 where there is no cell; int64, shape (H, W)."""
+        import shapely
+
+        labels = np.where(self.mask, 0, -1)
+        parts = self.region.parts
+        if len(parts) > 1:
+            points = self.waypoints()
+            away = [shapely.distance(part, shapely.points(points)) for part in parts]
+            labels[self.mask] = np.argmin(away, axis=0)
+        return labels
+
+    @cached_property
+    def doors_east(self) -> NDArray[np.bool_]:
+        """Where a vehicle comes straight from a cell's own piece to that of the next cell in its row; bool, shape (H, W - 1)."""
+        return self._doors(0, 1)
+
+    @cached_property
+    def doors_south(self) -> NDArray[np.bool_]:
+        """Where a vehicle comes straight from a cell's own piece to that of the cell below; bool, shape (H - 1, W)."""
+        return self._doors(1, 0)
+
+    def _doors(self, down: int, right: int) -> NDArray[np.bool_]:
+        height, width = self.shape
+        whole = self.clipped.whole
+        doors = whole[: height - down, : width - right] & whole[down:, right:]
+        n, pairs = len(self.clipped.pieces), self.gates.pairs
+        number = np.minimum(pairs, n - 1)
+        flat = np.where(pairs < n, self.clipped.rows[number] * width + self.clipped.cols[number], pairs - n)
+        both = (self.own.ravel()[flat] == pairs).all(axis=1) & (flat[:, 1] - flat[:, 0] == down * width + right)
+        rows, cols = np.divmod(flat[both, 0], width)
+        doors[rows, cols] = True
+        return doors
+
+    def __repr__(self) -> str:
+        height, width = self.shape
+        return f"<CellGrid {height}x{width}, {self.n_cells} cells of {self.size:g} m, {len(self.stand_points)} places to stand>"
+
+
+def cells_of(region: SearchRegion, footprint: float, *, size: float | None = None) -> CellGrid:
+    """Return the cells of a region for a footprint.
+
+    Parameters
+    ----------
+    region : SearchRegion
+    footprint : float
+        Side of the square that a vehicle sees, metres. It may be larger than the region: then there is one cell.
+    size : float, optional
+        Side of a cell, at most the footprint; smaller cells make footprints overlap. Default: the footprint.
+
+    Returns
+    -------
+    CellGrid
+        Its lattice is centred on the region's bounds, which is where the fewest cells are cut.
+
+    Raises
+    ------
+    InvalidInputError
+        If the footprint is no number above 0, or so small that there would be more than 4 million cells.
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> grid = cells_of(open_region("rectangle:40x20"), 10)
+    >>> grid
+    <CellGrid 2x4, 8 cells of 10 m, 8 places to stand>
+    >>> grid.stands((0, 0)).tolist()
+    [[5.0, 15.0]]
+    >>> grid.cell_of([(39.0, 1.0)]).tolist()
+    [[1, 3]]
+    """
+    side = _length("footprint", footprint)
+    step = side if size is None else _length("cell size", size)
+    if step > side:
+        raise InvalidInputError(f"cell size: expected at most the footprint, {side:g} m, got {step:g} m")
+    lattice = _lattice(region, step)
+    clipped = clip(region.area, lattice)
+    gates = gates_of(clipped, lattice)
+    mask = clipped.whole.copy()
+    mask[clipped.rows, clipped.cols] = True
+    if not mask.any():
+        raise InvalidInputError(
+            f"region {region.name!r}: expected some area in cells of {step:g} m, got {region.area_m2:g} m2, which is below rounding"
+        )
+    own = _own_pieces(clipped)
+    points, index = stands_of(clipped.pieces, lattice.centers(clipped.rows, clipped.cols), footprint=side, size=step)
+    adopted = _adopted(clipped, gates, own)
+    stand_points, starts = _in_order(clipped, lattice, mask, points, index, adopted)
+    return CellGrid(region, side, mask, lattice, clipped, gates, stand_points, starts, own)
+
+
+def _length(what: str, value: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0 < float(value) < np.inf:
+        raise InvalidInputError(f"{what}: expected a length above 0 in metres, got {value!r}")
+    return float(value)
+
+
+def _lattice(region: SearchRegion, size: float) -> Lattice:
+    left, low, right, high = region.bounds
+    if (right - left) / size * ((high - low) / size) > 4 * MAX_CELLS or max(right - left, high - low) / size > 4 * MAX_CELLS:
+        cols = rows = 0
+    else:
+        # What a side is longer by than whole cells because of rounding needs no cell of its own.
+        cols, rows = (max(1, ceil(length / size - 1e-9)) for length in (right - left, high - low))
+    if not 0 < rows * cols <= MAX_CELLS:
+        least = np.sqrt((right - left) * (high - low) / MAX_CELLS)
+        raise InvalidInputError(
+            f"footprint: expected at most {MAX_CELLS} cells, got {(right - left) / size:.0f} times {(high - low) / size:.0f} "
+            f"cells of {size:g} m; a region of {right - left:.4g} m by {high - low:.4g} m needs about {least:.2g} m or more"
+        )
+    return Lattice((left + right - cols * size) / 2, (low + high + rows * size) / 2, size, (rows, cols))
+
+
+def _own_pieces(clipped: Clipped) -> NDArray[np.int64]:
+    """Return the number of each cell's own piece."""
+    import shapely
+
+    height, width = clipped.whole.shape
+    own = np.where(clipped.whole, len(clipped.pieces) + np.arange(height * width).reshape(height, width), -1)
+    order = np.argsort(shapely.area(clipped.pieces), kind="stable")
+    own[clipped.rows[order], clipped.cols[order]] = order  # the largest last
+    return own
+
+
+def _adopted(clipped: Clipped, gates: Gates, own: NDArray[np.int64]) -> dict[int, list[int]]:
+    """Give each piece that is no cell's own to the cell whose own piece is the fewest gates away; by the flat index of the cell.
+
+    A piece from which no own piece can be reached stays with its cell.
+    """
+    width = own.shape[1]
+    n = len(clipped.pieces)
+    orphans = {k for k in range(n) if own[clipped.rows[k], clipped.cols[k]] != k}
+    if not orphans:
+        return {}
+    beside: dict[int, list[tuple[float, int]]] = defaultdict(list)
+    for (one, other), gate in zip(gates.pairs.tolist(), gates.widths.tolist(), strict=True):
+        if one in orphans or other in orphans:
+            beside[one].append((-gate, other))
+            beside[other].append((-gate, one))
+
+    def cell(piece: int) -> int:
+        return int(clipped.rows[piece] * width + clipped.cols[piece]) if piece < n else piece - n
+
+    # From all own pieces at once, wide gates first; a piece found is entered with the cell that it was found from.
+    adopters: dict[int, int] = {}
+    queue = deque((piece, cell(piece)) for piece in sorted(beside) if piece not in orphans)
+    while queue:
+        piece, of = queue.popleft()
+        for _, other in sorted(beside[piece]):
+            if other in orphans and other not in adopters:
+                adopters[other] = of
+                queue.append((other, of))
+    found: dict[int, list[int]] = defaultdict(list)
+    for piece in (*adopters, *sorted(orphans - adopters.keys())):
+        found[adopters.get(piece, cell(piece))].append(piece)
+    return found
+
+
+def _in_order(
+    clipped: Clipped,
+    lattice: Lattice,
+    mask: NDArray[np.bool_],
+    points: Points,
+    index: NDArray[np.int64],
+    adopted: dict[int, list[int]],
+) -> tuple[Points, NDArray[np.int64]]:
+    """Return the places to stand of all cells, and where those of each cell begin."""
+    width = mask.shape[1]
+    starts = np.searchsorted(index, np.arange(len(clipped.pieces) + 1))
+    special: dict[int, list[Points]] = {}
+    taken = {piece for pieces in adopted.values() for piece in pieces}
+    for piece, (row, col) in enumerate(zip(clipped.rows.tolist(), clipped.cols.tolist(), strict=True)):
+        if piece not in taken:
+            special[row * width + col] = [points[starts[piece] : starts[piece + 1]]]
+    for cell, pieces in adopted.items():
+        center = lattice.centers(np.array([cell // width]), np.array([cell % width]))
+        special.setdefault(cell, [center]).extend(points[starts[piece] : starts[piece + 1]] for piece in pieces)
+    flat = np.flatnonzero(mask)
+    counts = np.ones(len(flat), dtype=np.int64)
+    keys = np.array(sorted(special), dtype=np.int64)
+    places = np.searchsorted(flat, keys)
+    counts[places] = [sum(len(part) for part in special[key]) for key in keys.tolist()]
+    begins = np.concatenate([[0], np.cumsum(counts)])
+    ordered = np.empty((int(begins[-1]), 2))
+    ordered[begins[:-1]] = lattice.centers(flat // width, flat % width)
+    for key, place in zip(keys.tolist(), places.tolist(), strict=True):
+        ordered[begins[place] : begins[place + 1]] = np.concatenate(special[key])
+    return ordered, begins

@@ -1,0 +1,93 @@
+"""Which pieces of cells share a stretch of a grid line, and where a vehicle passes from one to the other."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.search.cells.clipping import Clipped, Lattice
+from shoal.search.regions.outline_checks import Points
+
+_ON_LINE = 1e-8  # of a cell: how far rounding may take a corner from a grid line
+
+
+@dataclass(frozen=True, eq=False)
+class Gates:
+    """Gates between pieces on the border, and from them to whole cells.
+
+    A piece is named by its number in `Clipped`; a whole cell by n + its flat index, n the number of pieces.
+
+    Parameters
+    ----------
+    pairs : ndarray of int64, shape (g, 2)
+    middles : ndarray of float64, shape (g, 2)
+        The middle of each gate, metres.
+    widths : ndarray of float64, shape (g,)
+        Metres.
+    """
+
+    pairs: NDArray[np.int64]
+    middles: Points
+    widths: NDArray[np.float64]
+
+
+def gates_of(clipped: Clipped, lattice: Lattice) -> Gates:
+    """Find all gates that lead to or from a piece on the border."""
+    found = [gate for axis in (0, 1) for gate in _matched(_stretches(clipped, lattice, axis), clipped, lattice, axis)]
+    pairs = np.array([gate[:2] for gate in found], dtype=np.int64).reshape(-1, 2)
+    return Gates(pairs, np.array([gate[2:4] for gate in found]).reshape(-1, 2), np.array([gate[4] for gate in found]))
+
+
+Stretch = tuple[int, int, int, int, float, float]  # row, column of the cell after the line; before 0 or after 1; piece; from, to
+
+
+def _segments(clipped: Clipped) -> tuple[Points, Points, NDArray[np.int64]]:
+    """Return the sides of all pieces: both ends, and the piece."""
+    import shapely
+
+    rings, ring_piece = shapely.get_rings(clipped.pieces, return_index=True)
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    same = ring[1:] == ring[:-1]
+    return points[:-1][same], points[1:][same], ring_piece[ring[:-1][same]]
+
+
+def _stretches(clipped: Clipped, lattice: Lattice, axis: int) -> list[Stretch]:
+    """Return the sides of pieces that lie on grid lines: upright ones for axis 0, level ones for axis 1."""
+    start, end, piece = _segments(clipped)
+    found: list[Stretch] = []
+    for shift in (0, 1):
+        if axis == 0:
+            line = lattice.left + (clipped.cols[piece] + shift) * lattice.size
+        else:
+            line = lattice.top - (clipped.rows[piece] + shift) * lattice.size
+        on = np.maximum(np.abs(start[:, axis] - line), np.abs(end[:, axis] - line)) <= _ON_LINE * lattice.size
+        along, of = 1 - axis, piece[on]
+        low, high = np.minimum(start[on, along], end[on, along]), np.maximum(start[on, along], end[on, along])
+        rows, cols = clipped.rows[of] + shift * axis, clipped.cols[of] + shift * along
+        columns = (rows, cols, np.full(len(of), 1 - shift), of, low, high)
+        found += zip(*(column.tolist() for column in columns), strict=True)
+    return found
+
+
+def _matched(stretches: list[Stretch], clipped: Clipped, lattice: Lattice, axis: int) -> list[tuple[int, int, float, float, float]]:
+    """Pair stretches on both sides of a line that overlap."""
+    width = lattice.shape[1]
+    lines: dict[tuple[int, int], tuple[list[Stretch], list[Stretch]]] = defaultdict(lambda: ([], []))
+    for stretch in stretches:
+        lines[stretch[:2]][stretch[2]].append(stretch)
+    found = []
+    for (row, col), (before, after) in lines.items():
+        for (r, c), side in (((row - axis, col - 1 + axis), before), ((row, col), after)):
+            if 0 <= r < lattice.shape[0] and 0 <= c < width and clipped.whole[r, c]:
+                side.append((row, col, 0, len(clipped.pieces) + r * width + c, -np.inf, np.inf))
+        across = lattice.left + col * lattice.size if axis == 0 else lattice.top - row * lattice.size
+        for one, other in product(before, after):
+            low, high = max(one[4], other[4]), min(one[5], other[5])
+            if high - low > _ON_LINE * lattice.size:
+                middle = (low + high) / 2
+                found.append((one[3], other[3], *((across, middle) if axis == 0 else (middle, across)), high - low))
+    return found

@@ -1,0 +1,239 @@
+"""Ways between places to stand that never leave the region."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.search.cells.grid import CellGrid
+from shoal.search.cells.portal_graph import Passages
+from shoal.search.cells.visibility_graph import Corners, around, inside, inward_corners, merge_collinear, pulled
+from shoal.search.regions.outline_checks import Points, text_of
+
+_MARGINS = (1.0, 4.0, 16.0)  # cells around a leg within which corners are looked at
+_MOST_CORNERS = 1000
+
+__all__ = ["GroundPaths", "Route", "length_of", "merge_collinear"]
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A way through several stops.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (k, 2)
+        Metres; legs are straight between them.
+    stops : ndarray of int64, shape (n,)
+        Where the stops are among the points.
+    transit : ndarray of bool, shape (k - 1,)
+        Legs from one part of the region to another, which lead outside.
+    """
+
+    points: Points
+    stops: NDArray[np.int64]
+    transit: NDArray[np.bool_]
+
+    @property
+    def length(self) -> float:
+        """Metres."""
+        return length_of(self.points)
+
+    def waypoints(self) -> Points:
+        """Return the points at which the way bends, both ends included; float64, shape (m, 2)."""
+        return merge_collinear(self.points)
+
+
+class GroundPaths:
+    """Ways inside the region of a grid. All of them hold its border within `shoal.search.regions.region.TOUCH`.
+
+    Parameters
+    ----------
+    grid : CellGrid
+    transit : bool
+        Whether a way may lead straight from one part of the region to another, which is outside: for vehicles that fly. Without it
+        such a way is refused.
+
+    Examples
+    --------
+    >>> from shoal.search import cells_of, open_region
+    >>> grid = cells_of(open_region("ring:50x40"), 10)
+    >>> way = GroundPaths(grid).leg((45.0, 0.0), (-45.0, 0.0))
+    >>> bool(grid.region.contains(way).all()), round(float(np.hypot(*np.diff(way, axis=0).T).sum()), 1)
+    (True, 128.8)
+    """
+
+    def __init__(self, grid: CellGrid, *, transit: bool = False) -> None:
+        self.grid = grid
+        self.transit = transit
+
+    def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
+        """Return a short way from one point to another; float64, shape (k, 2), k >= 2.
+
+        Straight if that stays inside; else the shortest way around the corners nearby; over a distance with too many corners,
+        through the cells and then pulled tight, which is seldom longer than the shortest by much.
+
+        Raises
+        ------
+        InvalidInputError
+            If a point is outside, or the two lie in different parts and transit is not allowed.
+        """
+        return self.legs([np.asarray(start), np.asarray(end)]).points
+
+    def legs(self, stops: ArrayLike) -> Route:
+        """Return the way through stops in their order.
+
+        Parameters
+        ----------
+        stops : array_like of float, shape (n, 2)
+
+        Raises
+        ------
+        InvalidInputError
+            As `leg`.
+        """
+        points = self.grid.region.check_inside(stops, what="stops")
+        return self._joined(points, np.zeros(max(0, len(points) - 1), dtype=np.bool_))
+
+    def route(self, cells: ArrayLike) -> Route:
+        """Return the way through all places to stand of some cells, one cell after another.
+
+        Parameters
+        ----------
+        cells : array_like of int, shape (n, 2)
+
+        Raises
+        ------
+        InvalidInputError
+            If a cell holds nothing of the region, or two follow each other that lie in different parts and transit is not allowed.
+        """
+        grid = self.grid
+        index = grid.ordinals(np.asarray(cells).reshape(-1, 2))
+        counts = grid.stand_starts[index + 1] - grid.stand_starts[index]
+        begins = np.cumsum(counts) - counts
+        visit = np.arange(int(counts.sum())) - np.repeat(begins, counts) + np.repeat(grid.stand_starts[index], counts)
+        # From the centre of a whole cell to that of the next there is nothing to look at.
+        array = grid.cells[index]
+        plain = grid.clipped.whole[tuple(array.T)] & (counts == 1)
+        close = np.abs(np.diff(array, axis=0)).sum(axis=1) <= 1
+        known = np.zeros(max(0, len(visit) - 1), dtype=np.bool_)
+        known[begins[1:] - 1] = plain[:-1] & plain[1:] & close
+        return self._joined(grid.stand_points[visit], known)
+
+    def _joined(self, stops: Points, known: NDArray[np.bool_]) -> Route:
+        """Join stops by ways; some legs are known to be straight."""
+        good = known.copy()
+        asked = np.flatnonzero(~known)
+        good[asked] = inside(self.grid.region, stops[asked], stops[asked + 1])
+        ways = {int(k): self._way(stops[k], stops[k + 1]) for k in np.flatnonzero(~good)}
+        between = np.zeros(len(stops), dtype=np.int64)
+        for k, way in ways.items():
+            between[k + 1] = 0 if way is None else len(way) - 2
+        places = np.arange(len(stops)) + np.cumsum(between)
+        points = np.empty((len(stops) + int(between.sum()), 2))
+        transit = np.zeros(max(0, len(points) - 1), dtype=np.bool_)
+        points[places] = stops
+        for k, way in ways.items():
+            if way is None:
+                transit[places[k]] = True
+            else:
+                points[places[k] + 1 : places[k + 1]] = way[1:-1]
+        return Route(points, places, transit)
+
+    def _way(self, start: Points, end: Points) -> Points | None:
+        """Return a way that is not straight; None for one between parts."""
+        if self._part(start) != self._part(end):
+            if not self.transit:
+                raise InvalidInputError(
+                    f"way: expected two places in one part of the region {self.grid.region.name!r}, "
+                    f"got {text_of(start)} and {text_of(end)} in different ones; allow transit for vehicles that may leave it"
+                )
+            return None
+        near = self._near(start, end)
+        return self._far(start, end) if near is None else near
+
+    def _near(self, start: Points, end: Points) -> Points | None:
+        """Return the shortest way by the corners around a leg, if they are few and it needs no others."""
+        best: Points | None = None
+        for margin in _MARGINS:
+            room = margin * self.grid.size
+            among = self._corners_within(np.minimum(start, end) - room, np.maximum(start, end) + room)
+            if len(among) > _MOST_CORNERS:
+                return best
+            found = around(self.grid.region, start, end, among)
+            if found is not None:
+                best = found
+                # A way by corners farther off goes there and comes back.
+                if length_of(found) <= np.hypot(*(end - start)) + 2 * room:
+                    return found
+        return best
+
+    def _corners_within(self, low: Points, high: Points) -> Corners:
+        corners = self._corners
+        return corners[np.flatnonzero(((corners.points >= low) & (corners.points <= high)).all(axis=1))]
+
+    @cached_property
+    def _corners(self) -> Corners:
+        return inward_corners(self.grid.region.area)
+
+    def _part(self, point: Points) -> int:
+        import shapely
+
+        parts = self.grid.region.parts
+        return int(np.argmin(shapely.distance(np.array(parts, dtype=object), shapely.points(point)))) if len(parts) > 1 else 0
+
+    def _far(self, start: Points, end: Points) -> Points:
+        """Return a way through the gates between pieces, pulled tight; by all corners if rounding hid a gate."""
+        region = self.grid.region
+        stops = self._passages.through(start, end)
+        if stops is None:
+            return self._by_corners(start, end, self._corners)
+        way = pulled(region, self._within_pieces(stops))
+        among = self._corners_beside(way)
+        if len(among) <= _MOST_CORNERS:
+            tight = around(region, start, end, among)
+            if tight is not None and length_of(tight) < length_of(way):
+                return tight
+        return way
+
+    def _within_pieces(self, stops: Points) -> Points:
+        """Return the way through gates: between two of them it stays in one piece of a cell."""
+        straight = inside(self.grid.region, stops[:-1], stops[1:])
+        legs = [stops[:1]]
+        for k, free in enumerate(straight.tolist()):
+            leg = stops[k : k + 2]
+            if not free:
+                middle, room = leg.mean(axis=0), 1.01 * self.grid.size
+                leg = self._by_corners(leg[0], leg[1], self._corners_within(middle - room, middle + room))
+            legs.append(leg[1:])
+        return np.concatenate(legs)
+
+    def _by_corners(self, start: Points, end: Points, corners: Corners) -> Points:
+        found = around(self.grid.region, start, end, corners)
+        if found is None:
+            raise InvalidInputError(
+                f"way: expected a passage from {text_of(start)} to {text_of(end)}, got one that is narrower than rounding"
+            )
+        return found
+
+    def _corners_beside(self, way: Points) -> Corners:
+        """Return the corners within a cell of where a way bends."""
+        from scipy.spatial import KDTree
+
+        bends = way[1:-1]
+        if len(bends) == 0 or len(self._corners) == 0:
+            return self._corners[np.zeros(0, dtype=np.int64)]
+        return self._corners[KDTree(bends).query(self._corners.points)[0] <= self.grid.size]
+
+    @cached_property
+    def _passages(self) -> Passages:
+        return Passages(self.grid)
+
+
+def length_of(way: Points) -> float:
+    """Return the length of a way, metres."""
+    return float(np.hypot(*np.diff(way, axis=0).T).sum())

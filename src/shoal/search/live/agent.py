@@ -1,0 +1,278 @@
+"""The pilot: joins the pure robot to a radio, a vehicle and the ground that it stands on."""
+
+from __future__ import annotations
+
+import selectors
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import dist, inf
+from typing import Any
+
+from shoal.errors import InvalidInputError
+from shoal.search.live import cell_locks
+from shoal.search.live.radio import Radio
+from shoal.search.live.task import LiveTask
+from shoal.search.live.vehicle import Vehicle
+from shoal.search.protocol.events import (
+    Action,
+    Begin,
+    Blocked,
+    Declare,
+    Event,
+    Go,
+    GoHome,
+    Heard,
+    Obstructed,
+    Recharged,
+    Send,
+    Sensed,
+    Wake,
+    WakeAt,
+)
+from shoal.search.protocol.inference import step_cost
+from shoal.search.protocol.messages import decode, encode
+from shoal.search.protocol.robot import LOOK, Robot, advance
+from shoal.search.simulation.scenario import first_obstacle
+
+_TRIES = 8  # how often a robot knocks at a cell that another one is in, before it goes elsewhere
+_KNOCK = 0.25  # cells, in time, between
+_LONGEST = 0.5  # seconds: no sleep is longer
+
+
+@dataclass(frozen=True, slots=True)
+class Halt:
+    """What comes of a way with an obstacle, which only the vehicle meets: it ends in the cell before it, ``at``."""
+
+    obstacle: int
+    at: int
+
+
+class Pilot:
+    """What runs in a robot's process.
+
+    Parameters
+    ----------
+    task : LiveTask
+    robot : Robot
+    radio : Radio
+    ground : int
+        Descriptor of the file in which cells are locked.
+    lifeline : int
+        Descriptor that can be read when there is nobody to report to any more.
+    epoch : float
+        The moment of time 0, on the system's monotonic clock.
+    tell : callable
+        Takes a report; called before anything that follows from it.
+    """
+
+    def __init__(
+        self,
+        task: LiveTask,
+        robot: Robot,
+        radio: Radio,
+        *,
+        ground: int,
+        lifeline: int,
+        epoch: float,
+        tell: Callable[[dict[str, Any]], None],
+    ) -> None:
+        self.task, self.robot, self.radio = task, robot, radio
+        self._ground, self._epoch, self._tell = ground, epoch, tell
+        self._stops = self._stops_of(robot.start)
+        self.vehicle = Vehicle(0.0, self._stops, self._stops)
+        self._cell: int | None = robot.start  # in the middle of which it stands
+        self._inside: int | None = None  # the cell that it is in to search it
+        self._going: Go | GoHome | Halt | None = None
+        self._passed: tuple[int, ...] = ()  # the cells that it has passed since it last searched one
+        self._tries = 0
+        self._rest = -inf  # until when the vehicle waits
+        self._wake = inf
+        self._status = ""
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(lifeline, selectors.EVENT_READ, "lifeline")
+        self._selector.register(radio, selectors.EVENT_READ, "radio")
+
+    @property
+    def now(self) -> float:
+        """The time, in that which a robot of speed 1 takes for a cell."""
+        return (time.monotonic() - self._epoch) * self.task.speed
+
+    def run(self) -> bool:
+        """Search until all is searched and told; return False if there is nobody to report to any more."""
+        time.sleep(max(0.0, self._epoch - time.monotonic()))
+        self._feed(Begin(self.now))
+        while self.robot.status != "complete" or self.robot.lingering > 0:
+            pause = (min(self._wake, self._due()) - self.now) / self.task.speed
+            ready = {key.data for key, _ in self._selector.select(min(max(pause, 0.0), _LONGEST))}
+            if "lifeline" in ready:
+                return False
+            if "radio" in ready:
+                self._listen()
+            self._drive()
+            if self._wake <= self.now:
+                self._wake = inf
+                self._feed(Wake(self.now))
+        return True
+
+    def report(self, kind: str, cell: int | None = None, **more: Any) -> None:
+        """Write down what has happened."""
+        counts = (self.radio.sent, self.radio.heard, self.radio.lost)
+        place = [round(x, 3) for x in self.vehicle.place]
+        self._tell({"time": round(self.now, 6), "kind": kind, "cell": cell, "place": place, "counts": counts, **more})
+
+    # The brain.
+
+    def _feed(self, event: Event) -> None:
+        self.robot, actions = advance(self.robot, event)
+        if self.robot.status != self._status:
+            self._status = self.robot.status
+            self.report(self._status)
+        if self._status in ("waiting", "complete"):
+            self._stand_aside()
+        for action in actions:
+            self._act(action)
+
+    def _act(self, action: Action) -> None:
+        match action:
+            case Go(cell, through):
+                obstacle, free = first_obstacle(self.task.brief.course, self.task.blocked, self.robot.cell, through)
+                if obstacle is None:
+                    self._set_out(action, cell)
+                else:
+                    self._set_out_for_obstacle(obstacle, through[:free])
+            case GoHome():
+                self._go_home(action)
+            case Send(beacon):
+                self.radio.send(encode(beacon))
+            case WakeAt(moment):
+                self._wake = moment
+            case Declare():
+                self.report("declared")
+
+    def _listen(self) -> None:
+        for message in self.radio.receive():
+            try:
+                beacon = decode(message)
+            except InvalidInputError:
+                self.radio.lost += 1
+            else:
+                self._feed(Heard(self.now, beacon))
+
+    # The vehicle.
+
+    def _stops_of(self, cell: int) -> tuple[float, ...]:
+        return tuple(float(x) for x in self.task.brief.course.points[cell])
+
+    def _set_out(self, aim: Go, cell: int) -> None:
+        """Begin a leg; what it costs is what the robot reckons with, unless it stands before a cell instead of in one."""
+        course = self.task.brief.course
+        if aim.through:
+            length = self.robot.cost
+        elif self._cell is None:
+            length = max(dist(self.vehicle.place, self._stops_of(cell)), 1.0) + course.turn_cost
+        else:
+            length = step_cost(course, self._cell, cell, self.robot.fresh)
+        way = length - 1.0 if self.robot.fresh and self._cell is not None else length
+        self._drive_to(aim, cell, way, length)
+        if length > 1.0 + 1e-12:
+            self._leave()  # on the way it is in no cell to search it
+
+    def _set_out_for_obstacle(self, obstacle: int, way: tuple[int, ...]) -> None:
+        """Begin a leg to the cell before an obstacle; coming up to that and back is a part of it."""
+        at = way[-1] if way else self.robot.cell
+        self._passed += way
+        cost = self._length_of(way) + LOOK
+        self._drive_to(Halt(obstacle, at), at, cost, cost + 1.0)  # it ends one cell before the end
+        self._leave()
+
+    def _go_home(self, aim: GoHome) -> None:
+        home = self.robot.start
+        away = self._length_of(aim.through) if aim.through else dist(self.vehicle.place, self._stops_of(home))
+        self._passed += aim.through
+        self.report("home")
+        self._drive_to(aim, home, away, away + 1.0)
+        self._leave()
+
+    def _length_of(self, through: tuple[int, ...]) -> float:
+        course = self.task.brief.course
+        return sum(course.length(one, other) for one, other in pairwise((self.robot.cell, *through)))
+
+    def _drive_to(self, aim: Go | GoHome | Halt, cell: int, way: float, length: float) -> None:
+        self.vehicle = replace(self.vehicle, time=self.now).sent(self._stops_of(cell), way=way, length=length)
+        self._going, self._cell, self._tries, self._rest = aim, None, 0, -inf
+
+    def _due(self) -> float:
+        """Return when the vehicle is to be looked at again."""
+        if self._going is None:
+            return inf
+        return max(self._rest, self.vehicle.earliest(rate=self.robot.rate))
+
+    def _drive(self) -> None:
+        going, now = self._going, self.now
+        if going is None or now < self._rest:
+            return
+        self.vehicle = self.vehicle.moved(now, rate=self.robot.rate)
+        if not self.vehicle.arrived:
+            return
+        if isinstance(going, GoHome):
+            self._come_home(now)
+        elif isinstance(going, Halt):
+            self.vehicle = self.vehicle.stopped()
+            self._going, self._cell = None, going.at
+            self.report("obstructed", going.obstacle)
+            self._feed(Obstructed(self.now, going.obstacle, going.at))
+        elif self.vehicle.limit < self.vehicle.length:
+            self._come_in(going.cell, now)
+        else:
+            self._search(going)
+
+    def _search(self, going: Go) -> None:
+        cell = self._cell = going.cell
+        around = self.task.seen(self.robot.width, cell)
+        beside = tuple(one for one in around if one in self.task.targets)
+        found = cell in self.task.targets
+        through, self._passed, self._going = self._passed + going.through[:-1], (), None
+        more = {name: cells for name, cells in (("through", through), ("around", around), ("beside", beside)) if cells}
+        self.report("searched", cell, found=found, **more)
+        self._feed(Sensed(self.now, cell, found, beside))
+
+    def _come_in(self, cell: int, now: float) -> None:
+        if cell_locks.enter(self._ground, cell):
+            before, self._inside = self._inside, cell
+            self.report("enters", cell)
+            if before not in (None, cell):
+                cell_locks.leave(self._ground, before)
+            self.vehicle = replace(self.vehicle, limit=self.vehicle.length)
+            return
+        self._stand_aside()
+        if self._tries < _TRIES:
+            self._tries += 1
+            self._rest = now + _KNOCK / self.robot.rate
+            return
+        if isinstance(self._going, Go):
+            self._passed += self._going.through
+        self._going = None
+        self.report("blocked", cell)
+        self._feed(Blocked(self.now, cell))
+
+    def _come_home(self, now: float) -> None:
+        if self._rest == -inf:
+            self.vehicle = self.vehicle.stopped()
+            self._rest = now + self.task.brief.recharge
+            if self._rest > now:
+                return
+        self._going, self._cell = None, self.robot.start
+        self.report("recharged")
+        self._feed(Recharged(self.now))
+
+    def _stand_aside(self) -> None:
+        self.vehicle = self.vehicle.stopped()
+        self._leave()
+
+    def _leave(self) -> None:
+        if self._inside is not None:
+            self.report("leaves", self._inside)
+            cell_locks.leave(self._ground, self._inside)
+            self._inside = None

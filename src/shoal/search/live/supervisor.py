@@ -1,0 +1,252 @@
+"""Run a live search: start the robots, kill some, write down what they report, and leave nothing behind."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from math import inf
+from typing import Any, Literal
+
+from shoal.errors import InvalidInputError
+from shoal.search.allocation.partition import parts_of
+from shoal.search.live.outcome import LiveEvent, LiveOutcome, covered_share
+from shoal.search.live.process_pool import Fleet, Member, Report
+from shoal.search.live.radio import LARGEST, Channel, reserve
+from shoal.search.live.task import LiveTask
+from shoal.search.protocol.messages import Beacon, Sign, encode
+from shoal.search.protocol.robot import Brief
+from shoal.search.simulation.faults import Crash
+from shoal.search.simulation.network import network_of
+from shoal.search.simulation.world import Scenario
+
+_STARTUP = 120.0  # seconds
+_AHEAD = 0.1  # seconds: the robots are told of time 0 before it comes, so that all are switched on at once
+_SLACK = (60.0, 10.0)  # the time limit: seconds, and how many times what one robot takes to search all
+
+
+def run_live(
+    brief: Brief,
+    starts: Sequence[int],
+    *,
+    rates: Sequence[float] | None = None,
+    loss: float = 0.0,
+    kill: Sequence[Crash] = (),
+    targets: Sequence[int] = (),
+    obstacles: Sequence[int] = (),
+    widths: Sequence[int] = (),
+    speed: float = 10.0,
+    channel: Literal["auto", "multicast", "unicast"] = "auto",
+    port: int = 0,
+    seed: int = 0,
+    timeout: float | None = None,
+    on_event: Callable[[LiveEvent], None] | None = None,
+) -> LiveOutcome:
+    """Search with one process per robot, that talk by UDP.
+
+    Parameters
+    ----------
+    brief : Brief
+        With a ``hello`` of some tenths of a second (``0.3 * speed``) robots hear of one another in time even on a busy machine;
+        who does not is done later, but searches no less.
+    starts : sequence of int
+        The number on the tour of the cell in which each robot starts; robots are numbered from 1 on.
+    rates : sequence of float, optional
+        Their speeds; 1 if not given.
+    loss : float
+        Probability that a message that has come is thrown away, at each receiver.
+    kill : sequence of Crash
+        Whose process is killed (SIGKILL), and when, in the time that a robot of speed 1 takes for a cell.
+    targets : sequence of int
+        Cells with something to find.
+    obstacles : sequence of int
+        Cells that cannot be entered, as robots find out when they come to them; on a course with ways from cell to cell.
+    widths : sequence of int
+        How many cells wide the footprint of each robot is, odd; 1 if not given.
+    speed : float
+        Cells a second of a robot of speed 1: the time itself is real.
+    channel : str
+        "multicast"; "unicast", to each robot's port; "auto", unicast where multicast cannot be had.
+    port : int
+        Of the multicast group 239.83.72.76; 0 for a free one.
+    seed : int
+        Of the losses. Which message meets which draw depends on the system: two runs are never alike.
+    timeout : float, optional
+        Seconds, from when all processes are ready, after which those that still run are killed.
+    on_event : callable, optional
+        Called with each `LiveEvent` as it comes. What it raises ends the search.
+
+    Raises
+    ------
+    InvalidInputError
+    ShoalError
+        If a process cannot be started.
+
+    Notes
+    -----
+    Whatever ends the search, an exception and Ctrl-C included, no process, socket or file is left. If the calling process is killed
+    itself, the robots notice and end.
+
+    Examples
+    --------
+    >>> from shoal.search import Course, make_tour
+    >>> from shoal.search.protocol.robot import Brief
+    >>> outcome = run_live(Brief(Course(make_tour("moore", (4, 4)))), [0, 8], speed=50.0)
+    >>> outcome.complete, outcome.covered, sorted(outcome.declared)
+    (True, 1.0, [1, 2])
+    """
+    speeds = () if rates is None else tuple(float(rate) for rate in rates)
+    scenario = Scenario(
+        brief,
+        tuple(int(start) for start in starts),
+        speeds,
+        network_of(loss=loss),
+        tuple(kill),
+        obstacles=tuple(obstacles),
+        widths=tuple(widths),
+    )
+    _check(brief, speed=speed, kill=kill, targets=targets, port=port)
+    _check_size(scenario, len(targets))
+    parts_of(brief.course, brief.method, ((1, starts[0], 1.0, 1),))  # compiled once, not by each process
+    if timeout is None:
+        timeout = _SLACK[0] + _SLACK[1] * brief.course.whole / min(scenario.rates) / speed
+    with ExitStack() as stack:
+        used, port = _reserved(channel, port, stack)
+        task = LiveTask(
+            brief,
+            scenario.starts,
+            scenario.rates,
+            speed,
+            used,
+            port,
+            loss,
+            seed,
+            frozenset(targets),
+            scenario.blocked,
+            scenario.widths,
+        )
+        began = time.monotonic()
+        with Fleet(task) as fleet:
+            fleet.wait_ready(_STARTUP)
+            return _Watch(fleet, task, on_event, time.monotonic() - began).run(kill, timeout)
+
+
+def _check(brief: Brief, *, speed: float, kill: Sequence[Crash], targets: Sequence[int], port: int) -> None:
+    if os.name != "posix":
+        raise InvalidInputError(f"live search: expected a POSIX system (Linux, macOS), got {os.name}")
+    if not 0 < speed < inf:
+        raise InvalidInputError(f"speed: expected cells a second, above 0, got {speed!r}")
+    for crash in kill:
+        if not isinstance(crash, Crash) or not 0 <= crash.time < inf:
+            raise InvalidInputError(f"kill: expected crashes at times from 0 on, got {crash}")
+    if any(not 0 <= cell < len(brief.course) for cell in targets):
+        raise InvalidInputError(f"targets: expected cells from 0 to {len(brief.course) - 1}, got {list(targets)!r:.200}")
+    if not 0 <= port <= 65_535:
+        raise InvalidInputError(f"port: expected a number from 1 to 65535, or 0 for a free one, got {port!r}")
+
+
+def _check_size(scenario: Scenario, targets: int) -> None:
+    """Refuse a search whose beacons would be larger than a datagram."""
+    brief, robots = scenario.brief, len(scenario.starts)
+    cells = len(brief.course)
+    signs = tuple(Sign(number, 10**9, cells, 1 / 3, "listening", scenario.widths[number - 1]) for number in range(1, robots + 1))
+    searched = tuple((number, brief.everything) for number in range(1, robots + 1))
+    found = tuple((cells + cell, 2 << robots) for cell in range(targets))
+    size = len(encode(Beacon(robots, signs, searched, found, searched if scenario.obstacles else ())))
+    if size > LARGEST:
+        raise InvalidInputError(
+            f"live search: expected beacons of at most {LARGEST} bytes, got {size} for {cells} cells and {robots} robots"
+        )
+
+
+def _reserved(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:
+    """Return the channel to be used and the port of the group, which is kept."""
+    if channel not in ("auto", "multicast", "unicast"):
+        raise InvalidInputError(f"channel: expected auto, multicast or unicast, got {channel!r}")
+    if channel != "unicast":
+        kept = reserve(port=port)
+        if kept is not None:
+            stack.callback(kept.close)
+            return "multicast", int(kept.getsockname()[1])
+        if channel == "multicast":
+            raise InvalidInputError("channel: expected multicast on the loopback interface, which this system does not have")
+    return "unicast", 0
+
+
+class _Watch:
+    """Looks on while the robots search: only kills and writes down."""
+
+    def __init__(self, fleet: Fleet, task: LiveTask, on_event: Callable[[LiveEvent], None] | None, startup: float) -> None:
+        self._fleet, self._task, self._on_event, self._startup = fleet, task, on_event, startup
+        self._events: list[LiveEvent] = []
+        self._epoch = time.monotonic() + _AHEAD
+
+    @property
+    def _now(self) -> float:
+        return (time.monotonic() - self._epoch) * self._task.speed
+
+    def run(self, kill: Sequence[Crash], timeout: float) -> LiveOutcome:
+        """Watch until all processes have ended, or the time is over."""
+        fleet, speed = self._fleet, self._task.speed
+        fleet.begin(self._epoch)
+        due = sorted(kill, key=lambda crash: crash.time)
+        last = timeout * speed
+        while fleet.running and self._now < last:
+            fleet.collect((min([last, *(crash.time for crash in due[:1])]) - self._now) / speed, self._take)
+            while due and due[0].time <= self._now:
+                fleet.collect(0.0, self._take)  # it may have ended by itself
+                self._kill(due.pop(0).robot, "killed")
+        seconds = self._now / speed
+        timed_out = bool(fleet.running)
+        for number in fleet.members:
+            self._kill(number, "stopped")
+        while fleet.running:
+            fleet.collect(1.0, self._take)
+        return self._outcome(seconds, timed_out)
+
+    def _kill(self, number: int, kind: str) -> None:
+        if self._fleet.kill(number):
+            self._note(LiveEvent(self._now, number, kind))
+
+    def _take(self, member: Member, report: Report) -> None:
+        told: dict[str, Any] = {name: report[name] for name in ("cell", "found", "reason") if name in report}
+        told |= {name: tuple(report[name]) for name in ("place", "through", "around", "beside") if name in report}
+        self._note(LiveEvent(report.get("time", self._now), member.number, report["kind"], **told))
+
+    def _note(self, event: LiveEvent) -> None:
+        self._events.append(event)
+        if self._on_event is not None:
+            self._on_event(event)
+
+    def _outcome(self, seconds: float, timed_out: bool) -> LiveOutcome:
+        members = self._fleet.members
+        times: dict[str, dict[int, float]] = {"declared": {}, "killed": {}, "stopped": {}}
+        failed = {}
+        for event in self._events:
+            if event.kind in times:
+                times[event.kind][event.robot] = event.time
+            elif event.kind == "failed":
+                failed[event.robot] = event.reason
+        for number in members.keys() - failed.keys() - {robot for ended in times.values() for robot in ended}:
+            failed[number] = "its process ended without a word"
+        events = tuple(sorted(self._events, key=lambda event: event.time))
+        covered = covered_share(events, self._task.goal)
+        left = members.keys() - times["killed"].keys() - failed.keys()
+        sent, heard, lost = (sum(member.counts[k] for member in members.values()) for k in range(3))
+        return LiveOutcome(
+            complete=covered == 1.0 and bool(times["declared"]) and left <= times["declared"].keys(),
+            covered=covered,
+            declared=times["declared"],
+            killed=times["killed"],
+            failed=failed,
+            sent=sent,
+            heard=heard,
+            lost=lost,
+            channel=self._task.channel,
+            port=self._task.port,
+            startup=self._startup,
+            seconds=seconds,
+            timed_out=timed_out,
+            events=events,
+        )

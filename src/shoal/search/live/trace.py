@@ -1,0 +1,91 @@
+"""The trace of a live search: what the robots' processes reported."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+
+from shoal.errors import InvalidInputError
+from shoal.search.allocation.partition import parts_of
+from shoal.search.live.outcome import LiveEvent
+from shoal.search.live.supervisor import run_live
+from shoal.search.simulation.faults import Crash
+from shoal.search.simulation.scenario import Scenario
+from shoal.search.simulation.trace import Played, RobotLog
+from shoal.search.tours.bitset import bits_of
+
+_HELLO, _BEAT = 0.3, 0.05  # seconds that live robots listen, and between their beacons, at the least
+_STATES = {kind: kind for kind in ("listening", "searching", "waiting", "complete")} | {
+    "killed": "dead",
+    "stopped": "dead",
+    "failed": "dead",
+}
+
+
+def lived(scenario: Scenario, *, live: float, loss: float) -> tuple[Scenario, Played]:
+    """Let processes search, ``live`` cells a second; return the scenario with the times that they need, and what they reported.
+
+    Raises
+    ------
+    InvalidInputError
+        For faults but crashes.
+    """
+    kill = [fault for fault in scenario.faults if isinstance(fault, Crash)]
+    if len(kill) < len(scenario.faults):
+        raise InvalidInputError("live: expected no fault but crashes")
+    brief = replace(scenario.brief, hello=max(scenario.brief.hello, _HELLO * live), beat=max(scenario.brief.beat, _BEAT * live))
+    scenario = replace(scenario, brief=brief)
+    outcome = run_live(
+        brief,
+        scenario.starts,
+        rates=scenario.rates,
+        loss=loss,
+        kill=kill,
+        targets=scenario.targets,
+        obstacles=scenario.obstacles,
+        widths=scenario.widths,
+        speed=live,
+        seed=scenario.seed,
+    )
+    logs = [_log_of(number, outcome.events) for number in range(1, len(scenario.starts) + 1)]
+    left, covered_at = scenario.goal, inf
+    for event in outcome.events:
+        if event.kind == "searched" and event.cell is not None and left:
+            left &= ~bits_of((event.cell, *event.around))
+            covered_at = inf if left else event.time
+    return scenario, Played(tuple(logs), covered_at, outcome.declared, outcome.heard, outcome.lost, takeovers_of(scenario, logs))
+
+
+def _log_of(number: int, events: Sequence[LiveEvent]) -> RobotLog:
+    """Return what a robot has reported."""
+    own = [event for event in events if event.robot == number]
+    searched = [event for event in own if event.kind == "searched" and event.cell is not None]
+    detours = tuple(event.through for event in searched)
+    found = {event.cell for event in searched if event.found and event.cell is not None}
+    found |= {cell for event in searched for cell in event.beside}
+    return RobotLog(
+        cells=np.array([event.cell for event in searched], dtype=np.int64),
+        times=np.array([event.time for event in searched]),
+        states=tuple((event.time, _STATES[event.kind]) for event in own if event.kind in _STATES),
+        found=tuple((cell, (number,)) for cell in sorted(found)),
+        detours=detours if any(detours) else (),
+        obstructed=tuple((event.time, event.cell) for event in own if event.kind == "obstructed" and event.cell is not None),
+    )
+
+
+def takeovers_of(scenario: Scenario, logs: list[RobotLog]) -> int:
+    """Count how often a robot began with the part of one that had died."""
+    brief = scenario.brief
+    numbers = range(1, len(logs) + 1)
+    robots = tuple(zip(numbers, scenario.starts, scenario.rates, scenario.widths, strict=True))
+    parts = parts_of(brief.course, brief.method, robots)
+    deaths = [next((time for time, state in log.states if state == "dead"), inf) for log in logs]
+    count = 0
+    for number, log in zip(numbers, logs, strict=True):
+        whose = [next(part.robot for part in parts if part.bits >> cell & 1) for cell in log.cells.tolist()]
+        for before, other, time in zip([number, *whose], whose, log.times.tolist(), strict=False):
+            count += other not in (before, number) and deaths[other - 1] < time
+    return count

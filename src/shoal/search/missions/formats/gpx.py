@@ -1,0 +1,81 @@
+"""GPX 1.1: a route for the waypoints, a waypoint for home; elevations are metres above home."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from shoal.search.missions.findings import Sheet, decimals_of
+from shoal.search.missions.formats.attributes import attributes_of, take_attributes
+from shoal.search.missions.formats.markup import Element, parse
+from shoal.search.missions.formats.numbers import degrees, plain
+from shoal.search.missions.mission import Mission
+
+SUFFIX = ".gpx"
+
+
+def write(mission: Mission) -> str:
+    """Return a mission as the text of a GPX file."""
+    height = plain(mission.altitude)
+    values = {name: value if isinstance(value, str) else plain(value) for name, value in attributes_of(mission).items()}
+    attributes = " ".join(f'{name}="{value}"' for name, value in values.items())
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        '<gpx version="1.1" creator="Shoal" xmlns="http://www.topografix.com/GPX/1/1" xmlns:shoal="urn:shoal:mission">',
+        f"<wpt {_place(*mission.home)}><name>home</name></wpt>",
+        f"<rte><name>{mission.name}</name><number>{mission.robot}</number>",
+        f"<extensions><shoal:mission {attributes}/></extensions>",
+        *(f"<rtept {_place(x, y)}><ele>{height}</ele></rtept>" for x, y in mission.waypoints.tolist()),
+        "</rte>",
+        "</gpx>",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _place(longitude: float, latitude: float) -> str:
+    return f'lat="{degrees(latitude)}" lon="{degrees(longitude)}"'
+
+
+def scan(text: str, sheet: Sheet) -> None:
+    """Fill a sheet with what the text of a GPX file says."""
+    root = parse(text, "gpx", sheet)
+    if root is None:
+        return
+    routes = root.all("rte")
+    if len(routes) != 1:
+        sheet.add("wrong-value" if routes else "missing-key", "", f"expected one route <rte>, got {len(routes)}")
+    else:
+        _route(sheet, routes[0])
+    homes = [point for point in root.all("wpt") if (name := point.first("name")) is not None and name.text.strip() == "home"]
+    if len(homes) != 1:
+        sheet.add("no-home", "", f"expected one <wpt> named 'home', got {len(homes)}")
+    else:
+        sheet.home = _position(sheet, homes[0])
+
+
+def _route(sheet: Sheet, route: Element) -> None:
+    attributes = route.first("mission")
+    take_attributes(sheet, f"line {route.line}", {} if attributes is None else attributes.attributes)
+    elements = route.all("rtept")
+    points = [_position(sheet, element) for element in elements]
+    sheet.points = np.array(points, dtype=np.float64).reshape(-1, 2)
+    sheet.places = [f"line {element.line}" for element in elements]
+    sheet.altitudes *= len(points)
+
+
+def _position(sheet: Sheet, element: Element) -> tuple[float, float]:
+    found = []
+    for name in ("lon", "lat"):
+        if name not in element.attributes:
+            sheet.add("missing-key", f"line {element.line}", f"expected the attribute {name!r}, got none")
+            return math.nan, math.nan
+        text = element.attributes[name]
+        try:
+            found.append(float(text))
+        except ValueError:
+            sheet.add("wrong-value", f"line {element.line}", f"expected a number as {name!r}, got {text[:40]!r}")
+            return math.nan, math.nan
+        sheet.decimals = max(sheet.decimals or 0, decimals_of(text))
+    return found[0], found[1]

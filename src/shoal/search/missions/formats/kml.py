@@ -1,0 +1,107 @@
+"""KML 2.2: a line for the waypoints, a point for home; longitude first."""
+
+from __future__ import annotations
+
+import math
+from xml.sax.saxutils import escape
+
+import numpy as np
+
+from shoal.search.missions.findings import Sheet, decimals_of
+from shoal.search.missions.formats.attributes import attributes_of, take_attributes
+from shoal.search.missions.formats.markup import Element, parse
+from shoal.search.missions.formats.numbers import degrees, plain
+from shoal.search.missions.mission import Mission
+
+SUFFIX = ".kml"
+
+
+def write(mission: Mission) -> str:
+    """Return a mission as the text of a KML file. One waypoint alone is a point, for a line needs two."""
+    mode = "relativeToGround" if mission.altitude > 0 else "clampToGround"
+    height = plain(mission.altitude)
+    points = [f"{degrees(x)},{degrees(y)},{height}" for x, y in mission.waypoints.tolist()]
+    shape = "LineString" if len(points) > 1 else "Point"
+    values = {name: value if isinstance(value, str) else plain(value) for name, value in attributes_of(mission).items()}
+    data = [f'    <Data name="{name}"><value>{escape(value)}</value></Data>' for name, value in values.items()]
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>',
+        f"<name>{mission.name}</name>",
+        "<Placemark>",
+        "  <name>route</name>",
+        "  <ExtendedData>",
+        *data,
+        "  </ExtendedData>",
+        f"  <{shape}><altitudeMode>{mode}</altitudeMode><coordinates>",
+        *points,
+        f"  </coordinates></{shape}>",
+        "</Placemark>",
+        "<Placemark>",
+        "  <name>home</name>",
+        f"  <Point><coordinates>{degrees(mission.home[0])},{degrees(mission.home[1])},0</coordinates></Point>",
+        "</Placemark>",
+        "</Document></kml>",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def scan(text: str, sheet: Sheet) -> None:
+    """Fill a sheet with what the text of a KML file says."""
+    root = parse(text, "kml", sheet)
+    if root is None:
+        return
+    named: dict[str, list[Element]] = {"route": [], "home": []}
+    for placemark in root.all("Placemark"):
+        name = placemark.first("name")
+        if name is not None and name.text.strip() in named:
+            named[name.text.strip()].append(placemark)
+    if len(named["route"]) != 1:
+        rule = "wrong-value" if named["route"] else "missing-key"
+        sheet.add(rule, "", f"expected one Placemark named 'route', got {len(named['route'])}")
+    else:
+        _route(sheet, named["route"][0])
+    if len(named["home"]) != 1:
+        sheet.add("no-home", "", f"expected one Placemark named 'home', got {len(named['home'])}")
+        return
+    home = _positions(sheet, named["home"][0])
+    if len(home) != 1:
+        sheet.add("no-home", f"line {named['home'][0].line}", f"expected home with one position, got {len(home)}")
+    else:
+        sheet.home = home[0]
+
+
+def _route(sheet: Sheet, placemark: Element) -> None:
+    found = {}
+    for data in placemark.all("Data"):
+        value = data.first("value")
+        found[data.attributes.get("name", "")] = value.text.strip() if value is not None else ""
+    take_attributes(sheet, f"line {placemark.line}", found)
+    points = _positions(sheet, placemark)
+    sheet.points = np.array(points, dtype=np.float64).reshape(-1, 2)
+    sheet.places = [f"position {k}" for k in range(1, len(points) + 1)]
+    sheet.altitudes *= len(points)
+
+
+def _positions(sheet: Sheet, placemark: Element) -> list[tuple[float, float]]:
+    """Return the positions of a placemark, (longitude, latitude)."""
+    element = placemark.first("coordinates")
+    if element is None:
+        sheet.add("missing-key", f"line {placemark.line}", "expected coordinates in the Placemark, got none")
+        return []
+    found = []
+    for number, word in enumerate(element.text.split(), start=1):
+        parts = word.split(",")
+        try:
+            if len(parts) not in (2, 3):
+                raise ValueError
+            longitude, latitude = float(parts[0]), float(parts[1])
+        except ValueError:
+            where = f"line {element.line}, position {number}"
+            sheet.add("wrong-value", where, f"expected longitude,latitude,altitude, got {word[:60]!r}")
+            longitude = latitude = math.nan
+        else:
+            sheet.decimals = max(sheet.decimals or 0, *map(decimals_of, parts[:2]))
+        found.append((longitude, latitude))
+    return found

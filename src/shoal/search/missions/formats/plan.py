@@ -1,0 +1,181 @@
+"""QGroundControl's `.plan`: JSON, latitude before longitude."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, ValidationError
+
+from shoal.search.missions.findings import Sheet
+from shoal.search.missions.formats.items import Item, check_take_off, items_of, read_items
+from shoal.search.missions.formats.numbers import Number, degrees, dump_json, load_json, raw
+from shoal.search.missions.mission import Mission
+
+SUFFIX = ".plan"
+
+_FIRMWARE = {"px4": 12, "ardupilot": 3}  # MAV_AUTOPILOT
+_VEHICLES = {"multirotor": 2, "rover": 10}  # MAV_TYPE
+_MULTIROTORS = {2, 13, 14, 15}  # with 4, 6, 8 and 3 rotors
+_RELATIVE = 1  # altitudes above home
+
+_Numbers = Annotated[float, Field(strict=True)]
+
+
+class _Form(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class ItemForm(_Form):
+    """A mission item in the file."""
+
+    type: Literal["SimpleItem"]
+    command: StrictInt
+    frame: StrictInt
+    params: Annotated[list[_Numbers | None], Field(min_length=7, max_length=7)]
+    auto_continue: StrictBool = Field(alias="autoContinue")
+    do_jump_id: StrictInt = Field(alias="doJumpId")
+
+
+class MissionForm(_Form):
+    """The mission in the file."""
+
+    version: Literal[2]
+    firmware_type: StrictInt = Field(alias="firmwareType")
+    vehicle_type: StrictInt = Field(alias="vehicleType")
+    cruise_speed: _Numbers = Field(alias="cruiseSpeed")
+    hover_speed: _Numbers = Field(alias="hoverSpeed")
+    altitude_mode: StrictInt = Field(alias="globalPlanAltitudeMode")
+    home: Annotated[list[_Numbers | None], Field(min_length=3, max_length=3, alias="plannedHomePosition")]
+    items: list[ItemForm]
+
+
+class FenceForm(_Form):
+    """The fence in the file."""
+
+    version: Literal[2]
+    circles: list[Any]
+    polygons: list[Any]
+
+
+class RallyForm(_Form):
+    """The rally points in the file."""
+
+    version: Literal[2]
+    points: list[Any]
+
+
+class PlanForm(_Form):
+    """The whole file."""
+
+    file_type: Literal["Plan"] = Field(alias="fileType")
+    version: Literal[1]
+    ground_station: str = Field(alias="groundStation")
+    mission: MissionForm
+    fence: FenceForm = Field(alias="geoFence")
+    rally: RallyForm = Field(alias="rallyPoints")
+
+
+def write(mission: Mission) -> str:
+    """Return a mission as the text of a `.plan` file."""
+    longitude, latitude = mission.home
+    items = [_item(item, number) for number, item in enumerate(items_of(mission), start=1)]
+    return (
+        dump_json(
+            {
+                "fileType": "Plan",
+                "version": 1,
+                "groundStation": "QGroundControl",
+                "mission": {
+                    "version": 2,
+                    "firmwareType": _FIRMWARE[mission.vehicle],
+                    "vehicleType": _VEHICLES[mission.kind],
+                    "cruiseSpeed": mission.speed,
+                    "hoverSpeed": mission.speed,
+                    "globalPlanAltitudeMode": _RELATIVE,
+                    "plannedHomePosition": [raw(degrees(latitude)), raw(degrees(longitude)), 0],
+                    "items": items,
+                },
+                "geoFence": {"version": 2, "circles": [], "polygons": []},
+                "rallyPoints": {"version": 2, "points": []},
+            }
+        )
+        + "\n"
+    )
+
+
+def _item(item: Item, number: int) -> dict[str, Any]:
+    params: list[Any] = list(item.params)
+    if params[4] or params[5]:
+        params[4:6] = [raw(degrees(value)) for value in params[4:6]]
+    return {
+        "type": "SimpleItem",
+        "command": item.command,
+        "frame": item.frame,
+        "params": params,
+        "autoContinue": True,
+        "doJumpId": number,
+    }
+
+
+def scan(text: str, sheet: Sheet) -> None:
+    """Fill a sheet with what the text of a `.plan` file says."""
+    try:
+        data = load_json(text)
+        form = PlanForm.model_validate(data)
+    except json.JSONDecodeError as error:
+        sheet.add("unreadable", f"line {error.lineno}", f"expected JSON, got something else: {error.msg.lower()}")
+        return
+    except ValidationError as error:
+        for fault in error.errors():
+            _note(sheet, fault)
+        return
+    except (RecursionError, ValueError):
+        sheet.add("unreadable", "", "expected JSON, got one nested too deeply or with a number too long")
+        return
+    mission = form.mission
+    sheet.vehicle = {number: name for name, number in _FIRMWARE.items()}.get(mission.firmware_type)
+    sheet.kind = "multirotor" if mission.vehicle_type in _MULTIROTORS else "rover" if mission.vehicle_type == 10 else None
+    if sheet.vehicle is None:
+        sheet.add("firmware", "mission", f"expected firmwareType 12 (PX4) or 3 (ArduPilot), got {mission.firmware_type}")
+    if sheet.kind is None:
+        sheet.add("wrong-value", "mission", f"expected vehicleType 2 (multirotor) or 10 (rover), got {mission.vehicle_type}")
+    sheet.speed = mission.cruise_speed if sheet.kind == "rover" else mission.hover_speed
+    latitude, longitude = (float("nan") if value is None else value for value in mission.home[:2])
+    sheet.home = (longitude, latitude)
+    sheet.decimals = _decimals(data)
+    items = [Item(item.command, item.frame, tuple(item.params), f"item {k}") for k, item in enumerate(mission.items, start=1)]
+    read_items(sheet, items)
+    check_take_off(sheet, items)
+    for number, item in enumerate(mission.items, start=1):
+        if item.do_jump_id != number:
+            sheet.add("do-jump-id", f"item {number}", f"expected doJumpId {number}, got {item.do_jump_id}")
+        if not item.auto_continue:
+            sheet.add("autocontinue", f"item {number}", "expected autoContinue true, got false: the vehicle stops here")
+
+
+def _note(sheet: Sheet, fault: Any) -> None:
+    """Note one of Pydantic's errors, in our words."""
+    place = ", ".join(f"item {part + 1}" if before == "items" else str(part) for before, part in _path(fault["loc"]))
+    kind, got = fault["type"], repr(fault["input"])[:60]
+    if kind == "missing":
+        where, _, key = place.rpartition(", ")
+        sheet.add("missing-key", where, f"expected the key {key!r}, got none")
+    elif kind in ("too_short", "too_long") and fault["loc"][-1] == "params":
+        sheet.add("params-count", place, f"expected 7 params, got {len(fault['input'])}")
+    else:
+        expected = fault["msg"].lower().removeprefix("input should be ")
+        sheet.add("wrong-value", place, f"expected {expected}, got {got}")
+
+
+def _path(location: tuple[int | str, ...]) -> list[tuple[int | str, Any]]:
+    """Return each step into the file with the one before, without the list's own name before an item and the kinds of a union."""
+    steps = [(location[k - 1] if k else "", part) for k, part in enumerate(location)]
+    return [(before, part) for before, part in steps if part not in ("items", "float")]
+
+
+def _decimals(data: dict[str, Any]) -> int:
+    values = [value for item in data["mission"]["items"] for value in item["params"][4:6]] + data["mission"]["plannedHomePosition"][
+        :2
+    ]
+    return max((value.decimals for value in values if isinstance(value, Number)), default=0)

@@ -1,0 +1,96 @@
+"""CSV: one item a line; degrees, or metres for a region of no place on Earth."""
+
+from __future__ import annotations
+
+import csv
+import math
+
+import numpy as np
+
+from shoal.search.missions.findings import Sheet, decimals_of
+from shoal.search.missions.formats.attributes import NAMES, attributes_of, take_attributes
+from shoal.search.missions.formats.numbers import degrees, plain
+from shoal.search.missions.mission import Mission
+
+SUFFIX = ".csv"
+_DEGREES = ("longitude", "latitude")
+_METRES = ("x_m", "y_m")
+
+
+def write(mission: Mission) -> str:
+    """Return a mission as the text of a CSV file: home, the waypoints, and the return home."""
+    columns = ("number", "command", *(_DEGREES if mission.geographic else _METRES), *NAMES)
+    values = [value if isinstance(value, str) else plain(value) for value in attributes_of(mission).values()]
+    stops = [mission.home, *mission.waypoints.tolist(), mission.home]
+    commands = ["home", *["waypoint"] * len(mission.waypoints), "return"]
+    rows = [
+        [str(number), command, degrees(x), degrees(y), *values]
+        for number, (command, (x, y)) in enumerate(zip(commands, stops, strict=True))
+    ]
+    return "\n".join([",".join(row) for row in [list(columns), *rows]]) + "\n"
+
+
+def scan(text: str, sheet: Sheet) -> None:
+    """Fill a sheet with what the text of a CSV file says."""
+    try:
+        rows = [(number, row) for number, row in enumerate(csv.reader(text.splitlines(), strict=True), start=1) if row]
+    except csv.Error as error:
+        sheet.add("unreadable", "", f"expected a table of commas, got something else: {error}")
+        return
+    heading = [name.strip() for name in rows[0][1]] if rows else []
+    sheet.geographic = not {*_METRES} & {*heading}
+    wanted = ("number", "command", *(_DEGREES if sheet.geographic else _METRES), *NAMES)
+    missing = [name for name in wanted if name not in heading]
+    for name in missing:
+        sheet.add("missing-key", "line 1", f"expected the column {name!r}, got none")
+    if missing:
+        return
+    for line, row in rows[1:]:
+        if len(row) != len(heading):
+            sheet.add("field-count", f"line {line}", f"expected {len(heading)} fields, got {len(row)}")
+    if sheet.readable:
+        _items(sheet, [(line, dict(zip(heading, map(str.strip, row), strict=True))) for line, row in rows[1:]])
+
+
+def _items(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
+    points: list[tuple[float, float]] = []
+    for place, (line, row) in enumerate(rows):
+        if row["number"] != str(place):
+            sheet.add("sequence", f"line {line}", f"expected number {place}, got {row['number'][:20]!r}")
+        if row["command"] == "home" and sheet.home is None:
+            sheet.home = _position(sheet, line, row)
+        elif row["command"] == "waypoint":
+            points.append(_position(sheet, line, row))
+            sheet.places.append(f"line {line}")
+        elif row["command"] != "return" or place != len(rows) - 1:
+            sheet.add("wrong-value", f"line {line}", f"expected home, waypoints and then one return, got {row['command'][:40]!r}")
+    sheet.points = np.array(points, dtype=np.float64).reshape(-1, 2)
+    if sheet.home is None:
+        sheet.add("no-home", "", "expected a line with the command 'home', got none")
+    if rows:
+        _attributes(sheet, rows, len(points))
+        if rows[-1][1]["command"] != "return":
+            sheet.add("no-return", f"line {rows[-1][0]}", f"expected a return at the end, got {rows[-1][1]['command'][:40]!r}")
+
+
+def _attributes(sheet: Sheet, rows: list[tuple[int, dict[str, str]]], n_points: int) -> None:
+    """Take the attributes of the first line, which all others repeat."""
+    first = {name: rows[0][1][name] for name in NAMES}
+    take_attributes(sheet, f"line {rows[0][0]}", first)
+    sheet.altitudes *= n_points
+    for line, row in rows[1:]:
+        for name in NAMES:
+            if row[name] != first[name]:
+                sheet.add("wrong-value", f"line {line}", f"expected {first[name]!r} as {name!r}, as above, got {row[name][:40]!r}")
+
+
+def _position(sheet: Sheet, line: int, row: dict[str, str]) -> tuple[float, float]:
+    found = []
+    for name in _DEGREES if sheet.geographic else _METRES:
+        try:
+            found.append(float(row[name]))
+        except ValueError:
+            sheet.add("wrong-value", f"line {line}", f"expected a number as {name!r}, got {row[name][:40]!r}")
+            return math.nan, math.nan
+        sheet.decimals = max(sheet.decimals or 0, decimals_of(row[name]))
+    return found[0], found[1]

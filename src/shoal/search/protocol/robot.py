@@ -1,0 +1,293 @@
+"""The robot: a pure state machine, (state, event) -> (state, actions). It knows what it has sensed and heard, and nothing else.
+
+The same machine runs in the simulation (`shoal.search.simulation`) and in processes with radios (`shoal.search.live`).
+
+It listens, allots the tour to all that it has heard of, searches its own part, and then what those ahead of it that have fallen
+silent leave, as far as the next live robot's part; that one comes to meet it if it has nothing else to do. While others are at
+work it waits, but never longer than would let it search all that it does not know to be searched before it would have gone once
+round alone. So whatever is lost or dies, one robot that lives searches everything in that time (paper H, p. 4 to 7: "As long as at
+least one robot remains alive, the search should complete").
+
+On a course with ways from cell to cell it may come upon a cell that cannot be entered. It tells the others, all go round, and what
+no robot can reach then is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import inf
+
+from shoal.search.allocation.allocate import Sweep
+from shoal.search.allocation.partition import cost_of_all, parts_of, previous_in
+from shoal.search.allocation.viewpoint_selection import best_stop
+from shoal.search.cells.distances import CellWays
+from shoal.search.protocol.events import (
+    Action,
+    Begin,
+    Blocked,
+    Declare,
+    Event,
+    Go,
+    GoHome,
+    Heard,
+    Obstructed,
+    Recharged,
+    Send,
+    Sensed,
+    WakeAt,
+)
+from shoal.search.protocol.inference import is_live, known_free, obstacles, patience, reachable, settled, step_cost
+from shoal.search.protocol.messages import Beacon, Sign
+from shoal.search.protocol.state import Brief, Peer, Robot
+from shoal.search.protocol.transitions import LOOK, blocked, obstructed, sensed
+from shoal.search.tours.bitset import bits_of, bits_to_array, last_in, next_in
+
+__all__ = ["LOOK", "Brief", "Robot", "advance"]
+
+_HELLOS = 8  # beacons while robots listen
+
+
+def advance(robot: Robot, event: Event) -> tuple[Robot, list[Action]]:
+    """Return the state after an event, and what the robot does.
+
+    Examples
+    --------
+    >>> from shoal.search import Course, make_tour
+    >>> from shoal.search.protocol.events import Begin, Wake
+    >>> brief = Brief(Course(make_tour("moore", (2, 2))))
+    >>> robot, actions = advance(Robot(7, brief, start=3), Begin(0.0))
+    >>> robot.status, [type(action).__name__ for action in actions]
+    ('listening', ['Send', 'WakeAt'])
+    >>> robot, actions = advance(robot, Wake(1.0))
+    >>> actions[0]
+    Go(cell=3, through=())
+    """
+    actions: list[Action] = []
+    time = event.time
+    match event:
+        case Begin():
+            robot = robot.but(began=time, next_beat=time, cell=robot.start, left=robot.brief.energy, passed=1 << robot.start)
+        case Heard():
+            robot = heard(robot, event.beacon, time)
+        case Sensed():
+            robot = sensed(robot, event)
+        case Blocked():
+            robot = blocked(robot, event.cell, time)
+        case Obstructed():
+            robot = obstructed(robot, event.cell, event.at)
+        case Recharged():
+            robot = robot.but(cell=robot.start, fresh=True, target=None, left=robot.brief.energy)
+    if robot.status == "listening" and time >= robot.began + robot.brief.hello - 1e-9:
+        robot = _allotted(robot, time)
+    wake = inf
+    if robot.status in ("searching", "waiting") and robot.target is None:
+        robot, action, wake = decided(robot, time)
+        if action is not None:
+            actions.append(action)
+    if robot.status != "complete" or robot.lingering > 0:
+        robot = _beaconed(robot, time, actions)
+        wake = min(wake, robot.next_beat)
+        if robot.status == "listening":
+            wake = min(wake, robot.began + robot.brief.hello)
+        actions.append(WakeAt(wake))
+    return robot, actions
+
+
+def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
+    """Add the beacon that is due."""
+    if time < robot.next_beat - 1e-9:
+        return robot
+    pause = robot.brief.beat if robot.status != "listening" else min(robot.brief.beat, robot.brief.hello / _HELLOS)
+    robot = robot.but(count=robot.count + 1, next_beat=time + pause)
+    if robot.status == "complete":
+        robot = robot.but(lingering=robot.lingering - 1)
+    own = Sign(robot.number, robot.count, robot.start, robot.rate, robot.status, robot.width)
+    signs = (own, *(peer.sign for peer in robot.peers.values()))
+    closed = tuple(robot.closed.items())
+    actions.append(Send(Beacon(robot.number, signs, tuple(robot.searched.items()), tuple(robot.found.items()), closed)))
+    return robot
+
+
+def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
+    """Return the state with all that a beacon tells."""
+    peers, lost, got = dict(robot.peers), robot.lost, robot.got
+    number = robot.number
+    for sign in beacon.signs:
+        known = peers.get(sign.robot)
+        if (known is not None and known.sign.count >= sign.count) or sign.robot == number:
+            continue
+        if sign.robot == beacon.sender and known is not None:
+            lost, got = lost + sign.count - known.sign.count - 1, got + 1
+        peers[sign.robot] = Peer(sign, time)
+    searched = _told(robot, robot.searched, beacon.searched)
+    closed = _told(robot, robot.closed, beacon.closed) if beacon.closed else robot.closed
+    found = robot.found
+    for cell, witnesses in beacon.found:
+        if cell < len(robot.brief.course) and witnesses & ~found.get(cell, 0):
+            found = {**found, cell: found.get(cell, 0) | witnesses}
+    return robot.but(peers=peers, lost=lost, got=got, searched=searched, found=found, closed=closed)
+
+
+def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], ...]) -> Mapping[int, int]:
+    """Return sets of cells by robot with what another one tells of them."""
+    for other, told in news:
+        bits = known.get(other, 0)
+        if told != bits and other != robot.number:
+            more = told & robot.brief.everything & ~bits  # what is no cell would never be settled
+            if more:
+                known = {**known, other: bits | more}
+    return known
+
+
+def _allotted(robot: Robot, time: float) -> Robot:
+    """Allot the tour to all robots heard of, if that leaves enough time to search all the rest alone."""
+    brief, n = robot.brief, len(robot.brief.course)
+    known = {robot.number: (robot.start, robot.rate, robot.width)}
+    known |= {number: (peer.sign.start % n, peer.sign.rate, peer.sign.width) for number, peer in robot.peers.items()}
+    parts = parts_of(brief.course, brief.method, tuple((number, *known[number]) for number in sorted(known)))
+    own = next(index for index, part in enumerate(parts) if part.robot == robot.number)
+    allotted = robot.but(parts=parts, own=own, status="searching", allotted_to=len(known))
+    last = time + _alone(allotted) / robot.rate
+    if robot.status == "listening":
+        return allotted.but(deadline=last)
+    return allotted if last <= robot.deadline + 1e-9 else robot.but(allotted_to=len(known))
+
+
+def _alone(robot: Robot) -> float:
+    """Return what it costs to search its own part, and then all the rest."""
+    course = robot.brief.course
+    rest = reachable(robot, -inf)[0] & ~(settled(robot, -inf) | robot.mine)
+    closed = obstacles(robot)
+    cost, here, fresh = 0.0, robot.cell, robot.fresh
+    for sweep in _sweeps(robot):
+        while (cell := sweep.next_of(rest, len(course))) is not None:
+            cost += step_cost(course, here, cell, fresh, closed)
+            here, fresh, rest = cell, False, rest & ~(1 << cell)
+    return cost + cost_of_all(course, rest, here, fresh, closed)
+
+
+def _sweeps(robot: Robot) -> list[Sweep]:
+    """Return its own work, and where cells are searched by several robots that of those ahead, too."""
+    return [
+        sweep
+        for ahead in range(min(robot.brief.fold, len(robot.parts)))
+        for sweep in robot.parts[(robot.own + ahead) % len(robot.parts)].sweeps
+    ]
+
+
+def decided(robot: Robot, time: float) -> tuple[Robot, Action | None, float]:
+    """Return what to do next, and until when to wait if it is nothing."""
+    if robot.allotted_to <= len(robot.peers):  # it has heard of another one
+        robot = _allotted(robot, time)
+    done = settled(robot, time)
+    own, anyone = reachable(robot, time)
+    if anyone & ~done == 0:
+        return robot.but(status="complete", next_beat=time), Declare(), inf
+    wanted = own & ~done & ~robot.mine
+    if time < robot.avoided_until and wanted & ~robot.avoided:
+        wanted &= ~robot.avoided
+    elif robot.avoided:
+        robot = robot.but(avoided=0)
+    cell = _own_cell(robot, wanted)
+    wake = inf
+    if cell is None:
+        cell, wake = _left_cell(robot, wanted, time)
+    if cell is None:
+        return robot.but(status="waiting"), None, wake
+    robot = robot.but(aim=cell)
+    return _on_the_way(robot, cell if robot.width == 1 else _stop_for(robot, cell, own, wanted, time))
+
+
+def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> int:
+    """Return where to see most of the part that a cell is in; the cell itself if then it could not search all the rest in time.
+
+    What is in time is reckoned as if it saw a cell only, so that it never waits for more than it can do.
+    """
+    course, n, closed = robot.brief.course, len(robot.brief.course), obstacles(robot)
+    part = next(part for part in robot.parts if part.bits >> cell & 1)
+
+    def cost(stop: int) -> float:
+        return step_cost(course, robot.cell, stop, robot.fresh, closed)
+
+    shut = (robot.avoided if time < robot.avoided_until else 0) | robot.brief.everything & ~own | closed
+    stop = best_stop(course, robot.width, robot.cell, bits_to_array(wanted & part.bits, n), cell, cost, shut)
+    left = wanted & ~bits_of(course.seen(stop, robot.width).tolist())
+    need = cost(stop) + cost_of_all(course, left, stop, False, closed)
+    return stop if time + need / robot.rate <= robot.deadline else cell
+
+
+def _on_the_way(robot: Robot, cell: int) -> tuple[Robot, Action, float]:
+    """Go to a cell, or home if the energy would not last for both."""
+    course, ways = robot.brief.course, robot.brief.course.ways
+    through: tuple[int, ...] = ()
+    home: tuple[int, ...] = ()
+    if isinstance(ways, CellWays):
+        closed = obstacles(robot)
+        cost = step_cost(course, robot.cell, cell, robot.fresh, closed)
+        through = course.through(robot.cell, cell, fresh=robot.fresh, closed=closed)
+        unsure = robot.brief.everything & ~known_free(robot)
+        home = ways.cells(robot.cell, robot.start, unsure)
+        need = 2 * cost + LOOK + ways.length(robot.cell, robot.start, unsure)  # it may have to come back by the way that it went
+    else:
+        cost = step_cost(course, robot.cell, cell, robot.fresh)
+        need = cost + (course.length(cell, robot.start) if robot.left < inf else 0.0)
+    if need > robot.left and robot.left < robot.brief.energy:
+        return robot.but(status="searching", target=-1), GoHome(home), inf
+    return robot.but(status="searching", target=cell, through=through, cost=cost), Go(cell, through), inf
+
+
+def _own_cell(robot: Robot, wanted: int) -> int | None:
+    """Return the next cell of its own work."""
+    for sweep in _sweeps(robot):
+        cell = sweep.next_of(wanted, len(robot.brief.course))
+        if cell is not None:
+            return int(cell)
+    return None
+
+
+def _comes(robot: Robot, number: int, own: int, time: float) -> bool:
+    """Tell whether another robot lives and can reach what this one can."""
+    peer = robot.peers.get(number)
+    return is_live(robot, number, time) and (peer is None or bool(own >> peer.sign.start % len(robot.brief.course) & 1))
+
+
+def _last_left(robot: Robot, wanted: int, own: int, time: float) -> int | None:
+    """Return the last cell of a dead robot's part before its own: it comes to meet the one that searches that from the front.
+
+    None if then it could not search all the rest alone in time.
+    """
+    course, n = robot.brief.course, len(robot.brief.course)
+    if robot.brief.fold > 1:
+        return None
+    for back in range(1, len(robot.parts)):
+        part = robot.parts[robot.own - back]
+        if _comes(robot, part.robot, own, time):
+            return None
+        if not part.bits & wanted:
+            continue
+        cell = last_in(part.bits & wanted, part.first, n)
+        closed = obstacles(robot)
+        need = step_cost(course, robot.cell, cell, robot.fresh, closed)
+        need += cost_of_all(course, wanted & ~(1 << cell), cell, False, closed)
+        return cell if time + need / robot.rate <= robot.deadline else None
+    return None
+
+
+def _left_cell(robot: Robot, wanted: int, time: float) -> tuple[int | None, float]:
+    """Return the next cell that others have left, or until when to wait for them."""
+    course = robot.brief.course
+    left, own = 0, reachable(robot, time)[0]
+    for index, part in enumerate(robot.parts):
+        if part.bits & wanted:
+            takers = previous_in(robot.parts, index, lambda number: _comes(robot, number, own, time), robot.brief.fold)
+            if robot.number in takers:
+                left |= part.bits & wanted
+    if left:
+        return next_in(left, robot.cell, len(course)), inf
+    if (cell := _last_left(robot, wanted, own, time)) is not None:
+        return cell, inf
+    last = robot.deadline - cost_of_all(course, wanted, robot.cell, robot.fresh, obstacles(robot)) / robot.rate
+    if wanted and time >= last - 1e-9:
+        return next_in(wanted, robot.cell, len(course)), inf
+    silences = [peer.heard + patience(robot) + 1e-6 for peer in robot.peers.values()]
+    return None, min([last if wanted else inf, *(moment for moment in silences if moment > time)], default=inf)

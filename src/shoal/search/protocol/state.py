@@ -1,0 +1,163 @@
+"""What a robot is told, what it knows of others, and the whole state of one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any
+
+from shoal.search.allocation.partition import Part
+from shoal.search.allocation.tour_cost import Course
+from shoal.search.protocol.messages import Sign, Status
+
+_LINGER = 12  # beacons that a robot sends when all is done
+
+
+@dataclass(frozen=True, slots=True)
+class Brief:
+    """What every robot knows from the beginning.
+
+    Parameters
+    ----------
+    course : Course
+    method : str
+        How the tour is allotted; see `allocate`.
+    fold : int
+        How many robots must search each cell.
+    hello : float
+        How long robots listen before they go; all times are those that a robot of speed 1 takes for a cell.
+    beat : float
+        Between beacons.
+    energy : float
+        How long a robot can move before it must be back at its start to recharge.
+    recharge : float
+        How long that takes.
+    """
+
+    course: Course
+    method: str = "hop"
+    fold: int = 1
+    hello: float = 1.0
+    beat: float = 1.0
+    energy: float = inf
+    recharge: float = 0.0
+
+    @property
+    def everything(self) -> int:
+        """All cells, as bits."""
+        return (1 << len(self.course)) - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """What a robot knows of another one: its latest sign of life, and when it came."""
+
+    sign: Sign
+    heard: float
+
+
+@dataclass(frozen=True)
+class Robot:
+    """The state of a robot.
+
+    Parameters
+    ----------
+    number : int
+        Its own, different from all others'.
+    brief : Brief
+    start : int
+        The number on the tour of the cell in which it starts.
+    rate : float
+        How fast it moves and searches.
+    width : int
+        How many cells wide its footprint is, odd.
+    status : str
+        "listening", "searching", "waiting", "complete".
+    cell : int
+        Where it has been last, the number on the tour.
+    fresh : bool
+        Whether it has searched nothing since it was in ``cell`` without searching it.
+    target : int or None
+        The cell that it is on the way to.
+    aim : int or None
+        What it goes there for: that cell, or with a wider footprint one that it sees from there.
+    through : tuple of int
+        The cells of that way, if there may be obstacles.
+    cost : float
+        Of going there and searching it.
+    parts : tuple of Part
+        Who is to search what, in the order of the tour.
+    own : int
+        Which of them is its own; -1 before it listens no more.
+    peers : mapping of int to Peer
+    searched : mapping of int to int
+        By robot, the cells that it is said to have searched, as bits.
+    found : mapping of int to int
+        By cell, the robots that have found something there, as bits.
+    closed : mapping of int to int
+        By robot, the cells that it says cannot be entered, as bits.
+    passed : int
+        The cells that it has been in or come by across a corner, as bits: they are free. Kept where there may be obstacles.
+    avoided : int
+        Cells where its way was blocked, until ``avoided_until``.
+    count : int
+        Beacons sent.
+    next_beat : float
+        When the next beacon is due.
+    allotted_to : int
+        How many robots the tour was last allotted to.
+    began : float
+        When it was switched on.
+    deadline : float
+        When it would have searched everything alone.
+    left : float
+        Energy.
+    lost, got : int
+        Messages that it knows to have missed, and others.
+    lingering : int
+        How many beacons it will still send when all is done.
+    """
+
+    number: int
+    brief: Brief
+    start: int
+    rate: float = 1.0
+    width: int = 1
+    status: Status = "listening"
+    cell: int = 0
+    fresh: bool = True
+    target: int | None = None
+    aim: int | None = None
+    through: tuple[int, ...] = ()
+    cost: float = 0.0
+    parts: tuple[Part, ...] = ()
+    own: int = -1
+    peers: Mapping[int, Peer] = field(default_factory=dict)
+    searched: Mapping[int, int] = field(default_factory=dict)
+    found: Mapping[int, int] = field(default_factory=dict)
+    closed: Mapping[int, int] = field(default_factory=dict)
+    passed: int = 0
+    avoided: int = 0
+    avoided_until: float = 0.0
+    count: int = 0
+    next_beat: float = 0.0
+    allotted_to: int = 0
+    began: float = 0.0
+    deadline: float = inf
+    left: float = inf
+    lost: int = 0
+    got: int = 0
+    lingering: int = _LINGER
+
+    @property
+    def mine(self) -> int:
+        """The cells that it has searched itself, as bits."""
+        return self.searched.get(self.number, 0)
+
+    def but(self, **changes: Any) -> Robot:
+        """Return the same with other values: `dataclasses.replace`, but quick, as it happens at every message."""
+        other = object.__new__(Robot)
+        other.__dict__.update(self.__dict__)
+        other.__dict__.update(changes)
+        return other

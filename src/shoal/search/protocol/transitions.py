@@ -1,0 +1,46 @@
+"""What a robot knows when it has come somewhere: to the cell that it wanted to search, or before one that it cannot enter."""
+
+from __future__ import annotations
+
+from shoal.search.cells.distances import CellWays
+from shoal.search.protocol.events import Sensed
+from shoal.search.protocol.state import Robot
+from shoal.search.tours.bitset import bits_of
+
+_AVOIDED = 3.0  # cells: how long a robot goes elsewhere after its way was blocked
+LOOK = 1.0  # cells: what it costs to come up to an obstacle from the middle of the cell before it, and back
+
+
+def sensed(robot: Robot, event: Sensed) -> Robot:
+    """Stand where it has searched: what it sees from there is done."""
+    cell, found = event.cell, robot.found
+    seen = 1 << cell if robot.width == 1 else bits_of(robot.brief.course.seen(cell, robot.width).tolist())
+    searched = {**robot.searched, robot.number: robot.mine | seen}
+    for one in (*((cell,) if event.found else ()), *event.beside):
+        found = {**found, one: found.get(one, 0) | 1 << robot.number}
+    free = passed(robot, robot.through)
+    left = robot.left - robot.cost
+    return robot.but(searched=searched, found=found, cell=cell, fresh=False, target=None, through=(), passed=free, left=left)
+
+
+def blocked(robot: Robot, cell: int, time: float) -> Robot:
+    """Go elsewhere for a while: two robots that want to pass one another would stand there for ever."""
+    at = robot.but(cell=cell, fresh=True, target=None, through=(), left=robot.left - robot.cost)
+    free = passed(robot, robot.through)
+    return at.but(passed=free, avoided=robot.avoided | 1 << cell, avoided_until=time + _AVOIDED)
+
+
+def obstructed(robot: Robot, cell: int, at: int) -> Robot:
+    """Stand before an obstacle, and tell of it."""
+    course = robot.brief.course
+    way = robot.through[: robot.through.index(at) + 1] if at in robot.through else ()
+    left = robot.left - course.length(robot.cell, at) - LOOK
+    closed = {**robot.closed, robot.number: robot.closed.get(robot.number, 0) | 1 << cell}
+    free, fresh = passed(robot, way), robot.fresh or at != robot.cell
+    return robot.but(target=None, through=(), cell=at, fresh=fresh, closed=closed, passed=free, left=left)
+
+
+def passed(robot: Robot, way: tuple[int, ...]) -> int:
+    """Return the cells, as bits, that it knows to be free because it came by, after some more."""
+    ways = robot.brief.course.ways
+    return robot.passed | ways.crossed(robot.cell, way) if way and isinstance(ways, CellWays) else robot.passed

@@ -1,0 +1,205 @@
+"""From outlines as a file has them to a region in metres."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from shoal.errors import InvalidInputError
+from shoal.search.regions.builtin import is_named, named_region
+from shoal.search.regions.formats import read_outlines
+from shoal.search.regions.outline_checks import (
+    Outline,
+    Outlines,
+    Points,
+    Ring,
+    check_degrees,
+    check_metres,
+    check_polygon,
+    outlines_of,
+    text_of,
+)
+from shoal.search.regions.projection import REACH, LocalFrame, utm_zone
+from shoal.search.regions.region import SearchRegion, region_of
+
+
+def open_region(
+    source: str | os.PathLike[str],
+    *,
+    no_go: Any = None,
+    layer: str | None = None,
+    across_zones: bool = False,
+) -> SearchRegion:
+    """Return a region by name or from a file.
+
+    Parameters
+    ----------
+    source : str or path
+        A name, in metres: ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` (both from the origin), ``circle:RADIUS``,
+        ``ring:OUTERxINNER`` (radii; both around the origin). Or a file: ``.geojson .json .kml .gpkg .shp`` (degrees, or a
+        projection that the file names) or ``.csv`` (metres); see `shoal.search.regions.formats`.
+    no_go : optional
+        Zones that robots keep out of, in the units of the source (longitude and latitude, or metres): a file of one of the formats
+        above, points of shape (n, 2), a Shapely polygon, or a sequence of these. A file may hold no-go zones itself.
+    layer : str, optional
+        Which layer of a GeoPackage; needed if it has several.
+    across_zones : bool
+        Accept a region on both sides of a border between UTM zones. Shoal's own frame does not mind; other tools may.
+
+    Returns
+    -------
+    SearchRegion
+        Sides are straight in the local frame; from the line that is straight in degrees they differ by an amount that grows with
+        the square of their length.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        In one sentence that says where.
+
+    Examples
+    --------
+    >>> open_region("rectangle:200x100")
+    <SearchRegion 'rectangle:200x100': 20000 m2, 1 parts, 0 holes>
+    >>> open_region("square:100", no_go=[(20, 20), (40, 20), (40, 40)]).area_m2
+    9800.0
+    """
+    text = os.fspath(source)
+    if not isinstance(text, str):
+        raise InvalidInputError(f"region: expected a name or the path of a file, got {source!r}")
+    extra = _several(no_go)
+    if is_named(text) and not os.path.exists(text):
+        if layer is not None:
+            raise InvalidInputError(f"layer: expected it only with a GeoPackage, got {layer!r} with the region {text!r}")
+        return assembled(named_region(text), extra, name=text, across_zones=across_zones)
+    found = read_outlines(text, layer=layer)
+    name = os.path.splitext(os.path.basename(text))[0].encode("utf-8", "replace").decode()
+    return assembled(found, extra, name=name, across_zones=across_zones)
+
+
+def assembled(found: Outlines, extra: Sequence[Any], *, name: str, across_zones: bool) -> SearchRegion:
+    """Return the region of some outlines, less the no-go zones among them and those given beside.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    searched = [outline for outline in found.outlines if not outline.no_go]
+    if not searched:
+        raise InvalidInputError(f"{found.where}: expected a polygon to search, got none but no-go zones")
+    zones = [outline for outline in found.outlines if outline.no_go]
+    beside = [outline for k, zone in enumerate(extra) for outline in _zone(zone, f"no-go zone {k + 1}", found)]
+    frame: LocalFrame | None = None
+    if found.geographic:
+        for ring in (ring for outline in (*searched, *zones, *beside) for ring in outline.rings):
+            check_degrees(ring)
+        frame = _frame(searched, found.where, across_zones=across_zones)
+    wanted = [_polygon(outline, frame, closed=found.closed) for outline in searched]
+    taken = [_polygon(outline, frame, closed=found.closed) for outline in zones]
+    taken += [_polygon(outline, frame, closed=False) for outline in beside]
+    try:
+        return region_of(_joined(wanted), frame=frame, no_go=_joined(taken) if taken else None, name=name)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{found.where}: {error}") from None
+
+
+def _polygon(outline: Outline, frame: LocalFrame | None, *, closed: bool) -> Any:
+    """Return an outline as a valid polygon in metres."""
+    import shapely
+
+    if frame is None:
+        for ring in outline.rings:
+            check_metres(ring)
+        return check_polygon(outline, closed=closed)
+    degrees = check_polygon(outline, closed=closed)
+    for ring in outline.rings:
+        _check_reach(ring, frame)
+    flat = shapely.transform(degrees, frame.to_metres)
+    # A vertex that lay on a side in degrees may come out a hair beyond it.
+    return flat if flat.is_valid else flat.buffer(0)
+
+
+def _joined(polygons: list[Any]) -> Any:
+    import shapely
+
+    parts = shapely.get_parts(shapely.union_all(polygons))
+    return shapely.MultiPolygon([part for part in parts if part.geom_type == "Polygon"])
+
+
+def _frame(searched: list[Outline], where: str, *, across_zones: bool) -> LocalFrame:
+    points: Points = np.vstack([outline.shell.points for outline in searched])
+    points = points[np.isfinite(points).all(axis=1)]  # others are refused ring by ring, with their place
+    if len(points) == 0:
+        raise InvalidInputError(f"{where}: expected a region with vertices, got an empty one")
+    west, east = float(points[:, 0].min()), float(points[:, 0].max())
+    if east - west > 180:
+        raise InvalidInputError(
+            f"{where}: expected a region that does not cross the 180° meridian, got longitudes from {west:g} to {east:g}"
+        )
+    frame = LocalFrame.around(points)
+    for outline in searched:
+        _check_reach(outline.shell, frame)
+    # A region that ends on a border between zones does not lie in both.
+    zones = utm_zone(west), utm_zone(np.nextafter(east, west) if east > west else east)
+    if zones[0] != zones[1] and not across_zones:
+        raise InvalidInputError(
+            f"{where}: expected a region inside one UTM zone, got longitudes {west:.10g} to {east:.10g}, "
+            f"on both sides of {-180 + 6 * zones[0]}°, in zones {zones[0]} and {zones[1]} (the option across_zones accepts it)"
+        )
+    return frame
+
+
+def _check_reach(ring: Ring, frame: LocalFrame) -> None:
+    from pyproj import Geod
+
+    origin = np.broadcast_to([frame.longitude, frame.latitude], ring.points.shape)
+    away = np.nan_to_num(Geod(ellps="WGS84").inv(*origin.T, *ring.points.T)[2])
+    index = int(np.argmax(away))
+    if away[index] <= REACH:
+        return
+    raise InvalidInputError(
+        f"{ring.vertex(index)}: expected a region within {REACH / 1000:g} km of its middle "
+        f"{text_of([frame.longitude, frame.latitude])}, got {text_of(ring.points[index])}; search its parts one by one"
+    )
+
+
+def _zone(zone: Any, what: str, found: Outlines) -> list[Outline]:
+    """Return a no-go zone given beside the region as outlines in the region's units."""
+    if isinstance(zone, str | os.PathLike):
+        read = read_outlines(zone)
+        if read.geographic != found.geographic:
+            units = ["metres", "degrees"]
+            raise InvalidInputError(
+                f"{read.where}: expected no-go zones in {units[found.geographic]}, as the region has, got {units[read.geographic]}"
+            )
+        return list(read.outlines)
+    if hasattr(zone, "geom_type"):
+        outlines = outlines_of(zone, what)
+        if not outlines:
+            raise InvalidInputError(f"{what}: expected a polygon, got {zone.geom_type}")
+        return outlines
+    try:
+        points = np.asarray(zone, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.zeros(0)
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise InvalidInputError(f"{what}: expected a file, a Shapely polygon or points of shape (n, 2), got {str(zone)[:80]}")
+    return [Outline(Ring(points, what), no_go=True)]
+
+
+def _several(no_go: Any) -> Sequence[Any]:
+    """Return no-go zones as a sequence: one that stands alone is a file, a Shapely object or points."""
+    if no_go is None:
+        return []
+    alone = isinstance(no_go, str | os.PathLike) or hasattr(no_go, "geom_type")
+    if not alone:
+        try:
+            alone = np.asarray(no_go, dtype=np.float64).ndim == 2
+        except (TypeError, ValueError):
+            alone = False
+    if alone or not isinstance(no_go, Sequence | np.ndarray):
+        return [no_go]
+    return list(no_go)

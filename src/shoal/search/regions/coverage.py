@@ -1,0 +1,191 @@
+"""What the footprints of driven or flown routes leave of a region: by Shapely alone, without cells or tours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.search.regions.outline_checks import Points, check_points
+from shoal.search.regions.region import TOUCH, SearchRegion
+
+_FEW = 48  # swept shapes that are united at once
+_SMALLEST = 0.5  # of a footprint: blocks are not cut further, for what lies about a smaller one mostly covers it
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """What was covered.
+
+    Parameters
+    ----------
+    covered_fraction : float
+        Of the region's area, 0 to 1.
+    uncovered_m2 : float
+    uncovered : shapely Polygon, MultiPolygon or GeometryCollection
+        What nobody saw.
+    outside_m : float
+        Length of all legs outside of the region, beyond the tolerance; metres.
+    legs_outside : int
+        How many legs leave it; a vehicle that stands counts as a leg.
+    length_m : float
+        Length of all legs.
+    """
+
+    covered_fraction: float
+    uncovered_m2: float
+    uncovered: Any
+    outside_m: float
+    legs_outside: int
+    length_m: float
+
+
+def coverage_check(
+    region: SearchRegion, routes: Sequence[ArrayLike], footprint: ArrayLike, *, tolerance: float = TOUCH
+) -> Coverage:
+    """Return what vehicles on some routes saw and where they left the region.
+
+    A vehicle sees the square of side ``footprint`` around it, its sides along the axes, all along its legs. From inside, a vehicle
+    can see every point of the region, for it can stand there: so the whole area counts.
+
+    Parameters
+    ----------
+    region : SearchRegion
+    routes : sequence of array_like of float, each of shape (k, 2)
+        One for each vehicle: points in metres, straight legs between them. A route of one point is a vehicle that stands.
+    footprint : float, or array_like of float
+        Metres; one for all, or one a route.
+    tolerance : float
+        Metres by which a leg may leave the region before it counts as outside: files round the coordinates of routes.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> seen = coverage_check(open_region("rectangle:40x20"), [[(5, 5), (35, 5)], [(5, 15), (25, 15)]], 10)
+    >>> seen.covered_fraction, seen.uncovered_m2, seen.outside_m
+    (0.875, 100.0, 0.0)
+    """
+    import shapely
+
+    sides = check_footprints(footprint, len(routes), what="route")
+    if isinstance(tolerance, bool) or not 0 <= float(tolerance) < np.inf:
+        raise InvalidInputError(f"tolerance: expected a length of 0 or more in metres, got {tolerance!r}")
+    ways = [check_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
+    starts, ends = _legs(ways)
+    swept = [
+        _swept(*_once(*_legs([way for way, own in zip(ways, sides, strict=True) if own == side])), side / 2)
+        for side in np.unique(sides).tolist()
+    ]
+    uncovered = _without(region.area, np.concatenate(swept), float(sides.min())) if swept else region.area
+    left = float(uncovered.area)
+    lengths = np.hypot(*(ends - starts).T)
+    lines = shapely.linestrings(np.stack([starts, ends], axis=1))
+    allowed = region.area.buffer(tolerance) if tolerance > 0 else region.area
+    shapely.prepare(allowed)
+    strays = lines[~shapely.covers(allowed, lines)]
+    outside = float(shapely.length(shapely.difference(strays, allowed)).sum())
+    return Coverage(1 - left / region.area_m2, left, uncovered, outside, len(strays), float(lengths.sum()))
+
+
+def _legs(ways: list[Points]) -> tuple[Points, Points]:
+    """Return both ends of the legs of all routes; those on one line in a row are one leg."""
+    starts, ends = [np.zeros((0, 2))], [np.zeros((0, 2))]
+    for way in ways:
+        if len(way) == 0:
+            continue
+        bends = _bends(way)
+        if len(bends) == 1:
+            bends = np.repeat(bends, 2, axis=0)
+        starts.append(bends[:-1])
+        ends.append(bends[1:])
+    return np.concatenate(starts), np.concatenate(ends)
+
+
+def _bends(way: Points) -> Points:
+    """Return a route without points on a straight leg: exactly straight, for this check trusts no tolerance."""
+    way = way[np.concatenate([[True], np.any(np.diff(way, axis=0) != 0, axis=1)])]
+    steps = np.diff(way, axis=0)
+    turn = steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0]
+    straight = (turn == 0) & (np.sum(steps[:-1] * steps[1:], axis=1) > 0)
+    return np.asarray(way[np.concatenate([[True], ~straight, np.ones(min(1, len(steps)), dtype=np.bool_)])])
+
+
+def _once(starts: Points, ends: Points) -> tuple[Points, Points]:
+    """Return legs without those driven before, in either direction."""
+    back = (starts[:, 0] > ends[:, 0]) | ((starts[:, 0] == ends[:, 0]) & (starts[:, 1] > ends[:, 1]))
+    legs = np.where(back[:, None], np.hstack([ends, starts]), np.hstack([starts, ends]))
+    once = np.unique(legs, axis=0)
+    return once[:, :2], once[:, 2:]
+
+
+def _swept(starts: Points, ends: Points, half: float) -> Any:
+    """Return what the footprint sweeps on each leg: the hull of the squares at both ends."""
+    import shapely
+
+    square = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    corners = np.concatenate([starts[:, None] + square, ends[:, None] + square], axis=1)
+    return shapely.convex_hull(shapely.multipoints(corners))
+
+
+def _without(area: Any, shapes: Any, footprint: float) -> Any:
+    """Return an area less many shapes: cut into blocks with few shapes each, for the union of all at once is slow."""
+    import shapely
+
+    if len(shapes) == 0:
+        return area
+    tree = shapely.STRtree(shapes)
+    left: list[Any] = []
+    blocks = [area]
+    while blocks:
+        block = blocks.pop()
+        if block.is_empty or block.area == 0:
+            continue
+        low_x, low_y, high_x, high_y = block.bounds
+        box = shapely.box(low_x, low_y, high_x, high_y)
+        near = tree.query(box, predicate="intersects")
+        if len(near) and shapely.covers(shapes[near], box).any():
+            continue
+        if len(near) > _FEW and max(high_x - low_x, high_y - low_y) > _SMALLEST * footprint:
+            blocks += _halves(block)
+        else:
+            left.append(block.difference(shapely.union_all(shapes[near])))
+    return shapely.union_all([shape for shape in left if shape.area > 0])
+
+
+def _halves(block: Any) -> list[Any]:
+    import shapely
+
+    low_x, low_y, high_x, high_y = block.bounds
+    if high_x - low_x > high_y - low_y:
+        middle = (low_x + high_x) / 2
+        boxes = [shapely.box(low_x, low_y, middle, high_y), shapely.box(middle, low_y, high_x, high_y)]
+    else:
+        middle = (low_y + high_y) / 2
+        boxes = [shapely.box(low_x, low_y, high_x, middle), shapely.box(low_x, middle, high_x, high_y)]
+    return [block.intersection(box) for box in boxes]
+
+
+def check_footprints(footprint: ArrayLike, robots: int, *, what: str = "robot") -> NDArray[np.float64]:
+    """Return the footprint of each robot, metres; float64, shape (robots,).
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    try:
+        given = np.asarray(footprint, dtype=np.float64)
+    except (TypeError, ValueError):
+        given = np.full(1, np.nan)
+    if not given.size or not (np.isfinite(given) & (given > 0)).all() or isinstance(footprint, bool):
+        raise InvalidInputError(f"footprint: expected a length above 0 in metres, got {footprint!r:.200}")
+    if given.shape not in ((), (robots,)):
+        raise InvalidInputError(f"footprint: expected one length, or {robots}, one a {what}, got {np.size(given)}")
+    return np.broadcast_to(given, (robots,)).astype(np.float64)

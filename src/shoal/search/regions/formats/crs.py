@@ -1,0 +1,58 @@
+"""Coordinates in any coordinate reference system, to WGS84 degrees or metres of no place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from shoal.errors import InvalidInputError
+from shoal.search.regions.outline_checks import Outline, Outlines, Ring, text_of
+
+
+def to_degrees(outlines: tuple[Outline, ...], where: str, crs: str) -> Outlines:
+    """Return outlines with longitude and latitude in WGS84, from coordinates in ``crs`` (a name, an EPSG code or WKT).
+
+    Coordinates come east first, as GeoJSON, GeoPackage and Shapefile have them. A system of no place on Earth leaves metres.
+
+    Raises
+    ------
+    InvalidInputError
+        If the system is not known, or a coordinate lies outside of it.
+    """
+    from pyproj import CRS, Transformer
+    from pyproj.exceptions import ProjError
+
+    try:
+        system = CRS.from_user_input(crs)
+    except ProjError:
+        name = " ".join(crs.split())
+        raise InvalidInputError(f"{where}: expected a known coordinate reference system, got {name[:80]!r}") from None
+    if system.type_name == "Engineering CRS" or system.name.startswith("Undefined"):
+        return Outlines(outlines, where, geographic=False)
+    if system.equals(CRS.from_epsg(4326), ignore_axis_order=True):
+        return Outlines(outlines, where, geographic=True)
+    try:
+        transformer = Transformer.from_crs(system, CRS.from_epsg(4326), always_xy=True)
+    except ProjError:
+        raise InvalidInputError(f"{where}: expected a system that leads to WGS84, got {system.name!r}") from None
+    moved = tuple(
+        replace(outline, shell=_moved(outline.shell, transformer), holes=tuple(_moved(hole, transformer) for hole in outline.holes))
+        for outline in outlines
+    )
+    return Outlines(moved, where, geographic=True)
+
+
+def _moved(ring: Ring, transformer: Any) -> Ring:
+    finite = np.isfinite(ring.points).all(axis=1)
+    points = ring.points.copy()
+    points[finite] = np.stack(transformer.transform(*ring.points[finite].T), axis=1)
+    lost = finite & ~np.isfinite(points).all(axis=1)
+    if lost.any():
+        index = int(np.argmax(lost))
+        raise InvalidInputError(
+            f"{ring.vertex(index)}: expected coordinates inside the file's coordinate reference system, "
+            f"got {text_of(ring.points[index])}"
+        )
+    return replace(ring, points=points)

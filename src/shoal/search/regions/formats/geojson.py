@@ -1,0 +1,111 @@
+"""GeoJSON (RFC 7946), walked by hand so that every complaint has its place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shoal.errors import InvalidInputError
+from shoal.search.regions.formats.crs import to_degrees
+from shoal.search.regions.formats.text import is_true, read_json
+from shoal.search.regions.outline_checks import Outline, Outlines, Points, Ring
+
+_OTHER = {"Point", "MultiPoint", "LineString", "MultiLineString"}
+
+
+def read_geojson(path: Path) -> Outlines:
+    """Return the polygons in a GeoJSON file.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    data = read_json(path)
+    found: list[Outline] = []
+    passed: set[str] = set()
+    _walk(data, str(path), False, found, passed)
+    if not found:
+        got = "only " + " and ".join(sorted(passed)) if passed else "none"
+        raise InvalidInputError(f"{path}: expected a Polygon or MultiPolygon, got {got}")
+    name = _crs_name(data, str(path))
+    if name is None:
+        return Outlines(tuple(found), str(path), geographic=True)
+    return to_degrees(tuple(found), str(path), name)
+
+
+def _walk(data: Any, where: str, no_go: bool, found: list[Outline], passed: set[str]) -> None:
+    """Collect the polygons of a GeoJSON object, and the types of what is no polygon."""
+    if not isinstance(data, dict):
+        raise InvalidInputError(f"{where}: expected a GeoJSON object, got {_short(data)}")
+    kind = data.get("type")
+    if kind == "FeatureCollection":
+        for k, feature in enumerate(_list(data, "features", where)):
+            _walk(feature, f"{where}: feature {k + 1}", no_go, found, passed)
+    elif kind == "Feature":
+        if data.get("geometry") is not None:
+            properties = data.get("properties")
+            zone = isinstance(properties, dict) and is_true(properties.get("no_go"))
+            _walk(data["geometry"], where, no_go or zone, found, passed)
+    elif kind == "GeometryCollection":
+        for k, geometry in enumerate(_list(data, "geometries", where)):
+            _walk(geometry, f"{where}, geometry {k + 1}", no_go, found, passed)
+    elif kind == "Polygon":
+        found.append(_polygon(_list(data, "coordinates", where), where, no_go))
+    elif kind == "MultiPolygon":
+        for k, rings in enumerate(_list(data, "coordinates", where)):
+            if not isinstance(rings, list):
+                raise InvalidInputError(f"{where}, polygon {k + 1}: expected a list of rings, got {_short(rings)}")
+            found.append(_polygon(rings, f"{where}, polygon {k + 1}", no_go))
+    elif isinstance(kind, str) and kind in _OTHER:
+        passed.add(kind)
+    else:
+        got = "no type" if kind is None else f"the type {_short(kind)}"
+        raise InvalidInputError(f"{where}: expected a GeoJSON Polygon, MultiPolygon, Feature or FeatureCollection, got {got}")
+
+
+def _list(data: dict[str, Any], key: str, where: str) -> list[Any]:
+    value = data.get(key)
+    if not isinstance(value, list):
+        raise InvalidInputError(f"{where}: expected a list of {key}, got {_short(value) if key in data else 'none'}")
+    return value
+
+
+def _polygon(rings: list[Any], where: str, no_go: bool) -> Outline:
+    if not rings:
+        raise InvalidInputError(f"{where}: expected a polygon with a ring, got an empty one")
+    made = [Ring(_points(ring, f"{where}, ring {k + 1}"), f"{where}, ring {k + 1}") for k, ring in enumerate(rings)]
+    return Outline(made[0], tuple(made[1:]), no_go)
+
+
+def _points(ring: Any, where: str) -> Points:
+    if not isinstance(ring, list):
+        raise InvalidInputError(f"{where}: expected a list of positions, got {_short(ring)}")
+    for k, position in enumerate(ring):
+        good = isinstance(position, list) and len(position) >= 2
+        if not good or not all(isinstance(n, int | float) and not isinstance(n, bool) for n in position):
+            raise InvalidInputError(f"{where}, vertex {k + 1}: expected [longitude, latitude], got {_short(position)}")
+    try:
+        return np.array([position[:2] for position in ring], dtype=np.float64).reshape(-1, 2)
+    except OverflowError:
+        raise InvalidInputError(f"{where}: expected coordinates, got an integer beyond any") from None
+
+
+def _crs_name(data: Any, where: str) -> str | None:
+    """Return the name in the "crs" member that GeoJSON had before RFC 7946."""
+    if not isinstance(data, dict) or data.get("crs") is None:
+        return None
+    crs = data["crs"]
+    properties = crs.get("properties") if isinstance(crs, dict) else None
+    name = properties.get("name") if isinstance(properties, dict) else None
+    if not isinstance(name, str):
+        raise InvalidInputError(f'{where}: expected a "crs" with the name of a coordinate reference system, got {_short(crs)}')
+    return name
+
+
+def _short(value: Any) -> str:
+    text = repr(value) if not isinstance(value, list | dict) else f"{'a list' if isinstance(value, list) else 'an object'}"
+    if isinstance(value, list) and len(value) <= 4 and not any(isinstance(item, list | dict) for item in value):
+        text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,171 @@
+"""The region to search: a polygon or several, with holes, in metres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.search.regions.outline_checks import Points, check_points, place_of, text_of
+from shoal.search.regions.projection import LocalFrame
+
+TOUCH = 1e-6  # metres: who is nearer to the region than this is in it
+
+
+@dataclass(frozen=True, eq=False)
+class SearchRegion:
+    """What is to be searched, and where the robots may be. Made by `open_region` and `region_of`.
+
+    Parameters
+    ----------
+    area : shapely Polygon or MultiPolygon
+        Valid, x east and y north in metres; no-go zones are taken out of it already. Its border belongs to it.
+    frame : LocalFrame or None
+        Where on Earth the metres are; None for plain metres.
+    no_go : shapely Polygon or MultiPolygon
+        The zones that were taken out; empty if there are none.
+    name : str
+    """
+
+    area: Any
+    frame: LocalFrame | None
+    no_go: Any
+    name: str
+
+    @property
+    def area_m2(self) -> float:
+        """Square metres to be searched."""
+        return float(self.area.area)
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Least x, least y, largest x, largest y, in metres."""
+        left, low, right, high = self.area.bounds
+        return float(left), float(low), float(right), float(high)
+
+    @cached_property
+    def parts(self) -> tuple[Any, ...]:
+        """The polygons that the region consists of: no robot comes from one to another inside. Largest first."""
+        import shapely
+
+        pieces = shapely.get_parts(self.area)
+        return tuple(sorted(pieces, key=lambda part: (-part.area, part.bounds)))
+
+    @cached_property
+    def reach(self) -> Any:
+        """The area grown by half of `TOUCH`, prepared: what points and lines are tested against, so that rounding does no harm."""
+        import shapely
+
+        grown = self.area.buffer(TOUCH / 2, join_style="mitre")
+        shapely.prepare(grown)
+        return grown
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Tell for each point whether it lies inside or on the border, within `TOUCH`; bool, shape (n,)."""
+        import shapely
+
+        array = check_points(points, what="points")
+        return np.asarray(shapely.intersects_xy(self.reach, array[:, 0], array[:, 1]))
+
+    def check_inside(self, points: ArrayLike, *, what: str = "start") -> Points:
+        """Return points as float64, shape (n, 2).
+
+        Raises
+        ------
+        InvalidInputError
+            If one lies outside the region, with its coordinates and how far it is.
+        """
+        array = check_points(points, what=what)
+        outside = ~self.contains(array)
+        if outside.any():
+            import shapely
+
+            index = int(np.argmax(outside))
+            away = float(shapely.distance(self.area, shapely.points(array[index])))
+            degrees = ""
+            if self.frame is not None and np.hypot(*array[index]) < 1e5:
+                degrees = f" (longitude and latitude {text_of(self.frame.to_degrees(array[index : index + 1])[0])})"
+            raise InvalidInputError(
+                f"{what}: expected points inside the region {self.name!r}, got {text_of(array[index])} m{degrees} "
+                f"at point {index + 1}, {away:.3g} m outside"
+            )
+        return array
+
+    def __repr__(self) -> str:
+        holes = sum(len(part.interiors) for part in self.parts)
+        return f"<SearchRegion {self.name!r}: {self.area_m2:.10g} m2, {len(self.parts)} parts, {holes} holes>"
+
+
+def region_of(area: Any, *, frame: LocalFrame | None = None, no_go: Any = None, name: str = "region") -> SearchRegion:
+    """Return the region of a Shapely polygon in metres, less the zones that robots must keep out of.
+
+    Parameters
+    ----------
+    area : shapely Polygon or MultiPolygon
+        Parts that overlap are taken together.
+    frame : LocalFrame, optional
+        Where on Earth it is.
+    no_go : shapely Polygon or MultiPolygon, optional
+        In the same metres; zones may overlap each other and reach outside.
+    name : str
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no polygon, it is not valid, or nothing is left of it.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> region_of(shapely.box(0, 0, 20, 10), no_go=shapely.box(5, 5, 10, 8))
+    <SearchRegion 'region': 185 m2, 1 parts, 1 holes>
+    """
+    import shapely
+
+    whole = _only_polygons(area, what=name)
+    zones = _only_polygons(no_go, what=f"{name}: no-go zones") if no_go is not None else shapely.Polygon()
+    free = whole if zones.is_empty else _polygons_in(whole.difference(zones))
+    if free.is_empty or not free.area > 0:
+        got = "an empty one" if zones.is_empty else "one that the no-go zones cover wholly"
+        raise InvalidInputError(f"{name}: expected a region with an area to search, got {got}")
+    return SearchRegion(free, frame, zones, name)
+
+
+def _only_polygons(shape: Any, *, what: str) -> Any:
+    """Return a Shapely polygon or several as one valid shape with no overlaps."""
+    import shapely
+    from shapely.validation import explain_validity
+
+    if not isinstance(shape, shapely.Polygon | shapely.MultiPolygon):
+        raise InvalidInputError(f"{what}: expected a Shapely Polygon or MultiPolygon, got {type(shape).__name__}")
+    if not np.isfinite(shapely.get_coordinates(shape)).all():
+        raise InvalidInputError(f"{what}: expected finite coordinates, got NaN or infinity")
+    parts = shapely.get_parts(shapely.force_2d(shape))
+    for index, part in enumerate(parts):
+        if not part.is_valid:
+            said = explain_validity(part)
+            raise InvalidInputError(
+                f"{what}: expected a valid polygon, got {said.partition('[')[0].lower()}{place_of(said)} in part {index + 1}"
+            )
+    return _polygons_in(shapely.union_all(parts)) if len(parts) > 1 else parts[0] if len(parts) else shapely.Polygon()
+
+
+def _polygons_in(shape: Any) -> Any:
+    """Return a shape without the lines and points that an overlay may leave in it, and without parts below rounding."""
+    import shapely
+
+    parts = [part for part in _flattened(shape) if part.geom_type == "Polygon" and part.area > 0]
+    size = max((float(np.ptp(np.reshape(part.bounds, (2, 2)), axis=0).max()) for part in parts), default=0.0)
+    kept = [part for part in parts if part.area > 1e-15 * size * size]
+    return kept[0] if len(kept) == 1 else shapely.MultiPolygon(kept)
+
+
+def _flattened(shape: Any) -> list[Any]:
+    import shapely
+
+    parts = shapely.get_parts(shape)
+    return [piece for part in parts for piece in (_flattened(part) if hasattr(part, "geoms") else [part])]

@@ -1,0 +1,159 @@
+"""Scenario: all that a simulation depends on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from math import inf
+
+import numpy as np
+
+from shoal.errors import InvalidInputError
+from shoal.search.allocation.plan import SearchPlan
+from shoal.search.allocation.tour_cost import Course
+from shoal.search.cells.distances import CellWays
+from shoal.search.cells.footprint import check_widths
+from shoal.search.protocol.robot import Brief
+from shoal.search.simulation.faults import Fault, WrongPosition
+from shoal.search.simulation.network import Network, network_of
+from shoal.search.tours.bitset import bits_of
+
+
+def first_obstacle(course: Course, blocked: int, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
+    """Return the first of some cells, as bits, that is in the way, None if none is, and how many cells of the way are before it."""
+    ways = course.ways
+    if blocked and isinstance(ways, CellWays):
+        for index, (one, other) in enumerate(pairwise((here, *through))):
+            for cell in (other, *ways.beside(one, other)):
+                if blocked >> cell & 1:
+                    return cell, index
+    return None, len(through)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """All that a simulation depends on.
+
+    Parameters
+    ----------
+    brief : Brief
+    starts : tuple of int
+        The number on the tour of the cell in which each robot starts; robots are numbered from 1 on.
+    rates : tuple of float
+        Their speeds.
+    network : Network
+    faults : tuple of Fault
+    targets : tuple of int
+        Cells with something to find.
+    detection : float
+        Probability that a robot that searches a cell finds what is there.
+    false_alarm : float
+        Probability that it finds something where nothing is.
+    obstacles : tuple of int
+        Cells that cannot be entered, which robots find out when they come to them; on courses with ways from cell to cell.
+    widths : tuple of int
+        How many cells wide the footprint of each robot is, odd.
+    seed : int
+    """
+
+    brief: Brief
+    starts: tuple[int, ...]
+    rates: tuple[float, ...] = ()
+    network: Network = field(default_factory=Network)
+    faults: tuple[Fault, ...] = ()
+    targets: tuple[int, ...] = ()
+    detection: float = 1.0
+    false_alarm: float = 0.0
+    obstacles: tuple[int, ...] = ()
+    widths: tuple[int, ...] = ()
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        m, n = len(self.starts), len(self.brief.course)
+        if not m or any(not 0 <= start < n for start in self.starts):
+            raise InvalidInputError(f"starts: expected one or more cells from 0 to {n - 1}, got {list(self.starts)!r:.200}")
+        if not self.rates:
+            object.__setattr__(self, "rates", (1.0,) * m)
+        if len(self.rates) != m or any(not 0 < rate < inf for rate in self.rates):
+            raise InvalidInputError(f"rates: expected {m} speeds above 0, got {list(self.rates)!r:.200}")
+        if not self.widths:
+            object.__setattr__(self, "widths", (1,) * m)
+        check_widths(np.asarray(self.widths), m, self.brief.course.tour)
+        for fault in self.faults:
+            if not 1 <= fault.robot <= m:
+                raise InvalidInputError(f"fault: expected a robot from 1 to {m}, got {fault}")
+        self._check_obstacles(n)
+
+    def _check_obstacles(self, n: int) -> None:
+        if self.obstacles and not self.brief.course.stepwise:
+            raise InvalidInputError("obstacles: expected a course with ways from cell to cell, got one with straight ways")
+        if any(not 0 <= cell < n for cell in self.obstacles):
+            raise InvalidInputError(f"obstacles: expected cells from 0 to {n - 1}, got {list(self.obstacles)!r:.200}")
+        for number, start in enumerate(self.starts, start=1):
+            if start in self.obstacles:
+                raise InvalidInputError(f"obstacles: expected none where a robot starts, got cell {start}, of robot {number}")
+        if self.brief.course.stepwise and any(isinstance(fault, WrongPosition) for fault in self.faults):
+            raise InvalidInputError("fault: expected no wrong positions where robots go from cell to cell")
+
+    @cached_property
+    def blocked(self) -> int:
+        """The obstacles, as bits."""
+        return sum(1 << cell for cell in set(self.obstacles))
+
+    def obstacle_on(self, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
+        """Return the first obstacle that a robot meets on a way, and how many cells of the way are before it."""
+        return first_obstacle(self.brief.course, self.blocked, here, through)
+
+    @cached_property
+    def goal(self) -> int:
+        """The cells, as bits, that some robot can reach."""
+        found = 0
+        for number in range(1, len(self.starts) + 1):
+            found |= self.reach(number)
+        return found
+
+    def seen(self, number: int, cell: int) -> int:
+        """Return the cells, as bits, that a robot sees from one."""
+        width = self.widths[number - 1]
+        return 1 << cell if width == 1 else bits_of(self.brief.course.seen(cell, width).tolist())
+
+    def reach(self, number: int) -> int:
+        """Return the cells, as bits, that a robot can reach."""
+        ways = self.brief.course.ways
+        if not isinstance(ways, CellWays):
+            return self.brief.everything
+        return ways.reach(self.starts[number - 1], self.blocked)
+
+
+def scenario_of(
+    plan: SearchPlan,
+    *,
+    network: str,
+    loss: float,
+    faults: tuple[Fault, ...],
+    fold: int,
+    energy: float,
+    recharge: float,
+    speed: float,
+    targets: tuple[int, ...],
+    detection: float,
+    false_alarm: float,
+    obstacles: tuple[int, ...],
+    seed: int,
+) -> Scenario:
+    """Return the scenario of a plan: lengths in sides of a cell instead of metres, times in that of a cell; see `search`."""
+    size = plan.grid.size
+    return Scenario(
+        Brief(plan.course, plan.allocation.method, fold=fold, energy=energy / size, recharge=recharge * speed / size),
+        tuple(int(start) for start in plan.starts),
+        tuple(float(rate) for rate in plan.rates),
+        network=network_of(network, loss=loss),
+        faults=faults,
+        targets=targets,
+        detection=detection,
+        false_alarm=false_alarm,
+        obstacles=obstacles,
+        widths=tuple(int(width) for width in plan.widths),
+        seed=seed,
+    )

@@ -1,0 +1,390 @@
+"""A deterministic simulation: one thread, one clock, one seed; the same seed gives the same trace, byte for byte."""
+
+from __future__ import annotations
+
+import heapq
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from shoal.errors import InvalidInputError
+from shoal.search.protocol.events import (
+    Action,
+    Begin,
+    Blocked,
+    Declare,
+    Event,
+    Go,
+    GoHome,
+    Heard,
+    Obstructed,
+    Recharged,
+    Send,
+    Sensed,
+    Wake,
+    WakeAt,
+)
+from shoal.search.protocol.inference import is_live, step_cost
+from shoal.search.protocol.messages import Beacon, decode, encode
+from shoal.search.protocol.robot import LOOK, Robot, advance
+from shoal.search.simulation.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
+from shoal.search.simulation.network import Link, damage
+from shoal.search.simulation.scenario import Scenario
+from shoal.search.tours.bitset import cells_of
+
+__all__ = ["Outcome", "Scenario", "Vehicle", "World"]
+
+_TRIES = 8  # how often a robot knocks at a cell that another one is in, before it goes elsewhere
+_KNOCK = 0.25  # cells, in time, between
+
+
+@dataclass
+class Vehicle:
+    """A robot's body: where it is, and what of it works."""
+
+    robot: Robot
+    place: int  # the cell, as a number on the tour
+    true_rate: float
+    energy: float = inf  # what is left of it in truth
+    alive: bool = True
+    paused_until: float = 0.0
+    liar: bool = False
+    searching: int | None = None  # the cell that it is in to search it
+    going: int | None = None
+    aimed: int | None = None  # what it last went to a cell for: `Robot.aim`
+    tries: int = 0
+    wake: float = inf
+    travelled: float = 0.0
+    waited: float = 0.0  # for others to leave a cell
+    visits: list[tuple[float, int]] = field(default_factory=list)  # when it had searched which cell
+    passing: tuple[int, ...] = ()  # the cells that it has passed since
+    detours: list[tuple[int, ...]] = field(default_factory=list)  # the same before each visit
+    obstructed: list[tuple[float, int]] = field(default_factory=list)  # when it met which obstacle
+    states: list[tuple[float, str]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a simulation came to.
+
+    Parameters
+    ----------
+    covered : int
+        The cells searched by robots that do not lie, as bits.
+    covered_at : float
+        When the last cell that some robot can reach was searched by one that does not lie; infinite if some never were.
+    declared : dict of int to float
+        When each robot declared the search complete.
+    vehicles : dict of int to Vehicle
+    sent, lost : int
+        Messages, counted by receiver, and how many of them did not arrive whole.
+    takeovers : int
+        How often a robot began to search another one's part.
+    time : float
+        Of the last event.
+    trace : bytes
+        One line of JSON an event, if a trace was asked for.
+    """
+
+    covered: int
+    covered_at: float
+    declared: dict[int, float]
+    vehicles: dict[int, Vehicle]
+    sent: int
+    lost: int
+    takeovers: int
+    time: float
+    trace: bytes
+
+
+class World:
+    """The simulation of one scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    check : callable, optional
+        Called with the world and the number of the robot after every event; the invariants of the tests, for one.
+    trace : bool
+        Write down every event.
+    """
+
+    def __init__(self, scenario: Scenario, *, check: Callable[[World, int], None] | None = None, trace: bool = False) -> None:
+        self.scenario, self.check, self.tracing = scenario, check, trace
+        self.rng = np.random.default_rng(scenario.seed)
+        self.time = 0.0
+        self.covered = 0  # by robots that do not lie, as bits
+        self.goal = scenario.goal
+        self.searched: dict[int, int] = {}  # by robot, what it has searched in truth
+        self.covered_at = inf
+        self.declared: dict[int, float] = {}
+        self.sent = self.lost = self.takeovers = 0
+        self.lines: list[bytes] = []
+        self._queue: list[tuple[float, int, int, str, Any]] = []
+        self._number = 0
+        self.vehicles = {number: self._vehicle(number) for number in range(1, len(scenario.starts) + 1)}
+        for fault in scenario.faults:
+            if isinstance(fault, Crash | Pause):
+                self._post(fault.time, fault.robot, "crash" if isinstance(fault, Crash) else "pause", fault)
+        for number in self.vehicles:
+            self._post(0.0, number, "event", Begin(0.0))
+
+    def _vehicle(self, number: int) -> Vehicle:
+        scenario, brief = self.scenario, self.scenario.brief
+        start, rate, width = scenario.starts[number - 1], scenario.rates[number - 1], scenario.widths[number - 1]
+        believed = start
+        body = Vehicle(Robot(number, brief, start, rate, width), start, rate, energy=brief.energy)
+        for fault in scenario.faults:
+            if fault.robot != number:
+                continue
+            if isinstance(fault, WrongPosition):
+                believed = (start + fault.off) % len(brief.course)
+                body.robot = Robot(number, brief, believed, rate, width)
+            elif isinstance(fault, Battery):
+                body.energy = fault.energy
+            elif isinstance(fault, Liar):
+                body.liar = True
+        self.searched[number] = 0
+        return body
+
+    def _post(self, time: float, robot: int, kind: str, what: Any) -> None:
+        self._number += 1
+        heapq.heappush(self._queue, (time, self._number, robot, kind, what))
+
+    def run(self, *, until: float = inf) -> Outcome:
+        """Play all events up to a time; return what came of it."""
+        while self._queue and self._queue[0][0] <= until:
+            self.time, _, number, kind, what = heapq.heappop(self._queue)
+            vehicle = self.vehicles[number]
+            if not vehicle.alive:
+                continue
+            if kind in ("crash", "pause"):
+                self._fail(vehicle, kind, what)
+                continue
+            if self.time < vehicle.paused_until:
+                if kind != "heard":  # what it would have heard is gone; all else waits
+                    self._post(vehicle.paused_until, number, kind, what)
+                continue
+            getattr(self, f"_do_{kind}")(vehicle, what)
+            if self.check is not None:
+                self.check(self, number)
+        return Outcome(
+            self.covered,
+            self.covered_at,
+            self.declared,
+            self.vehicles,
+            self.sent,
+            self.lost,
+            self.takeovers,
+            self.time,
+            b"".join(self.lines),
+        )
+
+    def _fail(self, vehicle: Vehicle, kind: str, what: Crash | Pause) -> None:
+        self._write(vehicle, kind)
+        vehicle.searching = None  # others can go around what does not move
+        if isinstance(what, Crash):
+            self._die(vehicle)
+        else:
+            vehicle.paused_until = max(vehicle.paused_until, what.until)
+            vehicle.states.append((self.time, "paused"))
+
+    def _die(self, vehicle: Vehicle) -> None:
+        vehicle.alive, vehicle.searching = False, None
+        vehicle.states.append((self.time, "dead"))
+
+    def _write(self, vehicle: Vehicle, kind: str, **more: Any) -> None:
+        if self.tracing:
+            line = {"time": round(self.time, 9), "robot": vehicle.robot.number, "event": kind, **more}
+            self.lines.append(json.dumps(line).encode() + b"\n")
+
+    # What happens, by kind of entry in the queue.
+
+    def _do_event(self, vehicle: Vehicle, event: Event) -> None:
+        vehicle.robot, actions = advance(vehicle.robot, event)
+        state = vehicle.robot.status
+        if not vehicle.states or vehicle.states[-1][1] != state:
+            vehicle.states.append((self.time, state))
+            self._write(vehicle, state)
+        if state in ("waiting", "complete"):
+            vehicle.searching = None  # it stands aside
+        for action in actions:
+            self._act(vehicle, action)
+
+    def _do_wake(self, vehicle: Vehicle, time: float) -> None:
+        if time == vehicle.wake:  # not asked for anew since
+            vehicle.wake = inf
+            self._do_event(vehicle, Wake(self.time))
+
+    def _do_heard(self, vehicle: Vehicle, message: Beacon | bytes) -> None:
+        if isinstance(message, bytes):
+            try:
+                message = decode(message)
+            except InvalidInputError:
+                return
+        self._do_event(vehicle, Heard(self.time, message))
+
+    def _do_enter(self, vehicle: Vehicle, cell: int) -> None:
+        """Come into a cell to search it, if nobody is in there."""
+        others = (other for other in self.vehicles.values() if other is not vehicle and other.alive)
+        rate = self._rate(vehicle)
+        if any(other.searching == cell for other in others):
+            vehicle.searching = None
+            if vehicle.tries < _TRIES:
+                vehicle.tries += 1
+                vehicle.waited += _KNOCK / rate
+                self._post(self.time + _KNOCK / rate, vehicle.robot.number, "enter", cell)
+            else:
+                vehicle.place, vehicle.going = cell, None
+                vehicle.passing += vehicle.robot.through
+                self._write(vehicle, "blocked", cell=cell)
+                self._do_event(vehicle, Blocked(self.time, cell))
+            return
+        vehicle.searching = vehicle.place = cell
+        self._post(self.time + 1.0 / rate, vehicle.robot.number, "sense", cell)
+
+    def _do_sense(self, vehicle: Vehicle, cell: int) -> None:
+        if vehicle.searching != cell:  # it was stopped in between and stands beside
+            self._do_enter(vehicle, cell)
+            return
+        scenario, number = self.scenario, vehicle.robot.number
+        found = self._finds(vehicle, cell)
+        seen = scenario.seen(number, cell)
+        beside = () if seen == 1 << cell else tuple(one for one in cells_of(seen) if one != cell and self._finds(vehicle, one))
+        if not vehicle.liar:
+            self.searched[number] |= seen
+            if seen & ~self.covered:
+                self.covered |= seen
+                if self.covered_at == inf and not self.goal & ~self.covered:
+                    self.covered_at = self.time
+        vehicle.visits.append((self.time, cell))
+        vehicle.detours.append(vehicle.passing + vehicle.robot.through[:-1])
+        vehicle.passing = ()
+        vehicle.going, vehicle.aimed = None, vehicle.robot.aim
+        self._write(vehicle, "searched", cell=cell, found=found, **({"beside": beside} if beside else {}))
+        self._do_event(vehicle, Sensed(self.time, cell, found, beside))
+
+    def _finds(self, vehicle: Vehicle, cell: int) -> bool:
+        """Tell whether a robot takes a cell for one with something to find."""
+        chance = self.scenario.detection if cell in self.scenario.targets else self.scenario.false_alarm
+        return bool(self.rng.random() < (0.5 if vehicle.liar else chance)) if chance or vehicle.liar else False
+
+    def _do_obstructed(self, vehicle: Vehicle, found: tuple[int, int]) -> None:
+        cell, vehicle.place = found
+        vehicle.going = None
+        vehicle.obstructed.append((self.time, cell))
+        self._write(vehicle, "obstructed", cell=cell)
+        self._do_event(vehicle, Obstructed(self.time, cell, vehicle.place))
+
+    def _do_home(self, vehicle: Vehicle, _: None) -> None:
+        vehicle.place, vehicle.energy = vehicle.robot.start, self._full(vehicle.robot.number)
+        self._write(vehicle, "recharged")
+        self._do_event(vehicle, Recharged(self.time))
+
+    # What robots do.
+
+    def _act(self, vehicle: Vehicle, action: Action) -> None:
+        number = vehicle.robot.number
+        match action:
+            case Go(cell, through):
+                self._go(vehicle, cell, through)
+            case GoHome(through):
+                away = self._length(vehicle.place, through or (vehicle.robot.start,))
+                vehicle.searching = None
+                vehicle.passing += through
+                if self._spend(vehicle, away):
+                    self._write(vehicle, "home")
+                    self._post(self.time + away / self._rate(vehicle) + self.scenario.brief.recharge, number, "home", None)
+            case Send(beacon):
+                self._broadcast(vehicle, beacon)
+            case WakeAt(time):
+                if time < inf and time != vehicle.wake:
+                    self._post(max(time, self.time), number, "wake", time)
+                vehicle.wake = time
+            case Declare():
+                self.declared[number] = self.time
+                self._write(vehicle, "declared")
+
+    def _length(self, here: int, through: tuple[int, ...]) -> float:
+        """Return the length of a way by some cells."""
+        course = self.scenario.brief.course
+        return sum(course.length(one, other) for one, other in pairwise((here, *through)))
+
+    def _go(self, vehicle: Vehicle, cell: int, through: tuple[int, ...]) -> None:
+        robot, course = vehicle.robot, self.scenario.brief.course
+        if self._takes_over(vehicle):
+            self.takeovers += 1
+            self._write(vehicle, "takes over", cell=cell)
+        vehicle.going, vehicle.tries = cell, 0
+        obstacle, free = self.scenario.obstacle_on(vehicle.place, through)
+        if obstacle is not None:
+            self._stop_before(vehicle, obstacle, through[:free])
+            return
+        cost = robot.cost if through else step_cost(course, vehicle.place, cell, robot.fresh)
+        if not self._spend(vehicle, cost):
+            return
+        if cost > 1.0 + 1e-12:
+            vehicle.searching = None  # on the way it is in no cell to search it
+        self._post(self.time + (cost - 1.0) / self._rate(vehicle), robot.number, "enter", cell)
+
+    def _stop_before(self, vehicle: Vehicle, obstacle: int, way: tuple[int, ...]) -> None:
+        cost = self._length(vehicle.place, way) + LOOK
+        vehicle.searching = None
+        if self._spend(vehicle, cost):
+            at = way[-1] if way else vehicle.place
+            vehicle.passing += way
+            self._post(self.time + cost / self._rate(vehicle), vehicle.robot.number, "obstructed", (obstacle, at))
+
+    def _takes_over(self, vehicle: Vehicle) -> bool:
+        """Tell whether a robot begins with the part of another one that it takes for dead."""
+        robot = vehicle.robot
+        part = next(part for part in robot.parts if robot.aim is not None and part.bits >> robot.aim & 1)
+        again = vehicle.aimed is not None and bool(part.bits >> vehicle.aimed & 1)
+        return not again and not is_live(robot, part.robot, self.time)
+
+    def _spend(self, vehicle: Vehicle, cost: float) -> bool:
+        """Take energy; a robot that has too little dies on the way."""
+        vehicle.energy -= cost
+        vehicle.travelled += cost
+        if vehicle.energy >= -1e-9:
+            return True
+        self._write(vehicle, "battery out")
+        self._die(vehicle)
+        return False
+
+    def _full(self, number: int) -> float:
+        limits = [fault.energy for fault in self.scenario.faults if isinstance(fault, Battery) and fault.robot == number]
+        return min([self.scenario.brief.energy, *limits])
+
+    def _rate(self, vehicle: Vehicle) -> float:
+        rate = vehicle.true_rate
+        for fault in self.scenario.faults:
+            if isinstance(fault, Slow) and fault.robot == vehicle.robot.number and self.time >= fault.time:
+                rate /= fault.factor
+        return rate
+
+    def _broadcast(self, sender: Vehicle, beacon: Beacon) -> None:
+        course, number = self.scenario.brief.course, sender.robot.number
+        network, data = self.scenario.network, b""
+        for other, receiver in self.vehicles.items():
+            if other == number:
+                continue
+            self.sent += 1
+            if not receiver.alive:
+                self.lost += 1
+                continue
+            if not network.media:
+                self._post(self.time, other, "heard", beacon)
+                continue
+            link = Link(number, other, self.time, course.between(sender.place, receiver.place))
+            arrived = network.send(link, self.rng)
+            self.lost += all(copy.damaged for copy in arrived)
+            for copy in arrived:
+                data = data or (encode(beacon) if copy.damaged else b"")
+                message = damage(data, self.rng) if copy.damaged else beacon
+                self._post(self.time + copy.delay, other, "heard", message)

@@ -1,0 +1,144 @@
+"""Random scenarios: regions, robots, networks and faults of all kinds, from one number each."""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from shoal.search.allocation.tour_cost import Course
+from shoal.search.cells.distances import CellWays
+from shoal.search.protocol.robot import Brief
+from shoal.search.simulation.faults import Battery, Crash, Fault, Liar, Pause, Slow, WrongPosition
+from shoal.search.simulation.network import Network, network_of
+from shoal.search.simulation.world import Scenario
+from shoal.search.tours import make_tour
+
+TOURS = ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree", "open-hilbert")
+METHODS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
+_STEPWISE = 0.3  # share of scenarios in which robots go from cell to cell and meet obstacles
+_LARGEST = 10  # rows and columns
+_MOST_ROBOTS = 30
+
+
+def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
+    """Return the scenario of a number; if ``wide``, with footprints of 1 to 5 cells' width and parts shared by real ways.
+
+    Examples
+    --------
+    >>> random_scenario(7).starts == random_scenario(7).starts
+    True
+    """
+    rng = np.random.default_rng(seed)
+    tour = make_tour(str(rng.choice(TOURS)), random_mask(rng))
+    ways = CellWays(tour) if rng.random() < _STEPWISE else None
+    course = Course(tour, turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])), ways=ways, reckoned=wide)
+    n, m = len(course), int(rng.integers(1, _MOST_ROBOTS + 1) if rng.random() < 0.1 else min(rng.geometric(0.18), _MOST_ROBOTS))
+    whole = course.whole
+    fold = int(rng.choice([1, 1, 1, 2, 3]))
+    energy = float(rng.choice([inf, inf, inf, 1.0])) * (whole / 2 + 3 * _LARGEST)
+    brief = Brief(
+        course,
+        str(rng.choice(METHODS)),
+        fold=fold,
+        hello=float(rng.choice([0.5, 1.0, 3.0])),
+        beat=float(rng.choice([1.0, 2.0, 4.0, 6.0])),
+        energy=energy,
+        recharge=float(rng.integers(0, 5)),
+    )
+    starts = _starts(rng, n, m)
+    rates = (1.0,) * m if rng.random() < 0.6 else tuple(float(rate) for rate in rng.uniform(0.5, 2.0, size=m))
+    return Scenario(
+        brief,
+        starts,
+        rates,
+        network=random_network(rng, whole),
+        faults=random_faults(rng, m, whole, liars=fold - 1, energy=energy, lost=ways is None),
+        targets=tuple(int(cell) for cell in rng.integers(0, n, size=rng.integers(0, 4))),
+        detection=float(rng.choice([1.0, 0.8])),
+        false_alarm=float(rng.choice([0.0, 0.02])),
+        obstacles=() if ways is None else random_obstacles(rng, n, starts),
+        widths=tuple(int(width) for width in np.random.default_rng([seed, 1]).choice([1, 1, 3, 5], size=m)) if wide else (),
+        seed=seed,
+    )
+
+
+def random_mask(rng: Generator) -> NDArray[np.bool_]:
+    """Return a random region, bool, shape (H, W): a whole rectangle, one with holes, or one full of gaps; at least one cell."""
+    shape = tuple(int(side) for side in rng.integers(1, _LARGEST + 1, size=2))
+    mask = np.ones(shape, dtype=np.bool_)
+    kind = rng.integers(3)
+    if kind == 1:
+        for _ in range(int(rng.integers(1, 4))):
+            low = rng.integers(0, shape)
+            high = low + rng.integers(1, 5, size=2)
+            mask[low[0] : high[0], low[1] : high[1]] = False
+    elif kind == 2:
+        mask = rng.random(shape) < rng.uniform(0.4, 0.95)
+    if not mask.any():
+        mask[rng.integers(shape[0]), rng.integers(shape[1])] = True
+    return mask
+
+
+def random_network(rng: Generator, whole: float) -> Network:
+    """Return a random network: all is lost, nothing, or up to three models together."""
+    kind = rng.integers(8)
+    if kind == 0:
+        return network_of(loss=1.0)
+    if kind == 1:
+        return Network()
+    since, until = np.sort(rng.random(2) * whole)
+    models = [
+        f"loss:{rng.random():.3f}",
+        f"bursts:{rng.uniform(0.01, 0.5):.3f}:{rng.uniform(0.01, 0.5):.3f}",
+        f"range:{rng.uniform(1, _LARGEST):.2f}",
+        f"partition:{since:.2f}:{until:.2f}",
+        f"delay:{rng.uniform(0.01, 4):.3f}",
+        f"duplicates:{rng.random() / 2:.3f}",
+        f"corruption:{rng.random() / 2:.3f}",
+    ]
+    return network_of(",".join(rng.choice(models, size=rng.integers(1, 4), replace=False)))
+
+
+def random_obstacles(rng: Generator, n: int, starts: tuple[int, ...]) -> tuple[int, ...]:
+    """Return cells that cannot be entered: none to two fifths of all, but no starts."""
+    drawn = rng.permutation(n)[: int(rng.uniform(0, 0.4) * n)]
+    return tuple(int(cell) for cell in drawn if cell not in starts)
+
+
+def random_faults(rng: Generator, robots: int, whole: float, *, liars: int, energy: float, lost: bool) -> tuple[Fault, ...]:
+    """Return random faults; at most so many liars, wrong positions if ``lost``, and every fourth time all robots but one die."""
+    found: list[Fault] = []
+    numbers = [int(number) for number in 1 + rng.permutation(robots)]
+    if rng.random() < 0.25:
+        early = rng.random() < 0.5
+        return tuple(Crash(number, 0.0 if early else float(rng.random() * whole / 2)) for number in numbers[1:])
+    for number in numbers[1:]:
+        kind = rng.integers(16)
+        time = float(rng.random() * whole / 2)
+        if kind in (0, 1):
+            found.append(Crash(number, time))
+        elif kind == 2:
+            found.append(Pause(number, time, time + float(rng.random() * whole)))
+        elif kind == 3:
+            found.append(Slow(number, float(rng.uniform(1.5, 5)), time))
+        elif kind == 4:
+            found.append(Battery(number, float(rng.random()) * min(energy, whole)))
+        elif kind == 5 and lost:
+            found.append(WrongPosition(number, int(rng.integers(1, 50))))
+        elif kind == 6 and liars > 0:
+            found.append(Liar(number))
+            liars -= 1
+    return tuple(found)
+
+
+def _starts(rng: Generator, n: int, robots: int) -> tuple[int, ...]:
+    """Return random starts: anywhere, close together, or all in one cell."""
+    kind = rng.integers(4)
+    if kind == 0:
+        return (int(rng.integers(n)),) * robots
+    if kind == 1:
+        return tuple(int(cell) % n for cell in rng.integers(n) + rng.integers(0, max(2, n // 8), size=robots))
+    return tuple(int(cell) for cell in rng.integers(0, n, size=robots))

@@ -1,0 +1,375 @@
+"""The mission linter finds each mistake when it alone is planted into good files."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shoal.cli import run
+from shoal.errors import InvalidInputError
+from shoal.search import open_region
+from shoal.search.missions import FORMATS, RULES, Mission, lint, missions_of, read_mission, write_missions
+
+FIELD = {
+    "type": "FeatureCollection",
+    "features": [
+        {
+            "type": "Feature",
+            "properties": {"no_go": zone},
+            "geometry": {"type": "Polygon", "coordinates": [[[w, s], [e, s], [e, n], [w, n], [w, s]]]},
+        }
+        for zone, (w, s, e, n) in [(False, (8.5, 47.4, 8.504, 47.402)), (True, (8.5018, 47.4008, 8.5022, 47.4012))]
+    ],
+}
+LANES = [(8.50030017, 47.40030013), (8.50370017, 47.40030013), (8.50370017, 47.40060013), (8.50030017, 47.40060013)]
+HOME = (8.50010011, 47.40010019)
+
+
+@pytest.fixture(scope="module")
+def region(tmp_path_factory):
+    path = tmp_path_factory.mktemp("field") / "field.json"
+    path.write_text(json.dumps(FIELD))
+    return open_region(path)
+
+
+def mission(**changes):
+    return Mission(**{"waypoints": LANES, "home": HOME, **changes})
+
+
+def text(change, *, name="robot-01"):
+    """Change the text of a file."""
+    return lambda folder, suffix: edit(folder / f"{name}{suffix}", change)
+
+
+def edit(path, change):
+    before = path.read_text()
+    after = change(before)
+    assert after != before, "nothing was planted"
+    path.write_text(after)
+
+
+def swap(old, new, count=1):
+    return text(lambda before: before.replace(old, new, count))
+
+
+def pattern(old, new, count=1):
+    return text(lambda before: re.sub(old, new, before, count=count, flags=re.S))
+
+
+def plan(change, name="robot-01"):
+    """Change the content of a .plan, which keeps its decimals."""
+
+    def plant(folder, suffix):
+        path = folder / f"{name}{suffix}"
+        data = json.loads(path.read_text())
+        change(data)
+        path.write_text(json.dumps(data))
+
+    return plant
+
+
+def items(change):
+    return plan(lambda data: change(data["mission"]["items"]))
+
+
+def numbered(rows):
+    for number, item in enumerate(rows, start=1):
+        item["doJumpId"] = number
+
+
+def drop(index):
+    def change(rows):
+        del rows[index]
+        numbered(rows)
+
+    return items(change)
+
+
+def lines(change):
+    return text(lambda before: "\n".join(change(before.splitlines())) + "\n")
+
+
+def wpl(row, field, value):
+    def change(rows):
+        fields = rows[row].split("\t")
+        fields[field] = value
+        return [*rows[:row], "\t".join(fields), *rows[row + 1 :]]
+
+    return lines(change)
+
+
+def swapped_rows(rows):
+    return [*rows[:4], *("\t".join([*f[:8], f[9], f[8], *f[10:]]) for f in (row.split("\t") for row in rows[4:8])), *rows[8:]]
+
+
+def instead(**changes):
+    """Write another mission."""
+
+    def plant(folder, suffix):
+        write_missions([mission(**changes)], folder, formats=[name for name in FORMATS if FORMATS.get(name).suffix == suffix])
+
+    return plant
+
+
+def rover(plant=None, **changes):
+    def both(folder, suffix):
+        instead(kind="rover", altitude=0.0, **changes)(folder, suffix)
+        if plant is not None:
+            plant(folder, suffix)
+
+    return both
+
+
+def beside(*missions):
+    return lambda folder, _suffix: write_missions([mission(), *missions], folder, formats=["plan"])
+
+
+def every_axis(folder, suffix):
+    """Swap all axes of a file, home too: only where the mission should be tells."""
+    points = [point[::-1] for point in LANES]
+    instead(waypoints=points, home=HOME[::-1])(folder, suffix)
+
+
+def other_speed(folder, _suffix):
+    write_missions([mission()], folder, formats=["plan", "gpx"])
+    edit(folder / "robot-01.gpx", lambda before: before.replace('speed_m_s="5"', 'speed_m_s="6"'))
+
+
+def other_place(folder, _suffix):
+    write_missions([mission()], folder, formats=["plan", "kml"])
+    edit(folder / "robot-01.kml", lambda before: before.replace("8.50370017,47.40060013", "8.50370017,47.40059913"))
+
+
+def other_autopilot(folder, _suffix):
+    write_missions([mission()], folder, formats=["geojson", "kml"])
+    edit(folder / "robot-01.kml", lambda before: before.replace("px4", "ardupilot"))
+
+
+def extra_waypoints(count):
+    rng = np.random.default_rng(5)
+    return [(8.5003 + 0.003 * x, 47.4003 + 0.0003 * y) for x, y in rng.random((count, 2))]
+
+
+DOCTYPE = '<!DOCTYPE kml [<!ENTITY a "47">]>\n<kml'
+# rule, suffix, what plants it, where it is found (place), other rules that come with it
+PLANTS = [
+    ("unreadable", ".plan", swap('"version": 1,', '"version": 1 1,'), "line 3", ()),
+    ("unreadable", ".geojson", swap("[", "[[", 1), "line", ()),
+    ("unreadable", ".kml", swap("<name>", "<nome>"), "line 3", ()),
+    ("unreadable", ".kml", swap("<kml", DOCTYPE), "line 2", ()),
+    ("unreadable", ".gpx", swap("<ele>", "<ele>&x;"), "line 6", ()),
+    ("unreadable", ".csv", lambda folder, _: (folder / "robot-01.csv").write_bytes(b"number,\xff\n"), "line 1", ()),
+    ("missing-key", ".plan", plan(lambda data: data.pop("geoFence")), "", ()),
+    ("missing-key", ".plan", plan(lambda data: data.pop("rallyPoints")), "", ()),
+    ("missing-key", ".plan", plan(lambda data: data["mission"].pop("firmwareType")), "mission", ()),
+    ("missing-key", ".plan", items(lambda rows: rows[2].pop("autoContinue")), "mission, item 3", ()),
+    ("missing-key", ".plan", items(lambda rows: rows[2].pop("doJumpId")), "mission, item 3", ()),
+    ("missing-key", ".geojson", swap('"vehicle"', '"wagon"'), "feature 1", ()),
+    ("missing-key", ".kml", swap('name="sortie"', 'name="flight"'), "line", ()),
+    ("missing-key", ".gpx", pattern("<rte>.*</rte>", ""), "", ()),
+    ("missing-key", ".gpx", swap("<rtept lat", "<rtept latitude"), "line 6", ()),
+    ("missing-key", ".csv", swap("latitude", "lat"), "line 1", ()),
+    ("wrong-value", ".plan", items(lambda rows: rows[1].update(autoContinue=1)), "mission, item 2, autoContinue", ()),
+    ("wrong-value", ".plan", items(lambda rows: rows[1].update(type="ComplexItem")), "mission, item 2, type", ()),
+    ("wrong-value", ".plan", plan(lambda data: data["mission"].update(version=1)), "mission, version", ()),
+    ("wrong-value", ".plan", plan(lambda data: data["mission"].update(vehicleType=1)), "mission", ()),
+    ("wrong-value", ".waypoints", wpl(5, 8, "north"), "line 6", ()),
+    ("wrong-value", ".waypoints", wpl(5, 11, "true"), "line 6", ()),
+    ("wrong-value", ".geojson", swap('"kind": "multirotor"', '"kind": "boat"'), "feature 1", ()),
+    ("wrong-value", ".csv", swap("2,waypoint", "2,loiter"), "line 4", ()),
+    ("wrong-value", ".csv", pattern(r"(\n2,.*?),5\n", r"\1,6\n"), "line 4", ()),
+    ("wrong-header", ".waypoints", swap("QGC WPL 110", "QGC WPL 100"), "line 1", ()),
+    ("field-count", ".waypoints", lines(lambda rows: [*rows[:5], rows[5].replace("\t1", "", 1), *rows[6:]]), "line 6", ()),
+    ("field-count", ".waypoints", lines(lambda rows: [*rows[:5], rows[5].replace("\t", " "), *rows[6:]]), "line 6", ()),
+    ("field-count", ".csv", swap("3,waypoint", "3,waypoint,"), "line 5", ()),
+    ("params-count", ".plan", items(lambda rows: rows[3]["params"].pop()), "mission, item 4, params", ()),
+    ("no-home", ".waypoints", lines(lambda rows: [rows[0], *rows[2:]]), "line 2", ()),
+    ("no-home", ".geojson", swap('"role": "home"', '"role": "base"'), "", ()),
+    ("no-home", ".kml", swap("<name>home", "<name>base"), "", ()),
+    ("no-home", ".gpx", swap("<name>home", "<name>base"), "", ()),
+    ("no-home", ".csv", lines(lambda rows: [rows[0], *rows[2:]]), "", ("sequence",)),
+    ("zero-waypoints", ".plan", items(lambda rows: rows.__delitem__(slice(2, 6)) or numbered(rows)), "", ()),
+    ("zero-waypoints", ".plan", items(lambda rows: rows.clear()), "", ()),
+    ("zero-waypoints", ".waypoints", lines(lambda rows: rows[:2]), "", ()),
+    ("zero-waypoints", ".kml", pattern(r"(<altitudeMode>\w+</altitudeMode><coordinates>).*?<", r"\1<"), "", ()),
+    ("zero-waypoints", ".gpx", pattern("<rtept.*?</rtept>\n", "", 0), "", ()),
+    ("zero-waypoints", ".csv", lines(lambda rows: [row for row in rows if "waypoint" not in row]), "", ("sequence",)),
+    ("not-a-number", ".plan", items(lambda rows: rows[3]["params"].__setitem__(4, None)), "item 4", ()),
+    ("not-a-number", ".plan", items(lambda rows: rows[3]["params"].__setitem__(6, float("nan"))), "item 4", ()),
+    ("not-a-number", ".plan", items(lambda rows: rows[1]["params"].__setitem__(1, float("inf"))), "", ()),
+    ("not-a-number", ".waypoints", wpl(5, 9, "nan"), "line 6", ()),
+    ("not-a-number", ".kml", swap("8.50370017,", "inf,"), "position 2", ()),
+    ("out-of-range", ".waypoints", wpl(5, 9, "188.5"), "line 6", ()),
+    ("out-of-range", ".plan", items(lambda rows: rows[3]["params"].__setitem__(5, -188.5)), "item 4", ()),
+    ("axes-swapped", ".waypoints", lines(swapped_rows), "line 5", ()),
+    ("axes-swapped", ".plan", items(lambda rows: [r["params"].insert(4, r["params"].pop(5)) for r in rows[2:6]]), "item 3", ()),
+    ("axes-swapped", ".geojson", every_axis, "position 1", ()),
+    ("axes-swapped", ".gpx", every_axis, "line 6", ()),
+    ("antimeridian", ".csv", instead(waypoints=[(179.999, 47.4), (-179.999, 47.4)], home=(179.998, 47.4)), "line 4", ()),
+    ("sequence", ".waypoints", lines(lambda rows: [*rows[:5], *rows[6:]]), "line 6", ()),
+    ("sequence", ".waypoints", wpl(4, 0, "9"), "line 5", ()),
+    ("sequence", ".csv", swap("3,waypoint", "4,waypoint"), "line 5", ()),
+    ("do-jump-id", ".plan", items(lambda rows: [row.update(doJumpId=1) for row in rows]), "item 2", ()),
+    ("frame", ".plan", items(lambda rows: rows[3].update(frame=0)), "item 4", ()),
+    ("frame", ".plan", items(lambda rows: rows[-1].update(frame=3)), "item 7", ()),
+    ("frame", ".waypoints", wpl(6, 2, "0"), "line 7", ()),
+    ("take-off", ".plan", drop(0), "item 2", ()),
+    ("take-off", ".waypoints", wpl(2, 3, "16"), "line 3", ()),
+    ("take-off", ".plan", rover(items(lambda rows: rows.insert(0, take_off()) or numbered(rows))), "item 1", ()),
+    ("no-return", ".plan", drop(-1), "item 6", ()),
+    ("no-return", ".waypoints", lines(lambda rows: rows[:-1]), "line 8", ()),
+    ("no-return", ".csv", lines(lambda rows: rows[:-1]), "line 6", ()),
+    ("autocontinue", ".plan", items(lambda rows: rows[3].update(autoContinue=False)), "item 4", ()),
+    ("autocontinue", ".waypoints", wpl(5, 11, "0"), "line 6", ()),
+    ("current", ".waypoints", wpl(5, 1, "1"), "line 6", ()),
+    ("current", ".waypoints", wpl(1, 1, "0"), "line 2", ()),
+    ("unknown-command", ".plan", items(lambda rows: rows[1].update(command=206)), "item 2", ()),
+    ("firmware", ".plan", plan(lambda data: data["mission"].update(firmwareType=3)), "", ()),
+    ("firmware", ".plan", plan(lambda data: data["mission"].update(firmwareType=0)), "mission", ()),
+    ("firmware", ".gpx", swap("px4", "ardupilot"), "", ()),
+    ("firmware-mixed", ".plan", beside(mission(robot=2), mission(robot=3, vehicle="ardupilot")), "", ("firmware",)),
+    ("cap", ".plan", instead(waypoints=extra_waypoints(1997)), "", ()),
+    ("cap", ".waypoints", instead(waypoints=extra_waypoints(1997)), "", ()),
+    ("cap", ".csv", instead(waypoints=extra_waypoints(1997)), "", ()),
+    ("altitude", ".plan", items(lambda rows: [row["params"].__setitem__(6, -5) for row in rows[2:6]]), "item 3", ()),
+    ("altitude", ".kml", swap("<value>30</value>", "<value>30000</value>"), "position 1", ()),
+    ("altitude", ".gpx", rover(swap('altitude_m="0"', 'altitude_m="8"')), "line 6", ()),
+    ("altitude-high", ".plan", instead(altitude=150.0), "item 3", ()),
+    ("altitude-varies", ".plan", items(lambda rows: rows[3]["params"].__setitem__(6, 40)), "", ()),
+    ("speed", ".plan", items(lambda rows: rows[1]["params"].__setitem__(1, 0)), "", ()),
+    ("speed", ".csv", swap(",30,5\n", ",30,500\n", -1), "", ()),
+    ("home-far", ".plan", instead(home=(8.6, 47.4)), "home", ()),
+    ("few-decimals", ".waypoints", pattern(r"(\t\d+\.\d{6})\d\d", r"\1", 0), "", ()),
+    ("few-decimals", ".kml", pattern(r"(\d+\.\d{6})\d\d", r"\1", 0), "", ()),
+    ("duplicate", ".plan", instead(waypoints=[LANES[0], LANES[1], LANES[1], LANES[2]]), "item 5", ()),
+    ("outside-region", ".plan", instead(waypoints=[*LANES, (8.5043, 47.4003)]), "item 7", ("transit",)),
+    ("no-go", ".plan", instead(waypoints=[*LANES[:1], (8.502, 47.401)]), "item 4", ()),
+    ("no-go", ".gpx", instead(waypoints=[(8.5003, 47.401), (8.5037, 47.401)]), "line 7", ()),
+    ("leg-outside", ".plan", rover(home=(8.4999, 47.4001)), "item 2", ()),
+    ("formats-differ", ".plan", other_speed, "", ()),
+    ("formats-differ", ".plan", other_place, "", ()),
+    ("formats-differ", ".kml", other_autopilot, "", ("firmware-mixed", "firmware")),
+    ("sortie-missing", ".plan", beside(mission(sortie=3)), "", ()),
+]
+
+
+def take_off():
+    params = [0, 0, 0, None, 47.4001, 8.5001, 0]
+    return {"type": "SimpleItem", "command": 22, "frame": 3, "params": params, "autoContinue": True, "doJumpId": 1}
+
+
+def write_good(folder, suffix):
+    write_missions([mission()], folder, formats=[name for name in FORMATS if FORMATS.get(name).suffix == suffix])
+
+
+@pytest.mark.parametrize(
+    ("rule", "suffix", "plant", "place", "others"), PLANTS, ids=lambda value: value if isinstance(value, str) else ""
+)
+def test_planted_mistakes_are_found(rule, suffix, plant, place, others, tmp_path, region):
+    write_good(tmp_path, suffix)
+    assert lint(tmp_path, region, vehicle="px4") == []
+    plant(tmp_path, suffix)
+    found = lint(tmp_path, region, vehicle="px4")
+    assert {finding.rule for finding in found} - {*others} == {rule}, found
+    finding = next(finding for finding in found if finding.rule == rule)
+    assert finding.place.startswith(place), finding
+    assert finding.severity == RULES[rule].severity
+    assert finding.sentence.startswith("expected ")
+    assert "got " in finding.sentence
+    assert f"{finding.file}, {finding.place}: " in str(finding) or not finding.place
+    if RULES[rule].fatal and plant is not every_axis:
+        with pytest.raises(InvalidInputError, match="expected"):
+            read_mission(tmp_path / f"robot-01{suffix}")
+
+
+def test_every_rule_is_planted():
+    others = {"cap-ardupilot", "transit"}  # below
+    assert {rule for rule, *_ in PLANTS} | others == {*RULES}
+
+
+def test_axes_swapped_against_other_robots(tmp_path):
+    missions = [mission(robot=number) for number in (1, 2, 3)]
+    write_missions([*missions, mission(robot=4, waypoints=[p[::-1] for p in LANES], home=HOME[::-1])], tmp_path, formats=["plan"])
+    (finding,) = lint(tmp_path)
+    assert (finding.file, finding.place, finding.rule) == ("robot-04.plan", "home", "axes-swapped")
+
+
+def test_transit_between_parts(tmp_path):
+    path = tmp_path / "parts.json"
+    squares = [[[[w, 47.4], [w + 0.001, 47.4], [w + 0.001, 47.401], [w, 47.401], [w, 47.4]]] for w in (8.5, 8.502)]
+    path.write_text(json.dumps({"type": "MultiPolygon", "coordinates": squares}))
+    write_missions([mission(waypoints=[(8.5005, 47.4005), (8.5025, 47.4005)], home=(8.5005, 47.4005))], tmp_path, formats=["plan"])
+    (finding,) = lint(tmp_path / "robot-01.plan", open_region(path))
+    assert (finding.rule, finding.severity, finding.place) == ("transit", "warning", "item 4")
+
+
+def test_caps(tmp_path):
+    many = mission(waypoints=extra_waypoints(697))
+    write_missions([many], tmp_path, formats=["wpl"])
+    assert [finding.rule for finding in lint(tmp_path)] == ["cap-ardupilot"]
+    assert [finding.rule for finding in lint(tmp_path, vehicle="ardupilot")] == ["cap"]
+    assert [finding.rule for finding in lint(tmp_path, cap=250)] == ["cap"]
+    assert lint(tmp_path, cap=701) == []
+    write_missions([replace(many, vehicle="ardupilot")], tmp_path, formats=["plan"])
+    assert [finding.rule for finding in lint(tmp_path)] == ["cap"]
+    write_missions([mission(waypoints=extra_waypoints(696), vehicle="ardupilot")], tmp_path, formats=["plan", "wpl"])
+    assert lint(tmp_path) == []
+
+
+def test_one_file_alone(tmp_path):
+    write_missions([mission()], tmp_path, formats=["plan"])
+    assert lint(tmp_path / "robot-01.plan") == []
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("none", "expected a mission file"),
+        ("none.plan", "expected a mission file, got none"),
+        (".", "expected a folder with mission files, got one without"),
+    ],
+)
+def test_nothing_to_look_over(source, said, tmp_path):
+    with pytest.raises(InvalidInputError, match=said):
+        lint(tmp_path / source)
+
+
+def test_metres_and_degrees_do_not_mix(tmp_path, region):
+    write_missions(missions_of([(0, 0), (9, 0)], None), tmp_path)
+    with pytest.raises(InvalidInputError, match="expected a mission in degrees, as the region 'field' is, got one in metres"):
+        lint(tmp_path, region)
+    write_missions([mission()], tmp_path)
+    with pytest.raises(InvalidInputError, match="expected a mission in metres"):
+        lint(tmp_path, open_region("square:100"))
+
+
+@pytest.mark.parametrize("options", [{"vehicle": "px5"}, {"cap": 0}])
+def test_options_of_the_linter(options, tmp_path):
+    write_missions([mission()], tmp_path)
+    with pytest.raises(InvalidInputError, match=f"{next(iter(options))}: expected"):
+        lint(tmp_path, **options)
+
+
+def test_page_lists_every_rule():
+    page = (Path(__file__).parents[3] / "docs/concepts/missions.md").read_text()
+    listed = dict(re.findall(r"^\| `([\w-]+)` \| (error|warning) \|", page, re.M))
+    assert listed == {name: rule.severity for name, rule in RULES.items()}
+
+
+def test_mistakes_are_an_exit_code(tmp_path, region, capsys):
+    (tmp_path / "field.json").write_text(json.dumps(FIELD))
+    missions = tmp_path / "missions"
+    write_missions([mission()], missions, formats=["plan"])
+    assert run(["missions", "check", str(missions), str(tmp_path / "field.json")]) == 0
+    items(lambda rows: [row.update(doJumpId=1) for row in rows])(missions, ".plan")
+    capsys.readouterr()
+    assert run(["missions", "check", str(missions), str(tmp_path / "field.json")]) == 1
+    said = capsys.readouterr()
+    assert "robot-01.plan, item 2: expected doJumpId 2, got 1" in " ".join(said.out.split())
+    assert "3 more like it" in said.out
+    assert said.err == "shoal: 6 mistakes in the mission files\n"

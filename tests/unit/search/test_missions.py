@@ -1,0 +1,368 @@
+"""Missions: made from routes, written, read by us and by others, checked against the region."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from tests.reference.missions import READERS, read_plan, read_wpl
+from tests.unit.search.test_mission_lint import FIELD
+
+from shoal.cli import run
+from shoal.errors import InvalidInputError, OutputError, UnknownNameError
+from shoal.search import GroundPaths, LocalFrame, cells_of, open_region
+from shoal.search.missions import (
+    FORMATS,
+    Format,
+    Mission,
+    check_missions,
+    lint,
+    mission_files,
+    missions_of,
+    read_mission,
+    write_missions,
+)
+
+FRAME = LocalFrame(8.5, 47.4)
+LANES = [(-90.0, -20.0), (0.0, -20.0), (90.0, -20.0), (90.0, 0.0), (-90.0, 0.0), (-90.0, 20.0), (90.0, 20.0)]
+
+
+def swept(region, footprint, **options):
+    """Return missions of two robots that see all of a region, and its grid."""
+    grid = cells_of(region, footprint)
+    rows = [grid.cells[grid.cells[:, 0] == row] for row in range(grid.shape[0])]
+    cells = np.vstack([row if k % 2 == 0 else row[::-1] for k, row in enumerate(rows)])
+    paths = GroundPaths(grid)
+    missions = []
+    for robot, half in enumerate(np.array_split(cells, 2), start=1):
+        missions += missions_of(paths.route(half).points, region.frame, robot=robot, **options)
+    return missions, grid
+
+
+@pytest.fixture(scope="module")
+def field(tmp_path_factory):
+    path = tmp_path_factory.mktemp("field") / "field.json"
+    path.write_text(json.dumps(FIELD))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["multirotor", "rover"])
+@pytest.mark.parametrize("vehicle", ["px4", "ardupilot"])
+def test_what_each_vehicle_gets(kind, vehicle, tmp_path):
+    (mission,) = missions_of(LANES, FRAME, kind=kind, vehicle=vehicle, speed=2.5, home=(-100, -30))
+    plan, wpl = write_missions([mission], tmp_path, formats=["plan", "wpl"])
+    data = json.loads(plan.read_text())["mission"]
+    assert data["firmwareType"] == {"px4": 12, "ardupilot": 3}[vehicle]
+    assert data["vehicleType"] == {"multirotor": 2, "rover": 10}[kind]
+    commands = [item["command"] for item in data["items"]]
+    assert commands == [*([22] if kind == "multirotor" else []), 178, *[16] * 6, 20]
+    assert len(commands) + 1 == mission.n_items == len(wpl.read_text().splitlines()) - 1
+    speed = data["items"][commands.index(178)]
+    assert speed["params"] == [1, 2.5, -1, 0, 0, 0, 0]
+    assert data["items"][commands.index(16)]["params"][:4] == [0, 0, 0, None]
+    assert data["items"][commands.index(16)]["params"][6] == (30 if kind == "multirotor" else 0)
+    home, points = read_plan(plan)
+    assert read_wpl(wpl) == (home, points)
+    assert np.abs(FRAME.to_metres([home, *points]) - [(-100, -30), LANES[0], *LANES[2:]]).max() < 0.001
+
+
+def test_every_format_by_its_own_reader(tmp_path):
+    missions = missions_of(LANES, FRAME, max_length=400, robot=7)
+    paths = write_missions(missions, tmp_path / "new")
+    assert len(missions) > 2
+    assert [path.name for path in paths[: len(missions)]] == [
+        "robot-07.plan",
+        *(f"robot-07-{k}.plan" for k in range(2, len(missions) + 1)),
+    ]
+    for path in paths:
+        number = int(path.stem.split("-")[2]) if path.stem.count("-") == 2 else 1
+        home, points = READERS[path.suffix](path)
+        assert np.abs(np.asarray(points) - missions[number - 1].waypoints).max() <= 1e-8
+        assert np.abs(np.asarray(home) - missions[number - 1].home).max() <= 1e-8
+        assert read_mission(path).name == path.stem
+    assert lint(tmp_path / "new") == []
+
+
+def test_one_waypoint(tmp_path):
+    (mission,) = missions_of([(3, 4)], FRAME, home=(0, 0))
+    assert mission.length == pytest.approx(10, abs=0.001)
+    for path in write_missions([mission], tmp_path):
+        assert len(READERS[path.suffix](path)[1]) == len(read_mission(path).waypoints) == 1
+
+
+def test_no_route_no_missions():
+    assert missions_of(np.zeros((0, 2)), FRAME) == ()
+
+
+def test_seconds_and_metres_of_battery():
+    by_length = missions_of(LANES, None, max_length=400)
+    by_time = missions_of(LANES, None, max_seconds=80, speed=5)
+    assert [mission.waypoints.tolist() for mission in by_length] == [mission.waypoints.tolist() for mission in by_time]
+    assert all(390 < mission.length <= 400 for mission in by_length[:-1])
+    assert all(mission.seconds <= 80 for mission in by_time)
+
+
+def test_length_on_the_ellipsoid():
+    flat, round_ = (missions_of(LANES, frame)[0].length for frame in (None, FRAME))
+    assert round_ == pytest.approx(flat, rel=1e-6)
+
+
+def test_ways_home_around_obstacles():
+    """A rover's ways from home and back stay in the region, and count for battery and memory."""
+    region = open_region("ring:60x40")
+    grid = cells_of(region, 10)
+    paths = GroundPaths(grid)
+    order = grid.cells[np.argsort(np.arctan2(*grid.waypoints().T[::-1]), kind="stable")]
+    call = {"home": (50.0, 0.0), "kind": "rover", "max_length": 600.0, "cap": 250}
+    missions = missions_of(paths.route(order).points, None, ways=paths.leg, **call)
+    assert len(missions) > 2
+    for mission in missions:
+        way = shapely.linestrings(np.vstack([mission.home, mission.waypoints, mission.home]))
+        assert shapely.covers(region.reach, way)
+        assert mission.length <= 600 + 1e-6
+        assert mission.n_items <= 250
+    with pytest.raises(InvalidInputError, match="cap: expected room for more waypoints of robot 1, got 57"):
+        missions_of(paths.route(order).points, None, ways=paths.leg, **{**call, "cap": 60})
+    straight = missions_of(paths.route(order).points, None, **call)
+    assert not all(
+        shapely.covers(region.reach, shapely.linestrings(np.vstack([mission.home, mission.waypoints, mission.home])))
+        for mission in straight
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            {"max_length": 100.0, "home": (500, 0)},
+            r"battery: expected sorties of more than 1180.68 m for robot 1, for \(-90, -20\) is",
+        ),
+        ({"max_length": 5.0}, "battery: expected"),
+        ({"max_length": 0.0}, "max_length: expected a number above 0, got 0.0"),
+        ({"max_seconds": float("nan")}, "max_seconds: expected a number above 0, got nan"),
+        ({"cap": 5}, "cap: expected a whole number of at least 6 items, of which 4 are no waypoints, got 5"),
+        ({"kind": "boat"}, "kind: expected 'multirotor' or 'rover', got 'boat'"),
+        ({"vehicle": "dji"}, "vehicle: expected 'px4' or 'ardupilot', got 'dji'"),
+        ({"altitude": 0}, "altitude: expected metres above 0 for a multirotor, got 0"),
+        ({"kind": "rover", "altitude": 3.0}, "altitude: expected 0 m for a rover, got 3.0"),
+        ({"speed": 0}, "speed: expected metres a second above 0, got 0"),
+        ({"tolerance": -1}, "tolerance: expected a length of 0 or more in metres, got -1"),
+        ({"robot": 0}, "expected a robot number of 1 or more, got 0"),
+        ({"home": (np.nan, 0)}, "home: expected finite numbers"),
+    ],
+)
+def test_bad_options(options, said):
+    with pytest.raises(InvalidInputError, match=said):
+        missions_of(LANES, FRAME, **options)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"waypoints": []}, "mission: expected waypoints, got none"),
+        ({"waypoints": [(47.4, 108.5)]}, r"expected a longitude within ±180 and then a latitude within ±90, got \(47.4, 108.5\)"),
+        ({"sortie": True}, "expected a sortie number of 1 or more, got True"),
+    ],
+)
+def test_bad_missions(changes, said):
+    with pytest.raises(InvalidInputError, match=said):
+        Mission(**{"waypoints": [(8.5, 47.4)], "home": (8.5, 47.4), **changes})
+
+
+def test_missions_are_frozen():
+    (mission,) = missions_of(LANES, FRAME)
+    with pytest.raises(ValueError, match="read-only"):
+        mission.waypoints[0] = 0
+
+
+def test_metres_go_to_csv_only(tmp_path):
+    missions = missions_of(LANES, None)
+    assert [path.name for path in write_missions(missions, tmp_path)] == ["robot-01.csv"]
+    with pytest.raises(InvalidInputError, match="format 'plan': expected missions in degrees, got robot-01 in metres"):
+        write_missions(missions, tmp_path, formats=["plan"])
+
+
+def test_nothing_half_written(tmp_path, monkeypatch):
+    missions = missions_of(LANES, FRAME)
+    with pytest.raises(UnknownNameError, match="unknown mission format 'plam': did you mean 'plan'"):
+        write_missions(missions, tmp_path / "a", formats=["gpx", "plam"])
+    with pytest.raises(InvalidInputError, match="expected each robot and sortie once, got robot-01 again"):
+        write_missions([*missions, *missions], tmp_path / "a")
+    with pytest.raises(InvalidInputError, match="missions: expected some to write, got none"):
+        write_missions([], tmp_path / "a")
+    with pytest.raises(InvalidInputError, match="formats: expected a sequence of names"):
+        write_missions(missions, tmp_path / "a", formats="plan")
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "robot-01.kml").mkdir()  # the fourth of six cannot be written
+    with pytest.raises(OutputError):
+        write_missions(missions, tmp_path / "b")
+    assert [path.name for path in (tmp_path / "b").iterdir()] == ["robot-01.kml"]
+
+
+def test_files_of_an_earlier_search_do_not_stay(tmp_path):
+    (tmp_path / "notes.csv").write_text("mine\n")
+    write_missions([replace(missions_of(LANES, FRAME)[0], robot=robot) for robot in (1, 2, 3)], tmp_path)
+    write_missions(missions_of(LANES, FRAME), tmp_path, formats=["plan"])
+    assert {path.name for path in tmp_path.iterdir()} == {"notes.csv", "robot-01.plan"}
+
+
+def test_a_format_of_ones_own(tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text(
+        "from shoal.search.missions import Format\n"
+        "TEXT = Format('.mine', lambda mission: f'{mission.robot}\\n', lambda text, sheet: None)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    (path,) = write_missions(missions_of(LANES, FRAME, robot=4), tmp_path, formats=["mine:TEXT"])
+    assert (path.name, path.read_text()) == ("robot-04.mine", "4\n")
+    assert isinstance(FORMATS.get("plan"), Format)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("robot-01.plan", "{}", "expected the key 'fileType', got none"),
+        ("robot-01.plan", "[" * 100_000, "expected JSON, got one nested too deeply"),
+        ("robot-01.waypoints", "", "expected 'QGC WPL 110', got 'an empty file'"),
+        ("robot-01.kml", "<kml><Document/></kml>", "expected one Placemark named 'route', got 0"),
+        ("robot-01.kml", "<kml>" + "<a>" * 500, "expected XML, got tags nested too deeply"),
+        ("robot-01.gpx", "<kml/>", "line 1: expected <gpx>, got <kml>"),
+        ("robot-01.csv", "", "expected the column 'number', got none"),
+        ("robot-01.geojson", "[]", "expected a FeatureCollection"),
+        ("robot-01.json", "{}", r"expected a mission file \(.plan .waypoints .geojson .kml .gpx .csv\), got the suffix '.json'"),
+    ],
+)
+def test_files_that_are_refused(name, content, said, tmp_path):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InvalidInputError, match=said):
+        read_mission(tmp_path / name)
+
+
+def test_a_plan_of_the_ground_station_itself(tmp_path):
+    """Keys that it adds, such as the heights of its items, are passed over."""
+    (path,) = write_missions(missions_of(LANES, FRAME), tmp_path, formats=["plan"])
+    data = json.loads(path.read_text())
+    for item in data["mission"]["items"]:
+        item |= {"AMSLAltAboveTerrain": None, "Altitude": 30, "AltitudeMode": 1}
+    data["mission"]["vehicleType"] = 13
+    path.write_text(json.dumps(data))
+    assert read_mission(path).kind == "multirotor"
+    assert lint(path) == []
+
+
+def test_check_sees_what_was_planned(field, tmp_path):
+    region = open_region(field)
+    missions, _ = swept(region, 20, max_length=1500)
+    paths = write_missions(missions, tmp_path)
+    assert len(missions) > 2
+    assert len(mission_files(tmp_path)) == len(paths)
+    for name in FORMATS:
+        result = check_missions(tmp_path, region, 20, format=name)
+        assert not result.findings
+        assert result.coverage.covered_fraction > 0.99999
+        assert result.coverage.outside_m == 0
+        assert len(result.files) == len(missions)
+
+
+def test_check_measures_what_is_missing(field, tmp_path):
+    region = open_region(field)
+    missions, grid = swept(region, 20)
+    kept = replace(missions[0], waypoints=missions[0].waypoints[:-2])
+    write_missions([kept, missions[1]], tmp_path, formats=["gpx"])
+    result = check_missions(tmp_path, region, 20)
+    assert result.coverage.uncovered_m2 > grid.size**2
+    assert result.coverage.covered_fraction == pytest.approx(1 - result.coverage.uncovered_m2 / region.area_m2)
+    result.write_uncovered(tmp_path / "uncovered.geojson")
+    left = open_region(tmp_path / "uncovered.geojson")
+    assert left.area_m2 == pytest.approx(result.coverage.uncovered_m2, rel=1e-4)
+    assert len(mission_files(tmp_path)) == 2
+    with pytest.raises(InvalidInputError, match="expected a check with a footprint"):
+        check_missions(tmp_path, region, None).write_uncovered(tmp_path / "uncovered.geojson")
+
+
+def test_check_of_files_that_cannot_be_read(field, tmp_path):
+    """A file with a fatal mistake is not flown, and its area not seen."""
+    region = open_region(field)
+    missions, _ = swept(region, 20)
+    first, _ = write_missions(missions, tmp_path, formats=["kml"])
+    first.write_text(first.read_text().replace("<name>home", "<name>base"))
+    result = check_missions(tmp_path, region, 20)
+    assert result.files == ("robot-02.kml",)
+    assert 0.4 < result.coverage.covered_fraction < 0.6
+    assert [finding.rule for finding in result.errors] == ["no-home"]
+
+
+def test_check_in_metres(tmp_path):
+    region = open_region("rectangle:200x100")
+    missions, _ = swept(region, 20)
+    write_missions(missions, tmp_path)
+    assert check_missions(tmp_path, region, 20).coverage.covered_fraction > 0.9999999
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["none", "FIELD"], "expected a folder of mission files, got none"),
+        (["FIELD", "FIELD"], "expected a folder of mission files, got a file"),
+        (["empty", "FIELD"], "expected a folder with mission files, got one without"),
+        (["missions", "nowhere.geojson"], "expected a region file, got no such file"),
+        (["missions", "square:100"], "expected a mission in metres, as the region 'square:100' is, got one in degrees"),
+        (["missions", "FIELD", "--footprint", "0"], "footprint: expected a length above 0"),
+        (["missions", "FIELD", "--least", "2"], "--least: expected a share from 0 to 1"),
+        (["missions", "FIELD", "--format", "gpy"], "unknown mission format 'gpy': did you mean 'gpx'"),
+        (["missions", "FIELD", "--format", "gpx"], "expected files of the format 'gpx', got none"),
+        (["missions", "FIELD", "--vehicle", "dji"], "vehicle: expected 'px4' or 'ardupilot', got 'dji'"),
+    ],
+)
+def test_bad_input_of_the_command(arguments, said, field, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    write_missions(missions_of(LANES, FRAME), "missions", formats=["plan"])
+    assert run(["missions", "check", *(str(field) if word == "FIELD" else word for word in arguments), "--out", "out"]) == 2
+    captured = capsys.readouterr()
+    assert said in captured.err
+    assert captured.err.count("\n") == 1
+    assert not captured.out
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command(field, tmp_path, capsys):
+    region = open_region(field)
+    missions, _ = swept(region, 20)
+    write_missions(missions, tmp_path / "missions")
+    arguments = ["missions", "check", str(tmp_path / "missions"), str(field), "--footprint", "20"]
+    assert run([*arguments, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["format"], result["files"], result["errors"]) == ("plan", ["robot-01.plan", "robot-02.plan"], 0)
+    assert result["covered_fraction"] > 0.99999
+    assert run([*arguments[:-1], "16", "--out", str(tmp_path / "out")]) == 1
+    captured = capsys.readouterr()
+    assert "of the region is seen, less than 99.9 %" in captured.err
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"check.json", "uncovered.geojson"}
+    written = json.loads((tmp_path / "out" / "check.json").read_text())
+    assert 0.5 < written["covered_fraction"] < 0.95
+    assert run([*arguments[:-1], "16", "--least", "0.5"]) == 0
+    assert run(arguments[:-2]) == 0
+    assert "not measured" in capsys.readouterr().out
+
+
+def test_the_command_with_zones_beside(tmp_path, capsys):
+    field, zone = tmp_path / "field.json", tmp_path / "zone.json"
+    field.write_text(json.dumps(FIELD["features"][0]))
+    zone.write_text(json.dumps(FIELD["features"][1]["geometry"]))
+    missions, _ = swept(open_region(field), 20)
+    write_missions(missions, tmp_path / "missions", formats=["plan"])
+    assert run(["missions", "check", str(tmp_path / "missions"), str(field)]) == 0
+    assert run(["missions", "check", str(tmp_path / "missions"), str(field), "--no-go", str(zone)]) == 1
+    assert "no-go zones" in capsys.readouterr().out
+
+
+def test_the_way_from_home_is_not_seen(tmp_path):
+    """What counts lies between the first waypoint and the last; a launch pad may lie outside."""
+    mission = Mission([(10, 10), (90, 10)], (-50, 50), geographic=False)
+    write_missions([mission], tmp_path)
+    seen = check_missions(tmp_path, open_region("rectangle:100x20"), 20).coverage
+    assert (seen.outside_m, seen.length_m, seen.covered_fraction) == (0, 80, 1)
