@@ -11,7 +11,7 @@ from typing import Any
 
 from shoal.files import atomic
 from shoal.lab.versions import versions
-from shoal.papers.errata import Finding
+from shoal.papers.errata import CHECKS, Erratum
 from shoal.papers.recipe import Result, Table
 
 _STYLE = """
@@ -62,7 +62,7 @@ _PAPERS = {
 _LONG = 14  # rows of a table that are shown without asking
 
 
-def write_page(results: Sequence[Result], findings: Sequence[Finding], path: str | os.PathLike[str]) -> Path:
+def write_page(results: Sequence[Result], errata: Sequence[Erratum], path: str | os.PathLike[str]) -> Path:
     """Write the page; return its path.
 
     Raises
@@ -71,7 +71,7 @@ def write_page(results: Sequence[Result], findings: Sequence[Finding], path: str
     """
     target = Path(path)
     held = sum(result.outcome.ok for result in results)
-    shown = sum(finding.shown for finding in findings)
+    shown = sum(erratum.shown for erratum in errata)
     trials, seconds = sum(result.trials for result in results), sum(result.seconds for result in results)
     made = ", ".join(f"{_NAMES[name]} {value}" for name, value in versions().items() if name in _NAMES)
     parts = [
@@ -80,11 +80,11 @@ def write_page(results: Sequence[Result], findings: Sequence[Finding], path: str
         f"<title>Shoal: the papers' figures</title><style>{_STYLE}</style></head><body><main>",
         "<h1>The papers' figures, reproduced</h1>",
         f"<p class='lead'>{held} of {len(results)} figures hold what the papers say of them; "
-        f"{shown} of {len(findings)} errata are shown by their checks. "
+        f"{shown} of {len(errata)} errata are shown by their checks. "
         f"{trials:,} trials, {_time(seconds)} for this page; {escape(made)}.</p>",
-        _contents(results, findings),
+        _contents(results, errata),
         *(_figure(result) for result in results),
-        _errata(findings),
+        _errata(errata),
         "</main></body></html>",
     ]
     with atomic(target) as temporary:
@@ -105,13 +105,13 @@ def _title(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
 
 
-def _contents(results: Sequence[Result], findings: Sequence[Finding]) -> str:
+def _contents(results: Sequence[Result], errata: Sequence[Erratum]) -> str:
     links = [
         f"<a href='#{result.recipe.name}'>{_mark(result.outcome.ok)}"
         f"{escape(_title(result.recipe.source))}: {escape(result.recipe.title)}</a>"
         for result in results
     ]
-    return f"<nav>{''.join(links)}<a href='#errata'><span class='mark'></span>{len(findings)} errata, with their checks</a></nav>"
+    return f"<nav>{''.join(links)}<a href='#errata'><span class='mark'></span>{len(errata)} errata, with their checks</a></nav>"
 
 
 def _figure(result: Result) -> str:
@@ -143,21 +143,22 @@ def _cell(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) and value == round(value) else str(value)
 
 
-def _errata(findings: Sequence[Finding]) -> str:
+def _errata(errata: Sequence[Erratum]) -> str:
     parts, paper = [], ""
-    for finding in findings:
-        of = _PAPERS[finding.source.removeprefix("papers ").removeprefix("paper ")[0]]
+    when = "computed when this page was written" if CHECKS.exists() else "recorded with this version of Shoal"
+    for erratum in errata:
+        of = _PAPERS[erratum.source.removeprefix("papers ").removeprefix("paper ")[0]]
         if of != paper:
             parts.append(f"<h3>{escape(of)}</h3>")
             paper = of
-        parts.append(_erratum(finding))
+        parts.append(_erratum(erratum))
     return (
         "<section id='errata'><h2>Errata, with their checks</h2><p>What the papers print and does not hold, or needs saying. What "
-        f"the checks found was computed when this page was written.</p>{''.join(parts)}</section>"
+        f"the checks found was {when}.</p>{''.join(parts)}</section>"
     )
 
 
-def _erratum(finding: Finding) -> str:
-    told = (("printed", finding.printed), ("holds", finding.holds), ("check", finding.check), ("found by it", finding.found))
+def _erratum(erratum: Erratum) -> str:
+    told = (("printed", erratum.printed), ("holds", erratum.holds), ("check", erratum.check), ("found by it", erratum.found))
     rows = "".join(f"<div><dt>{name}</dt><dd>{escape(text)}</dd></div>" for name, text in told)
-    return f"<article><h4>{_mark(finding.shown)} {escape(_title(finding.source))}</h4><dl>{rows}</dl></article>"
+    return f"<article><h4>{_mark(erratum.shown)} {escape(_title(erratum.source))}</h4><dl>{rows}</dl></article>"

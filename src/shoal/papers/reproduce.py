@@ -18,7 +18,7 @@ from shoal.lab.coordinator import OnProgress, run_sweep
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers import line, mapping, search, steering
-from shoal.papers.errata import check_all
+from shoal.papers.errata import check_errata
 from shoal.papers.page import write_page
 from shoal.papers.recipe import Outcome, Recipe, Result, Settings
 from shoal.registry import Registry
@@ -151,4 +151,4 @@ def reproduce_all(out: str | os.PathLike[str], *, on_result: Callable[[Result], 
         results.append(reproduce(name, out, **chosen))
         if on_result is not None:
             on_result(results[-1])
-    return write_page(results, check_all(), Path(out) / "index.html")
+    return write_page(results, check_errata(), Path(out) / "index.html")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import re
-from html import escape
 from importlib import resources
 from pathlib import Path
 
@@ -17,11 +15,7 @@ from shoal.errors import InvalidInputError, UnknownNameError
 from shoal.lab import Store
 from shoal.lab.statistics import Row, estimate
 from shoal.papers import Settings, recipes, reproduce
-from shoal.papers.errata import check_all
-from shoal.papers.errata.electing import Ground, plays
-from shoal.papers.errata.exploring import family, guaranteed
 from shoal.papers.mapping import MAPS, WITHIN, _side_by_side
-from shoal.papers.page import write_page
 from shoal.papers.recipe import counts_of, published_curve
 from shoal.views.drawing.curves import Curve, Labels, Published, mean_curves
 from shoal.views.swarm.frontiers import frontier_curves
@@ -120,56 +114,6 @@ def test_command(tmp_path, capsys):
         "w-fig9-2.csv",
         "w-fig9.json",
     ]
-
-
-@pytest.fixture(scope="module")
-def findings():
-    return check_all()
-
-
-def test_every_erratum_is_shown_by_its_check(findings):
-    assert [finding.source for finding in findings if not finding.shown] == []
-    assert all(re.search(r"\d", finding.found) for finding in findings)
-
-
-def test_every_erratum_of_the_specs_has_its_check(findings):
-    """The places that the three specs name, in their order."""
-    sources = " | ".join(finding.source for finding in findings)
-    places = [
-        "paper D, eq. 2", "section III.A.2", "paper M, Fig. 5", "paper M, Fig. 6", "data of Fig. 10", "section III.B.1",
-        "paper M, algorithm 2", "paper M, algorithm 3", "paper M, theorem 2",
-        "section IV.A", "paper W, algorithm 1", "paper W, algorithm 2", *(f"IV.E, eq. {n}" for n in (2, 3, 4, 6, 7, 8)),
-        "section IV.C", "section IV.D", "section IV.F", "paper W, Fig. 15", "section V.A",
-        "paper H, section Efficiency", "Space-Filling Curves", "Further Research",
-    ]  # fmt: skip
-    assert [place for place in places if place not in sources] == []
-    assert len({(finding.source, finding.printed) for finding in findings}) == len(findings)
-
-
-def test_checks_compute_what_they_say():
-    """That the literal elect-particle cycles hangs on a search for states that come again; here one is seen by eye."""
-    corner = Ground(frozenset({(0, 0), (0, 1), (1, 1)}))
-    to = corner.moved(frozenset({(0, 0), (0, 1)}), (0, 1))
-    assert to == {(0, 0): (0, 0), (0, 1): (0, 1)}  # the one at the corner holds the other up, for ever
-    assert corner.moved(frozenset({(0, 0)}), (0, 1)) == {(0, 0): (0, 1)}
-    ended = [[plays(corner, seed, particles=2, handover=way) for seed in range(30)] for way in (False, True)]
-    assert False in ended[0]
-    assert all(ended[1])
-    regions = family(4)
-    assert len(regions) == 1 + 2 * 2 + 3 * 6 + 4 * 19  # fixed polyominoes by size, each cell a start
-    assert {best for region, best in regions if len(region) == 4} == {4, 6}
-    assert guaranteed(regions, 1, 1)
-    assert not guaranteed([(region, best - 1) for region, best in regions], 1, 1)
-
-
-def test_page_needs_nothing_beside_it(findings, tmp_path):
-    result = reproduce("w-fig9", tmp_path, workers=0)
-    text = write_page([result], findings, tmp_path / "index.html").read_text()
-    assert "://" not in text
-    assert text.count("data:image/png;base64,") == 1
-    assert "What moves reach on a disk" in text
-    for finding in findings:
-        assert escape(finding.found) in text
 
 
 def test_curves_and_frontiers_of_nothing_are_refused():

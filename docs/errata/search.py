@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.papers.errata.checking import Check, into
+from .checking import Check, into
 
 CHECKS: list[Check] = []
 erratum = into(CHECKS)
@@ -29,7 +29,7 @@ def _reciprocal() -> tuple[str, bool]:
 
 
 @erratum(
-    "paper H, section Space-PolygonFractions Curves",
+    "paper H, section Space-Filling Curves",
     "number of subregions = (2D)² = 2^(2D)",
     "(2^D)² = 2^(2D)",
     "cells of the curve of order 3, and location [3, 5] as printed",

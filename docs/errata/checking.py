@@ -1,37 +1,12 @@
-"""A finding, and how a check becomes one."""
+"""How a check becomes an erratum that was checked."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
+from shoal.papers.errata import Erratum
 
-@dataclass(frozen=True)
-class Finding:
-    """An erratum, checked.
-
-    Parameters
-    ----------
-    source : str
-        Paper and place.
-    printed, holds : str
-    check : str
-        How it was checked.
-    found : str
-        The numbers of the check.
-    shown : bool
-        Whether the check shows it.
-    """
-
-    source: str
-    printed: str
-    holds: str
-    check: str
-    found: str
-    shown: bool
-
-
-Check = Callable[[], Finding]
+Check = Callable[[], Erratum]
 Numbers = Callable[[], tuple[str, bool]]
 """Returns the numbers of a check, and whether they show the erratum."""
 
@@ -41,9 +16,9 @@ def into(checks: list[Check]) -> Callable[[str, str, str, str], Callable[[Number
 
     def erratum(source: str, printed: str, holds: str, check: str) -> Callable[[Numbers], Check]:
         def register(function: Numbers) -> Check:
-            def checked() -> Finding:
+            def checked() -> Erratum:
                 found, shown = function()
-                return Finding(source, printed, holds, check, found, shown)
+                return Erratum(source, printed, holds, check, found, bool(shown))
 
             checks.append(checked)
             return checked

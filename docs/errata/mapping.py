@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from shoal.papers.errata.checking import Check, into
-from shoal.papers.errata.electing import CycleModel, plays
-from shoal.papers.errata.exploring import family, guaranteed
+from .checking import Check, into
+from .election import FreeCells, plays
+from .exploration import family, guaranteed
 
 CHECKS: list[Check] = []
 erratum = into(CHECKS)
@@ -54,7 +54,7 @@ def _simple_grid_graphs() -> tuple[str, bool]:
     "each move, as the text has it, and paths played to their ends, as algorithm 2 has it",
 )
 def _handover() -> tuple[str, bool]:
-    ground = CycleModel.of("maze:9x7")
+    ground = FreeCells.of("maze:9x7")
     ended = [sum(plays(ground, seed, **way) for seed in range(30)) for way in ({}, {"whole": True}, {"handover": True})]
     words = ("with a new path at each move", "with paths played to their ends", "with a new path at each move and the handover")
     found = ", ".join(f"{count} {way}" for count, way in zip(ended, words, strict=True))

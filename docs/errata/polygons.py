@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.papers.errata.checking import Check, into
+from .checking import Check, into
 
 CHECKS: list[Check] = []
 erratum = into(CHECKS)

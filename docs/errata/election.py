@@ -14,13 +14,13 @@ def _next(cell: Cell, step: Cell) -> Cell:
 
 
 @dataclass(frozen=True)
-class CycleModel:
+class FreeCells:
     """The free cells of a map, (row, column)."""
 
     free: frozenset[Cell]
 
     @classmethod
-    def of(cls, name: str) -> CycleModel:
+    def of(cls, name: str) -> FreeCells:
         """Return those of a generated map."""
         from shoal.swarm.maps.open import open_map
 
@@ -60,7 +60,7 @@ def _path(sources: list[Cell], opened: frozenset[Cell], frontier: set[Cell]) -> 
     return []
 
 
-def plays(ground: CycleModel, seed: int, *, particles: int = 20, whole: bool = False, handover: bool = False) -> bool:
+def plays(ground: FreeCells, seed: int, *, particles: int = 20, whole: bool = False, handover: bool = False) -> bool:
     """Tell whether an episode of elect-particle ends; if a state comes again it never does, as nothing is random after the start.
 
     With ``whole`` the elected particle's path is played to its end before another is made, else one is made at every move; with

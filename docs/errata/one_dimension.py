@@ -8,8 +8,9 @@ from math import comb
 
 import numpy as np
 
-from shoal.papers.errata.checking import Check, into
 from shoal.papers.recipe import published_curve
+
+from .checking import Check, into
 
 CHECKS: list[Check] = []
 erratum = into(CHECKS)

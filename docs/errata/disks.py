@@ -7,7 +7,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.papers.errata.checking import Check, into
+from .checking import Check, into
 
 CHECKS: list[Check] = []
 erratum = into(CHECKS)

@@ -1,0 +1,73 @@
+"""Errata of the papers: what they print, what holds, and what a check of it finds.
+
+The checks lie in ``docs/errata`` of the repository. An installed Shoal, which has none of it, shows what they found when it was
+recorded.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from shoal.files import atomic
+
+RECORD = Path(__file__).parent / "published" / "errata.json"
+CHECKS = Path(__file__).parents[3] / "docs" / "errata" / "__init__.py"
+
+
+@dataclass(frozen=True)
+class Erratum:
+    """An erratum, checked.
+
+    Parameters
+    ----------
+    source : str
+        Paper and place.
+    printed, holds : str
+    check : str
+        How it was checked.
+    found : str
+        The numbers of the check.
+    shown : bool
+        Whether the check shows it.
+    """
+
+    source: str
+    printed: str
+    holds: str
+    check: str
+    found: str
+    shown: bool
+
+
+def check_errata() -> list[Erratum]:
+    """Run the checks of all errata, in the order of the papers; without the repository return what they found when recorded."""
+    if not CHECKS.exists():
+        return recorded()
+    name = "docs.errata"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, CHECKS, submodule_search_locations=[str(CHECKS.parent)])
+        assert spec is not None
+        assert spec.loader is not None
+        sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[name])
+    checks: Any = sys.modules[name]
+    found: list[Erratum] = checks.check_all()
+    return found
+
+
+def recorded() -> list[Erratum]:
+    """Return what the checks found when it was recorded."""
+    return [Erratum(**one) for one in json.loads(RECORD.read_text(encoding="utf-8"))]
+
+
+def record(errata: Sequence[Erratum]) -> None:
+    """Write what the checks found."""
+    with atomic(RECORD) as temporary:
+        text = json.dumps([asdict(one) for one in errata], indent=1, ensure_ascii=False)
+        temporary.write_text(text + "\n", encoding="utf-8")
