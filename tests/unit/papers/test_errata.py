@@ -7,7 +7,7 @@ from html import escape
 
 import pytest
 from docs.errata import __main__ as documentation
-from docs.errata.election import plays
+from docs.errata.election import FreeCells, plays
 from docs.errata.exploration import family, guaranteed
 
 from shoal.papers import errata as module
