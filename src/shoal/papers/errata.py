@@ -16,7 +16,7 @@ from typing import Any
 
 from shoal.files import atomic
 
-RECORD = Path(__file__).parent / "published" / "errata.json"
+RECORD = Path(__file__).with_suffix(".json")
 CHECKS = Path(__file__).parents[3] / "docs" / "errata" / "__init__.py"
 
 
