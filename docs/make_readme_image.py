@@ -15,17 +15,21 @@ from PIL import Image
 from shoal import GridWorkspace, run
 from shoal.cli.demo import retina
 from shoal.swarm.maps.imaging import segment_vessels
-from shoal.swarm.maps.raster import PALETTE, belief_raster
+from shoal.swarm.maps.raster import PALETTE
 
 TARGET = Path(__file__).parent / "images" / "retina.png"
 MOVES = 60
 
 
+def picture_of(state, belief):
+    return belief.picture(state.occupied)
+
+
 def main() -> None:
     photograph = retina()
     episode = run(GridWorkspace(segment_vessels(photograph), name="retina"), particles=300)
-    middle = belief_raster(*next(islice(episode.frames(), MOVES, None)))
-    end = belief_raster(*episode.final())
+    middle = picture_of(*next(islice(episode.frames(), MOVES, None)))
+    end = picture_of(*episode.final())
     figure = Figure(figsize=(9.6, 3.55), dpi=125, facecolor="white")
     titles = ("a photograph of an eye", f"after {MOVES} commands", f"mapped after {episode.moves} commands")
     for i, (picture, title) in enumerate(zip((photograph, middle, end), titles, strict=True)):

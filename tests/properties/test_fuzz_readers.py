@@ -22,9 +22,10 @@ from shoal.swarm.episode import Verification
 from shoal.swarm.grid.placements import PLACEMENTS, place
 from shoal.swarm.grid.tasks import TASKS
 from shoal.swarm.maps import generators
-from shoal.swarm.maps.files import PICTURES, read_map, read_pixels
+from shoal.swarm.maps.files import read_map
 from shoal.swarm.maps.generators import GENERATORS
 from shoal.swarm.maps.open import open_map
+from shoal.swarm.maps.pictures import PICTURES, read_pixels
 from shoal.swarm.policies import POLICIES
 
 SUFFIXES = (*PICTURES, ".txt", ".map", ".npy", ".csv")
@@ -36,7 +37,7 @@ EPISODE = run(WORKSPACE, particles=2, policy="random-moves", seed=3, task="cover
 def _small_and_tidy():
     """Take only small maps, as a damaged header may ask for a huge one; find files that were left open."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("formats", "episode_file", "workspace"):
+        for module in ("maps.reading", "maps.workspace", "episode_file"):
             patch.setattr(f"shoal.swarm.{module}.MAX_CELLS", 2**16)
         yield
         gc.collect()

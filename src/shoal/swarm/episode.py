@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import html
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,6 +18,7 @@ from shoal.swarm.grid.scans import EVERY_MOVE, ScanRule
 from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.grid.tasks import make_task
 from shoal.swarm.grid.world import GridWorld
+from shoal.swarm.maps.raster import png_bytes
 from shoal.swarm.maps.workspace import GridWorkspace
 
 STATUSES = {
@@ -254,6 +257,12 @@ class Episode:
         )
 
     def _repr_html_(self) -> str:
-        from shoal.swarm.maps.raster import episode_html
-
-        return episode_html(self)
+        state, belief = self.final()
+        picture = base64.b64encode(png_bytes(belief.picture(state.occupied), side=480)).decode()
+        name, policy = html.escape(self.workspace.name), html.escape(self.policy)
+        return (
+            f'<figure style="margin:0"><img alt="final map of {name}" src="data:image/png;base64,{picture}" '
+            'style="image-rendering:pixelated;max-width:100%"/>'
+            f"<figcaption><b>{name}</b>: {self.task} by {policy}, {self.n_particles} particles, rule {self.rule}; "
+            f"{html.escape(self.sentence)}</figcaption></figure>"
+        )

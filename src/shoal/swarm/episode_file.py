@@ -20,7 +20,8 @@ from shoal.swarm.episode import Episode
 from shoal.swarm.grid.commands import RULES, letters_of
 from shoal.swarm.grid.scans import MOVE_COST, SCAN_COST, ScanRule
 from shoal.swarm.grid.world import check_start
-from shoal.swarm.maps.workspace import MAX_CELLS, GridWorkspace
+from shoal.swarm.maps.reading import MAX_CELLS
+from shoal.swarm.maps.workspace import GridWorkspace
 
 FORMAT: Literal[1] = 1
 

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from shoal import GridWorkspace, InvalidInputError, open_map, run, run_trials
-from shoal.swarm.maps.raster import PALETTE, belief_raster, in_strips, workspace_raster
+from shoal.swarm.maps.raster import PALETTE, in_strips
 from shoal.views.drawing.charts import save_figure
 from shoal.views.swarm.figures import final_map, frontier_plot, map_figure
 from shoal.views.swarm.films import film_frames, shown_moves, write_film
@@ -25,24 +25,28 @@ def episode():
     return run(open_map("maze:15x11"), particles=10, seed=2)
 
 
+def picture_of(state, belief):
+    return belief.picture(state.occupied)
+
+
 def colour(name):
     return tuple(int(PALETTE[name][i : i + 2], 16) for i in (1, 3, 5))
 
 
 def test_raster_shows_every_state(episode):
     state, belief = next(iter(episode.frames()))
-    raster = belief_raster(state, belief)
+    raster = belief.picture(state.occupied)
     assert raster.shape == (13, 17, 3)
     for cell in state.cells.tolist():
         assert tuple(raster[cell[0] + 1, cell[1] + 1]) == colour("particle")
     shown = {tuple(pixel) for pixel in raster.reshape(-1, 3).tolist()}
     assert shown == {colour("particle"), colour("frontier"), colour("unknown")}
-    last = belief_raster(*episode.final())
+    last = picture_of(*episode.final())
     assert {tuple(p) for p in last.reshape(-1, 3).tolist()} >= {colour("particle"), colour("free"), colour("obstacle")}
 
 
 def test_wide_maps_are_cut_into_strips():
-    sheet = in_strips(workspace_raster(open_map("line:5000")))
+    sheet = in_strips(open_map("line:5000").picture)
     assert max(sheet.shape[:2]) < 500
     assert (sheet == colour("free")).all(axis=2).sum() >= 5000
 
@@ -57,7 +61,7 @@ def test_notebooks(episode):
 
 def test_three_dimensions_side_by_side():
     workspace = GridWorkspace(np.ones((3, 4, 5), bool))
-    assert workspace_raster(workspace).shape == (4, 3 * 5 + 2, 3)
+    assert workspace.picture.shape == (4, 3 * 5 + 2, 3)
     figure = final_map(run(workspace, particles=6))
     assert figure.axes
 
@@ -83,7 +87,7 @@ def test_gif_shows_each_move(episode, tmp_path):
         assert film.n_frames == episode.moves + 1
         film.seek(film.n_frames - 1)
         last = np.asarray(film.convert("RGB").resize((17, 13), Image.Resampling.NEAREST))
-    np.testing.assert_array_equal(last, belief_raster(*episode.final()))
+    np.testing.assert_array_equal(last, picture_of(*episode.final()))
 
 
 def test_mp4_can_be_decoded(episode, tmp_path):
@@ -99,15 +103,15 @@ def test_mp4_can_be_decoded(episode, tmp_path):
     assert len(frames) == episode.moves + 1
     side = width // 17
     centres = frames[-1][side // 2 :: side, side // 2 :: side][:13, :17].astype(int)
-    assert np.abs(centres - belief_raster(*episode.final())).mean() < 12  # a lossy format
+    assert np.abs(centres - picture_of(*episode.final())).mean() < 12  # a lossy format
 
 
 def test_long_films_show_first_and_last(episode):
     assert shown_moves(10_000, 400)[[0, -1]].tolist() == [0, 10_000]
     assert len(shown_moves(10_000, 400)) == 400
     frames = list(film_frames(episode, shown_moves(episode.moves, 3)))
-    np.testing.assert_array_equal(frames[0], belief_raster(*next(iter(episode.frames()))))
-    np.testing.assert_array_equal(frames[-1], belief_raster(*episode.final()))
+    np.testing.assert_array_equal(frames[0], picture_of(*next(iter(episode.frames()))))
+    np.testing.assert_array_equal(frames[-1], picture_of(*episode.final()))
 
 
 def test_player_page_holds_the_episode(episode, tmp_path):

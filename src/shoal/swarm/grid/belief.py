@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.swarm.grid.board import Board
-
-UNKNOWN, FRONTIER, FREE, OBSTACLE = 0, 1, 2, 3
-"""Values of `Belief.states`."""
+from shoal.swarm.maps.raster import FREE, FRONTIER, OBSTACLE, PARTICLE, UNKNOWN, raster_of
 
 
 @dataclass(frozen=True)
@@ -54,6 +52,12 @@ class Belief:
         states[self.open.mask] = FREE
         states[self.frontier.mask] = FRONTIER
         return states
+
+    def picture(self, occupied: Board) -> NDArray[np.uint8]:
+        """Return a picture of what is known and where the particles are, one pixel a cell, rim included; uint8, (H, W, 3)."""
+        codes = self.states
+        codes[occupied.mask] = PARTICLE
+        return raster_of(codes)
 
     def observed(self, command: str, before: Board, after: Board) -> Belief:
         """Return the belief after particles that stood at ``before`` were pushed once and then stand at ``after``.

@@ -1,4 +1,4 @@
-"""Vessels out of a photograph: a picture of a vascular tree becomes a map of free cells.
+"""Find vessels in a photograph: a picture of a vascular tree becomes a map of free cells.
 
 The steps, each a function below: one grey channel; the field of view (a fundus photograph has a dark
 surround); what is darker than its surroundings and narrow; a ridge filter over several vessel widths;
@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError, MissingExtraError
-from shoal.swarm.maps.generators.regions import Mask, crop, largest_part
+from shoal.swarm.maps.generators.components import Mask, crop, largest_part
 
 Grey = NDArray[np.float64]
 
 DEFAULT_WIDTH = 160  # cells
+LOW, HIGH = 0.24, 0.42  # thresholds of the ridge response, as fractions of that of clear vessels
+THICKEST = 0.035  # width of the thickest vessel, as a fraction of the larger side of the picture
 PIXELS_PER_CELL = 4  # larger pictures are shrunk to this before the slow steps
 SMALLEST_SIDE, LARGEST_SIDE = 16, 960  # pixels that the slow steps see
 LUMA = (0.2125, 0.7154, 0.0721)  # mostly green, the channel in which blood stands out
@@ -31,10 +33,10 @@ def segment_vessels(
     image: ArrayLike,
     *,
     width: int | None = None,
-    low: float = 0.24,
-    high: float = 0.42,
+    low: float = LOW,
+    high: float = HIGH,
     bright: bool | None = None,
-    thickest: float = 0.035,
+    thickest: float = THICKEST,
 ) -> Mask:
     """Return the main vascular network of a picture as a map.
 

@@ -1,45 +1,48 @@
-"""Open a map by what a user types: a file, or the name of a generated one."""
+"""Open a map by whatever a user has: a file, the name of a generated map, an array, or a workspace."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from shoal.errors import InvalidInputError
+from shoal.swarm.maps import imaging
+from shoal.swarm.maps.arrays import free_cells
+from shoal.swarm.maps.files import named_after, read_map
+from shoal.swarm.maps.generators import generate_cached, is_spec
+from shoal.swarm.maps.pictures import read_pixels
+from shoal.swarm.maps.reading import MapOptions
 from shoal.swarm.maps.workspace import GridWorkspace
 
 
 def open_map(
-    text: str,
+    place: str | os.PathLike[str] | GridWorkspace | ArrayLike,
     *,
     vessels: bool = False,
     width: int | None = None,
-    low: float = 0.24,
-    high: float = 0.42,
+    low: float = imaging.LOW,
+    high: float = imaging.HIGH,
     bright: bool | None = None,
-    thickest: float = 0.035,
-    threshold: float = 0.5,
-    invert: bool = False,
-    scale: float = 1.0,
-    level: float | None = None,
-    label: int | None = None,
+    thickest: float = imaging.THICKEST,
+    **options: Any,
 ) -> GridWorkspace:
-    """Return the workspace that ``text`` names.
+    """Return the workspace that ``place`` means.
 
     Parameters
     ----------
-    text : str
-        A generated map ("vessels:5000"; see ``shoal maps``) or the path of a file (see `shoal.swarm.maps.files.read_map`).
+    place : str, path, GridWorkspace or array_like
+        A generated map ("vessels:5000"; see ``shoal maps``), the path of a file (see `shoal.swarm.maps.files.read_map`), an array
+        of booleans or numbers, shape (H, W) or (D, H, W), or a workspace, which is returned as it is.
     vessels : bool
-        The file is a photograph: segment its vessels (needs the extra ``shoal[imaging]``).
-    width : int, optional
-        With ``vessels``: the larger side of the map, in cells.
-    low, high, bright, thickest
-        With ``vessels``; see `shoal.swarm.imaging.segment_vessels`.
-    threshold, invert, scale
-        For pictures that are maps already.
-    level, label
-        For arrays and volumes of numbers; see `shoal.swarm.maps.volumes.VolumeOptions`.
+        The file is a photograph: find its vessels (needs the extra ``shoal[imaging]``).
+    width, low, high, bright, thickest
+        With ``vessels``: see `shoal.swarm.maps.imaging.segment_vessels`.
+    **options
+        threshold, invert, scale, level, label: see `shoal.swarm.maps.reading.MapOptions`.
 
     Raises
     ------
@@ -50,29 +53,31 @@ def open_map(
     --------
     >>> open_map("line:7")
     <GridWorkspace 'line:7': 1x7, 7 free cells>
+    >>> print(open_map(np.eye(2) == 0))
+    #.
+    .#
     """
-    from shoal.swarm.maps import generators
-    from shoal.swarm.maps.files import PictureOptions, name_of, read_map, read_pixels
-
-    PictureOptions(threshold, invert, scale)  # refuses values out of range whatever the map is
+    chosen = MapOptions(**options)  # refuses values out of range whatever the map is
     if width is not None and not vessels:
         raise InvalidInputError(f"width: expected it only together with vessels (a photograph to segment), got {width}")
+    if isinstance(place, GridWorkspace):
+        return place
+    if not isinstance(place, str | os.PathLike):
+        array = np.asarray(place)
+        by_number = chosen.level is not None or chosen.label is not None
+        return GridWorkspace(free_cells(array, chosen, where="map") if by_number else array)
+    text = os.fspath(place)
     path = Path(text)
-    named = generators.is_spec(text) and not os.path.isfile(path)  # unlike Path.is_file it takes names of any length
+    named = is_spec(text) and not os.path.isfile(path)  # unlike Path.is_file it takes names of any length
     if vessels:
         if named:
             raise InvalidInputError(f"vessels: expected a photograph to segment, got the generated map {text!r}")
-        from shoal.swarm.maps.imaging import segment_vessels
-
         pixels = read_pixels(path)
         try:
-            return GridWorkspace(
-                segment_vessels(pixels, width=width, low=low, high=high, bright=bright, thickest=thickest), name=name_of(path)
-            )
+            free = imaging.segment_vessels(pixels, width=width, low=low, high=high, bright=bright, thickest=thickest)
         except InvalidInputError as error:
             raise InvalidInputError(f"{path}: {error}") from None
+        return named_after(path, free)
     if named or (not path.suffix and not os.path.exists(path)):
-        from shoal.swarm.maps.generators.remembered import remembered
-
-        return GridWorkspace(remembered(text), name=text)
-    return read_map(path, threshold=threshold, invert=invert, scale=scale, level=level, label=label)
+        return GridWorkspace(generate_cached(text), name=text)
+    return read_map(path, **options)

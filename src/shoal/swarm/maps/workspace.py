@@ -9,9 +9,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
+from shoal.swarm.maps import raster
+from shoal.swarm.maps.reading import MAX_CELLS
 
-MAX_CELLS = 2**28
-"""The largest workspace accepted, in cells (16384 x 16384)."""
+
+def check_finite(array: NDArray[np.generic], *, what: str) -> None:
+    """Refuse an array with NaN or infinity in it.
+
+    Raises
+    ------
+    InvalidInputError
+        With the first such cell.
+    """
+    if np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
+        bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise InvalidInputError(f"{what}: expected finite numbers, got {array[bad]} at cell {bad}")
 
 
 def check_free(free: ArrayLike, *, what: str = "workspace") -> NDArray[np.bool_]:
@@ -35,17 +47,14 @@ def check_free(free: ArrayLike, *, what: str = "workspace") -> NDArray[np.bool_]
         raise InvalidInputError(f"{what}: expected rows of equal length, got rows of different lengths") from None
     if array.ndim not in (2, 3):
         raise InvalidInputError(f"{what}: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions")
-    if array.dtype != np.bool_:
-        if not (np.issubdtype(array.dtype, np.integer) or np.issubdtype(array.dtype, np.floating)):
-            raise InvalidInputError(f"{what}: expected booleans or numbers, got dtype {array.dtype}")
-        if np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
-            bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-            raise InvalidInputError(f"{what}: expected finite numbers, got {array[bad]} at cell {bad}")
+    if array.dtype.kind not in "biuf":
+        raise InvalidInputError(f"{what}: expected booleans or numbers, got dtype {array.dtype}")
+    check_finite(array, what=what)
     if array.size == 0:
         raise InvalidInputError(f"{what}: expected at least one cell, got shape {array.shape}")
     if array.size > MAX_CELLS:
         raise InvalidInputError(f"{what}: expected at most {MAX_CELLS} cells, got {array.size} {array.shape}")
-    checked = np.ascontiguousarray(array != 0).copy()
+    checked = np.array(array != 0, order="C")
     if not checked.any():
         raise InvalidInputError(f"{what}: expected at least one free cell, got {checked.size} obstacles only")
     checked.setflags(write=False)
@@ -144,7 +153,10 @@ class GridWorkspace:
         size = "x".join(map(str, self.shape))
         return f"<GridWorkspace {self.name!r}: {size}, {self.n_free} free cells>"
 
-    def _repr_png_(self) -> bytes:
-        from shoal.swarm.maps.raster import png_bytes, workspace_raster
+    @property
+    def picture(self) -> NDArray[np.uint8]:
+        """A picture, one pixel a cell; uint8, shape (H, W, 3). Layers of a 3-D workspace stand side by side."""
+        return raster.raster_of(np.where(self.free, raster.FREE, raster.OBSTACLE).astype(np.uint8))
 
-        return png_bytes(workspace_raster(self))
+    def _repr_png_(self) -> bytes:
+        return raster.png_bytes(self.picture)

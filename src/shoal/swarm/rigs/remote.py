@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError, RigError
 from shoal.swarm.grid.commands import RULES, letters_of
-from shoal.swarm.maps.workspace import MAX_CELLS
+from shoal.swarm.maps.reading import MAX_CELLS
 from shoal.swarm.rigs.messages import (
     PROTOCOL,
     Again,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from shoal.swarm import GridWorkspace
-from shoal.swarm.grid import belief as states
+from shoal.swarm.maps import raster as states
 from shoal.swarm.maps.raster import PALETTE
 from shoal.views.swarm.cell_colours import PLAIN, Ink
 

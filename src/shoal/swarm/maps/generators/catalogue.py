@@ -12,10 +12,9 @@ from shoal.registry import Registry
 from shoal.swarm.maps.generators.cave import draw_cave
 from shoal.swarm.maps.generators.htree import draw_htree
 from shoal.swarm.maps.generators.maze import draw_maze
-from shoal.swarm.maps.generators.shapes import draw_line, draw_rectangle
-from shoal.swarm.maps.generators.sizes import MAX_CELLS
 from shoal.swarm.maps.generators.vessels import draw_vessels
 from shoal.swarm.maps.generators.vessels3d import draw_vessel_net, draw_vessel_tree
+from shoal.swarm.maps.reading import MAX_CELLS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +56,16 @@ class Generator:
     def size(self) -> str:
         """The syntax of the size, such as ``ROWSxCOLUMNS``."""
         return "x".join(self.axes)
+
+
+def draw_line(count: int) -> NDArray[np.bool_]:
+    """Return a straight corridor one cell wide, shape (1, count). Source: paper M, Fig. 7 (map "linear", count 5000)."""
+    return np.ones((1, count), dtype=np.bool_)
+
+
+def draw_rectangle(rows: int, columns: int) -> NDArray[np.bool_]:
+    """Return a room without walls inside. Source: paper M, Fig. 7 (map "empty rectangle", 50 rows, 100 columns)."""
+    return np.ones((rows, columns), dtype=np.bool_)
 
 
 GENERATORS = Registry[Generator]("map generator")

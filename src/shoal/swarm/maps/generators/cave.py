@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.swarm.maps.generators.regions import Mask, largest_part
+from shoal.swarm.maps.generators.components import Mask, largest_part
 
 FIRST_SHARE = 0.5  # of the cells are free before smoothing; raised until the cave is large enough
 WANTED_SHARE = 0.38  # of the picture that the cave must fill

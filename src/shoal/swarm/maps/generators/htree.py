@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.swarm.maps.generators.sizes import MAX_CELLS
+from shoal.swarm.maps.reading import MAX_CELLS
 
 LEFT_RIGHT = np.array([[0, -1], [0, 1]])
 DOWN_UP = np.array([[1, 0], [-1, 0]])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.swarm.maps.generators.regions import Mask, crop
+from shoal.swarm.maps.generators.components import Mask, crop
 from shoal.swarm.maps.generators.venation import Indices, Network, Points, grow_network, subtrees
 
 AREA_PER_CELL = 1.65  # area of the organ for each free cell, before the network is scaled

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.maps.generators.regions import Mask
+from shoal.swarm.maps.generators.components import Mask, crop
 from shoal.swarm.maps.generators.venation import Points
 
 CELLS_A_TIP = 60  # free cells for each end of a twig, before the tree is scaled
@@ -181,7 +181,7 @@ def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: ND
 
 def _trimmed(free: Mask, count: int) -> Mask:
     """Return the ``count`` free cells that are nearest to the inlet by path, without an empty rim: ends of twigs go."""
-    from shoal.swarm.kernels.paths import path_lengths
+    from shoal.swarm.kernels.paths import path_lengths  # needs Numba, which takes long to import
 
     padded = np.pad(free, 1)
     lowest = int(np.flatnonzero(padded.any(axis=(0, 2)))[-1])
@@ -189,5 +189,4 @@ def _trimmed(free: Mask, count: int) -> Mask:
     order = path_lengths(padded.ravel(), np.array(padded.shape), int(np.ravel_multi_index(tuple(inlet), padded.shape)))
     kept = np.zeros_like(padded)
     kept.ravel()[order[:count]] = True
-    cut = tuple(slice(int(where.min()), int(where.max()) + 1) for where in np.nonzero(kept))
-    return np.ascontiguousarray(kept[cut])
+    return crop(kept)

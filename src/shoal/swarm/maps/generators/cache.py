@@ -1,4 +1,4 @@
-"""Generated maps kept on disk, so that a command need not wait for the same map twice."""
+"""A cache of generated maps on disk, so that a command need not wait for the same map twice."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from shoal.errors import OutputError
 from shoal.files import atomic
-from shoal.swarm.maps.generators import GENERATORS, generate
+from shoal.swarm.maps.generators.catalogue import GENERATORS
+from shoal.swarm.maps.generators.names import generate
 
 
-def remembered(spec: str) -> NDArray[np.bool_]:
+def generate_cached(spec: str) -> NDArray[np.bool_]:
     """Return the map with the given name as `generate` does, from the user's cache folder if it is there.
 
     Only maps that take long to generate are kept. The cache is ``$XDG_CACHE_HOME/shoal`` or ``~/.cache/shoal``; what was made by

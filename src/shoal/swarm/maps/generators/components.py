@@ -1,4 +1,4 @@
-"""What several makers of maps need: the largest connected part, and no empty rim."""
+"""What several generators and the vessel finder need: the largest connected part, and no empty rim."""
 
 from __future__ import annotations
 
@@ -29,6 +29,5 @@ def largest_part(free: Mask, neighbours: NDArray[np.float64] | None = None) -> M
 
 
 def crop(free: Mask) -> Mask:
-    """Return the map, which has a free cell, without empty rows and columns at its sides."""
-    rows, columns = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
-    return np.ascontiguousarray(free[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])
+    """Return the map, which has a free cell, without empty rows, columns and layers at its sides."""
+    return np.ascontiguousarray(free[tuple(slice(int(where.min()), int(where.max()) + 1) for where in np.nonzero(free))])

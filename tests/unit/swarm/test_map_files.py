@@ -11,8 +11,9 @@ from PIL import Image
 from shoal.errors import InvalidInputError, OutputError
 from shoal.files import atomic
 from shoal.swarm import GridWorkspace
-from shoal.swarm.maps.files import read_map, read_pixels, write_map
+from shoal.swarm.maps.files import read_map, write_map
 from shoal.swarm.maps.open import open_map
+from shoal.swarm.maps.pictures import read_pixels
 
 WRITABLE = [".png", ".tif", ".tiff", ".bmp", ".txt", ".map", ".npy", ".csv"]
 STAIRS = np.array([[1, 1, 0, 1, 0], [0, 1, 1, 1, 1], [1, 0, 0, 0, 1]], dtype=bool)
@@ -60,7 +61,7 @@ def test_three_dimensions_come_back_where_a_format_takes_them(tmp_path):
     assert read_map(tmp_path / "cube.npy") == workspace
     for suffix in WRITABLE:
         if suffix not in {".npy", ".tif", ".tiff"}:
-            with pytest.raises(InvalidInputError, match=r"cube\.\w+: expected \.npy, \.tif, .* for a 3-D workspace"):
+            with pytest.raises(InvalidInputError, match=r"cube\.\w+: expected \.tif, \.tiff, \.npy, .* for a 3-D workspace"):
                 write_map(workspace, tmp_path / f"cube{suffix}")
     assert [file.name for file in tmp_path.iterdir()] == ["cube.npy"]
 
@@ -276,8 +277,8 @@ def test_open_map_finds_vessels_in_a_photograph(tmp_path):
 @pytest.mark.parametrize(
     ("text", "options", "words"),
     [
-        ("line:7", {"threshold": 1.5}, "threshold: expected 0 to 1, got 1.5"),
-        ("line:7", {"scale": 0.0}, "scale: expected above 0"),
+        ("line:7", {"threshold": 1.5}, "threshold: expected a number from 0 to 1, got 1.5"),
+        ("line:7", {"scale": 0.0}, "scale: expected a number, above 0 and at most 64"),
         ("line:7", {"width": 40}, "width: expected it only together with vessels"),
         ("line:7", {"vessels": True}, "vessels: expected a photograph to segment, got the generated map 'line:7'"),
         ("lime:7", {}, "did you mean 'line'"),

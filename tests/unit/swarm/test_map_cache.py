@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shoal.swarm.maps.generators import generate
-from shoal.swarm.maps.generators import remembered as module
-from shoal.swarm.maps.generators.remembered import remembered
+from shoal.swarm.maps.generators import cache, generate, generate_cached
 
 
 @pytest.fixture(autouse=True)
@@ -17,22 +15,22 @@ def cache_folder(tmp_path, monkeypatch):
 
 
 def test_kept_and_read_back(cache_folder, monkeypatch):
-    first = remembered("vessels:300:4")
+    first = generate_cached("vessels:300:4")
     (kept,) = cache_folder.rglob("*.npy")
-    monkeypatch.setattr(module, "generate", lambda spec: pytest.fail("generated twice"))
-    np.testing.assert_array_equal(remembered("vessels:300:4"), first)
+    monkeypatch.setattr(cache, "generate", lambda spec: pytest.fail("generated twice"))
+    np.testing.assert_array_equal(generate_cached("vessels:300:4"), first)
     np.testing.assert_array_equal(np.load(kept), generate("vessels:300:4"))
 
 
 def test_a_damaged_file_is_made_again(cache_folder):
-    remembered("vessels:300:4")
+    generate_cached("vessels:300:4")
     (kept,) = cache_folder.rglob("*.npy")
     kept.write_bytes(b"\x93NUMPY")
-    np.testing.assert_array_equal(remembered("vessels:300:4"), generate("vessels:300:4"))
+    np.testing.assert_array_equal(generate_cached("vessels:300:4"), generate("vessels:300:4"))
 
 
 def test_quick_maps_are_not_kept(cache_folder):
-    remembered("line:9")
+    generate_cached("line:9")
     assert not list(cache_folder.rglob("*.npy"))
 
 
@@ -40,4 +38,4 @@ def test_a_folder_that_cannot_be_written_does_no_harm(cache_folder, monkeypatch)
     blocked = cache_folder / "file"
     blocked.write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
-    assert remembered("vessels:300:4").sum() == 300
+    assert generate_cached("vessels:300:4").sum() == 300

@@ -1,0 +1,63 @@
+"""Maps as arrays of numbers: NumPy's ``.npy``, and what turns numbers into free cells."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.swarm.maps.reading import MapOptions, check_size, reading
+from shoal.swarm.maps.workspace import GridWorkspace, check_finite
+
+
+def read_npy(path: Path, options: MapOptions) -> NDArray[Any]:
+    """Return the free cells of a ``.npy`` file."""
+    with reading(path, "a NumPy array file (.npy)"):
+        # Mapped first: that checks the length of the file before anything is read.
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        if not isinstance(array, np.ndarray) or array.ndim not in (2, 3) or array.dtype.kind not in "biuf":
+            found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else "an archive"
+            raise InvalidInputError(f"{path}: expected a 2-D or 3-D array of booleans or numbers, got {found}")
+        check_size(path, *array.shape)
+        return free_cells(np.array(array), options, where=str(path))
+
+
+def encode_npy(workspace: GridWorkspace) -> bytes:
+    """Return the bytes of a ``.npy`` file."""
+    buffer = io.BytesIO()
+    np.save(buffer, workspace.free)
+    return buffer.getvalue()
+
+
+def free_cells(array: NDArray[Any], options: MapOptions, *, where: str) -> NDArray[Any]:
+    """Return the free cells of an array of numbers, by level, by label, or because there are two numbers only.
+
+    Raises
+    ------
+    InvalidInputError
+        If a number is not finite, no cell has the label, or without level and label there are more than two numbers:
+        intensities and probabilities are no map until somebody sets a level.
+    """
+    if options.level is not None:
+        check_finite(array, what=where)
+        return np.asarray(array >= options.level)
+    if options.label is not None:
+        check_finite(array, what=where)
+        found = np.asarray(array == options.label)
+        if not found.any():
+            there = ", ".join(f"{value:g}" for value in np.unique(array)[:8])
+            raise InvalidInputError(f"{where}: expected cells of label {options.label}, got none (there are {there})")
+        return found
+    other = array[array != 0]
+    if other.size and np.isfinite(other).all() and (other != other[0]).any():
+        odd = next(value for value in other if value != other[0])
+        cell = tuple(int(i) for i in np.argwhere(array == odd)[0])
+        raise InvalidInputError(
+            f"{where}: expected 0 for obstacles and one other number for free cells, got {other[0]} and {odd} at cell {cell} "
+            "(say from which level on cells are free, or which label they have)"
+        )
+    return array

@@ -1,0 +1,102 @@
+"""Maps by name: the name is taken apart, its numbers are checked, and the generator draws the map."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.swarm.maps.generators.catalogue import GENERATORS, Generator
+
+
+def is_spec(text: str) -> bool:
+    """Tell whether ``text`` is meant as a map name: what stands before the first colon names a generator.
+
+    >>> is_spec("maze:61x41"), is_spec("maze"), is_spec("maze.png")
+    (True, True, False)
+    """
+    return text.partition(":")[0] in GENERATORS
+
+
+def generate(spec: str) -> NDArray[np.bool_]:
+    """Return the map with the given name.
+
+    Parameters
+    ----------
+    spec : str
+        ``NAME:SIZE`` or ``NAME:SIZE:SEED``, such as ``vessels:5000:7``.
+
+    Returns
+    -------
+    ndarray, bool, shape (H, W) or (D, H, W)
+        C-contiguous, True where free, row 0 on top.
+
+    Raises
+    ------
+    UnknownNameError
+        If no generator has that name; the message suggests the nearest one.
+    InvalidInputError
+        If the size or the seed is missing or does not fit.
+
+    Examples
+    --------
+    >>> generate("rectangle:2x3")
+    array([[ True,  True,  True],
+           [ True,  True,  True]])
+    """
+    if not isinstance(spec, str):
+        raise InvalidInputError(f"expected a map name such as 'vessels:5000:7', got {type(spec).__name__}")
+    name, *fields = spec.split(":")
+    if name not in GENERATORS:
+        near = difflib.get_close_matches(name, GENERATORS, n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        raise UnknownNameError(f"unknown map generator {_cut(name)} in {_cut(spec)}: {hint}(known: {', '.join(GENERATORS)})")
+    generator = GENERATORS.get(name)
+    if len(fields) > 2:
+        raise InvalidInputError(f"expected {generator.name}:{generator.size}{'[:SEED]' * generator.seeded}, got {_cut(spec)}")
+    size = _size(fields[0] if fields else "", generator, spec)
+    if len(fields) < 2:
+        return np.ascontiguousarray(generator.function(*size))
+    if not re.fullmatch("[0-9]{1,1000}", fields[1]):
+        raise InvalidInputError(f"expected a seed that is an integer of at least 0, got {_cut(fields[1])} in {_cut(spec)}")
+    seed = int(fields[1])
+    if not generator.seeded:
+        raise InvalidInputError(f"expected no seed, as nothing in a map of kind {name} is random, got {seed} in {_cut(spec)}")
+    return np.ascontiguousarray(generator.function(*size, seed=seed))
+
+
+def _size(text: str, generator: Generator, spec: str) -> tuple[int, ...]:
+    """Return the numbers of a size such as ``50x100``."""
+    axes = generator.axes
+    if not text:
+        raise InvalidInputError(
+            f"expected a size ({generator.size}) in the map name, got {_cut(spec)}: write for example {generator.example}"
+        )
+    parts = re.split("[xX]", text)
+    if len(parts) != len(axes):
+        raise InvalidInputError(
+            f"expected a size of {len(axes)} number{'s' * (len(axes) > 1)} ({generator.size}), got {_cut(text)} "
+            f"in {_cut(spec)}: write for example {generator.example}"
+        )
+    for part, axis in zip(parts, axes, strict=True):
+        if not re.fullmatch("[+-]?[0-9]{1,1000}", part):
+            raise InvalidInputError(f"expected a whole number of {axis.lower()}, got {_cut(part)} in {_cut(spec)}")
+        if int(part) < 1:
+            raise InvalidInputError(f"expected at least 1 for the {axis.lower()}, got {_cut(part)} in {_cut(spec)}")
+    size = tuple(map(int, parts))
+    cells = math.prod(size)
+    if not generator.smallest <= cells <= generator.largest:
+        raise InvalidInputError(
+            f"expected from {generator.smallest} to {generator.largest} cells "
+            f"for a map of kind {generator.name}, got {cells if cells < 10**15 else 'far more'} in {_cut(spec)}"
+        )
+    return size
+
+
+def _cut(text: str) -> str:
+    """Return the text quoted, cut if it is too long for a sentence."""
+    return repr(text if len(text) <= 40 else text[:40] + "…")

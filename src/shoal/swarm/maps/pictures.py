@@ -1,0 +1,164 @@
+"""Maps as pictures: PNG, TIFF (pages are layers), BMP and JPEG, and folders of slices."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.checks import check_file
+from shoal.errors import InvalidInputError
+from shoal.swarm.maps.reading import MapOptions, check_size, reading
+from shoal.swarm.maps.workspace import GridWorkspace
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+T = TypeVar("T")
+PICTURES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
+LARGEST_FILE = 2**31  # bytes
+_PILLOW_NAMES = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}
+
+
+def read_picture(path: Path, options: MapOptions) -> NDArray[np.bool_]:
+    """Return the free cells of a picture; the pages of a TIFF are layers."""
+    layers = _pages(path, lambda image: _free_cells(path, image, options))
+    return layers[0] if len(layers) == 1 else _stacked(layers, [f"{path}: page {page + 1}" for page in range(len(layers))])
+
+
+def read_slices(folder: Path, options: MapOptions) -> NDArray[np.bool_]:
+    """Return the free cells of a folder of pictures: a layer each, in the order of the numbers in their names.
+
+    Raises
+    ------
+    InvalidInputError
+        If there are none, they are of several kinds or sizes, or one has pages.
+    """
+    files = [path for path in folder.iterdir() if path.suffix.lower() in PICTURES and path.is_file() and path.name[0] != "."]
+    if not files:
+        raise InvalidInputError(f"{folder}: expected a map file, got a folder without slices ({' '.join(PICTURES)})")
+    kinds = sorted({path.suffix.lower() for path in files})
+    if len(kinds) > 1:
+        raise InvalidInputError(f"{folder}: expected slices of one kind, got {' and '.join(kinds)}")
+    files.sort(key=lambda path: [int(part) if part.isdigit() else part for part in re.split("([0-9]+)", path.name)])
+    layers: list[NDArray[np.bool_]] = []
+    for file in files:
+        layers.append(read_picture(file, options))
+        if layers[-1].ndim != 2:
+            raise InvalidInputError(f"{file}: expected a slice, got a picture of {len(layers[-1])} pages")
+        check_size(folder, len(files), *layers[0].shape)
+    return _stacked(layers, list(map(str, files)))
+
+
+def read_pixels(path: Path) -> NDArray[np.uint8]:
+    """Return the pixels of a picture; uint8, shape (H, W) if it is grey, else (H, W, 3).
+
+    Raises
+    ------
+    InvalidInputError
+        If it is missing, damaged, or no picture.
+    """
+    if path.suffix.lower() not in PICTURES:
+        raise InvalidInputError(f"{path}: expected a picture ({' '.join(PICTURES)}), got {path.suffix!r}")
+    check_file(path, what="picture", most=LARGEST_FILE)
+    return _pages(path, lambda image: _pixels(path, image), most=1)[0]
+
+
+def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
+    """Return the bytes of a picture, free cells white; layers are the pages of a TIFF. JPEG keeps black and white apart."""
+    from PIL import Image
+
+    best: dict[str, Any] = {"quality": 100} if suffix in {".jpg", ".jpeg"} else {}
+    layers = workspace.free if workspace.ndim == 3 else workspace.free[np.newaxis]
+    first, *others = [Image.fromarray(layer.astype(np.uint8) * 255) for layer in layers]
+    if others:
+        best = {"save_all": True, "append_images": others, "compression": "tiff_deflate"}
+    buffer = io.BytesIO()
+    first.save(buffer, format=_PILLOW_NAMES[suffix], **best)
+    return buffer.getvalue()
+
+
+def _pages(path: Path, turn: Callable[[Image], T], *, most: int | None = None) -> list[T]:
+    """Return what ``turn`` makes of each page of a picture; sizes are checked before anything is decoded."""
+    from PIL import Image, UnidentifiedImageError
+
+    limit = Image.MAX_IMAGE_PIXELS
+    try:
+        Image.MAX_IMAGE_PIXELS = None  # checked here, with a sentence of our own
+        with path.open("rb") as file, reading(path, "a picture"):
+            try:
+                image = Image.open(file, formats=("PNG", "TIFF", "BMP", "JPEG"))
+            except UnidentifiedImageError:
+                file.seek(0)
+                raise InvalidInputError(
+                    f"{path}: expected a PNG, TIFF, BMP or JPEG picture, "
+                    f"got a damaged one or another format (it begins with {file.read(8)!r})"
+                ) from None
+            with image:
+                check_size(path, image.height, image.width)
+                count = int(getattr(image, "n_frames", 1)) if image.format == "TIFF" else 1
+                made = []
+                for page in range(min(count, most or count)):
+                    image.seek(page)
+                    check_size(path, count, image.height, image.width)
+                    made.append(turn(image.copy()))
+                return made
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+
+
+def _stacked(layers: list[NDArray[np.bool_]], names: list[str]) -> NDArray[np.bool_]:
+    for name, layer in zip(names, layers, strict=True):
+        if layer.shape != layers[0].shape:
+            sizes = ["x".join(map(str, reversed(shape))) for shape in (layers[0].shape, layer.shape)]
+            raise InvalidInputError(f"{name}: expected {sizes[0]} pixels as in the first layer, got {sizes[1]}")
+    return np.stack(layers)
+
+
+def _free_cells(path: Path, image: Image, options: MapOptions) -> NDArray[np.bool_]:
+    from PIL import Image as Pillow
+
+    grey = _grey(path, image)
+    if options.scale != 1.0:
+        width, height = (max(1, round(side * options.scale)) for side in image.size)
+        check_size(path, height, width)
+        grey = np.asarray(Pillow.fromarray(grey).resize((width, height), Pillow.Resampling.BOX))
+    free = grey >= options.threshold
+    return ~free if options.invert else free
+
+
+def _pixels(path: Path, image: Image) -> NDArray[np.uint8]:
+    if _is_deep(image):  # Pillow would clip these at 255, not scale them
+        return np.asarray(np.rint(255 * _grey(path, image)), dtype=np.uint8)
+    return np.asarray(image.convert("L" if image.mode in {"1", "L"} else "RGB"))
+
+
+def _is_deep(image: Image) -> bool:
+    """Tell whether a picture has more than 8 bits a channel: modes I, I;16, I;16B (big-endian) and F."""
+    return image.mode.startswith("I") or image.mode == "F"
+
+
+def _grey(path: Path, image: Image) -> NDArray[np.float32]:
+    """Return brightness 0 to 1; transparent pixels count as white."""
+    from PIL import Image as Pillow
+
+    if _is_deep(image):  # 16-bit and float pictures: full range of the type, or of the data
+        values = np.asarray(image).astype(np.float32)
+        if not np.isfinite(values).all():
+            row, column = (int(i) for i in np.argwhere(~np.isfinite(values))[0])
+            raise InvalidInputError(
+                f"{path}: expected finite brightness, got {values[row, column]} at row {row + 1}, column {column + 1}"
+            )
+        top = 65535.0 if image.mode != "F" else max(float(values.max(initial=0.0)), 1e-30)
+        return np.asarray(np.clip(values / np.float32(top), 0, 1), dtype=np.float32)
+    if image.mode == "LAB":  # Pillow converts it to colours only
+        image = image.convert("RGB")
+    if image.has_transparency_data:
+        rgba = image.convert("RGBA")
+        image = Pillow.alpha_composite(Pillow.new("RGBA", rgba.size, "white"), rgba)
+    return np.asarray(image.convert("L"), dtype=np.float32) / np.float32(255)

@@ -1,0 +1,87 @@
+"""What all readers of maps share: the options, the limit on size, and errors of one sentence for damaged files."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+
+from shoal.checks import check_integer, check_number
+from shoal.errors import InvalidInputError, ShoalError
+
+MAX_CELLS = 2**28
+"""The largest map accepted, in cells (16384 x 16384)."""
+
+
+@dataclass(frozen=True)
+class MapOptions:
+    """How a file becomes a map.
+
+    Parameters
+    ----------
+    threshold : float
+        Pictures, 0 to 1: pixels at least this bright are free (black 0, white 1).
+    invert : bool
+        Pictures: dark pixels are free instead.
+    scale : float
+        Pictures, above 0 and at most 64: cells a pixel along each side; 0.5 halves both.
+    level : float, optional
+        Arrays and volumes: cells of at least this number are free.
+    label : int, optional
+        Arrays and volumes: cells of exactly this number are free. Without level and label there may be 0, the obstacles, and one
+        other number only.
+
+    Raises
+    ------
+    InvalidInputError
+        If a value is out of range, or both a level and a label are given.
+    """
+
+    threshold: float = 0.5
+    invert: bool = False
+    scale: float = 1.0
+    level: float | None = None
+    label: int | None = None
+
+    def __post_init__(self) -> None:
+        check_number(self.threshold, what="threshold", least=0, most=1)
+        check_number(self.scale, what="scale", above=0, most=64)
+        if self.level is not None:
+            check_number(self.level, what="level")
+        if self.label is not None:
+            check_integer(self.label, what="label")
+        if self.level is not None and self.label is not None:
+            raise InvalidInputError(f"level: expected a level or a label, got {self.level:g} and {self.label}")
+
+
+def check_size(where: Path, *sides: int) -> None:
+    """Refuse a map of more than `MAX_CELLS` cells.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if prod(int(side) for side in sides) > MAX_CELLS:
+        raise InvalidInputError(f"{where}: expected at most {MAX_CELLS} cells, got {'x'.join(map(str, sides))}")
+
+
+@contextmanager
+def reading(path: Path, what: str) -> Iterator[None]:
+    """Turn whatever a library raises for a damaged file into one sentence; its warnings are not shown.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            yield
+        except ShoalError:
+            raise
+        except Exception as error:  # readers of files raise many kinds
+            why = " ".join(str(error).split())[:160] or type(error).__name__
+            raise InvalidInputError(f"{path}: expected {what}, got a damaged or cut off one: {why}") from None
