@@ -140,11 +140,12 @@ def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
     InvalidInputError
     """
     try:
-        if not path.is_file():
-            raise InvalidInputError(f"{path}: expected a {what}, got {'a folder' if path.is_dir() else 'no such file'}")
-        size = path.stat().st_size
+        found, folder = path.is_file(), path.is_dir()
+        size = path.stat().st_size if found else 0
     except (OSError, ValueError) as error:
-        raise InvalidInputError(f"cannot read {shortened(str(path))}: {getattr(error, 'strerror', None) or error}") from None
+        raise InvalidInputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if not found:
+        raise InvalidInputError(f"{path}: expected a {what}, got {'a folder' if folder else 'no such file'}")
     if size == 0:
         raise InvalidInputError(f"{path}: expected a {what}, got an empty file")
     if size > most:
