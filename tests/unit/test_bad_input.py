@@ -289,7 +289,7 @@ MAPS = [
     ("map line:5 --vessels", "vessels: expected a photograph to segment, got the generated map 'line:5'"),
     ("map {bad}/text.npy", "text.npy: expected a NumPy array file"),
     ("map {bad}/picture.npy", "picture.npy: expected a NumPy array file | PNG"),
-    ("map {bad}/object.npy", "object.npy: expected a NumPy array file (.npy), got a damaged or cut off one: | Python objects in dtype"),
+    ("map {bad}/object.npy", "object.npy: expected a NumPy array file (.npy), got a damaged | Python objects in dtype"),
     ("map {bad}/nan.npy", "nan.npy: workspace: expected finite numbers, got nan at cell (1, 2)"),
     ("map {bad}/line.npy", "line.npy: expected a 2-D or 3-D array | got int64 (3,)"),
     ("map {bad}/four.npy", "four.npy: expected a 2-D or 3-D array | got float64 (1, 2, 2, 2)"),
