@@ -21,15 +21,15 @@ from shoal import GridWorkspace, InvalidInputError, OutputError, open_map, run
 from shoal.cli import run as shoal
 from shoal.errors import RigError
 from shoal.swarm.rigs import (
+    ConnectionCutError,
     DriveLog,
-    Line,
-    LineCutError,
     RecordedRig,
     RemoteRig,
     SimulatedRig,
+    Transport,
     drive,
-    open_line,
     open_rig,
+    open_transport,
     read_log,
     replay_log,
     seal,
@@ -55,8 +55,8 @@ def free_of(workspace):
     return {tuple(cell) for cell in workspace.cells.tolist()}
 
 
-class BenchLine(Line):
-    """A line to a rig in this process; ``wear(data)`` returns what comes through, or raises LineCutError."""
+class BenchTransport(Transport):
+    """A line to a rig in this process; ``wear(data)`` returns what comes through, or raises ConnectionCutError."""
 
     def __init__(self, rig_, wear=lambda data: data):
         super().__init__("bench")
@@ -83,7 +83,7 @@ class BenchLine(Line):
 
 
 def bench(workspace, particles=5, wear=lambda data: data, seed=2):
-    return BenchLine(example.Rig(example.Swarm(free_of(workspace), particles, seed), workspace.shape, name="bench"), wear)
+    return BenchTransport(example.Rig(example.Swarm(free_of(workspace), particles, seed), workspace.shape, name="bench"), wear)
 
 
 # ------------------------------------------------------------------------------------------------- drive
@@ -198,7 +198,7 @@ def test_a_whole_line_that_is_no_message_is_the_rigs_fault():
 )
 def test_specs(spec, words):
     with pytest.raises(InvalidInputError, match=words):
-        open_line(spec)
+        open_transport(spec)
 
 
 # ----------------------------------------------------------------------------------------------- the link
@@ -225,7 +225,7 @@ def test_a_command_is_carried_out_once_if_the_line_is_cut_before_its_answer():
     def wear(data):
         if b'"done"' in data and not cut[0]:
             cut[0] = True
-            raise LineCutError("pulled")
+            raise ConnectionCutError("pulled")
         cut[0] = cut[0] and b'"done"' not in data
         return data
 
@@ -244,7 +244,7 @@ def test_a_rig_that_was_started_anew_is_not_gone_on_with():
         if b'"observe"' in data and not calls:
             calls.append(1)
             line.rig = bench(workspace).rig
-            raise LineCutError("power failure")
+            raise ConnectionCutError("power failure")
         return data
 
     line = bench(workspace, wear=wear)
@@ -398,7 +398,7 @@ def test_a_changed_log_is_noticed(tmp_path):
     with pytest.raises(InvalidInputError, match="line 4: expected one scan after move 1, got one of 2"):
         read_log(log)
     changed(4, "{", "[")
-    with pytest.raises(InvalidInputError, match="line 5: expected an entry of a log of format 1"):
+    with pytest.raises(InvalidInputError, match="line 5: expected JSON, got something else in line 1, column 8"):
         read_log(log)
     with pytest.raises(OutputError, match="it is there already"):
         DriveLog(log)

@@ -5,31 +5,38 @@ A *rig* is whatever moves particles and sees them: a simulation, or a laboratory
 
 from __future__ import annotations
 
-from shoal.swarm.rigs.driving import Drive, drive
-from shoal.swarm.rigs.log import DriveLog, RecordedRig, read_log, replay_log
+from shoal.swarm.rigs.driving import Drive, drive, replay_log
+from shoal.swarm.rigs.log import DriveLog, RecordedRig, read_log
 from shoal.swarm.rigs.messages import PROTOCOL, seal, unseal
-from shoal.swarm.rigs.protocol import Rig, open_rig
-from shoal.swarm.rigs.remote import LinkCounts, RemoteRig
+from shoal.swarm.rigs.protocol import Rig
+from shoal.swarm.rigs.remote import LinkCounts, RemoteRig, open_rig
 from shoal.swarm.rigs.simulated import SimulatedRig
-from shoal.swarm.rigs.transports import ChildLine, Line, LineCutError, SerialLine, TcpLine, open_line
+from shoal.swarm.rigs.transports import (
+    ConnectionCutError,
+    ProcessTransport,
+    SerialTransport,
+    TcpTransport,
+    Transport,
+    open_transport,
+)
 
 __all__ = [
     "PROTOCOL",
-    "ChildLine",
+    "ConnectionCutError",
     "Drive",
     "DriveLog",
-    "Line",
-    "LineCutError",
     "LinkCounts",
+    "ProcessTransport",
     "RecordedRig",
     "RemoteRig",
     "Rig",
-    "SerialLine",
+    "SerialTransport",
     "SimulatedRig",
-    "TcpLine",
+    "TcpTransport",
+    "Transport",
     "drive",
-    "open_line",
     "open_rig",
+    "open_transport",
     "read_log",
     "replay_log",
     "seal",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.files import interruption_held
-from shoal.swarm.episode import STATUSES, Episode
+from shoal.swarm.episode import STATUSES, Episode, Verification
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.commands import decode, encode
@@ -26,7 +27,7 @@ from shoal.swarm.noise.running import check_noisy
 from shoal.swarm.policies import Compiled, Policy, View, make_policy
 from shoal.swarm.policies.compiled import check_scanning
 from shoal.swarm.rigs.course import Course
-from shoal.swarm.rigs.log import DriveLog, RecordedRig
+from shoal.swarm.rigs.log import DriveLog, RecordedRig, digest, read_log
 from shoal.swarm.rigs.protocol import Rig, check_cells
 from shoal.swarm.rigs.remote import LinkCounts
 from shoal.swarm.rigs.tracking import ExactTracker, NoisyTracker
@@ -333,3 +334,31 @@ def _loop(
         runs.scan_after(tracker.belief, tracker.state, len(tracker.belief.known) - known)  # told, so that it learns
         if on_moves is not None:
             on_moves(moves, len(tracker.belief.frontier))
+
+
+def replay_log(path: str | os.PathLike[str]) -> tuple[Drive, Verification]:
+    """Drive a recorded rig with the commands that were sent to it; tell whether map and status are those of the log.
+
+    Raises
+    ------
+    InvalidInputError
+        See `read_log`.
+    RigError
+        If the positions do not follow from one another.
+    """
+    rig = read_log(path)
+    result = redrive(rig)
+    ended = rig.ended
+    if ended is None or ended["map"] is None:
+        how = "breaks off" if ended is None else f"was {ended['status']}"
+        return result, Verification(True, f"{result.moves} moves replayed; the log {how} there, before the run was over")
+    again: dict[str, Any] = {"moves": result.moves, "free": len(result.belief.open)}
+    again |= {"obstacles": len(result.belief.obstacles), "map": digest(result.belief)}
+    if rig.header["noise"] is None and result.belief.complete != (ended["status"] == "complete"):
+        return result, Verification(
+            False, f"status {ended['status']!r} in the log, {len(result.belief.frontier)} frontier cells left"
+        )
+    for name, value in again.items():
+        if ended[name] != value:
+            return result, Verification(False, f"{name}: {ended[name]} in the log, {value} replayed")
+    return result, Verification(True, f"{result.moves} moves replayed: the same map")

@@ -7,22 +7,23 @@ import os
 import time
 import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, TypeAdapter, ValidationError
 
+from shoal.checks import check_file, validation_message
 from shoal.errors import InvalidInputError, OutputError, RigError
-from shoal.swarm.episode import Verification
+from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.commands import letters_of
-
-if TYPE_CHECKING:
-    from shoal.swarm.grid.belief import Belief
-    from shoal.swarm.rigs.driving import Drive
-    from shoal.swarm.rigs.protocol import Rig
+from shoal.swarm.grid.scans import ScanRule
+from shoal.swarm.noise.model import Noise, bound_of
+from shoal.swarm.rigs.protocol import Rig, check_cells
+from shoal.version import __version__
 
 FORMAT: Literal[1] = 1
+LARGEST_LOG = 2**31  # bytes
 
 
 class DriveLog:
@@ -52,8 +53,6 @@ class DriveLog:
 
     def begin(self, rig: Rig, **drive: Any) -> None:
         """Write the header: what is driven, and how."""
-        from shoal.version import __version__
-
         try:
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
         except OSError as error:
@@ -155,7 +154,9 @@ class _End(_Entry):
     time: float
 
 
-_KINDS: dict[str, type[_Entry]] = {"header": _Header, "command": _Command, "scan": _Scan, "event": _Event, "end": _End}
+_ANY: TypeAdapter[_Header | _Command | _Scan | _Event | _End] = TypeAdapter(
+    Annotated[_Header | _Command | _Scan | _Event | _End, Field(discriminator="kind")]
+)
 
 
 class RecordedRig:
@@ -238,25 +239,12 @@ def read_log(path: str | os.PathLike[str]) -> RecordedRig:
         If it is missing, damaged or no such log; the message names the line.
     """
     source = Path(path)
-    if not os.path.isfile(source):
-        raise InvalidInputError(f"{source}: expected a log, got {'a folder' if os.path.isdir(source) else 'no such file'}")
-    try:
-        lines = source.read_bytes().split(b"\n")
-    except OSError as error:
-        raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
-    whole = lines[:-1]  # after the last newline there is nothing, or a torn line
-    entries = [_entry(source, number, line) for number, line in enumerate(whole, start=1)]
+    check_file(source, what="log", most=LARGEST_LOG)
+    lines = source.read_bytes().split(b"\n")[:-1]  # after the last newline there is nothing, or a torn line
+    entries = [_entry(line, f"{source}, line {number}") for number, line in enumerate(lines, start=1)]
     if not entries or not isinstance(entries[0], _Header):
-        raise InvalidInputError(f"{source}, line 1: expected the header of a log, got {lines[0][:60].decode(errors='replace')!r}")
-    _check_header(source, entries[0])
-    return _recorded(source, entries[0], entries)
-
-
-def _check_header(source: Path, header: _Header) -> None:
-    """Refuse a header with which no drive can have begun."""
-    from shoal.swarm.grid.scans import ScanRule
-    from shoal.swarm.noise.model import Noise, bound_of
-
+        raise InvalidInputError(f"{source}, line 1: expected the header of a log, got {entries[0].kind if entries else 'none'}")
+    header = entries[0]
     try:
         ScanRule.parse(header.scan_every)
         if header.noise is not None:
@@ -264,41 +252,22 @@ def _check_header(source: Path, header: _Header) -> None:
             bound_of(header.confidence)
     except InvalidInputError as error:
         raise InvalidInputError(f"{source}, line 1: {error}") from None
-
-
-def _entry(source: Path, number: int, line: bytes) -> _Entry:
-    try:
-        raw = json.loads(line)
-        kind = _KINDS[raw["kind"]]
-        return kind.model_validate(raw)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise InvalidInputError(f"{source}, line {number}: {where}: {first['msg']}, got {str(first['input'])[:60]!r}") from None
-    except (ValueError, KeyError, TypeError):
-        text = line[:60].decode(errors="replace")
-        raise InvalidInputError(f"{source}, line {number}: expected an entry of a log of format {FORMAT}, got {text!r}") from None
-
-
-def _recorded(source: Path, header: _Header, entries: list[_Entry]) -> RecordedRig:
-    from shoal.swarm.rigs.protocol import check_cells
-
     commands, scans, events, ended = "", {}, [], None
     shape = tuple(header.shape)
+    letters = letters_of(len(shape))
     for number, entry in enumerate(entries[1:], start=2):
+        where = f"{source}, line {number}"
         if isinstance(entry, _Command):
-            if entry.move != len(commands) + 1 or entry.command not in letters_of(len(shape)):
+            if entry.move != len(commands) + 1 or entry.command not in letters:
                 raise InvalidInputError(
-                    f"{source}, line {number}: expected command {len(commands) + 1}, one of {letters_of(len(shape))!r}, "
+                    f"{where}: expected command {len(commands) + 1}, one of {letters!r}, "
                     f"got {entry.command!r} as command {entry.move}"
                 )
             commands += entry.command
         elif isinstance(entry, _Scan):
             if entry.move != len(commands) or entry.move in scans:
-                raise InvalidInputError(
-                    f"{source}, line {number}: expected one scan after move {len(commands)}, got one of {entry.move}"
-                )
-            check_cells(entry.cells, shape, what=f"{source}, line {number}")
+                raise InvalidInputError(f"{where}: expected one scan after move {len(commands)}, got one of {entry.move}")
+            check_cells(entry.cells, shape, what=where)
             scans[entry.move] = entry.cells
         elif isinstance(entry, _Event):
             events.append(entry.model_dump())
@@ -309,31 +278,9 @@ def _recorded(source: Path, header: _Header, entries: list[_Entry]) -> RecordedR
     return RecordedRig(header.model_dump(), commands[: max(scans)], scans, events, ended)
 
 
-def replay_log(path: str | os.PathLike[str]) -> tuple[Drive, Verification]:
-    """Drive a recorded rig with the commands that were sent to it; tell whether map and status are those of the log.
-
-    Raises
-    ------
-    InvalidInputError
-        See `read_log`.
-    RigError
-        If the positions do not follow from one another.
-    """
-    from shoal.swarm.rigs.driving import redrive
-
-    rig = read_log(path)
-    result = redrive(rig)
-    ended = rig.ended
-    if ended is None or ended["map"] is None:
-        how = "breaks off" if ended is None else f"was {ended['status']}"
-        return result, Verification(True, f"{result.moves} moves replayed; the log {how} there, before the run was over")
-    again: dict[str, Any] = {"moves": result.moves, "free": len(result.belief.open)}
-    again |= {"obstacles": len(result.belief.obstacles), "map": digest(result.belief)}
-    if rig.header["noise"] is None and result.belief.complete != (ended["status"] == "complete"):
-        return result, Verification(
-            False, f"status {ended['status']!r} in the log, {len(result.belief.frontier)} frontier cells left"
-        )
-    for name, value in again.items():
-        if ended[name] != value:
-            return result, Verification(False, f"{name}: {ended[name]} in the log, {value} replayed")
-    return result, Verification(True, f"{result.moves} moves replayed: the same map")
+def _entry(line: bytes, where: str) -> _Header | _Command | _Scan | _Event | _End:
+    try:
+        return _ANY.validate_python(parse_json(line.decode("utf-8", "replace"), where=where))
+    except ValidationError as error:
+        kinds = ("header", "command", "scan", "event", "end")
+        raise InvalidInputError(validation_message(error, where=where, without=kinds)) from None

@@ -1,18 +1,13 @@
-"""What a rig is, and opening one by what a user types."""
+"""What a rig is: whatever carries out commands and sees particles."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
-
-if TYPE_CHECKING:
-    from shoal.swarm.rigs.remote import OnEvent, RemoteRig
-
-TIMEOUT, PATIENCE = 5.0, 60.0  # seconds
 
 
 @runtime_checkable
@@ -42,36 +37,6 @@ class Rig(Protocol):
 
     def stop(self) -> None:
         """Come to rest at once and take no further commands."""
-
-
-def open_rig(spec: str, *, timeout: float = TIMEOUT, patience: float = PATIENCE, on_event: OnEvent | None = None) -> RemoteRig:
-    """Connect to the rig that ``spec`` names.
-
-    Parameters
-    ----------
-    spec : str
-        ``serial:/dev/ttyUSB0`` (``serial:/dev/ttyUSB0@9600`` for another speed than 115200), ``tcp:HOST:PORT``, or
-        ``exec:COMMAND``: a program that speaks the protocol on its standard input and output.
-    timeout : float
-        Seconds to wait for an answer before the request is sent again.
-    patience : float
-        Seconds without any answer after which the rig is given up.
-    on_event : callable, optional
-        Told what happens on the line.
-
-    Raises
-    ------
-    InvalidInputError
-        For a spec that is none of these.
-    MissingExtraError
-        For a serial line without pyserial (``pip install 'shoal[serial]'``).
-    RigError
-        If the rig does not answer, or speaks another version.
-    """
-    from shoal.swarm.rigs.remote import RemoteRig
-    from shoal.swarm.rigs.transports import open_line
-
-    return RemoteRig(open_line(spec), timeout=timeout, patience=patience, on_event=on_event)
 
 
 def check_cells(cells: object, shape: tuple[int, ...], *, what: str) -> NDArray[np.int64]:

@@ -1,4 +1,4 @@
-"""Lines to a rig: serial, TCP, or the standard input and output of a child process. They carry bytes and may be cut at any time."""
+"""Connections to a rig: serial, TCP, or the standard input and output of a program. They carry lines and may be cut at any time."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import subprocess
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
 from shoal.errors import InvalidInputError, MissingExtraError
@@ -21,15 +21,15 @@ from shoal.swarm.rigs.messages import LONGEST_LINE
 T = TypeVar("T")
 BAUD = 115200
 CHUNK = 65536
-WRITING = 5.0  # seconds that a write may take before the line counts as cut
+WRITING = 5.0  # seconds that a write may take before the connection counts as cut
 
 
-class LineCutError(Exception):
-    """The line was cut: the other end has gone, or the device has."""
+class ConnectionCutError(Exception):
+    """The connection was cut: the other end has gone, or the device has."""
 
 
-class Line(ABC):
-    """A line that can be opened again after a cut.
+class Transport(ABC):
+    """A connection that can be opened again after a cut.
 
     Parameters
     ----------
@@ -42,18 +42,18 @@ class Line(ABC):
         self._pending = b""
 
     def open(self) -> None:
-        """Open the line, or raise LineCutError."""
+        """Open the connection, or raise ConnectionCutError."""
         self._pending = b""
         with _cuts():
             self._open()
 
     def write(self, data: bytes) -> None:
-        """Send bytes, or raise LineCutError."""
+        """Send bytes, or raise ConnectionCutError."""
         with _cuts():
             self._write(data)
 
     def read(self, timeout: float) -> bytes | None:
-        """Return the next line without its newline, None if none comes within ``timeout`` seconds, or raise LineCutError."""
+        """Return the next line without its newline, None if none comes within ``timeout`` seconds, or raise ConnectionCutError."""
         until = time.monotonic() + timeout
         while b"\n" not in self._pending:
             if len(self._pending) > LONGEST_LINE:
@@ -79,33 +79,32 @@ class Line(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close the line, whatever state it is in."""
+        """Close the connection, whatever state it is in."""
 
 
-class _cuts:  # noqa: N801  # a context manager, read as a word
-    """Turn what operating systems say of lost lines into LineCutError."""
-
-    def __enter__(self) -> None: ...
-
-    def __exit__(self, kind: object, error: BaseException | None, _trace: object) -> None:
-        if isinstance(error, OSError | EOFError | ValueError):  # ValueError: a pipe that is closed already
-            raise LineCutError(str(error) or type(error).__name__) from error
+@contextmanager
+def _cuts() -> Iterator[None]:
+    """Turn what operating systems say of lost connections into ConnectionCutError."""
+    try:
+        yield
+    except (OSError, EOFError, ValueError) as error:  # ValueError: a pipe that is closed already
+        raise ConnectionCutError(str(error) or type(error).__name__) from error
 
 
 def _opened(end: T | None) -> T:
-    """Return one end of a line if it is open; one that is not, as between two attempts to open it again, counts as cut."""
+    """Return one end of a connection if it is open; one that is not, as between two attempts to open it again, counts as cut."""
     if end is None:
-        raise EOFError("the line is not open")
+        raise EOFError("the connection is not open")
     return end
 
 
-class SerialLine(Line):
+class SerialTransport(Transport):
     """A serial port, by pyserial.
 
     Parameters
     ----------
     device : str
-        Such as ``/dev/ttyUSB0``. If it vanishes and comes back under the same name, the line is taken up again.
+        Such as ``/dev/ttyUSB0``. If it vanishes and comes back under the same name, the connection is taken up again.
     baud : int
     """
 
@@ -138,7 +137,7 @@ class SerialLine(Line):
                 self._port.close()
 
 
-class TcpLine(Line):
+class TcpTransport(Transport):
     """A TCP connection.
 
     Parameters
@@ -176,7 +175,7 @@ class TcpLine(Line):
             self._socket.close()
 
 
-class ChildLine(Line):
+class ProcessTransport(Transport):
     """The standard input and output of a program, which is started here and started again if it ends.
 
     Parameters
@@ -214,10 +213,9 @@ class ChildLine(Line):
         """Close its input, wait a moment, end it."""
         if self._child is None:
             return
-        for pipe in (self._child.stdin, self._child.stdout):
+        if self._child.stdin is not None:
             with suppress(OSError):
-                if pipe is not None and pipe is self._child.stdin:
-                    pipe.close()
+                self._child.stdin.close()
         try:
             self._child.wait(2)
         except subprocess.TimeoutExpired:
@@ -236,8 +234,8 @@ def _pump(pipe: Any, came: queue.Queue[bytes]) -> None:
     came.put(b"")
 
 
-def open_line(spec: str) -> Line:
-    """Return the line that ``spec`` names, not opened yet; see `shoal.swarm.rigs.open_rig`.
+def open_transport(spec: str) -> Transport:
+    """Return the connection that ``spec`` names, not opened yet; see `shoal.swarm.rigs.open_rig`.
 
     Raises
     ------
@@ -245,7 +243,7 @@ def open_line(spec: str) -> Line:
 
     Examples
     --------
-    >>> open_line("tcp:localhost:4000").name
+    >>> open_transport("tcp:localhost:4000").name
     'tcp:localhost:4000'
     """
     kind, _, rest = spec.partition(":")
@@ -254,16 +252,16 @@ def open_line(spec: str) -> Line:
         device, _, baud = rest.partition("@")
         if baud and not re.fullmatch("[1-9][0-9]{0,7}", baud):
             raise InvalidInputError(f"rig: expected a speed in baud after '@', got {baud[:40]!r}")
-        return SerialLine(device, baud=int(baud or BAUD))
+        return SerialTransport(device, baud=int(baud or BAUD))
     if kind == "tcp":
         host, _, port = rest.rpartition(":")
         if not host or not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
             raise InvalidInputError(f"{expected}, got {spec[:80]!r}")
-        return TcpLine(host.strip("[]"), int(port))
+        return TcpTransport(host.strip("[]"), int(port))
     if kind == "exec":
         try:
             if shlex.split(rest):
-                return ChildLine(rest)
+                return ProcessTransport(rest)
         except ValueError as error:
             raise InvalidInputError(f"rig: expected a command after 'exec:', got {rest[:80]!r}: {error}") from None
     raise InvalidInputError(f"{expected}, got {spec[:80]!r}")
