@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, TypeAdapter, ValidationError
 
-from shoal.checks import check_file, validation_message
+from shoal.checks import check_file, parse_json, validation_message
 from shoal.errors import InvalidInputError, OutputError, RigError
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.commands import letters_of
