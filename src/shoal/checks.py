@@ -164,7 +164,7 @@ def read_text(path: Path, *, what: str, most: int = LARGEST_TEXT) -> str:
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise InvalidInputError(f"cannot read {path}: {error.strerror or error}") from None
+        raise InvalidInputError(f"{path}: cannot be read: {error.strerror or error}") from None
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import importlib
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Generic, TypeVar, cast
 
 from shoal.errors import InvalidInputError, UnknownNameError
@@ -20,6 +20,8 @@ class Registry(Generic[T]):
     ----------
     kind : str
         What the objects are, for error messages ("policy").
+    open_to_others : bool
+        Whether ``module:attribute`` is a name, too.
 
     Examples
     --------
@@ -34,8 +36,8 @@ class Registry(Generic[T]):
     shoal.errors.UnknownNameError: unknown colour 'rad': did you mean 'red'? (known: red; or MODULE:ATTRIBUTE)
     """
 
-    def __init__(self, kind: str) -> None:
-        self.kind = kind
+    def __init__(self, kind: str, *, open_to_others: bool = True) -> None:
+        self.kind, self.open_to_others = kind, open_to_others
         self._items: dict[str, T] = {}
 
     def add(self, name: str, item: T) -> T:
@@ -65,14 +67,14 @@ class Registry(Generic[T]):
         """
         if name in self._items:
             return self._items[name]
-        if ":" in name:
+        if ":" in name and self.open_to_others:
             return self._import(name)
-        raise UnknownNameError(f"unknown {self.kind} {name!r}: {self._suggestion(name)}")
+        raise UnknownNameError(f"unknown {self.kind} {name[:60]!r}: {self._suggestion(name)}")
 
     def _suggestion(self, name: str) -> str:
         near = difflib.get_close_matches(name, self._items, n=1, cutoff=0.5)
-        known = f"known: {', '.join(self._items)}; or MODULE:ATTRIBUTE"
-        return f"did you mean {near[0]!r}? ({known})" if near else known
+        known = f"known: {', '.join(self._items)}{'; or MODULE:ATTRIBUTE' if self.open_to_others else ''}"
+        return f"did you mean {near[0]!r}? ({known})" if near else f"({known})"
 
     def _import(self, name: str) -> T:
         module_name, _, attribute = name.partition(":")
@@ -87,7 +89,7 @@ class Registry(Generic[T]):
 
 
 def configured(registry: Registry[type[T]], text: str) -> T:
-    """Return the object that ``NAME``, ``NAME:option=value,option=value`` or ``module:attribute`` means.
+    """Return the object that ``NAME`` or ``module:attribute`` means, with options as in ``NAME:option=value,option=value``.
 
     A value without ``option=`` goes to the first option. Options are converted to the type of their default.
 
@@ -97,35 +99,55 @@ def configured(registry: Registry[type[T]], text: str) -> T:
         If there is no such name.
     InvalidInputError
         If there is no such option, or its value does not fit.
+
+    Examples
+    --------
+    >>> registry = Registry[type]("count")
+    >>> configured(registry, "fractions:Fraction:numerator=3")
+    Fraction(3, 1)
     """
-    name, _, options = text.partition(":")
-    if name not in registry:
-        found: Any = registry.get(text)
-        try:
-            instance: Any = found() if inspect.isclass(found) else found
-        except TypeError as error:
-            raise InvalidInputError(f"the {registry.kind} {text!r}: expected a class without arguments: {error}") from None
-        return cast("T", instance)
-    kind = registry.get(name)
-    parameters = inspect.signature(kind).parameters
+    parts = text.split(":", 1 if text.partition(":")[0] in registry else 2)
+    options = parts.pop() if len(parts) > (1 if parts[0] in registry else 2) else ""
+    name = ":".join(parts)
+    kind: Any = registry.get(name)
+    if not inspect.isclass(kind) and not options:
+        return cast("T", kind)
+    try:
+        parameters = inspect.signature(kind).parameters
+        chosen = _options(f"the {registry.kind} {name!r}", text, options, parameters)
+        inspect.signature(kind).bind(**chosen)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, InvalidInputError):
+            raise
+        raise InvalidInputError(f"the {registry.kind} {text!r}: expected a class without arguments: {error}") from None
+    return cast("T", kind(**chosen))
+
+
+def _options(what: str, whole: str, text: str, parameters: Mapping[str, inspect.Parameter]) -> dict[str, Any]:
     chosen: dict[str, Any] = {}
-    for part in filter(None, options.split(",")):
+    for part in filter(None, text.split(",")):
         key, equals, value = part.partition("=")
         if not equals:
             key, value = next(iter(parameters), part), part
         if key not in parameters:
             has = f"has {', '.join(parameters)}" if parameters else "has none"
-            raise InvalidInputError(f"the {registry.kind} {name!r} has no option {key!r} (it {has})")
+            raise InvalidInputError(f"{what} has no option {key!r} (it {has})")
         if key in chosen:
-            raise InvalidInputError(f"the {registry.kind} {name!r}: expected the option {key!r} once, got it again in {text!r}")
-        chosen[key] = _converted(f"{name}: {key}", value, parameters[key].default)
-    return kind(**chosen)
+            raise InvalidInputError(f"{what}: expected the option {key!r} once, got it again in {whole!r}")
+        chosen[key] = _converted(f"{what}: {key}", value, parameters[key].default)
+    return chosen
 
 
 def _converted(what: str, value: str, default: object) -> object:
-    if isinstance(default, float):
+    """Return the value of an option as the type of its default."""
+    if isinstance(default, bool):
+        if value not in ("true", "false"):
+            raise InvalidInputError(f"{what}: expected true or false, got {value!r}")
+        return value == "true"
+    if isinstance(default, int | float):
+        kind, noun = (int, "a whole number") if isinstance(default, int) else (float, "a number")
         try:
-            return float(value)
+            return kind(value)
         except ValueError:
-            raise InvalidInputError(f"{what}: expected a number, got {value!r}") from None
+            raise InvalidInputError(f"{what}: expected {noun}, got {value!r}") from None
     return value

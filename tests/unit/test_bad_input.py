@@ -298,7 +298,7 @@ MAPS = [
     ("map {bad}/none.npy", "none.npy: workspace: expected at least one cell, got shape (0, 5)"),
     ("map {bad}/cut.npy", "cut.npy: expected a NumPy array file (.npy), got a damaged or cut off one: | greater than file size"),
     ("map {bad}/header.npy", "header.npy: expected a NumPy array file"),
-    ("map maez:9x9", "unknown map generator 'maez' in 'maez:9x9': did you mean 'maze'?"),
+    ("map maez:9x9", "unknown map generator 'maez': did you mean 'maze'?"),
     ("map maze", "expected a size (WIDTHxHEIGHT) in the map name, got 'maze'"),
     ("map maze:9", "expected a size of 2 numbers (WIDTHxHEIGHT), got '9'"),
     ("map line:0", "expected at least 1 for the cells, got '0'"),
@@ -312,7 +312,7 @@ MAPS = [
 ]
 NAMES = [
     (f"{LINE} --policy closest-fronteir", "unknown policy 'closest-fronteir': did you mean 'closest-frontier'? | sweep"),
-    (f"{LINE} --policy ''", "unknown policy '': known: closest-frontier"),
+    (f"{LINE} --policy ''", "unknown policy '': (known: closest-frontier"),
     (f"{LINE} --policy math:nope", "cannot import the policy 'math:nope': AttributeError: module 'math' has no attribute 'nope'"),
     (
         f"{LINE} --policy no_such_module:x",
@@ -486,7 +486,7 @@ def test_help_is_no_bad_input(capfd):
         ("math:nope", UnknownNameError, "cannot import the task 'math:nope'"),
         ("math:pi", InvalidInputError, "task: expected an object with name"),
         ("mapping:fast=1", InvalidInputError, "the task 'mapping' has no option 'fast'"),
-        ("subset-coverage:fraction=half", InvalidInputError, "subset-coverage: fraction: expected a number, got 'half'"),
+        ("subset-coverage:fraction=half", InvalidInputError, "the task 'subset-coverage': fraction: expected a number, got 'half'"),
         ("subset-coverage:2", InvalidInputError, "subset: expected a share above 0 and at most 1, got 2"),
     ],
 )

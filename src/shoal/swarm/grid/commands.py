@@ -11,7 +11,7 @@ from shoal.registry import Registry
 LETTERS = "lurdio"
 """Left, up, right, down; in 3-D also in (towards layer 0) and out."""
 
-RULES: Registry[str] = Registry("move rule")
+RULES: Registry[str] = Registry("move rule", open_to_others=False)
 RULES.add("block", "a particle stays if the next cell is an obstacle or holds a particle that stays")
 RULES.add("merge", "particles may share a cell; only obstacles stop them")
 RULES.add("tilt", "one command slides every particle until it is stopped")

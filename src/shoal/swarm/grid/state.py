@@ -5,9 +5,45 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from shoal.errors import InvalidInputError
 from shoal.swarm.grid.board import Board, GridLayout
+
+
+def check_cells(cells: ArrayLike, shape: tuple[int, ...], *, what: str, rim: int = 1) -> NDArray[np.int64]:
+    """Return cells as int64, shape (n, ndim), in row-major order.
+
+    Parameters
+    ----------
+    cells : array_like of int, shape (n, ndim)
+        There may be none.
+    shape : tuple of int
+        Of the workspace.
+    what : str
+        How error messages call them.
+    rim : int
+        So many cells beyond the workspace are inside, too.
+
+    Raises
+    ------
+    InvalidInputError
+        If they are no cells, or one lies outside.
+    """
+    expected = f"{what}: expected integer cells of shape (n, {len(shape)})"
+    try:
+        array = np.asarray(cells)
+    except ValueError:
+        raise InvalidInputError(f"{expected}, got rows of different lengths") from None
+    if array.size == 0 and array.ndim < 3:
+        return np.zeros((0, len(shape)), dtype=np.int64)
+    if array.ndim != 2 or array.shape[1] != len(shape) or not np.issubdtype(array.dtype, np.integer):
+        raise InvalidInputError(f"{expected}, got {array.dtype} {array.shape}")
+    outside = ((array < -rim) | (array >= np.array(shape) + rim)).any(axis=1)
+    if outside.any():
+        raise InvalidInputError(f"{what}: expected cells inside {shape}, got {tuple(array[outside][0].tolist())}")
+    ordered: NDArray[np.int64] = array[np.lexsort(array.T[::-1])].astype(np.int64)
+    return ordered
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,11 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.errors import InvalidInputError
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.commands import RULES, encode
 from shoal.swarm.grid.fields import pushed
-from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.grid.state import SwarmState, check_cells
 from shoal.swarm.maps.workspace import GridWorkspace
 
 
@@ -26,29 +25,17 @@ def check_start(workspace: GridWorkspace, cells: ArrayLike, *, rule: str = "bloc
     InvalidInputError
         If a cell is outside, an obstacle, or (but for rule merge) given twice; or there is none.
     """
-    try:
-        array = np.asarray(cells)
-    except ValueError:  # rows of several lengths
-        expected = f"start: expected integer cells of shape (n, {workspace.ndim})"
-        raise InvalidInputError(f"{expected}, got rows of different lengths") from None
-    if array.ndim != 2 or array.shape[1] != workspace.ndim or not np.issubdtype(array.dtype, np.integer):
-        raise InvalidInputError(f"start: expected integer cells of shape (n, {workspace.ndim}), got {array.dtype} {array.shape}")
+    array = check_cells(cells, workspace.shape, what="start", rim=0)
     if len(array) == 0:
         raise InvalidInputError("start: expected at least one particle, got none")
-    outside = ((array < 0) | (array >= np.array(workspace.shape))).any(axis=1)
-    if outside.any():
-        cell = tuple(int(i) for i in array[outside][0])
-        raise InvalidInputError(f"start: expected cells inside {workspace.shape}, got {cell}")
     blocked = ~workspace.free[tuple(array.T)]
     if blocked.any():
-        cell = tuple(int(i) for i in array[blocked][0])
-        raise InvalidInputError(f"start: expected free cells, got the obstacle {cell}")
-    flat = np.sort(np.ravel_multi_index(tuple(array.T), workspace.shape))
-    twice = flat[1:][flat[1:] == flat[:-1]]
-    if rule != "merge" and len(twice):
-        cell = tuple(int(i) for i in np.unravel_index(twice[0], workspace.shape))
+        raise InvalidInputError(f"start: expected free cells, got the obstacle {tuple(array[blocked][0].tolist())}")
+    twice = (array[1:] == array[:-1]).all(axis=1)
+    if rule != "merge" and twice.any():
+        cell = tuple(array[1:][twice][0].tolist())
         raise InvalidInputError(f"start: expected one particle a cell under rule {rule}, got two at {cell}")
-    return np.stack(np.unravel_index(flat, workspace.shape), axis=1).astype(np.int64)
+    return array
 
 
 @dataclass(frozen=True)
@@ -86,10 +73,7 @@ class GridWorld:
     rule: str = "block"
 
     def __post_init__(self) -> None:
-        if self.rule not in RULES:
-            near = difflib.get_close_matches(self.rule, RULES, n=1, cutoff=0.5)
-            hint = f"did you mean {near[0]!r}? " if near else ""
-            raise UnknownNameError(f"unknown move rule {self.rule!r}: {hint}(known: {', '.join(RULES)})")
+        RULES.get(self.rule)
 
     @cached_property
     def layout(self) -> GridLayout:

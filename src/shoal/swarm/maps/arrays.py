@@ -16,9 +16,8 @@ from shoal.swarm.maps.workspace import GridWorkspace, check_finite
 
 def read_npy(path: Path, options: MapOptions) -> NDArray[Any]:
     """Return the free cells of a ``.npy`` file."""
-    with reading(path, "a NumPy array file (.npy)"):
-        with path.open("rb") as file:
-            np.lib.format.read_magic(file)  # of other files NumPy says that they may be pickled objects
+    with path.open("rb") as file, reading(path, "a NumPy array file (.npy)"):
+        np.lib.format.read_magic(file)  # of other files NumPy says that they may be pickled objects
         # Mapped first: that checks the length of the file before anything is read.
         array = np.load(path, mmap_mode="r", allow_pickle=False)
         if not isinstance(array, np.ndarray) or array.ndim not in (2, 3) or array.dtype.kind not in "biuf":

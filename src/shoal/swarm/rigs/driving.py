@@ -18,7 +18,7 @@ from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.commands import decode, encode
 from shoal.swarm.grid.scans import MOVE_COST, SCAN_COST, ScanRule
-from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.grid.state import SwarmState, check_cells
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise.asking import AskedRuns
@@ -28,7 +28,7 @@ from shoal.swarm.policies import Compiled, Policy, View, make_policy
 from shoal.swarm.policies.compiled import check_scanning
 from shoal.swarm.rigs.course import Course
 from shoal.swarm.rigs.log import DriveLog, RecordedRig, digest, read_log
-from shoal.swarm.rigs.protocol import Rig, check_cells
+from shoal.swarm.rigs.protocol import Rig
 from shoal.swarm.rigs.remote import LinkCounts
 from shoal.swarm.rigs.tracking import ExactTracker, NoisyTracker
 from shoal.swarm.running import MAX_MOVES, check_numbers, trial_rng

@@ -18,8 +18,9 @@ from shoal.errors import InvalidInputError, OutputError, RigError
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.scans import ScanRule
+from shoal.swarm.grid.state import check_cells
 from shoal.swarm.noise.model import Noise, bound_of
-from shoal.swarm.rigs.protocol import Rig, check_cells
+from shoal.swarm.rigs.protocol import Rig
 from shoal.version import __version__
 
 FORMAT: Literal[1] = 1

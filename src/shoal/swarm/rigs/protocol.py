@@ -7,8 +7,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
-
 
 @runtime_checkable
 class Rig(Protocol):
@@ -37,27 +35,3 @@ class Rig(Protocol):
 
     def stop(self) -> None:
         """Come to rest at once and take no further commands."""
-
-
-def check_cells(cells: object, shape: tuple[int, ...], *, what: str) -> NDArray[np.int64]:
-    """Return the cells that a rig has told as int64, shape (n, ndim), in row-major order.
-
-    Raises
-    ------
-    InvalidInputError
-        If they are no cells, or one lies outside ``shape`` and the rim around it.
-    """
-    try:
-        array = np.asarray(cells)
-    except ValueError:
-        raise InvalidInputError(f"{what}: expected cells of {len(shape)} numbers, got rows of different lengths") from None
-    if array.size == 0:
-        return np.zeros((0, len(shape)), dtype=np.int64)
-    if array.ndim != 2 or array.shape[1] != len(shape) or not np.issubdtype(array.dtype, np.integer):
-        raise InvalidInputError(f"{what}: expected integer cells of shape (n, {len(shape)}), got {array.dtype} {array.shape}")
-    outside = ((array < -1) | (array > np.array(shape))).any(axis=1)
-    if outside.any():
-        cell = tuple(int(i) for i in array[outside][0])
-        raise InvalidInputError(f"{what}: expected cells inside {shape}, got {cell}")
-    ordered: NDArray[np.int64] = array[np.lexsort(array.T[::-1])].astype(np.int64)
-    return ordered

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from shoal.checks import check_number
 from shoal.errors import InvalidInputError, RigError
 from shoal.swarm.grid.commands import RULES, letters_of
+from shoal.swarm.grid.state import check_cells
 from shoal.swarm.maps.reading import MAX_CELLS
 from shoal.swarm.rigs.messages import (
     PROTOCOL,
@@ -31,7 +32,6 @@ from shoal.swarm.rigs.messages import (
     seal,
     unseal,
 )
-from shoal.swarm.rigs.protocol import check_cells
 from shoal.swarm.rigs.transports import ConnectionCutError, Transport, open_transport
 
 OnEvent = Callable[[str, dict[str, Any]], None]

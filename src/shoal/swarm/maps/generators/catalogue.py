@@ -68,7 +68,7 @@ def draw_rectangle(rows: int, columns: int) -> NDArray[np.bool_]:
     return np.ones((rows, columns), dtype=np.bool_)
 
 
-GENERATORS = Registry[Generator]("map generator")
+GENERATORS = Registry[Generator]("map generator", open_to_others=False)
 
 for _generator in (
     Generator(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.errors import InvalidInputError
 from shoal.swarm.maps.generators.catalogue import GENERATORS, Generator
 
 
@@ -51,10 +50,6 @@ def generate(spec: str) -> NDArray[np.bool_]:
     if not isinstance(spec, str):
         raise InvalidInputError(f"expected a map name such as 'vessels:5000:7', got {type(spec).__name__}")
     name, *fields = spec.split(":")
-    if name not in GENERATORS:
-        near = difflib.get_close_matches(name, GENERATORS, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        raise UnknownNameError(f"unknown map generator {_cut(name)} in {_cut(spec)}: {hint}(known: {', '.join(GENERATORS)})")
     generator = GENERATORS.get(name)
     if len(fields) > 2:
         raise InvalidInputError(f"expected {generator.name}:{generator.size}{'[:SEED]' * generator.seeded}, got {_cut(spec)}")
