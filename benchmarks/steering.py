@@ -12,15 +12,16 @@ from functools import partial
 import numpy as np
 from tests.reference.test_planners import SHAPES, SQUARE, adversarial, instance, replayed_error
 from tests.reference.test_steering import random_point
+from tests.steering import steer
 
-from shoal.steering import Disturbance, Region, SteeringEpisode, SteeringProblem, cylinder, prism, region, regular_polygon, steer
+from shoal.steering import Region, SteeringEpisode, SteeringProblem, cylinder, prism, region, regular_polygon
 
 
 def row(name: str, episodes: list[SteeringEpisode], note: str = "") -> None:
-    lengths, moves = ([getattr(e, field) for e in episodes] for field in ("path_length", "n_moves"))
+    lengths, moves = ([getattr(e, field) for e in episodes] for field in ("length", "moves"))
     solved, below = (
         np.mean([bool(e) for e in episodes]),
-        sum(e.lower_bound is not None and e.path_length < e.lower_bound for e in episodes if e),
+        sum(e.lower_bound is not None and e.length < e.lower_bound for e in episodes if e),
     )
     times = 1e3 * np.array([e.seconds for e in episodes[1:]])
     print(
@@ -48,7 +49,7 @@ def measured(instances: int, seed: int, cases: tuple[tuple[str, float], ...]) ->
                 space = make(rng)
                 episodes.append(steer(instance(rng, space, tolerance), planner=planner))
                 missed += replayed_error(space, episodes[-1]) > tolerance
-            mean = float(np.mean([e.path_length for e in episodes]))
+            mean = float(np.mean([e.length for e in episodes]))
             baseline = baseline or mean
             row(f"{shape}, {planner}, {tolerance:g}", episodes, f"  missed when replayed {missed}  ratio {mean / baseline:.3f}")
 
@@ -59,7 +60,7 @@ def square(instances: int, seed: int) -> None:
     for _ in range(10 * instances):
         points = adversarial(rng)
         episode = steer(SteeringProblem(SQUARE, points[:2], points[2:]))
-        worst = max(worst, episode.path_length)
+        worst = max(worst, episode.length)
         missed += replayed_error(SQUARE, episode) > 1e-6
     print(
         f"square, adversarial: longest of {10 * instances} {worst:.9f}, sqrt 2 + 2 = {np.sqrt(2) + 2:.9f}, missed {missed}",
@@ -72,15 +73,14 @@ def friction(instances: int, seed: int) -> None:
         for shape, make in SHAPES.items():
             for coefficient in (0.5, 1.0, 2.0):
                 rng = np.random.default_rng(seed)
-                slippery = Disturbance(friction=coefficient)
                 statuses, moves, times, missed = [], [], [], 0
                 for _ in range(count):
                     space = make(rng)
-                    episode = steer(instance(rng, space), planner=planner, disturbance=slippery, max_moves=1000)
+                    episode = steer(instance(rng, space), planner=planner, friction=coefficient, max_moves=1000)
                     statuses.append(episode.status)
                     times.append(1e3 * episode.seconds)
                     if episode.status == "solved":
-                        moves.append(episode.n_moves)
+                        moves.append(episode.moves)
                         missed += replayed_error(space, episode) > 1e-6
                 may = max(1, count - statuses.count("unreachable"))
                 print(
@@ -92,13 +92,12 @@ def friction(instances: int, seed: int) -> None:
 
 
 def robust(instances: int, seed: int) -> None:
-    noise = Disturbance(execution=1e-3, measurement=1e-3, gain=0.2)
+    noise = {"execution": 1e-3, "measurement": 1e-3, "gain": 0.2}
     for shape, make in SHAPES.items():
         for planner in ("robust", "shortest"):
             rng = np.random.default_rng(seed)
             episodes = [
-                steer(instance(rng, make(rng), 0.01), planner=planner, disturbance=noise, seed=k, max_moves=40)
-                for k in range(instances // 2)
+                steer(instance(rng, make(rng), 0.01), planner=planner, **noise, seed=k, max_moves=40) for k in range(instances // 2)
             ]
             row(f"{shape}, noise, {planner}", episodes)
 
@@ -112,7 +111,7 @@ def space(instances: int, seed: int) -> None:
                 points = np.array([[*random_point(rng, body.base), rng.random() * body.height] for _ in range(4)])
                 episodes.append(steer(SteeringProblem(body, points[:2], points[2:]), planner=planner))
                 flat = steer(SteeringProblem(body.base, points[:2, :2], points[2:, :2]), planner=planner)
-                no_more.append(episodes[-1].n_moves <= flat.n_moves)
+                no_more.append(episodes[-1].moves <= flat.moves)
             row(f"{name}, {planner}", episodes, f"  no more moves than in the plane {100 * np.mean(no_more):.1f} %")
 
 

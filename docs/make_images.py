@@ -18,8 +18,9 @@ from shoal import open_map, run
 from shoal.papers.recipe import published_curve
 from shoal.search import make_tour, search
 from shoal.search.simulation.faults import Crash, Pause
-from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon, steer
-from shoal.steering.delta_space.reachable_fraction import disk_fractions, largest_two_move_fraction, polygon_filling
+from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon
+from shoal.steering.delta_space.reachable_fraction import disk_fractions, largest_two_move_fraction, polygon_fractions
+from shoal.steering.run import run as steer
 from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes, sweep_goals
 from shoal.swarm.noise import Noise
 from shoal.swarm.theory.one_dimension import Line, sample
@@ -89,7 +90,7 @@ def steering() -> None:
     points = np.array([(-0.1, 0.0), (0.1, 0.1)])
     sets = polygon_reach(open_workspace("hexagon"), points[1] - points[0], moves=6)
     save("steering-reach.png", reach_figure(sets, points=points), colours=64)
-    fillings = [polygon_filling(regular_polygon(n), (0.13, 0.06), moves=8) for n in range(3, 9)]
+    fillings = [polygon_fractions(regular_polygon(n), (0.13, 0.06), moves=8) for n in range(3, 9)]
     save("steering-fig4.png", reachable_sets(fillings), colours=64)
     disk_figures()
     square = open_workspace("square")

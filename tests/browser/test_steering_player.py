@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page
 from tests.browser.waiting import until
+from tests.steering import steer, thrown
 
-from shoal.steering import Disturbance, SteeringEpisode, SteeringProblem, open_workspace, prism, region, regular_polygon, steer
+from shoal.steering import SteeringProblem, open_workspace, prism, region, regular_polygon
 from shoal.views.player import render
 from shoal.views.steering.page import page_data, player_page
 from shoal.views.steering.trajectories import Schedule, legs_of
@@ -20,15 +21,6 @@ pytestmark = pytest.mark.browser
 
 SQUARE = open_workspace("square")
 START, GOAL = np.array([(0.2, 0.3), (0.5, 0.35)]), np.array([(0.8, 0.2), (0.3, 0.75)])
-
-
-def thrown(workspace, start, moves, **noise):
-    """An episode of any moves."""
-    problem = SteeringProblem(workspace, start, start)
-    disturbance = Disturbance(**noise)
-    states = disturbance.replay(problem, moves, seed=3)
-    order = np.arange(len(start))
-    return SteeringEpisode(problem, "by hand", "limit", "no plan", moves, states, order, disturbance, 3, None, 0.0, "0")
 
 
 @cache
@@ -62,18 +54,18 @@ def done(page: Page) -> int:
 def test_states_after_each_move(make, open_player):
     episode = make()
     page = open_player(player_page(episode))
-    assert page.evaluate("shoalPlayer.length") == episode.n_moves
+    assert page.evaluate("shoalPlayer.length") == episode.moves
     shown = page.evaluate("""Array.from({ length: shoalPlayer.length + 1 }, (_, move) => {
         shoalPlayer.seek(move);
         return [shoalPlayer.done, shoalPlayer.points];
     })""")
-    assert [entry[0] for entry in shown] == list(range(episode.n_moves + 1))
+    assert [entry[0] for entry in shown] == list(range(episode.moves + 1))
     np.testing.assert_array_equal([entry[1] for entry in shown], episode.states)
     page.evaluate("shoalPlayer.seek(1)")
     held = {tuple(pair) for pair in page.evaluate("shoalPlayer.held")}
     assert held == set(legs_of(episode)[0].holders(1))
     assert page.inner_text("#move") == "1"
-    assert page.inner_text("#length") == f"length {np.linalg.norm(episode.moves[0]):.3f}"
+    assert page.inner_text("#length") == f"length {np.linalg.norm(episode.inputs[0]):.3f}"
 
 
 def test_moments_are_those_of_films(open_player):
@@ -104,7 +96,7 @@ def test_plays_and_steps(open_player):
     page.click("#play")
     assert page.get_attribute("#play", "aria-label") == "Pause"
     until(page, "!shoalPlayer.playing")
-    assert done(page) == episode.n_moves
+    assert done(page) == episode.moves
     assert page.inner_text("#distance0") == "at its goal"
     page.keyboard.press("Home")
     assert (done(page), page.evaluate("shoalPlayer.time")) == (0, 0)

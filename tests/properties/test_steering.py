@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.steering import steer
 
-from shoal.steering import ContactWorld, Disturbance, SteeringEpisode, SteeringProblem, disk, polygon, regular_polygon, steer
-from shoal.steering.problem import problem_of
+from shoal.steering import ContactWorld, SteeringEpisode, SteeringProblem, disk, polygon, regular_polygon
 
 SPACES = st.sampled_from(
     [regular_polygon(3), regular_polygon(5), polygon([(0, 0), (3, 0), (3, 1), (0, 1)]), disk(0.7, center=(1, 2))]
@@ -58,24 +60,25 @@ def test_plans_end_where_they_say(space, places, planner):
     assert episode.verify()
     if episode:
         assert episode.error <= 1e-6
-        assert episode.path_length >= episode.lower_bound
-        again = problem_of(episode.problem.describe(), where="again")
+        assert episode.length >= episode.lower_bound
+        again = SteeringProblem.from_dict(json.loads(json.dumps(episode.problem.to_dict())))
+        assert again == episode.problem
         assert (again.start == episode.problem.start).all()
-        assert again.workspace.size == space.size
+        assert again.place.size == space.size
 
 
 @given(st.integers(0, 30), UNIT, UNIT)
 def test_noise_depends_on_the_seed_alone(seed, execution, gain):
     problem = SteeringProblem(regular_polygon(6), [(-0.1, 0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)], 0.01)
-    noise = Disturbance(execution=0.01 * execution, measurement=1e-3, gain=gain)
-    first, second = (steer(problem, planner="robust", disturbance=noise, seed=seed, max_moves=6) for _ in range(2))
-    assert (first.moves == second.moves).all()
+    noise = {"execution": 0.01 * execution, "measurement": 1e-3, "gain": gain}
+    first, second = (steer(problem, planner="robust", **noise, seed=seed, max_moves=6) for _ in range(2))
+    assert (first.inputs == second.inputs).all()
     assert (first.states == second.states).all()
 
 
 def test_episodes_survive_the_disk(tmp_path):
     problem = SteeringProblem(regular_polygon(6), [(-0.1, 0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)], 0.01)
-    episode = steer(problem, planner="robust", disturbance=Disturbance(execution=1e-3, measurement=1e-3, gain=0.2), seed=4)
+    episode = steer(problem, planner="robust", execution=1e-3, measurement=1e-3, gain=0.2, seed=4)
     episode.save(tmp_path / "episode.json")
     loaded = SteeringEpisode.load(tmp_path / "episode.json")
     assert loaded.verify()

@@ -7,8 +7,9 @@ import pytest
 from tests.reference import contact
 from tests.reference.test_planners import SHAPES, SQUARE, instance, replayed_error
 from tests.reference.test_steering import random_point, random_polygon, walls_of
+from tests.steering import steer
 
-from shoal.steering import ContactWorld, Disturbance, disk, steer
+from shoal.steering import ContactWorld, disk
 from shoal.steering.contact.friction_limits import friction_limit
 from shoal.steering.kernels.roadmap import CycleModel, fewest_cycles, linked
 from shoal.steering.planners.chains.friction_roadmap import backward_nodes, turn_on_the_way
@@ -172,7 +173,7 @@ def test_plans_with_friction_arrive_in_the_plain_simulation(shape, friction):
     solved, may = 0, 0
     for _ in range(2):
         space = SHAPES[shape](rng)
-        episode = steer(instance(rng, space), planner="greedy", disturbance=Disturbance(friction=friction), max_moves=1000)
+        episode = steer(instance(rng, space), planner="greedy", friction=friction, max_moves=1000)
         may += episode.status != "unreachable"
         if episode.status == "solved":
             solved += 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
@@ -11,6 +10,7 @@ import pytest
 from scipy.optimize import minimize
 from tests.reference import contact
 from tests.reference.test_steering import random_point, random_polygon, walls_of
+from tests.steering import steer
 
 from shoal.steering import (
     ContactWorld,
@@ -22,7 +22,6 @@ from shoal.steering import (
     prism,
     reached_in_two_moves,
     regular_polygon,
-    steer,
 )
 from shoal.steering.kernels.chain import chain_length
 from shoal.steering.kernels.chain_kinds import over_circle
@@ -47,8 +46,8 @@ INSTANCES = 10  # of each kind; acceptance runs used 1000
 def replayed_error(space, episode):
     points = [tuple(point) for point in episode.problem.start.tolist()]
     walls = walls_of(space)
-    friction = episode.disturbance.friction
-    for move in episode.moves.tolist():
+    friction = episode.problem.friction
+    for move in episode.inputs.tolist():
         if friction < np.inf:
             points = contact.step_with_friction(walls, points, move, space.size, friction)
         else:
@@ -73,10 +72,10 @@ def test_plans_arrive_in_the_plain_simulation(shape):
             episode = steer(problem, planner=planner)
             assert episode.status == "solved"
             assert replayed_error(space, episode) <= problem.tolerance
-            assert episode.path_length >= episode.lower_bound
+            assert episode.length >= episode.lower_bound
             assert episode.verify()
-            found.append(episode.path_length)
-            moves[planner].append(episode.n_moves)
+            found.append(episode.length)
+            moves[planner].append(episode.moves)
     assert (np.array(lengths["shortest"]) <= np.array(lengths["greedy"]) + 1e-6).all()
     assert (np.array(moves["fewest-moves"]) <= np.minimum(moves["shortest"], moves["greedy"])).all()
     assert np.mean(lengths["shortest"]) < 0.97 * np.mean(lengths["greedy"])
@@ -90,8 +89,8 @@ def test_plans_that_graze_walls_beside_corners_arrive_in_the_plain_simulation():
         space = problems[number].workspace
         episode = steer(problems[number])
         assert replayed_error(space, episode) <= 1e-6
-        moved = steer(replace(problems[number], start=problems[number].start + 1e-14)).path_length
-        assert episode.path_length == pytest.approx(moved, abs=1e-5)
+        moved = steer(problems[number], start=problems[number].start + 1e-14).length
+        assert episode.length == pytest.approx(moved, abs=1e-5)
 
 
 def test_plans_of_four_to_six_moves_arrive_in_the_plain_simulation():
@@ -137,7 +136,7 @@ def test_worst_cases_of_the_square():
         assert episode.status in ("solved", "approachable")
         assert episode.error <= 1e-6
         assert replayed_error(SQUARE, episode) <= 1e-6
-        assert episode.path_length < np.sqrt(2) + 2 + 1e-6
+        assert episode.length < np.sqrt(2) + 2 + 1e-6
 
 
 def plain_length(query, touchers, walls, x):
@@ -246,8 +245,8 @@ def test_plans_in_space(space):
         episode = steer(SteeringProblem(space, points[:2], points[2:]), planner="greedy")
         assert episode
         flat = steer(SteeringProblem(base, points[:2, :2], points[2:, :2]), planner="greedy")
-        no_more += episode.n_moves <= flat.n_moves
-        assert steer(SteeringProblem(space, points[:2], points[2:])).path_length <= episode.path_length + 1e-6
+        no_more += episode.moves <= flat.moves
+        assert steer(SteeringProblem(space, points[:2], points[2:])).length <= episode.length + 1e-6
     assert no_more >= 6
 
 

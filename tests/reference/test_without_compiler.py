@@ -62,7 +62,8 @@ for shape in ((3, 5), (1, 9), (2, 63), (3, 64), (2, 65), (2, 126), (2, 2, 4)):
 
 STEERING = """
 import numpy as np
-from shoal.steering import Disturbance, SteeringProblem, Task, cylinder, disk, polygon_reach, prism, regular_polygon, steer
+from shoal.steering import SteeringProblem, Task, cylinder, disk, polygon_reach, prism, regular_polygon
+from shoal.steering.run import run
 from shoal.steering.planners import shooting
 shooting.DIRECTIONS = {2: 8, 3: 8}
 shooting.DENSE = 1
@@ -72,26 +73,25 @@ high = [(-0.1, 0.0, 0.2), (0.1, 0.1, 0.5)], [(0.3, 0.1, 0.4), (-0.2, -0.3, 0.1)]
 for space in (regular_polygon(3, radius=0.8), disk(0.5), prism(regular_polygon(4), 0.7), cylinder(0.5, 0.7)):
     where = pair if space.dimensions == 2 else high
     for planner in ("greedy", "fewest-moves", "shortest")[: 3 if space.kind == "polygon" else 1]:
-        e = steer(SteeringProblem(space, *where), planner=planner)
-        print(space.kind, planner, e.status, e.n_moves, np.round(e.moves, 6).tolist())
+        e = run(SteeringProblem(space, *where, planner=planner))
+        print(space.kind, planner, e.status, e.moves, np.round(e.inputs, 6).tolist())
 for space, goal in ((regular_polygon(3, radius=0.8), pair[1]), (disk(0.5), pair[1]), (prism(regular_polygon(4), 0.7), high[1])):
     start = (pair if space.dimensions == 2 else high)[0]
-    task = Task(Disturbance().world(SteeringProblem(space, start, goal)), np.array(start), np.array(goal), 1e-6)
+    task = Task(SteeringProblem(space, start, goal).world(), np.array(start), np.array(goal), 1e-6)
     for count in (3, 4, 5):
         plan = shooting.shooting_plan(task, count)
         print(space.kind, count, None if plan is None else np.round(plan, 5).tolist())
-problem = SteeringProblem(regular_polygon(5), *pair, 0.01)
-e = steer(problem, planner="robust", disturbance=Disturbance(execution=1e-3, measurement=1e-3, gain=0.2), max_moves=6)
-print(e.status, np.round(e.moves, 6).tolist())
-slippery = Disturbance(friction=3.0)
-e = steer(SteeringProblem(regular_polygon(5), *pair), planner="greedy", disturbance=slippery, max_moves=20)
-print(e.status, e.n_moves, np.round(e.final, 5).tolist())
+noise = dict(execution=1e-3, measurement=1e-3, gain=0.2)
+e = run(SteeringProblem(regular_polygon(5), *pair, 0.01, planner="robust", max_moves=6, **noise))
+print(e.status, np.round(e.inputs, 6).tolist())
+e = run(SteeringProblem(regular_polygon(5), *pair, planner="greedy", friction=3.0, max_moves=20))
+print(e.status, e.moves, np.round(e.final, 5).tolist())
 from shoal.steering.contact import friction_limits
 from shoal.steering.planners.chains import roadmap
 friction_limits._ANGLES = 30
 roadmap.MAPS = ((8, 14, 1.05, 8),)
 for space in (regular_polygon(5), disk(0.5)):
-    task = Task(Disturbance(friction=1.0).world(SteeringProblem(space, *pair)), np.array(pair[0]), np.array(pair[1]), 1e-6)
+    task = Task(SteeringProblem(space, *pair, friction=1.0).world(), np.array(pair[0]), np.array(pair[1]), 1e-6)
     chain = roadmap.roadmap_chain(task.chain_query(), maps=roadmap.MAPS)
     print(None if chain is None else (chain.touchers.tolist(), chain.walls.tolist(), np.round(chain.unknowns, 5).tolist()))
     print(friction_limits.friction_limit(space, 0.2, task.before, task.after))

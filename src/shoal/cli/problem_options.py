@@ -5,20 +5,28 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from shoal.checks import parse_json, read_text
 from shoal.errors import InvalidInputError
-from shoal.problem import Declaration, Problem
+from shoal.problem import LARGEST_PROBLEM, Declaration, Problem
 
 
-def takes_problem(kind: type[Problem], **fixed: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def takes_problem(
+    kind: type[Problem], *, from_file: bool = False, only: tuple[str, ...] = (), **fixed: Any
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator for a command: its first parameter, a problem, becomes an option for each field of ``kind``.
 
     Parameters
     ----------
     kind : type
+    from_file : bool
+        Whether the argument may also be a problem file: the options that are given then replace its fields.
+    only : tuple of str
+        The fields that are options; all if empty.
     **fixed
         Fields that the command settles itself; they are no options.
 
@@ -37,17 +45,22 @@ def takes_problem(kind: type[Problem], **fixed: Any) -> Callable[[Callable[..., 
     >>> walk(steps=3)
     3
     """
-    taken = {name: declared for name, declared in kind.declarations().items() if name not in fixed}
+    known = {name: declared for name, declared in kind.declarations().items() if not only or name in only}
+    taken = {name: declared for name, declared in known.items() if name not in fixed}
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
 
         @functools.wraps(command)
         def wrapped(**given: Any) -> None:
-            values = {name: _parsed(declared, given.pop(name)) for name, declared in taken.items() if name in given}
+            texts = {name: given.pop(name) for name in taken if name in given}
+            if from_file:
+                command(_problem_of(kind, taken, texts, fixed), **given)
+                return
+            values = {name: _parsed(taken[name], text) for name, text in texts.items()}
             command(kind(**fixed, **values), **given)
 
-        made = [_parameter(declared) for declared in taken.values()]
+        made = [_parameter(declared, from_file=from_file) for declared in taken.values()]
         made = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in [*made, *own]]
         vars(wrapped)["__signature__"] = inspect.Signature(made)
         wrapped.__annotations__ = {one.name: one.annotation for one in made}
@@ -57,22 +70,40 @@ def takes_problem(kind: type[Problem], **fixed: Any) -> Callable[[Callable[..., 
     return decorate
 
 
-def _parameter(declared: Declaration) -> inspect.Parameter:
+def _problem_of(kind: type[Problem], taken: dict[str, Declaration], texts: dict[str, Any], fixed: dict[str, Any]) -> Problem:
+    """Return the problem of a file with the options that were given in place of its fields, or the one of the options alone."""
+    given = {name: _parsed(taken[name], text) for name, text in texts.items() if text is not None}
+    place = next(name for name, declared in taken.items() if declared.option.argument)
+    source = given.get(place)
+    if isinstance(source, str) and Path(source).suffix == ".json":
+        data = parse_json(read_text(Path(source), what="problem file", most=LARGEST_PROBLEM), where=source)
+        if isinstance(data, dict) and (place in data or "kind" in data):
+            return kind.load(source).replaced(**fixed, **{name: value for name, value in given.items() if name != place})
+    return kind(**fixed, **given)
+
+
+def _parameter(declared: Declaration, *, from_file: bool) -> inspect.Parameter:
     option = declared.option
     by_text = option.parse is not None or declared.type is object
     kind: Any = str if by_text else declared.type
     if option.repeated:
         kind = list[str]
     default = inspect.Parameter.empty if declared.required else _default(declared)
+    shown: Any = default not in (None, "", inspect.Parameter.empty)
+    help_, metavar = help_of(declared), option.metavar
+    if from_file and option.argument:
+        default, shown, metavar, help_ = inspect.Parameter.empty, False, "PROBLEM", f"A problem file (JSON), or: {help_}"
+    elif from_file:
+        default, shown = None, str(default) if shown and default is not False else False
     if declared.optional or default is None:
         kind = kind | None
-    told: dict[str, Any] = {"help": help_of(declared), "show_default": default not in (None, "", inspect.Parameter.empty)}
-    if option.metavar:
-        told["metavar"] = option.metavar
+    told: dict[str, Any] = {"help": help_, "show_default": shown}
+    if metavar:
+        told["metavar"] = metavar
     if option.argument:
         info: Any = typer.Argument(**told)
     else:
-        info = typer.Option(*([option.short] if option.short else []), _flags(declared), **told)
+        info = typer.Option(*([option.short] if option.short else []), _flags(declared, both=from_file), **told)
     return inspect.Parameter(declared.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info])
 
 
@@ -84,10 +115,9 @@ def help_of(declared: Declaration) -> str:
     return f"{option.help}{choices}{unit}"
 
 
-def _flags(declared: Declaration) -> str:
-    return (
-        f"{declared.flag}/--no-{declared.flag[2:]}" if declared.type is bool and declared.default in (None, True) else declared.flag
-    )
+def _flags(declared: Declaration, *, both: bool) -> str:
+    either = declared.type is bool and (both or declared.default in (None, True))
+    return f"{declared.flag}/--no-{declared.flag[2:]}" if either else declared.flag
 
 
 def _default(declared: Declaration) -> Any:

@@ -31,7 +31,8 @@ def goals(name: str, workspace: str, start: Any, fixed: Any, varied: int, settin
 def goal_sweep(store: Store, sweep: Sweep) -> GoalSweep:
     """Return what the drawing takes of a sweep over goals."""
     problem: Any = sweep.points[0].problem
-    x = np.array(sweep.axes["goal_x"])
+    x, y = np.array(sweep.axes["goal_x"]), np.array(sweep.axes["goal_y"])
+    workspace = open_workspace(problem.workspace)
     columns = store.columns(sweep.name)
     at = {name: columns.index(name) for name in ("status", "moves", "length")}
     moves, lengths = np.full((len(x), len(x)), np.nan), np.full((len(x), len(x)), np.nan)
@@ -40,15 +41,9 @@ def goal_sweep(store: Store, sweep: Sweep) -> GoalSweep:
         if row[at["status"]] == "solved":
             moves.flat[k], lengths.flat[k] = row[at["moves"]], row[at["length"]]
         else:
-            unsolved += row[at["status"]] != "outside"
-    steered = SteeringProblem(
-        open_workspace(problem.workspace),
-        np.array(problem.start),
-        np.array(problem.goal),
-        problem.tolerance,
-        problem.interchangeable,
-    )
-    return GoalSweep(steered, problem.varied, problem.planner, x, np.array(sweep.axes["goal_y"]), moves, lengths, unsolved)
+            unsolved += bool(workspace.contains((x[k % len(x)], y[k // len(x)])))
+    steered = SteeringProblem(workspace, problem.start, problem.goal, problem.tolerance, problem.interchangeable)
+    return GoalSweep(steered, problem.varied, problem.planner, x, y, moves, lengths, unsolved)
 
 
 def goal_table(names: list[str], sweeps: list[GoalSweep]) -> Table:

@@ -1,117 +1,96 @@
-"""SteeringEpisode: a problem, the moves that were sent, and where the particles went."""
+"""SteeringEpisode: a problem, the inputs that were sent, and where the particles went."""
 
 from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, FiniteFloat, NonNegativeFloat, NonNegativeInt, ValidationError
 
-from shoal.errors import InvalidInputError
+from shoal.checks import check_choice, check_integer, check_number, check_text, parse_json, read_text, shortened
+from shoal.episode import Episode, Status, Verification
+from shoal.errors import InvalidInputError, ShoalError
 from shoal.files import atomic
-from shoal.steering.contact.disturbances import Disturbance
-from shoal.steering.problem import SteeringProblem, problem_of
+from shoal.steering.problem import SteeringProblem
+from shoal.steering.simulation.apparatus import replay
 from shoal.steering.workspaces.convex_geometry import Points
-from shoal.steering.workspaces.formats import read_json, read_text, said
 
-FORMAT: Literal[1] = 1
-
-
-class EpisodeForm(BaseModel):
-    """A steering episode on disk."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    format: Literal[1]
-    version: str
-    problem: dict[str, Any]
-    planner: str
-    status: Literal["solved", "approachable", "unreachable", "limit"]
-    reason: str
-    moves: list[list[FiniteFloat]]
-    states: list[list[list[FiniteFloat]]]
-    order: list[NonNegativeInt]
-    friction: NonNegativeFloat | None
-    radius: NonNegativeFloat
-    execution: NonNegativeFloat
-    measurement: NonNegativeFloat
-    gain: NonNegativeFloat
-    seed: NonNegativeInt
-    lower_bound: FiniteFloat | None
-    seconds: FiniteFloat
+STATUSES = (Status.SOLVED, Status.APPROACHABLE, Status.UNREACHABLE, Status.LIMIT)
+_STORED = (
+    "kind", "problem", "planner", "status", "reason", "inputs", "states", "order", "seed", "lower_bound", "seconds", "versions",
+)  # fmt: skip
+_EQUAL = 1e-9  # of the size: states that differ by less are the same
 
 
-@dataclass(frozen=True, eq=False)
-class SteeringEpisode:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SteeringEpisode(Episode):
     """Everything that is needed to play a plan again, and its figures. True as a bool if the problem is solved.
 
     Parameters
     ----------
     problem : SteeringProblem
+        As it was asked for.
     planner : str
-    status : str
-        "solved": all particles are within the tolerance of their goals. "approachable": the goal itself can not be reached, only
-        what is near to it; ``error`` says how near the plan comes. "unreachable": no plan exists. "limit": none was found.
+        The planner that planned: what was asked for, or what ``auto`` chose.
+    status : Status
+        ``solved``: all particles are within the tolerance of their goals. ``approachable``: the goal itself cannot be reached, only
+        what is near to it; ``error`` says how near the plan comes. ``unreachable``: no plan exists. ``limit``: none was found.
     reason : str
-        Why the status is none of "solved", in one sentence; else empty.
-    moves : ndarray of float64, shape (moves, d)
+        Why the status is what it is, in one sentence.
+    inputs : ndarray of float64, shape (moves, d)
+        The moves that were sent.
     states : ndarray of float64, shape (moves + 1, n, d)
         At the start and after each move.
     order : ndarray of int64, shape (n,)
         Which goal each particle went to.
-    disturbance : Disturbance
-        Friction, gain and noise.
     seed : int
     lower_bound : float or None
         No plan that ends within the tolerance is shorter; None where none is known.
     seconds : float
         Time for planning; in a closed loop for all of it.
-    version : str
-        Of Shoal.
+    versions : dict
+        What it was computed with.
     """
+
+    part: ClassVar[str] = "steering"
 
     problem: SteeringProblem
     planner: str
-    status: str
-    reason: str
-    moves: Points
+    status: Status
+    reason: str = ""
+    inputs: Points
     states: Points
     order: NDArray[np.int64]
-    disturbance: Disturbance
     seed: int
     lower_bound: float | None
     seconds: float
-    version: str
-
-    def __bool__(self) -> bool:
-        return self.status == "solved"
+    versions: Mapping[str, str]
 
     @property
-    def n_moves(self) -> int:
+    def moves(self) -> int:
         """Number of moves."""
-        return len(self.moves)
+        return len(self.inputs)
 
     @cached_property
-    def path_length(self) -> float:
+    def length(self) -> float:
         """Length of all moves."""
-        return float(np.linalg.norm(self.moves, axis=1).sum())
+        return float(np.linalg.norm(self.inputs, axis=1).sum())
 
     @property
     def final(self) -> Points:
         """Where the particles end; float64, shape (n, d)."""
         return np.asarray(self.states[-1])
 
-    @property
+    @cached_property
     def goal(self) -> Points:
         """The goal of each particle, in the order of the particles; float64, shape (n, d)."""
-        return np.asarray(self.problem.goal[self.order])
+        return np.asarray(self.problem.endpoints(self.seed)[1][self.order])
 
     @cached_property
     def error(self) -> float:
@@ -119,41 +98,48 @@ class SteeringEpisode:
         return float(np.linalg.norm(self.final - self.goal, axis=1).max())
 
     @property
-    def sentence(self) -> str:
-        """What came out, for people."""
-        what = f"{self.status}: {self.n_moves} moves, length {self.path_length:.4g}, error {self.error:.2g}"
-        return f"{what}; {self.reason}" if self.reason else what
+    def metrics(self) -> dict[str, Any]:
+        """The numbers by name."""
+        return {
+            "status": str(self.status), "moves": self.moves, "length": self.length, "error": self.error,
+            "lower_bound": self.lower_bound, "planner": self.planner, "seconds": self.seconds,
+        }  # fmt: skip
 
     def report(self) -> dict[str, Any]:
         """Return the JSON object of ``shoal steer``."""
         return {
-            "status": self.status,
-            "reason": self.reason,
-            "planner": self.planner,
-            "moves": self.moves.tolist(),
-            "n_moves": self.n_moves,
-            "path_length": self.path_length,
-            "final": self.final.tolist(),
-            "error": self.error,
-            "lower_bound": self.lower_bound,
-            "order": (self.order + 1).tolist(),
-            "seed": self.seed,
-            "seconds": self.seconds,
-        }
+            "status": str(self.status), "reason": self.reason, "planner": self.planner, "moves": self.moves,
+            "length": self.length, "inputs": self.inputs.tolist(), "final": self.final.tolist(), "error": self.error,
+            "lower_bound": self.lower_bound, "order": (self.order + 1).tolist(), "seed": self.seed, "seconds": self.seconds,
+        }  # fmt: skip
 
-    def verify(self) -> bool:
-        """Play the moves again and tell whether the particles go where the episode says, and whether the status fits that."""
-        states = self.disturbance.replay(self.problem, self.moves, seed=self.seed)
-        if states.shape != self.states.shape or not np.allclose(
-            states, self.states, rtol=0, atol=1e-9 * self.problem.workspace.size
-        ):
-            return False
+    def verify(self) -> Verification:
+        """Play the inputs again; compare where the particles go, and whether the status fits that."""
+        near = _EQUAL * self.problem.place.size
+        try:
+            states = replay(self.problem, self.inputs, seed=self.seed)
+        except ShoalError as error:  # particles that do not fit where the episode puts them
+            return Verification(False, str(error))
+        if states.shape != self.states.shape:
+            return Verification(False, f"expected states of shape {states.shape}, got {self.states.shape}")
+        away = np.linalg.norm(states - self.states, axis=2)
+        if not away.max() <= near:
+            move = int(np.argmax(~(away.max(axis=1) <= near)))
+            particle = int(np.argmax(away[move]))
+            return Verification(
+                False, f"after move {move} particle {particle + 1} is {away[move, particle]:.3g} from where the episode says"
+            )
         reached = self.error <= self.problem.tolerance
-        # With noise a planner sees where the particles are only roughly, and may not know that it has reached the goal.
-        return reached if self.status == "solved" else not reached or self.disturbance.random
+        if self.status == Status.SOLVED and not reached:
+            far = f"a particle ends {self.error:.3g} from its goal, tolerance {self.problem.tolerance:g}"
+            return Verification(False, f"it says solved, and {far}")
+        # With noise a planner sees only roughly where the particles are, and may not know that it has reached the goal.
+        if self.status in (Status.LIMIT, Status.UNREACHABLE) and reached and not self.problem.noisy:
+            return Verification(False, f"it says {self.status}, and all particles end within the tolerance of their goals")
+        return Verification(True, "played again, all particles go where the episode says")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode as JSON.
+        """Write the episode as JSON; a workspace that was read from a file goes with it.
 
         Raises
         ------
@@ -164,25 +150,14 @@ class SteeringEpisode:
         target = Path(path)
         if target.suffix != ".json":
             raise InvalidInputError(f"{target}: expected the suffix .json, got {target.suffix!r}")
-        data = {
-            "format": FORMAT,
-            "version": self.version,
-            "problem": self.problem.describe(),
-            "planner": self.planner,
-            "status": self.status,
-            "reason": self.reason,
-            "moves": self.moves.tolist(),
-            "states": self.states.tolist(),
-            "order": self.order.tolist(),
-            "friction": None if self.disturbance.friction == inf else self.disturbance.friction,
-            "radius": self.disturbance.radius,
-            "execution": self.disturbance.execution,
-            "measurement": self.disturbance.measurement,
-            "gain": self.disturbance.gain,
-            "seed": self.seed,
-            "lower_bound": self.lower_bound,
-            "seconds": self.seconds,
-        }
+        problem = self.problem
+        if problem.place_is_file():
+            problem = problem.replaced(workspace=problem.place)
+        made = {
+            "kind": self.part, "problem": problem.to_dict(), "status": str(self.status), "inputs": self.inputs.tolist(),
+            "states": self.states.tolist(), "order": self.order.tolist(), "versions": dict(self.versions),
+        }  # fmt: skip
+        data = {name: made[name] if name in made else getattr(self, name) for name in _STORED}
         with atomic(target) as temporary:
             temporary.write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -194,37 +169,46 @@ class SteeringEpisode:
         ------
         InvalidInputError
         """
-        source = Path(path)
-        try:
-            form = EpisodeForm.model_validate(read_json(read_text(source), where=str(source)))
-        except ValidationError as error:
-            raise InvalidInputError(f"not a steering episode: {said(error, where=str(source))}") from None
-        problem = problem_of(form.problem, where=str(source))
-        n, d = problem.start.shape
-        moves, states = np.array(form.moves).reshape(-1, d), np.array(form.states)
-        order = np.array(form.order, dtype=np.int64)
-        if states.shape != (len(moves) + 1, n, d) or sorted(form.order) != list(range(n)):
+        where = os.fspath(path)
+        data = parse_json(read_text(Path(path), what="steering episode"), where=where)
+        if not isinstance(data, dict) or set(data) != set(_STORED) or data["kind"] != cls.part:
             raise InvalidInputError(
-                f"{source}: expected states of {n} particles before and after each move, got shape {states.shape}"
+                f"{where}: not a steering episode: expected the fields {', '.join(_STORED)}, got {shortened(data)}"
             )
-        disturbance = Disturbance(
-            friction=inf if form.friction is None else form.friction,
-            radius=form.radius,
-            execution=form.execution,
-            measurement=form.measurement,
-            gain=form.gain,
-        )
-        return cls(
-            problem,
-            form.planner,
-            form.status,
-            form.reason,
-            moves,
-            states,
-            order,
-            disturbance,
-            form.seed,
-            form.lower_bound,
-            form.seconds,
-            form.version,
-        )
+        try:
+            problem = SteeringProblem.from_dict(data["problem"])
+            d = problem.place.dimensions
+            inputs = _array(data["inputs"], "inputs", (None, d), empty=(0, d))
+            states = _array(data["states"], "states", (len(inputs) + 1, problem.n_particles, d))
+            order = _array(data["order"], "order", (problem.n_particles,)).astype(np.int64)
+            if sorted(order.tolist()) != list(range(problem.n_particles)):
+                raise InvalidInputError(f"order: expected a goal for each particle, got {shortened(data['order'])}")
+            if not isinstance(data["versions"], dict):
+                raise InvalidInputError(f"versions: expected names with versions, got {shortened(data['versions'])}")
+            bound = data["lower_bound"]
+            return cls(
+                problem=problem, inputs=inputs, states=states, order=order,
+                planner=check_text(data["planner"], what="planner"),
+                status=Status(check_choice(data["status"], what="status", choices=STATUSES)),
+                reason=check_text(data["reason"], what="reason"),
+                seed=check_integer(data["seed"], what="seed", least=0),
+                lower_bound=None if bound is None else check_number(bound, what="lower_bound"),
+                seconds=check_number(data["seconds"], what="seconds"), versions=data["versions"],
+            )  # fmt: skip
+        except InvalidInputError as error:
+            raise InvalidInputError(f"{where}: {error}") from None
+
+
+def _array(given: Any, what: str, shape: tuple[int | None, ...], *, empty: tuple[int, ...] = ()) -> NDArray[np.float64]:
+    """Return numbers as a finite array of a shape, in which None stands for any length."""
+    try:
+        array = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        array = np.zeros(0)
+    if empty and array.size == 0 and array.ndim == 1:
+        array = array.reshape(empty)
+    fits = array.ndim == len(shape) and all(wanted in (None, real) for wanted, real in zip(shape, array.shape, strict=True))
+    if not fits or not np.isfinite(array).all():
+        wanted = " x ".join("any" if length is None else str(length) for length in shape)
+        raise InvalidInputError(f"{what}: expected {wanted} finite numbers, got an array of shape {array.shape}")
+    return array

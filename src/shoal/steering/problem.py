@@ -1,137 +1,323 @@
-"""SteeringProblem: a workspace, where the particles are and where they are to be."""
+"""SteeringProblem: everything that defines a run of steering but its seed."""
 
 from __future__ import annotations
 
+import json
 import os
+import re
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from math import inf
+from typing import Any, ClassVar, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
+from shoal.checks import check_number, check_points, shortened
 from shoal.errors import InvalidInputError
-from shoal.steering.workspaces.convex_geometry import Points, check_points
-from shoal.steering.workspaces.formats import Workspace, describe, open_workspace, read_json, read_text, said, workspace_of
+from shoal.problem import Problem, option
+from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.formats import describe, open_workspace, workspace_of
+from shoal.steering.workspaces.region import Region
 
-TOLERANCE = 1e-6
+# Worlds and planners call kernels, whose compiler takes a second to load: they are imported when a problem is checked, so that
+# commands, which read the declarations below, start at once.
+
 FINEST = 1e-8  # of the size: contacts are no more exact
+RANDOM = "random"
 
 
-class ProblemForm(BaseModel):
-    """A problem file."""
+def _check_workspace(given: Any) -> Any:
+    if isinstance(given, os.PathLike):
+        return os.fspath(given)
+    if isinstance(given, dict):
+        return workspace_of(given, where="workspace")
+    if not isinstance(given, str) and not hasattr(given, "check_inside"):
+        raise InvalidInputError(f"workspace: expected a name, a path, a workspace or what JSON says of it, got {shortened(given)}")
+    return given
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
-    workspace: str | dict[str, Any]
-    start: list[list[FiniteFloat]] = Field(min_length=2)
-    goal: list[list[FiniteFloat]] = Field(min_length=2)
-    tolerance: FiniteFloat = TOLERANCE
-    interchangeable: bool = False
+def _dump_workspace(given: Any) -> Any:
+    return given if isinstance(given, str) else describe(given)
+
+
+def _check_places(what: str) -> Any:
+    def check(given: Any) -> Points | str:
+        if isinstance(given, str) and given == RANDOM:
+            return RANDOM
+        try:
+            spatial = np.ndim(given) == 2 and np.shape(given)[1] == 3
+        except ValueError:  # points of different lengths
+            spatial = False
+        points = check_points(given, what=what, dimensions=3 if spatial else 2).copy()
+        if len(points) < 2:
+            raise InvalidInputError(f"{what}: expected 2 points or more, got {len(points)}")
+        return points
+
+    return check
+
+
+def _parse_places(text: str) -> Any:
+    if text == RANDOM:
+        return RANDOM
+    numbers = re.split(r"[\s,;]+", text.strip(" ()[]"))
+    count = next((word.count(",") + 1 for word in text.split() if "," in word), 2)  # numbers a point
+    try:
+        return [[float(number) for number in numbers[k : k + count]] for k in range(0, len(numbers), count)]
+    except ValueError:
+        raise ValueError(f"expected points, as in '0.1,0.2 0.3,0.4', got {shortened(text)}") from None
+
+
+def _dump_places(given: Any) -> Any:
+    return given if isinstance(given, str) else given.tolist()
+
+
+def _check_planner(given: Any) -> Any:
+    if given == "auto":
+        return given
+    from shoal.steering.planners import make_planner
+
+    if not callable(getattr(make_planner(given), "plan", None)):
+        raise InvalidInputError(f"planner: expected a name, or an object with a name and plan(task), got {shortened(given)}")
+    return given
+
+
+def _dump_planner(given: Any) -> str:
+    if isinstance(given, str):
+        return given
+    from shoal.steering.planners import PLANNERS
+
+    return str(given.name) if given.name in PLANNERS else f"{type(given).__module__}:{type(given).__qualname__}"
+
+
+def _check_friction(given: Any) -> float:
+    return inf if given is None else check_number(given, what="friction", least=0, finite=False)
+
+
+def _dump_friction(given: float) -> float | None:
+    return None if given == inf else given
 
 
 @dataclass(frozen=True, eq=False)
-class SteeringProblem:
+class SteeringProblem(Problem):
     """Two particles or more, all moved by one shared input, and a goal for each.
 
-    Parameters
-    ----------
-    workspace : ConvexWorkspace or Region
-    start, goal : ndarray of float64, shape (n, d)
-        Where particle k is, and is to be.
-    tolerance : float
-        How far from its goal each may end.
-    interchangeable : bool
-        Whether any particle may go to any goal.
+    The fields are the options of ``shoal steer``, the fields of sweeps, and those of problem files. In Python the workspace may be
+    an opened one, the planner an object of your own, and start and goal are arrays of float64, shape (particles, dimensions).
 
     Raises
     ------
-    InvalidInputError
-        If a point is outside or no number, if two particles start at one place and are to part, if the counts differ, or for a
-        tolerance below 1e-8 of the size.
+    InvalidInputError, UnknownNameError
+        For a value that is not of its field's kind, and for fields that do not go together. Where the workspace is an opened one,
+        also for a point that is outside, for two particles at one place that are to part, and for a planner that cannot do it; else
+        that is refused when the problem is run.
+
+    Notes
+    -----
+    Source: paper W; docs/concepts/steering.md.
 
     Examples
     --------
-    >>> from shoal.steering import polygon
-    >>> square = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
-    >>> SteeringProblem(square, [(0.2, 0.2), (0.4, 0.3)], [(0.7, 0.7), (0.6, 0.2)]).delta.tolist()
-    [0.2, 0.09999999999999998]
+    >>> problem = SteeringProblem("square", [(0.2, 0.2), (0.4, 0.3)], [(0.7, 0.7), (0.6, 0.2)])
+    >>> problem.canonical()
+    '{"goal":[[0.7,0.7],[0.6,0.2]],"kind":"steering","start":[[0.2,0.2],[0.4,0.3]],"workspace":"square"}'
+    >>> problem.place
+    <ConvexWorkspace polygon, 4 corners>
     """
 
-    workspace: Workspace
-    start: Points
-    goal: Points
-    tolerance: float = TOLERANCE
-    interchangeable: bool = False
+    part: ClassVar[str] = "steering"
+    measures: ClassVar[tuple[str, ...]] = ("status", "moves", "length", "error", "lower_bound")
 
-    def __post_init__(self) -> None:
-        start = self.workspace.check_inside(self.start, what="start")
-        goal = self.workspace.check_inside(
-            check_points(self.goal, what="goal", dimensions=self.workspace.dimensions, count=len(start)), what="goal"
-        )
-        object.__setattr__(self, "start", start)
-        object.__setattr__(self, "goal", goal)
-        least = FINEST * self.workspace.size
-        number = isinstance(self.tolerance, int | float | np.number) and not isinstance(self.tolerance, bool)
-        if not number or not least <= self.tolerance < np.inf:
-            raise InvalidInputError(f"tolerance: expected a number of at least {least:g}, 1e-8 of the size, got {self.tolerance!r}")
-        for one in range(len(start)):
-            for other in range(one):
-                if np.array_equal(start[one], start[other]) and np.abs(goal[one] - goal[other]).max() > self.tolerance:
-                    raise InvalidInputError(
-                        f"start: expected particles at different points, got {tuple(start[one].tolist())} "
-                        f"for {other + 1} and {one + 1}: a shared input never parts them"
-                    )
+    workspace: Any = option(
+        "square",
+        help="square, triangle, pentagon, hexagon, heptagon, octagon, regular:SIDES, disk, disk:RADIUS, a file (.json, .geojson, "
+        ".wkt, .svg) or POLYGON ((...)).",
+        argument=True, metavar="WORKSPACE", check=_check_workspace, dump=_dump_workspace,
+    )  # fmt: skip
+    start: Any = option(
+        RANDOM, help="Where the particles are; random points are drawn with the seed.", metavar="'X,Y X,Y'",
+        parse=_parse_places, check=_check_places("start"), dump=_dump_places,
+    )  # fmt: skip
+    goal: Any = option(
+        RANDOM, help="Where each is to be.", metavar="'X,Y X,Y'",
+        parse=_parse_places, check=_check_places("goal"), dump=_dump_places,
+    )  # fmt: skip
+    tolerance: float = option(1e-6, help="How far from its goal each particle may end; 1e-8 of the size or more.", least=0)
+    interchangeable: bool = option(False, help="Any particle may go to any goal.")
+    planner: Any = option(
+        "auto",
+        help="auto, shortest, greedy, fewest-moves, robust, sampling or MODULE:ATTRIBUTE. auto is shortest for two particles in a "
+        "convex workspace, else sampling.",
+        check=_check_planner, dump=_dump_planner,
+    )  # fmt: skip
+    max_moves: int = option(100, help="Longer plans are of no use.", least=1)
+    friction: float = option(
+        inf, help="Coefficient of friction of the walls; if infinite, nothing that is pushed into a wall slides.",
+        check=_check_friction, dump=_dump_friction,
+    )  # fmt: skip
+    particle_radius: float = option(0.0, help="Radius of the particles.", least=0)
+    execution: float = option(
+        0.0, help="Noise of the input: standard deviation of what is added to each coordinate of a move.", least=0
+    )
+    measurement: float = option(
+        0.0, help="Noise of the camera: standard deviation of what is added to each coordinate of a particle.", least=0
+    )
+    gain: float = option(
+        0.0,
+        help="By how much of itself the response to the input varies over the workspace, along a direction that the seed draws: "
+        "0.2 is from 0.9 to 1.1.",
+        least=0, below=2,
+    )  # fmt: skip
+    goal_x: float | None = option(None, help="X of the goal of one particle, in place of what 'goal' says; it may be outside.")
+    goal_y: float | None = option(None, help="Its y.")
+    varied: int = option(2, help="Which particle's goal goal_x and goal_y are; the first is 1.", least=1)
 
-    @property
-    def delta(self) -> Points:
-        """Δ at the start: particle 2 less particle 1; float64, shape (d,)."""
-        return np.asarray(self.start[1] - self.start[0])
+    def check_together(self) -> None:
+        """Refuse fields that do not go together."""
+        if not isinstance(self.start, str) and not isinstance(self.goal, str):
+            check_points(self.goal, what="goal", dimensions=self.start.shape[1], count=len(self.start))
+        if (self.goal_x is None) != (self.goal_y is None):
+            raise InvalidInputError("goal_x, goal_y: expected both or none, got one")
+        if self.goal_x is not None and isinstance(self.goal, str):
+            raise InvalidInputError(
+                "goal_x: expected it with a goal for each particle, of which it replaces one, got a random goal"
+            )
+        if self.goal_x is not None and self.varied > self.n_particles:
+            raise InvalidInputError(f"varied: expected a particle, 1 to {self.n_particles}, got {self.varied}")
+        if not isinstance(self.workspace, str):
+            self.check_at_place()
 
     @property
     def n_particles(self) -> int:
-        """Number of particles."""
-        return len(self.start)
+        """Number of particles; two where start and goal are random."""
+        return next((len(points) for points in (self.start, self.goal) if not isinstance(points, str)), 2)
+
+    @property
+    def noisy(self) -> bool:
+        """Whether runs with different seeds differ, whatever the planner."""
+        return bool(self.execution or self.measurement or self.gain)
+
+    @property
+    def chosen_planner(self) -> Any:
+        """The planner as an object: the one that was asked for, or what ``auto`` stands for.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+            Also for a planner that cannot do the task.
+        """
+        from shoal.steering.planners import make_planner
+
+        simple = self.n_particles == 2 and not isinstance(self.place, Region)
+        if isinstance(self.planner, str) and self.planner == "auto":
+            return make_planner("shortest" if simple else "sampling")
+        planner = make_planner(self.planner)
+        if not simple and not getattr(planner, "general", False):
+            lacking = "a convex workspace, got a region" if self.n_particles == 2 else f"2 particles, got {self.n_particles}"
+            raise InvalidInputError(f"planner {planner.name}: expected {lacking} (use the planner sampling)")
+        return planner
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> SteeringProblem:
-        """Read a problem file.
+    def load(cls, path: Any) -> Self:
+        """Read a problem file (JSON); a workspace that is a text is a name, or a file beside the problem's.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+        """
+        problem = super().load(path)
+        if isinstance(problem.workspace, str):
+            beside = os.path.join(os.path.dirname(os.fspath(path)), problem.workspace)
+            if os.path.isfile(beside):
+                problem = problem.replaced(workspace=beside)
+        return problem
+
+    def open_place(self) -> Any:
+        """Open the workspace."""
+        return open_workspace(self.workspace) if isinstance(self.workspace, str) else self.workspace
+
+    def place_key(self) -> str | None:
+        """Return the workspace's name; None of one that has been opened already."""
+        return self.workspace if isinstance(self.workspace, str) else None
+
+    def place_is_file(self) -> bool:
+        """Tell whether the workspace is a file."""
+        return isinstance(self.workspace, str) and os.path.exists(self.workspace)
+
+    def place_digest(self) -> bytes:
+        """Return the corners."""
+        return json.dumps(describe(self.place), sort_keys=True).encode()
+
+    def check_at_place(self) -> None:
+        """Refuse points outside of the workspace, particles that are to part and cannot, and a planner that cannot do the task.
+
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+        """
+        workspace = self.place
+        least = FINEST * workspace.size
+        if self.tolerance < least:
+            raise InvalidInputError(f"tolerance: expected a number of at least {least:g}, 1e-8 of the size, got {self.tolerance:g}")
+        world = self.world()
+        for what, points in (("start", self.start), ("goal", self.goal)):
+            if isinstance(points, str):
+                if workspace.dimensions != 2:
+                    raise InvalidInputError(f"{what}: expected points, as random ones are drawn in the plane only, got random")
+            else:
+                workspace.check_inside(points, what=what)
+                world.check_state(points, what=what)
+        if not isinstance(self.start, str) and not isinstance(self.goal, str):
+            check_can_part(*self.endpoints(0), self.tolerance)
+        assert self.chosen_planner
+
+    def world(self, *, seed: int = 0, gain: float | None = None) -> Any:
+        """Return the world in which the problem is played; the seed draws the direction of the gain.
 
         Raises
         ------
         InvalidInputError
         """
-        source = Path(path)
-        return problem_of(read_json(read_text(source), where=str(source)), where=str(source), folder=source.parent)
+        from shoal.steering.contact.disturbances import make_world
 
-    def describe(self) -> dict[str, Any]:
-        """Return the content of a problem file."""
-        return {
-            "workspace": describe(self.workspace),
-            "start": self.start.tolist(),
-            "goal": self.goal.tolist(),
-            "tolerance": self.tolerance,
-            "interchangeable": self.interchangeable,
-        }
+        variation = self.gain if gain is None else gain
+        return make_world(self.place, friction=self.friction, radius=self.particle_radius, gain=variation, seed=seed)
+
+    def endpoints(self, seed: int) -> tuple[Points, Points]:
+        """Return start and goal of each particle, float64, shape (particles, dimensions); the seed draws random ones."""
+        rng = np.random.default_rng([seed, 1])
+        start, goal = (
+            self._drawn(rng) if isinstance(points, str) else points.copy() for points in (self.start, self.goal)
+        )  # fmt: skip
+        if self.goal_x is not None:
+            goal[self.varied - 1, :2] = self.goal_x, self.goal_y
+        return start, goal
+
+    def _drawn(self, rng: np.random.Generator) -> Points:
+        """Return a point for each particle, uniform in the workspace."""
+        workspace = self.place
+        if workspace.round:
+            low, high = workspace.center - workspace.radius, workspace.center + workspace.radius
+        else:
+            corners = workspace.outline if isinstance(workspace, Region) else workspace.vertices
+            low, high = corners.min(axis=0), corners.max(axis=0)
+        points: list[Points] = []
+        while len(points) < self.n_particles:
+            point = rng.uniform(low, high)
+            if workspace.contains(point):
+                points.append(point)
+        return np.array(points)
 
 
-def problem_of(data: Any, *, where: str, folder: Path = Path()) -> SteeringProblem:
-    """Return the problem that parsed JSON describes; a workspace that is a text is a name or a file beside the problem's.
+def check_can_part(start: Points, goal: Points, tolerance: float) -> None:
+    """Refuse particles that start at one place and have different goals.
 
     Raises
     ------
     InvalidInputError
     """
-    try:
-        form = ProblemForm.model_validate(data)
-    except ValidationError as error:
-        raise InvalidInputError(said(error, where=where)) from None
-    if isinstance(form.workspace, str):
-        beside = folder / form.workspace
-        workspace = open_workspace(beside if beside.is_file() else form.workspace)
-    else:
-        workspace = workspace_of(form.workspace, where=f"{where}: workspace")
-    try:
-        return SteeringProblem(workspace, form.start, form.goal, form.tolerance, form.interchangeable)  # type: ignore[arg-type]  # made arrays there
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{where}: {error}") from None
+    for one in range(len(start)):
+        for other in range(one):
+            if np.array_equal(start[one], start[other]) and np.abs(goal[one] - goal[other]).max() > tolerance:
+                raise InvalidInputError(
+                    f"start: expected particles at different points, got {tuple(start[one].tolist())} "
+                    f"for {other + 1} and {one + 1}: a shared input never parts them"
+                )

@@ -1,48 +1,34 @@
-"""steer(): plan, play, and say what came of it."""
+"""run: plan, play, and say what came of it."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import permutations
 from typing import Any
 
 import numpy as np
 
-from shoal.errors import InvalidInputError
-from shoal.steering.contact.disturbances import IDEAL, Disturbance, generators
+from shoal.checks import check_integer
+from shoal.episode import Status
+from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
-from shoal.steering.planners import Planner, make_planner
 from shoal.steering.planners.task import Task, why_approachable, why_unreachable
-from shoal.steering.problem import SteeringProblem
+from shoal.steering.problem import SteeringProblem, check_can_part
+from shoal.steering.simulation.apparatus import Apparatus, replay
 from shoal.steering.workspaces.convex_geometry import Points
-from shoal.steering.workspaces.region import Region
-from shoal.version import __version__
-
-MAX_MOVES = 100
+from shoal.version import versions
 
 
-def steer(
-    problem: SteeringProblem,
-    *,
-    planner: str | Planner = "shortest",
-    disturbance: Disturbance = IDEAL,
-    seed: int = 0,
-    max_moves: int = MAX_MOVES,
-) -> SteeringEpisode:
+def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     """Bring particles to their goals with one shared input.
 
     Parameters
     ----------
     problem : SteeringProblem
-    planner : str or Planner
-        "shortest", "greedy", "fewest-moves", "robust", "sampling", "module:attribute" or an object with a name and ``plan``.
-    disturbance : Disturbance
-        The world's friction, which planners know, and its noise, which they do not. A plan of any planner but "robust" is sent
-        as it is.
+        Planners know its friction, and not its noise. A plan of any planner but robust is sent as it is.
     seed : int
-        Of the noise, and of planners that draw numbers.
-    max_moves : int
+        Of random starts and goals, of the noise, and of planners that draw numbers.
 
     Returns
     -------
@@ -55,133 +41,90 @@ def steer(
 
     Examples
     --------
-    >>> from shoal.steering import SteeringProblem, polygon, steer
-    >>> square = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
-    >>> episode = steer(SteeringProblem(square, [(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.4, 0.5)]))
-    >>> episode.status, episode.n_moves, round(episode.path_length, 3)
-    ('solved', 3, 0.6)
+    >>> from shoal.steering import SteeringProblem
+    >>> episode = run(SteeringProblem("square", [(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.4, 0.5)]))
+    >>> str(episode.status), episode.planner, episode.moves, round(episode.length, 3)
+    ('solved', 'shortest', 3, 0.6)
     """
-    if isinstance(max_moves, bool) or not isinstance(max_moves, int) or max_moves < 1:
-        raise InvalidInputError(f"max_moves: expected a whole number, 1 or more, got {max_moves!r}")
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise InvalidInputError(f"seed: expected a whole number, 0 or more, got {seed!r}")
-    chosen = make_planner(planner)
-    world = disturbance.world(problem, seed=seed)
-    world.check_state(problem.start, what="start")
-    world.check_state(problem.goal, what="goal")
-    _check_planner(chosen, problem)
+    seed = check_integer(seed, what="seed", least=0)
+    problem.check_at_place()
+    planner = problem.chosen_planner
+    start, goal = problem.endpoints(seed)
+    check_can_part(start, goal, problem.tolerance)
     begun = time.perf_counter()
-    best: SteeringEpisode | None = None
-    for order in _orders(problem):
-        task = Task(_known(world, problem, disturbance), problem.start, problem.goal[order], problem.tolerance, max_moves, seed)
-        found = _one_way(chosen, task, problem, world, disturbance, np.array(order), seed)
-        if best is None or _rank(chosen, found) < _rank(chosen, best):
-            best = found
-    assert best is not None
-    object.__setattr__(best, "seconds", time.perf_counter() - begun)
-    return best
-
-
-def _check_planner(planner: Planner, problem: SteeringProblem) -> None:
-    general = getattr(planner, "general", False)
-    if not general and isinstance(problem.workspace, Region):
-        raise InvalidInputError(f"planner {planner.name}: expected a convex workspace, got a region (use the planner sampling)")
-    if not general and problem.n_particles != 2:
-        raise InvalidInputError(
-            f"planner {planner.name}: expected 2 particles, got {problem.n_particles} (use the planner sampling)"
-        )
-    if not hasattr(planner, "plan"):
-        raise InvalidInputError(f"planner: expected an object with a name and plan(task), got {planner!r:.80}")
-
-
-def _orders(problem: SteeringProblem) -> Iterator[list[int]]:
-    """Yield which goal each particle goes to: all ways if they are interchangeable."""
-    n = problem.n_particles
-    yield from (list(order) for order in permutations(range(n))) if problem.interchangeable else ([*range(n)],)
-
-
-def _known(world: Any, problem: SteeringProblem, disturbance: Disturbance) -> Any:
-    """Return the world as planners know it: without the gain and the noise."""
-    return Disturbance(friction=disturbance.friction, radius=disturbance.radius).world(problem) if disturbance.gain else world
-
-
-def _rank(planner: Planner, episode: SteeringEpisode) -> tuple[bool, float, float]:
-    """Order ways to choose goals: those that arrive first, then by what the planner makes small."""
-    if episode.error > episode.problem.tolerance:
-        return True, episode.error, 0.0
-    moves, length = float(episode.n_moves), episode.path_length
-    return (False, moves, length) if getattr(planner, "prefers", "length") == "moves" else (False, length, moves)
-
-
-def _one_way(
-    planner: Planner, task: Task, problem: SteeringProblem, world: Any, disturbance: Disturbance, order: Any, seed: int
-) -> SteeringEpisode:
-    """Plan and play with a settled goal for each particle."""
-    ideal = not isinstance(problem.workspace, Region) and problem.n_particles == 2
-    reason = why_unreachable(task) if ideal else None
-    status = "unreachable" if reason else "solved"
-    moves: Points | None = np.zeros((0, problem.workspace.dimensions))
-    states = None
-    rngs = generators(seed)
-    if not reason:
-        control = getattr(planner, "control", None)
-        if control is not None:
-            moves, states = control(task, _Apparatus(world, disturbance, rngs))
-        elif task.error(task.start) > task.tolerance:
-            moves = task.straight()
-            moves = planner.plan(task) if moves is None else moves
-    if moves is None:
-        moves = np.zeros((0, problem.workspace.dimensions))
-    too_long = len(moves) if len(moves) > task.max_moves else 0
-    if too_long and states is None:
-        moves = moves[:0]
-    if states is None:
-        states = disturbance.replay(problem, moves, seed=seed)
-    error = task.error(states[-1])
-    if not reason and ideal:
-        reason = why_approachable(task)
-        status = "approachable" if reason else status
-    if not reason and error > problem.tolerance:
-        status = "limit"
-        reason = _why(moves, error, task, disturbance)
-        if too_long:
-            reason = f"the plan that was found takes {too_long} moves, more than {task.max_moves}"
-    if status == "approachable":
-        reason = f"{reason}; this plan comes within {error:.3g}"
-    bound = task.lower_bound() if ideal and not disturbance.gain and not disturbance.execution else None
+    orders = permutations(range(len(start))) if problem.interchangeable else [tuple(range(len(start)))]
+    attempts = [_attempted(problem, planner, start, goal[list(order)], order, seed) for order in orders]
+    best = min(attempts, key=lambda one: one.rank(problem.tolerance, getattr(planner, "prefers", "length")))
     return SteeringEpisode(
-        problem, planner.name, status, reason or "", moves, states, order, disturbance, seed, bound, 0.0, __version__
-    )
+        problem=problem, planner=planner.name, status=best.status, reason=best.reason, inputs=best.inputs, states=best.states,
+        order=np.array(best.order), seed=seed, lower_bound=best.lower_bound, seconds=time.perf_counter() - begun,
+        versions=versions(),
+    )  # fmt: skip
 
 
-def _why(moves: Points, error: float, task: Task, disturbance: Disturbance) -> str:
-    if not len(moves):
+@dataclass(frozen=True)
+class _Attempt:
+    """What came of planning and playing with a settled goal for each particle."""
+
+    order: tuple[int, ...]
+    status: Status
+    reason: str
+    inputs: Points
+    states: Points
+    error: float
+    lower_bound: float | None
+
+    def rank(self, tolerance: float, prefers: str) -> tuple[bool, float, float]:
+        """Order attempts: those that arrive first, then by what the planner makes small."""
+        if self.error > tolerance:
+            return True, self.error, 0.0
+        moves, length = float(len(self.inputs)), float(np.linalg.norm(self.inputs, axis=1).sum())
+        return (False, moves, length) if prefers == "moves" else (False, length, moves)
+
+
+def _attempted(problem: SteeringProblem, planner: Any, start: Points, goal: Points, order: tuple[int, ...], seed: int) -> _Attempt:
+    """Plan and play with a settled goal for each particle."""
+    world = problem.world(gain=0.0)  # as planners know it
+    task = Task(world, start, goal, problem.tolerance, problem.max_moves, seed)
+    simple = isinstance(world, ContactWorld) and len(start) == 2
+    outside = ~problem.place.contains(goal)
+    inputs: Points | None = np.zeros((0, problem.place.dimensions))
+    states = None
+    why_never = f"the goal {tuple(goal[outside][0].tolist())} is outside of the workspace" if outside.any() else None
+    if why_never is None and simple:
+        why_never = why_unreachable(task)
+    if why_never is None and hasattr(planner, "control"):
+        inputs, states = planner.control(task, Apparatus(problem, start, seed=seed))
+    elif why_never is None and task.error(start) > task.tolerance:
+        inputs = task.straight()
+        inputs = planner.plan(task) if inputs is None else inputs
+    found = 0 if inputs is None else len(inputs)
+    if inputs is None or (found > task.max_moves and states is None):
+        inputs = np.zeros((0, problem.place.dimensions))
+    if states is None:
+        states = replay(problem, inputs, seed=seed)
+    error = task.error(states[-1])
+    why_near = why_approachable(task) if simple and why_never is None else None
+    if why_never is not None:
+        status, reason = Status.UNREACHABLE, why_never
+    elif why_near is not None:
+        status, reason = Status.APPROACHABLE, f"{why_near}; this plan comes within {error:.3g}"
+    elif error > problem.tolerance:
+        status, reason = Status.LIMIT, _why_not(problem, found, inputs, error)
+    else:
+        length = float(np.linalg.norm(inputs, axis=1).sum())
+        status, reason = Status.SOLVED, f"{len(inputs)} moves of length {length:.4g} end within {error:.2g} of all goals"
+    bounded = simple and not outside.any() and not problem.gain and not problem.execution
+    return _Attempt(order, status, reason, inputs, states, error, task.lower_bound() if bounded else None)
+
+
+def _why_not(problem: SteeringProblem, found: int, inputs: Points, error: float) -> str:
+    """Return why a plan of so many moves is none."""
+    if found > problem.max_moves:
+        return f"the plan that was found takes {found} moves, more than {problem.max_moves}"
+    if not len(inputs):
         return "no plan was found"
-    if disturbance.random:
-        return (
-            f"after {len(moves)} moves the particles are {error:.3g} from their goals, and more than {task.tolerance:g} is too far"
-        )
-    return f"the best plan of at most {task.max_moves} moves comes within {error:.3g}, and more than {task.tolerance:g} is too far"
-
-
-class _Apparatus:
-    """What a planner in a closed loop can do: send a move, look."""
-
-    def __init__(self, world: Any, disturbance: Disturbance, rngs: Any) -> None:
-        self._world, self._disturbance = world, disturbance
-        _, self._execution, self._camera, self.rng = rngs
-        self.noise = disturbance
-
-    def begin(self, start: Points) -> None:
-        """Put the particles at the start."""
-        self.states = [self._world.initial(start)]
-        self.moves: list[Points] = []
-
-    def look(self) -> Points:
-        """Return where the camera sees the particles."""
-        return self._disturbance.observe(self.states[-1], self._camera)
-
-    def send(self, move: Points) -> None:
-        """Move the particles."""
-        self.moves.append(np.asarray(move, dtype=np.float64))
-        self.states.append(self._disturbance.execute(self._world, self.states[-1], move, self._execution))
+    too_far = f"and more than {problem.tolerance:g} is too far"
+    if problem.noisy:
+        return f"after {len(inputs)} moves the particles are {error:.3g} from their goals, {too_far}"
+    return f"the best plan of at most {problem.max_moves} moves comes within {error:.3g}, {too_far}"

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import pi
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_integer, check_points
 from shoal.errors import InvalidInputError
 from shoal.steering.planners.chains.chain import ChainQuery
 from shoal.steering.planners.chains.roadmap import cycle_towards
 from shoal.steering.problem import SteeringProblem
-from shoal.steering.run import steer
+from shoal.steering.run import run
 from shoal.steering.workspaces.convex import ConvexWorkspace, disk
-from shoal.steering.workspaces.convex_geometry import Points, check_points
+from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import normalize_walls
 
 Toucher = Literal["nearer", "second"]
@@ -38,7 +39,7 @@ class GoalSweep:
     Parameters
     ----------
     problem : SteeringProblem
-        With the goal of the last plan; its start, the other goal, tolerance and workspace are those of all.
+        Its goals are both that of the other particle; its start, the other goal, tolerance and workspace are those of all.
     varied : int
         1 or 2: whose goal it is.
     planner : str
@@ -106,10 +107,11 @@ def sweep_goals(
     """
     if varied not in {1, 2}:
         raise InvalidInputError(f"varied: expected 1 or 2, got {varied!r}")
-    if isinstance(samples, bool) or not isinstance(samples, int) or samples < 2:
-        raise InvalidInputError(f"samples: expected a whole number, 2 or more, got {samples!r}")
+    check_integer(samples, what="samples", least=2)
     other = check_points([fixed], what="fixed", dimensions=2, count=1)[0]
-    problem = SteeringProblem(workspace, np.asarray(start), np.stack([other, other]), tolerance, interchangeable)
+    problem = SteeringProblem(
+        workspace, start, np.stack([other, other]), tolerance, interchangeable, planner=planner, varied=varied
+    )
     half = np.full(2, workspace.radius) if workspace.round else np.ptp(workspace.vertices, axis=0) / 2
     middle = workspace.center if workspace.round else workspace.vertices.min(axis=0) + half
     steps = (2 * np.arange(samples) + 1) / samples - 1
@@ -120,10 +122,9 @@ def sweep_goals(
         place = np.array([x[column], y[row]])
         if not workspace.contains(place):
             continue
-        problem = replace(problem, goal=np.stack([place, other] if varied == 1 else [other, place]))
-        episode = steer(problem, planner=planner)
+        episode = run(problem.replaced(goal_x=x[column], goal_y=y[row]))
         if episode:
-            moves[row, column], lengths[row, column] = episode.n_moves, episode.path_length
+            moves[row, column], lengths[row, column] = episode.moves, episode.length
         else:
             unsolved += 1
     return GoalSweep(problem, varied, planner, x, y, moves, lengths, unsolved)
@@ -205,8 +206,7 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
     """
     if toucher not in {"nearer", "second"}:
         raise InvalidInputError(f"toucher: expected 'nearer' or 'second', got {toucher!r}")
-    if isinstance(cycles, bool) or not isinstance(cycles, int) or cycles < 1:
-        raise InvalidInputError(f"cycles: expected a whole number, 1 or more, got {cycles!r}")
+    check_integer(cycles, what="cycles", least=1)
     if not 0 < apart < 1:
         raise InvalidInputError(f"apart: expected a number above 0 and below 1, got {apart!r}")
     radius = 0.5

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.steering import steer
 
 from shoal.errors import InvalidInputError
-from shoal.steering import ContactWorld, Disturbance, SteeringProblem, Task, disk, polygon, prism, region, regular_polygon, steer
+from shoal.steering import ContactWorld, SteeringProblem, Task, disk, polygon, prism, region, regular_polygon
 from shoal.steering.contact.region_world import RegionWorld
 from shoal.steering.planners import sampling
 from shoal.steering.planners.sampling import Sampling
@@ -109,7 +110,8 @@ def test_steer_with_it():
     episode = steer(problem, planner="sampling")
     assert episode
     assert episode.planner == "sampling"
+    assert steer(problem).planner == "sampling"
     with pytest.raises(InvalidInputError, match="expected no friction"):
-        steer(problem, planner="sampling", disturbance=Disturbance(friction=0.5))
+        steer(problem, planner="sampling", friction=0.5)
     with pytest.raises(InvalidInputError, match="planner greedy: expected a convex workspace, got a region"):
         steer(problem, planner="greedy")

@@ -42,7 +42,7 @@ def test_any_order_and_straight_vertices():
         ([(0, 0), (1, float("nan")), (1, 1)], "expected finite numbers, got (1.0, nan) at point 2"),
         ([(0, 0, 0), (1, 0, 0), (1, 1, 0)], "expected points of 2 numbers, got an array of shape (3, 3)"),
         ([(0, 0), (1,), (1, 1)], "expected points of 2 numbers"),
-        ("square", "expected points of 2 numbers, got square"),
+        ("square", "expected points of 2 numbers, got 'square'"),
     ],
 )
 def test_outlines_that_are_refused(vertices, wanted):
@@ -55,11 +55,11 @@ def test_outlines_that_are_refused(vertices, wanted):
 @pytest.mark.parametrize(
     ("call", "wanted"),
     [
-        (lambda: disk(0), "radius: expected a number above 0, got 0"),
-        (lambda: disk(float("inf")), "radius: expected a number above 0, got inf"),
+        (lambda: disk(0), "radius: expected a number, above 0, got 0"),
+        (lambda: disk(float("inf")), "radius: expected a number, above 0, got inf"),
         (lambda: disk(1, center=(0, None)), "center: expected finite numbers"),
-        (lambda: regular_polygon(2), "expected 3 to 1000 sides, got 2"),
-        (lambda: prism(SQUARE, -1), "height: expected a number above 0, got -1"),
+        (lambda: regular_polygon(2), "sides: expected a whole number from 3 to 1000, got 2"),
+        (lambda: prism(SQUARE, -1), "height: expected a number, above 0, got -1"),
         (lambda: prism(cylinder(1, 1), 1), "expected a polygon or a disk as base"),
         (lambda: cylinder(1, 1).differences, "expected a plane workspace, got a cylinder"),
         (lambda: ContactWorld(SQUARE).initial([(0.5, 0.5), (1.5, 0.5)]), "got (1.5, 0.5) at point 2, 0.5 outside"),

@@ -10,12 +10,11 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image
+from tests.steering import steer, thrown
 
 from shoal.cli import run
 from shoal.errors import InvalidInputError
 from shoal.steering import (
-    Disturbance,
-    SteeringEpisode,
     SteeringProblem,
     cylinder,
     disk,
@@ -23,7 +22,6 @@ from shoal.steering import (
     prism,
     region,
     regular_polygon,
-    steer,
 )
 from shoal.steering.delta_space.two_moves import reached_in_two_moves
 from shoal.views.drawing.encoding import palette_of
@@ -42,17 +40,7 @@ YARD = region([(0, 0), (4, 0), (4, 3), (0, 3)], [[(1, 1), (2, 1), (2, 2), (1, 2)
 
 def planned(workspace, ends, *, planner="greedy", tolerance=1e-6, **noise):
     problem = SteeringProblem(workspace, np.array(ends[0]), np.array(ends[1]), tolerance)
-    return steer(problem, planner=planner, disturbance=Disturbance(**noise))
-
-
-def thrown(workspace, start, moves, **noise):
-    """An episode of any moves, by hand."""
-    moves = np.array(moves, dtype=float)
-    problem = SteeringProblem(workspace, np.array(start), np.array(start))
-    disturbance = Disturbance(**noise)
-    states = disturbance.replay(problem, moves, seed=3)
-    order = np.arange(len(start))
-    return SteeringEpisode(problem, "by hand", "limit", "", moves, states, order, disturbance, 3, None, 0.0, "0")
+    return steer(problem, planner=planner, **noise)
 
 
 ANY = np.random.default_rng(5).normal(scale=0.5, size=(6, 3))
@@ -62,7 +50,7 @@ EPISODES = {
     "cylinder": lambda: thrown(cylinder(0.5, 0.8), SPACE[0], ANY),
     "noise": lambda: thrown(SQUARE, PLANE[0], ANY[:, :2], execution=0.01, gain=0.4),
     "slides": lambda: thrown(disk(0.5), [(0.2, 0.2), (-0.1, -0.1)], ANY[:, :2], friction=0.4),
-    "spheres": lambda: thrown(SQUARE, PLANE[0], ANY[:, :2], radius=0.05),
+    "spheres": lambda: thrown(SQUARE, PLANE[0], ANY[:, :2], particle_radius=0.05),
     "region": lambda: thrown(YARD, [(0.3, 0.3), (0.5, 2.5), (3.0, 1.0)], 3 * ANY[:, :2]),
 }
 
@@ -75,15 +63,13 @@ def episodes():
 @pytest.mark.parametrize("name", EPISODES)
 def test_within_a_move_particles_are_where_the_world_has_them(name, episodes):
     episode = episodes[name]
-    workspace, size = episode.problem.workspace, episode.problem.workspace.size
-    world = episode.disturbance.world(episode.problem, seed=episode.seed)
+    workspace, size = episode.problem.place, episode.problem.place.size
+    world = episode.problem.world(seed=episode.seed)
     legs = legs_of(episode)
-    assert len(legs) == episode.n_moves
+    assert len(legs) == episode.moves
     rng = np.random.default_rng(np.random.SeedSequence(episode.seed).spawn(4)[1])
     for leg, before, after in zip(legs, episode.states, episode.states[1:], strict=False):
-        moved = leg.sent + rng.normal(scale=episode.disturbance.execution, size=leg.sent.shape) * bool(
-            episode.disturbance.execution
-        )
+        moved = leg.sent + rng.normal(scale=episode.problem.execution, size=leg.sent.shape) * bool(episode.problem.execution)
         np.testing.assert_array_equal(leg.at(0), before)
         np.testing.assert_array_equal(leg.at(1), after)
         assert (np.diff(leg.shares) > 0).all()
@@ -91,10 +77,10 @@ def test_within_a_move_particles_are_where_the_world_has_them(name, episodes):
             here = leg.at(share)
             assert workspace.contains(here).all()
             np.testing.assert_allclose(here, world.step(before, share * moved), atol=2e-4 * size)
-            depth = workspace.depth(here) - episode.disturbance.radius
+            depth = workspace.depth(here) - episode.problem.particle_radius
             for particle, _ in leg.holders(share):
                 assert depth[particle] < 1e-3 * size  # who is held is on a wall
-                if episode.disturbance.friction == np.inf:
+                if episode.problem.friction == np.inf:
                     np.testing.assert_allclose(here[particle], after[particle], atol=1e-6 * size)  # and stays there
 
 
@@ -103,7 +89,7 @@ def test_a_wall_is_shown_while_it_holds(episodes):
     first, second = legs_of(square)[:2]
     assert first.holders(0) == ()
     (particle, wall), *_ = second.holders(0.5)
-    assert square.problem.workspace.wall_distances(square.states[1][particle])[wall] < 1e-9
+    assert square.problem.place.wall_distances(square.states[1][particle])[wall] < 1e-9
     sliding = [held for leg in legs_of(episodes["slides"]) for held in leg.held if held]
     assert {wall for held in sliding for _, wall in held} == {0}  # the circle
 
@@ -139,7 +125,7 @@ def test_gif(name, width, episodes, tmp_path, monkeypatch):
     told = []
     write_steering_film(episodes[name], tmp_path / "film.gif", on_frame=lambda done, total: told.append((done, total)))
     assert told == [(k, 16) for k in range(1, 17)]
-    seconds = Schedule(legs_of(episodes[name]), size=episodes[name].problem.workspace.size).seconds
+    seconds = Schedule(legs_of(episodes[name]), size=episodes[name].problem.place.size).seconds
     with Image.open(tmp_path / "film.gif") as film:
         assert film.size == (width, 432)
         assert 6 <= film.n_frames <= 16  # what rests is one frame that lasts
@@ -270,7 +256,7 @@ def test_replay_of_what_is_not_what_it_says(tmp_path, capsys):
     said = capsys.readouterr()
     assert json.loads(said.out)["verified"] is False
     assert "after move 2 particle 2 is 0.0141 from where the episode says" in said.err
-    replace(episode, moves=episode.moves[:-1], states=episode.states[:-1]).save(tmp_path / "short.json")
+    replace(episode, inputs=episode.inputs[:-1], states=episode.states[:-1]).save(tmp_path / "short.json")
     assert run(["replay", str(tmp_path / "short.json")]) == 1
     assert "it says solved, and a particle ends" in capsys.readouterr().err
     assert {path.name for path in tmp_path.iterdir()} == {"false.json", "short.json"}
@@ -281,9 +267,9 @@ def test_bad_films_and_episodes_get_one_sentence(tmp_path, capsys):
     assert run(["steer", problem, "--film", "film.avi"]) == 2
     assert capsys.readouterr().err == "shoal: film.avi: expected a film (.gif .mp4 .html), got the suffix '.avi'\n"
     assert run(["replay", problem]) == 2
-    assert capsys.readouterr().err.startswith("shoal: not a steering episode: ")
+    assert capsys.readouterr().err.startswith(f"shoal: {problem}: not a steering episode: ")
     planned(SQUARE, PLANE).save(tmp_path / "episode.json")
     assert run(["replay", str(tmp_path / "episode.json"), "--seed", "4"]) == 2
     assert "expected an episode of seed 4, got seed 0" in capsys.readouterr().err
     assert run(["replay", str(tmp_path / "none.json")]) == 2
-    assert "cannot read" in capsys.readouterr().err
+    assert "expected a steering episode, got no such file" in capsys.readouterr().err

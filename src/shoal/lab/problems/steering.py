@@ -7,14 +7,13 @@ from typing import Any, Literal
 
 from pydantic import Field, FiniteFloat, StrictInt
 
-from shoal.errors import InvalidInputError
 from shoal.lab.problems.base import Problem, Values, is_file
 
 Place = tuple[FiniteFloat, ...]
 
 
 class SteeringTrials(Problem):
-    """Two particles or more, one shared input: the arguments of `shoal.steering.steer`.
+    """Two particles or more, one shared input: the fields of `shoal.steering.SteeringProblem`.
 
     ``start`` and ``goal`` are points, or "random": then each trial draws them, uniformly in a plane workspace.
     """
@@ -28,7 +27,7 @@ class SteeringTrials(Problem):
     goal_x: FiniteFloat | None = None
     goal_y: FiniteFloat | None = None
     varied: Literal[1, 2] = 2
-    planner: str = "shortest"
+    planner: str = "auto"
     tolerance: FiniteFloat = 1e-6
     interchangeable: bool = False
     max_moves: StrictInt = Field(default=100, ge=1)
@@ -59,62 +58,21 @@ class SteeringTrials(Problem):
         return is_file(self.workspace)
 
     def check(self, opened: Any) -> None:
-        """Refuse unknown planners, and a goal that is varied but not given."""
-        from shoal.steering import make_planner
+        """Refuse what no run could do."""
+        self._asked(opened)
 
-        make_planner(self.planner)
-        self._disturbance()
-        if (self.goal_x is None) != (self.goal_y is None):
-            raise InvalidInputError("goal_x, goal_y: expected both or none, got one")
-        if self.goal_x is not None and self.goal == "random":
-            raise InvalidInputError(
-                "goal_x: expected it with a goal for each particle, of which it replaces one, got a random goal"
-            )
-
-    def _disturbance(self) -> Any:
+    def _asked(self, opened: Any) -> Any:
         from math import inf
 
-        from shoal.steering import Disturbance
+        from shoal.steering import SteeringProblem
 
+        fields = {name: getattr(self, name) for name in SteeringProblem.declarations() if hasattr(self, name)}
         friction = inf if self.friction is None else self.friction
-        return Disturbance(self.execution, self.measurement, self.gain, friction, self.radius)
+        return SteeringProblem(**fields | {"workspace": opened, "friction": friction, "particle_radius": self.radius})
 
     def play(self, opened: Any, seed: int) -> Values:
-        """Plan and play; ``shoal steer`` with this problem and seed does the same.
+        """Plan and play; ``shoal steer`` with this problem and seed does the same."""
+        from shoal.steering.run import run
 
-        A goal outside the workspace, as in a sweep over a square around a disk, has the status "outside".
-        """
-        import numpy as np
-
-        from shoal.steering import SteeringProblem, steer
-
-        rng = np.random.default_rng([seed, 1])
-        start = _drawn(opened, rng) if self.start == "random" else np.array(self.start)
-        goal = _drawn(opened, rng) if self.goal == "random" else np.array(self.goal)
-        if self.goal_x is not None:
-            goal[self.varied - 1] = self.goal_x, self.goal_y
-            if not opened.contains(goal[self.varied - 1]):
-                return ["outside", None, None, None, None]
-        problem = SteeringProblem(opened, start, goal, self.tolerance, self.interchangeable)
-        episode = steer(
-            problem, planner=self.planner, disturbance=self._disturbance(), seed=seed, max_moves=self.max_moves
-        )  # fmt: skip
-        return [episode.status, episode.n_moves, episode.path_length, episode.error, episode.lower_bound]
-
-
-def _drawn(workspace: Any, rng: Any) -> Any:
-    """Return two points, uniform in a plane workspace."""
-    import numpy as np
-
-    if workspace.dimensions != 2:
-        raise InvalidInputError("start, goal: expected points, as random ones are drawn in the plane only, got random")
-    if getattr(workspace, "round", False):
-        low, high = workspace.center - workspace.radius, workspace.center + workspace.radius
-    else:
-        low, high = workspace.vertices.min(axis=0), workspace.vertices.max(axis=0)
-    points: list[Any] = []
-    while len(points) < 2:
-        point = rng.uniform(low, high)
-        if workspace.contains(point):
-            points.append(point)
-    return np.array(points)
+        metrics = run(self._asked(opened), seed=seed).metrics
+        return [metrics[name] for name in self.measures]

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_points
 from shoal.steering.kernels import region_contact as kernels
-from shoal.steering.workspaces.convex_geometry import Points, check_points
+from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
 
 

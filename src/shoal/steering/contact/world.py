@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_number, check_points
 from shoal.errors import InvalidInputError
 from shoal.steering.kernels import contact as kernels
 from shoal.steering.workspaces.convex import ConvexWorkspace
-from shoal.steering.workspaces.convex_geometry import Points, check_points
+from shoal.steering.workspaces.convex_geometry import Points
 
 PUSHED = kernels.PUSHED
 
@@ -66,11 +67,8 @@ class ContactWorld:
     radius: float = 0.0
 
     def __post_init__(self) -> None:
-        number = isinstance(self.friction, int | float | np.number) and not isinstance(self.friction, bool)
-        if not number or np.isnan(self.friction) or self.friction < 0:
-            raise InvalidInputError(f"friction: expected a number, 0 or more, got {self.friction!r}")
-        if not isinstance(self.radius, int | float | np.number) or not 0 <= self.radius < inf:
-            raise InvalidInputError(f"particle radius: expected a number, 0 or more, got {self.radius!r}")
+        check_number(self.friction, what="friction", least=0, finite=False)
+        check_number(self.radius, what="particle radius", least=0)
         if self.radius and (self.friction < inf or self.gradient is not None):
             raise InvalidInputError("particle radius: expected no friction coefficient and no gain with it; those are for points")
         _ = self.room, self.gain  # refuse what does not fit now

@@ -16,6 +16,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 from shoal.steering.workspaces.convex import ConvexWorkspace, disk
 
@@ -83,9 +84,9 @@ class DiskReach:
 
 def check_moves(moves: int) -> int:
     """Return an even number of moves; raise InvalidInputError for others."""
-    if isinstance(moves, bool) or not isinstance(moves, int) or moves < 2 or moves % 2:
-        raise InvalidInputError(f"moves: expected an even number, 2 or more, got {moves!r}")
-    return moves
+    if check_integer(moves, what="moves", least=2) % 2:
+        raise InvalidInputError(f"moves: expected an even number, 2 or more, got {moves}")
+    return int(moves)
 
 
 def disk_reach(distance: float, *, moves: int, radius: float = 0.5, contacts: int = 720) -> list[DiskReach]:

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_points
 from shoal.errors import InvalidInputError
 from shoal.steering.delta_space.disk_reach import check_moves
 from shoal.steering.delta_space.two_moves import toucher_shares, two_move_pieces
@@ -24,7 +25,7 @@ from shoal.steering.kernels.chain_kinds import kinds_of
 from shoal.steering.kernels.chain_limits import Kind, first_guess
 from shoal.steering.kernels.cycles import deeper
 from shoal.steering.workspaces.convex import ConvexWorkspace
-from shoal.steering.workspaces.convex_geometry import Points, check_points, clipped, hull
+from shoal.steering.workspaces.convex_geometry import Points, clipped, hull
 from shoal.steering.workspaces.normalized_walls import normalize_walls
 
 _CLOSE = 1e-9

@@ -15,6 +15,7 @@ from math import pi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 from shoal.steering.delta_space.disk_reach import check_moves
 from shoal.steering.delta_space.polygon_reach import PolygonReach, polygon_reach
@@ -73,8 +74,7 @@ def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = D
     given = np.atleast_1d(np.asarray(distances, dtype=np.float64))
     if given.ndim != 1 or not given.size or not ((given > 0) & (given <= 1)).all():
         raise InvalidInputError(f"distances: expected numbers above 0 and at most 1, got {distances!r:.80}")
-    if isinstance(directions, bool) or not isinstance(directions, int) or directions < 16:
-        raise InvalidInputError(f"directions: expected a whole number, 16 or more, got {directions!r}")
+    check_integer(directions, what="directions", least=16)
     steps = check_moves(moves) // 2
     table = np.array([[np.mean(radii**2) for radii in disk_radii(float(d), steps, directions)] for d in given])
     return DiskFractions(given, 2 * np.arange(1, steps + 1), table)

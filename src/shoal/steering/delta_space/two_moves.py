@@ -13,9 +13,10 @@ from math import pi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_points
 from shoal.errors import InvalidInputError
 from shoal.steering.workspaces.convex import ConvexWorkspace
-from shoal.steering.workspaces.convex_geometry import Points, check_points, clipped, hull
+from shoal.steering.workspaces.convex_geometry import Points, clipped, hull
 
 
 @dataclass(frozen=True)

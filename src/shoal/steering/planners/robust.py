@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from math import inf
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.steering.contact.disturbances import Disturbance
 from shoal.steering.contact.wall_release import direction_away_from, touched_normals
 from shoal.steering.kernels.contact import first_contact
 from shoal.steering.planners.chains.chain import Chain, ChainQuery, shortest_chain
@@ -22,22 +21,6 @@ SURE = 4.0  # standard deviations that count as never
 LEAST = 1e-4  # of the size: the smallest overshoot
 CENTRAL = np.array([8.0, 40.0])  # sharpness that leaves chains far from all limits
 PRIOR = 0.3  # standard deviation of the gain's slope, in gains a size, before anything is seen
-
-
-class Apparatus(Protocol):
-    """What a closed loop works with: a camera and an input."""
-
-    noise: Disturbance
-
-    def begin(self, start: Points) -> None:
-        """Put the particles at the start."""
-
-    def look(self) -> Points:
-        """Return where the camera sees the particles."""
-        ...
-
-    def send(self, move: Points) -> None:
-        """Move the particles."""
 
 
 @PLANNERS.register("robust")
@@ -64,7 +47,7 @@ class Robust:
         loop = _Loop(task, apparatus)
         loop.run()
         d = task.start.shape[1]
-        return np.array(apparatus.moves).reshape(-1, d), np.array(apparatus.states)
+        return np.array(apparatus.inputs).reshape(-1, d), np.array(apparatus.states)
 
 
 class _Loop:
@@ -73,15 +56,14 @@ class _Loop:
     def __init__(self, task: Task, apparatus: Any) -> None:
         self.task, self.apparatus = task, apparatus
         self.room = task.world.room
-        self.noise = apparatus.noise
+        self.noise = apparatus.problem
         self.field = _Field(self.room, self.noise)
-        apparatus.begin(task.start)
         self.seen = self._inside(apparatus.look())
 
     @property
     def sent(self) -> int:
         """Moves so far."""
-        return len(self.apparatus.moves)
+        return len(self.apparatus.inputs)
 
     def run(self) -> None:
         """Go on until the particles are seen at their goals, or the moves are used up."""
@@ -300,7 +282,7 @@ class _Loop:
 class _Field:
     """What is known of the gain g(p) = a + b p: a Gaussian belief, made sharper by every free flight."""
 
-    def __init__(self, room: Any, noise: Disturbance) -> None:
+    def __init__(self, room: Any, noise: Any) -> None:
         d = room.dimensions
         self.size, self.noise = room.size, noise
         self.center = np.zeros(d)

@@ -9,8 +9,9 @@ from math import pi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_bool, check_integer, check_number, check_points
 from shoal.errors import InvalidInputError
-from shoal.steering.workspaces.convex_geometry import Points, check_points, clipped, convex_outline, hull
+from shoal.steering.workspaces.convex_geometry import Points, clipped, convex_outline, hull
 
 TOUCH = 1e-9  # of the size: who is nearer to a wall than this is on it
 
@@ -201,10 +202,9 @@ def regular_polygon(sides: int, *, radius: float = 0.5) -> ConvexWorkspace:
     ------
     InvalidInputError
     """
-    if isinstance(sides, bool) or not isinstance(sides, int) or not 3 <= sides <= 1000:
-        raise InvalidInputError(f"regular polygon: expected 3 to 1000 sides, got {sides!r}")
+    check_integer(sides, what="sides", least=3, most=1000)
     angles = -pi / 2 + pi / sides + 2 * pi * np.arange(sides) / sides
-    return polygon(_positive("radius", radius) * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+    return polygon(check_number(radius, what="radius", above=0) * np.stack([np.cos(angles), np.sin(angles)], axis=1))
 
 
 def disk(radius: float = 0.5, *, center: ArrayLike = (0.0, 0.0)) -> ConvexWorkspace:
@@ -215,7 +215,7 @@ def disk(radius: float = 0.5, *, center: ArrayLike = (0.0, 0.0)) -> ConvexWorksp
     InvalidInputError
     """
     middle = check_points([center], what="center", dimensions=2, count=1)[0]
-    return ConvexWorkspace("disk", np.zeros((0, 2)), _positive("radius", radius), middle)
+    return ConvexWorkspace("disk", np.zeros((0, 2)), check_number(radius, what="radius", above=0), middle)
 
 
 def prism(base: ConvexWorkspace, height: float, *, open_ends: bool = False) -> ConvexWorkspace:
@@ -228,7 +228,14 @@ def prism(base: ConvexWorkspace, height: float, *, open_ends: bool = False) -> C
     if base.dimensions != 2:
         raise InvalidInputError(f"prism: expected a polygon or a disk as base, got {base!r}")
     kind = "cylinder" if base.round else "prism"
-    return ConvexWorkspace(kind, base.vertices, base.radius, base.center, _positive("height", height), open_ends)
+    return ConvexWorkspace(
+        kind,
+        base.vertices,
+        base.radius,
+        base.center,
+        check_number(height, what="height", above=0),
+        check_bool(open_ends, what="open_ends"),
+    )
 
 
 def cylinder(radius: float, height: float, *, open_ends: bool = False) -> ConvexWorkspace:
@@ -239,9 +246,3 @@ def cylinder(radius: float, height: float, *, open_ends: bool = False) -> Convex
     InvalidInputError
     """
     return prism(disk(radius), height, open_ends=open_ends)
-
-
-def _positive(name: str, value: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not (np.isfinite(value) and value > 0):
-        raise InvalidInputError(f"{name}: expected a number above 0, got {value!r}")
-    return float(value)

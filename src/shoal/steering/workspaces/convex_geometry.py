@@ -2,37 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_points
 from shoal.errors import InvalidInputError
 
 Points = NDArray[np.float64]
 
 _FLAT = 1e-9  # of the size: what is thinner has no inside
 _STRAIGHT = 1e-12  # of the size squared: a corner that turns less is none
-
-
-def check_points(points: Any, *, what: str, dimensions: int, count: int | None = None) -> Points:
-    """Return points as a finite float64 array, shape (count, dimensions).
-
-    Raises
-    ------
-    InvalidInputError
-    """
-    expected = f"{what}: expected {'' if count is None else f'{count} '}points of {dimensions} numbers"
-    try:
-        array = np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidInputError(f"{expected}, got {str(points)[:80]}") from None
-    if array.ndim != 2 or array.shape[1] != dimensions or (count is not None and len(array) != count):
-        raise InvalidInputError(f"{expected}, got an array of shape {array.shape}")
-    if not np.isfinite(array).all():
-        index = int(np.argmin(np.isfinite(array).all(axis=1)))
-        raise InvalidInputError(f"{what}: expected finite numbers, got {tuple(array[index].tolist())} at point {index + 1}")
-    return array
 
 
 def convex_outline(vertices: ArrayLike) -> Points:
@@ -81,10 +60,11 @@ def convex_outline(vertices: ArrayLike) -> Points:
 
 
 def hull(points: Points) -> Points:
-    """Return the corners of the convex hull of points, float64, shape (n, 2)."""
+    """Return the corners of the convex hull of points, float64, shape (n, 2); two of points on a line."""
     from shapely import MultiPoint
 
-    return np.asarray(MultiPoint(points).convex_hull.exterior.coords)[:-1]
+    whole = MultiPoint(points).convex_hull
+    return np.asarray(whole.exterior.coords)[:-1] if whole.geom_type == "Polygon" else np.asarray(whole.coords)
 
 
 def clipped(corners: Points, normal: Points, most: float) -> Points:

@@ -6,90 +6,34 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
 
+from shoal.checks import check_choice, parse_json, read_text, shortened, suggestion
 from shoal.errors import InvalidInputError, UnknownNameError
 from shoal.steering.workspaces.convex import ConvexWorkspace, cylinder, disk, polygon, prism, regular_polygon
-from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region, region
+from shoal.steering.workspaces.svg import read_drawing, rings_of_path
 
 Workspace = ConvexWorkspace | Region
 
 REGULAR = {"triangle": 3, "pentagon": 5, "hexagon": 6, "heptagon": 7, "octagon": 8}
 LARGEST_FILE = 10_000_000  # bytes
-_CURVE = 48  # corners that stand for each curve of an SVG path
+SUFFIXES = (".json", ".geojson", ".wkt", ".svg")
 
-Pair = tuple[FiniteFloat, FiniteFloat]
-Outline = Annotated[list[Pair], Field(max_length=100_000)]
-
-
-class _Form(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class PolygonForm(_Form):
-    """A polygon in a JSON file."""
-
-    type: Literal["polygon"]
-    vertices: Outline
-
-
-class RegularForm(_Form):
-    """A regular polygon in a JSON file."""
-
-    type: Literal["regular"]
-    sides: int
-    radius: FiniteFloat = 0.5
-
-
-class DiskForm(_Form):
-    """A disk in a JSON file."""
-
-    type: Literal["disk"]
-    center: Pair = (0.0, 0.0)
-    radius: FiniteFloat
-
-
-class PrismForm(_Form):
-    """A right prism in a JSON file."""
-
-    type: Literal["prism"]
-    base: PolygonForm | RegularForm
-    height: FiniteFloat
-    open_ends: bool = False
-
-
-class CylinderForm(_Form):
-    """A cylinder in a JSON file."""
-
-    type: Literal["cylinder"]
-    radius: FiniteFloat
-    height: FiniteFloat
-    open_ends: bool = False
-
-
-class RegionForm(_Form):
-    """A region with obstacles in a JSON file."""
-
-    type: Literal["region"]
-    outline: Outline
-    obstacles: list[Outline] = []
-
-
-class TextForm(_Form):
-    """Well-known text or an SVG path in a JSON file."""
-
-    type: Literal["wkt", "svg"]
-    text: str
-
-
-Form = Annotated[
-    PolygonForm | RegularForm | DiskForm | PrismForm | CylinderForm | RegionForm | TextForm, Field(discriminator="type")
-]
-_FORM: TypeAdapter[Any] = TypeAdapter(Form)
+# What JSON says of each type: the fields that it must have, and those that it may have.
+_TYPES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "polygon": (("vertices",), ()),
+    "regular": (("sides",), ("radius",)),
+    "disk": (("radius",), ("center",)),
+    "prism": (("base", "height"), ("open_ends",)),
+    "cylinder": (("radius", "height"), ("open_ends",)),
+    "region": (("outline",), ("obstacles",)),
+    "wkt": (("text",), ()),
+    "svg": (("text",), ()),
+}
+_GEOJSON = ("Polygon", "MultiPolygon", "Feature", "FeatureCollection", "GeometryCollection")
 
 
 def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace:
@@ -127,67 +71,9 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
     text = os.fspath(source)
     if re.match(r"\s*(multi)?polygon\b", text, flags=re.IGNORECASE):
         return _from_wkt(text, where="workspace")
-    path = Path(text)
-    if path.suffix.lower() in _READERS or path.exists():
-        return read_workspace(path)
+    if Path(text).suffix.lower() in SUFFIXES or os.path.exists(text):
+        return _read_workspace(Path(text))
     return _named(text)
-
-
-def read_workspace(path: str | os.PathLike[str]) -> Workspace:
-    """Return the workspace in a file; see `open_workspace`.
-
-    Raises
-    ------
-    InvalidInputError
-    """
-    source = Path(path)
-    suffix = source.suffix.lower()
-    if suffix not in _READERS:
-        raise InvalidInputError(f"{source}: expected a workspace file ({', '.join(_READERS)}), got the suffix {source.suffix!r}")
-    return _READERS[suffix](read_text(source), where=str(source))
-
-
-def read_text(path: Path) -> str:
-    """Return the text of a file of modest size.
-
-    Raises
-    ------
-    InvalidInputError
-    """
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InvalidInputError(f"{path}: expected at most {LARGEST_FILE} bytes, got {path.stat().st_size}")
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InvalidInputError(f"{path}: expected text in UTF-8, got another byte at {error.start}") from None
-    except OSError as error:
-        raise InvalidInputError(f"cannot read {path}: {error.strerror or error}") from None
-
-
-def read_json(text: str, *, where: str) -> Any:
-    """Return what a JSON text says.
-
-    Raises
-    ------
-    InvalidInputError
-        With line and column.
-    """
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InvalidInputError(
-            f"{where}: expected JSON, got something else at line {error.lineno}, column {error.colno}: {error.msg}"
-        ) from None
-    except RecursionError:
-        raise InvalidInputError(f"{where}: expected JSON, got one that is nested too deeply") from None
-
-
-def said(error: ValidationError, *, where: str) -> str:
-    """Return in one sentence what is wrong with data that does not fit a schema."""
-    first = error.errors()[0]
-    place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
-    got = "" if first["type"] in ("missing", "union_tag_not_found") else f", got {str(first['input'])[:80]!r}"
-    return f"{where}: {place + ': ' if place else ''}{first['msg'][:1].lower()}{first['msg'][1:]}{got}"
 
 
 def workspace_of(data: Any, *, where: str) -> Workspace:
@@ -197,40 +83,51 @@ def workspace_of(data: Any, *, where: str) -> Workspace:
     ------
     InvalidInputError
     """
-    if isinstance(data, dict) and data.get("type") in (
-        "Polygon",
-        "MultiPolygon",
-        "Feature",
-        "FeatureCollection",
-        "GeometryCollection",
-    ):
+    if not isinstance(data, dict) or "type" not in data:
+        raise InvalidInputError(f"{where}: expected an object with a type, got {shortened(data)}")
+    kind = data["type"]
+    if kind in _GEOJSON:
         return _from_geojson(data, where=where)
+    check_choice(kind, what=f"{where}: type", choices=_TYPES)
+    needed, more = _TYPES[kind]
+    for name in data:
+        if name not in ("type", *needed, *more):
+            raise InvalidInputError(f"{where}: expected no such field, got {shortened(name)}{suggestion(name, (*needed, *more))}")
+    for name in needed:
+        if name not in data:
+            raise InvalidInputError(f"{where}: {name}: expected this field of a {kind}, got none")
+    if "text" in needed and not isinstance(data["text"], str):
+        raise InvalidInputError(f"{where}: text: expected a text, got {shortened(data['text'])}")
+    if kind == "wkt":
+        return _from_wkt(data["text"], where=where)
+    if kind == "svg":
+        return _from_rings(rings_of_path(data["text"], where=where), where=where)
+    fields = {name: value for name, value in data.items() if name != "type"}
     try:
-        form = _FORM.validate_python(data)
-    except ValidationError as error:
-        raise InvalidInputError(said(error, where=where)) from None
-    if isinstance(form, TextForm):
-        return (_from_wkt if form.type == "wkt" else _from_path)(form.text, where=where)
-    try:
-        return _built(form)
+        return _built(kind, fields, where)
     except InvalidInputError as error:
-        raise InvalidInputError(f"{where}: {error}") from None
+        message = str(error)
+        raise InvalidInputError(message if message.startswith(where) else f"{where}: {message}") from None
 
 
-def _built(form: Any) -> Workspace:
-    if isinstance(form, PolygonForm):
-        return polygon(form.vertices)
-    if isinstance(form, RegularForm):
-        return regular_polygon(form.sides, radius=form.radius)
-    if isinstance(form, DiskForm):
-        return disk(form.radius, center=form.center)
-    if isinstance(form, CylinderForm):
-        return cylinder(form.radius, form.height, open_ends=form.open_ends)
-    if isinstance(form, RegionForm):
-        return region(form.outline, form.obstacles)
-    base = _built(form.base)
-    assert isinstance(base, ConvexWorkspace)
-    return prism(base, form.height, open_ends=form.open_ends)
+def _built(kind: str, fields: dict[str, Any], where: str) -> Workspace:
+    if kind == "polygon":
+        return polygon(fields["vertices"])
+    if kind == "regular":
+        return regular_polygon(**fields)
+    if kind == "disk":
+        return disk(**fields)
+    if kind == "cylinder":
+        return cylinder(**fields)
+    if kind == "region":
+        obstacles = fields.get("obstacles", [])
+        if not isinstance(obstacles, list):
+            raise InvalidInputError(f"obstacles: expected a list of outlines, got {shortened(obstacles)}")
+        return region(fields["outline"], obstacles)
+    base = workspace_of(fields.pop("base"), where=f"{where}: base")
+    if not isinstance(base, ConvexWorkspace) or base.round:
+        raise InvalidInputError(f"base: expected a polygon, got {base!r}")
+    return prism(base, **fields)
 
 
 def describe(workspace: Workspace) -> dict[str, Any]:
@@ -242,11 +139,8 @@ def describe(workspace: Workspace) -> dict[str, Any]:
     {'type': 'disk', 'center': [0.0, 0.0], 'radius': 0.5}
     """
     if isinstance(workspace, Region):
-        return {
-            "type": "region",
-            "outline": workspace.outline.tolist(),
-            "obstacles": [part.tolist() for part in workspace.obstacles],
-        }
+        obstacles = [part.tolist() for part in workspace.obstacles]
+        return {"type": "region", "outline": workspace.outline.tolist(), "obstacles": obstacles}
     if workspace.kind == "disk":
         return {"type": "disk", "center": workspace.center.tolist(), "radius": workspace.radius}
     flat: dict[str, Any] = {"type": "polygon", "vertices": workspace.vertices.tolist()}
@@ -277,8 +171,18 @@ def _named(text: str) -> Workspace:
     raise UnknownNameError(f"unknown workspace {text[:80]!r}: expected {', '.join(names)}, a file or POLYGON ((...))")
 
 
-def _from_json(text: str, *, where: str) -> Workspace:
-    data = read_json(text, where=where)
+def _read_workspace(source: Path) -> Workspace:
+    """Return the workspace in a file; of a problem file its workspace."""
+    suffix, where = source.suffix.lower(), str(source)
+    if suffix not in SUFFIXES:
+        raise InvalidInputError(f"{source}: expected a workspace file ({', '.join(SUFFIXES)}), got the suffix {source.suffix!r}")
+    text = read_text(source, what="workspace file", most=LARGEST_FILE)
+    if suffix == ".wkt":
+        return _from_wkt(text, where=where)
+    if suffix == ".svg":
+        drawn = read_drawing(text, where=where)
+        return drawn if isinstance(drawn, ConvexWorkspace) else _from_rings(drawn, where=where)
+    data = parse_json(text, where=where)
     if isinstance(data, dict) and "workspace" in data:
         data = data["workspace"]
     return workspace_of(data, where=where)
@@ -299,7 +203,7 @@ def _from_geojson(data: Any, *, where: str) -> Workspace:
         geometry = shapely.from_geojson(json.dumps(data))
     except (shapely.errors.GEOSException, TypeError, ValueError) as error:
         raise InvalidInputError(f"{where}: expected a GeoJSON polygon, got something else: {str(error).strip()[:120]}") from None
-    return _from_shape(geometry, where=where)
+    return _from_geometry(geometry, where=where)
 
 
 def _from_wkt(text: str, *, where: str) -> Workspace:
@@ -311,95 +215,20 @@ def _from_wkt(text: str, *, where: str) -> Workspace:
         raise InvalidInputError(
             f"{where}: expected well-known text of a polygon, got something else: {str(error).strip()[:120]}"
         ) from None
-    return _from_shape(geometry, where=where)
+    return _from_geometry(geometry, where=where)
 
 
-def _from_shape(geometry: Any, *, where: str) -> Workspace:
+def _from_geometry(geometry: Any, *, where: str) -> Workspace:
     if geometry is not None and geometry.geom_type == "MultiPolygon" and len(geometry.geoms) == 1:
         geometry = geometry.geoms[0]
     if geometry is None or geometry.geom_type != "Polygon" or geometry.is_empty:
         raise InvalidInputError(f"{where}: expected one polygon, got {'nothing' if geometry is None else geometry.geom_type}")
-    outline = np.asarray(geometry.exterior.coords)[:, :2]
-    holes = [np.asarray(ring.coords)[:, :2] for ring in geometry.interiors]
-    return _polygon_or_region(outline, holes, where=where)
+    return _from_rings([np.asarray(ring.coords)[:, :2] for ring in (geometry.exterior, *geometry.interiors)], where=where)
 
 
-def _polygon_or_region(outline: Points, holes: list[Points], *, where: str) -> Workspace:
+def _from_rings(rings: list[Any], *, where: str) -> Workspace:
+    """Return the polygon of the first closed line, or the region with the others as obstacles."""
     try:
-        return region(outline, holes) if holes else polygon(outline)
+        return region(rings[0], rings[1:]) if len(rings) > 1 else polygon(rings[0])
     except InvalidInputError as error:
         raise InvalidInputError(f"{where}: {error}") from None
-
-
-def _from_path(text: str, *, where: str) -> Workspace:
-    """Read the d attribute of an SVG path; y is turned up."""
-    from fontTools.pens.recordingPen import RecordingPen
-    from fontTools.svgLib.path import parse_path
-
-    pen = RecordingPen()
-    try:
-        parse_path(text, pen)
-    except Exception as error:  # a parser of somebody else's that raises what it likes
-        raise InvalidInputError(
-            f"{where}: expected an SVG path, got something else: {str(error)[:120] or type(error).__name__}"
-        ) from None
-    return _from_pen(pen.value, where=where)
-
-
-def _from_svg(text: str, *, where: str) -> Workspace:
-    """Read the first shape of an SVG drawing."""
-    import xml.etree.ElementTree as Tree
-
-    from fontTools.pens.recordingPen import RecordingPen
-    from fontTools.svgLib.path import SVGPath
-
-    pen = RecordingPen()
-    try:
-        if "<!DOCTYPE" in text.upper() and "<!ENTITY" in text.upper():
-            raise InvalidInputError(f"{where}: expected an SVG drawing without entities")
-        tree = Tree.fromstring(text)
-        circles = [node for node in tree.iter() if node.tag.rpartition("}")[2] == "circle"]
-        shapes = [
-            node
-            for node in tree.iter()
-            if node.tag.rpartition("}")[2] in ("path", "polygon", "rect", "circle", "ellipse", "polyline")
-        ]
-        if circles and shapes[0] is circles[0] and not any("transform" in node.attrib for node in tree.iter()):
-            x, y, r = (float(circles[0].get(name, "0")) for name in ("cx", "cy", "r"))
-            return disk(r, center=(x, -y))
-        SVGPath.fromstring(text.encode()).draw(pen)
-    except InvalidInputError:
-        raise
-    except Exception as error:  # as above
-        raise InvalidInputError(
-            f"{where}: expected an SVG drawing, got something else: {str(error)[:120] or type(error).__name__}"
-        ) from None
-    return _from_pen(pen.value, where=where)
-
-
-def _from_pen(drawn: list[tuple[str, Any]], *, where: str) -> Workspace:
-    """Return the polygon that a pen has drawn, curves as many short sides; further closed lines are obstacles."""
-    rings: list[list[tuple[float, float]]] = []
-    for action, points in drawn:
-        if action == "moveTo":
-            rings.append([points[0]])
-        elif action in ("lineTo", "curveTo", "qCurveTo"):
-            rings[-1] += _bent(rings[-1][-1], points)
-    outlines = [np.array(ring) * [1.0, -1.0] + 0.0 for ring in rings if len(ring) > 1]
-    if not outlines:
-        raise InvalidInputError(f"{where}: expected a closed path, got one without lines")
-    return _polygon_or_region(outlines[0], outlines[1:], where=where)
-
-
-def _bent(start: tuple[float, float], points: tuple[tuple[float, float], ...]) -> list[tuple[float, float]]:
-    """Return points along a straight line or a Bézier curve, without its start."""
-    if len(points) == 1:
-        return [points[0]]
-    shares = (np.arange(1, _CURVE + 1) / _CURVE)[:, None]
-    control = np.array([start, *points])[None].repeat(_CURVE, axis=0)
-    while control.shape[1] > 1:  # de Casteljau
-        control = control[:, :-1] + shares[:, :, None] * (control[:, 1:] - control[:, :-1])
-    return [(float(x), float(y)) for x, y in control[:, 0]]
-
-
-_READERS = {".json": _from_json, ".geojson": _from_json, ".wkt": _from_wkt, ".svg": _from_svg}

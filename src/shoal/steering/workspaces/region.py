@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_points
 from shoal.errors import InvalidInputError
 from shoal.steering.workspaces.convex import TOUCH
-from shoal.steering.workspaces.convex_geometry import Points, check_points
+from shoal.steering.workspaces.convex_geometry import Points
 
 
 @dataclass(frozen=True, eq=False)

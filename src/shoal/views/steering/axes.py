@@ -44,7 +44,7 @@ def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]
 
 def draw_ways(axes: Axes, episode: SteeringEpisode) -> None:
     """Draw where each particle went, its start (a square) and its goal (a circle)."""
-    states, size = episode.states[..., :2], episode.problem.workspace.size
+    states, size = episode.states[..., :2], episode.problem.place.size
     for particle in range(episode.problem.n_particles):
         way, colour = states[:, particle], colour_of(particle)
         for here, there in pairwise(way):

@@ -29,16 +29,16 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
     move.
     """
     problem = episode.problem
-    plane = problem.workspace.dimensions == 2
-    pair = problem.n_particles == 2 and not isinstance(problem.workspace, Region)
+    plane = problem.place.dimensions == 2
+    pair = problem.n_particles == 2 and not isinstance(problem.place, Region)
     figure = new_figure(10.4 if pair or not plane else 6.2, 5.6)
     grid = figure.subplots(1, 2 if pair or not plane else 1, squeeze=False)[0]
     if plane:
-        draw_workspace(grid[0], problem.workspace)
+        draw_workspace(grid[0], problem.place)
         draw_ways(grid[0], episode)
     else:
         draw_space(grid[0], episode)
-    set_title(grid[0], f"{episode.planner}: {episode.n_moves} moves, length {episode.path_length:.4g}")
+    set_title(grid[0], f"{episode.planner}: {episode.moves} moves, length {episode.length:.4g}")
     if not plane:
         _draw_heights(grid[1], episode)
     elif pair:
@@ -48,11 +48,11 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
 
 def _draw_delta(axes: Axes, episode: SteeringEpisode) -> None:
     """Draw the Δ configuration space, what two moves reach from the start, and what Δ became."""
-    workspace = episode.problem.workspace
+    workspace = episode.problem.place
     assert isinstance(workspace, ConvexWorkspace)
     draw_workspace(axes, workspace.differences)
     deltas = episode.states[:, 1] - episode.states[:, 0]
-    ideal = not episode.disturbance.random and not episode.disturbance.radius and np.isinf(episode.disturbance.friction)
+    ideal = not episode.problem.noisy and not episode.problem.particle_radius and np.isinf(episode.problem.friction)
     if ideal:  # else the set is another one
         for piece in two_move_pieces(workspace, deltas[0]):
             axes.fill(*piece.T, color="#9ecae1", alpha=0.9 if not workspace.round else 1.0, lw=0, zorder=1)
@@ -70,7 +70,7 @@ def _draw_heights(axes: Axes, episode: SteeringEpisode) -> None:
         heights, colour = episode.states[:, particle, 2], colour_of(particle)
         axes.plot(range(len(heights)), heights, "o-", color=colour, lw=1.5, ms=4, label=f"particle {particle + 1}")
         axes.plot(len(heights) - 1, episode.goal[particle, 2], "o", mfc="none", mec=colour, ms=11, mew=1.5)
-    axes.set_ylim(-0.03 * episode.problem.workspace.height, 1.03 * episode.problem.workspace.height)
+    axes.set_ylim(-0.03 * episode.problem.place.height, 1.03 * episode.problem.place.height)
     from matplotlib.ticker import MaxNLocator
 
     axes.set_xlabel("move", color=INK)

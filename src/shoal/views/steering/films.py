@@ -53,7 +53,7 @@ def write_steering_film(episode: SteeringEpisode, path: str | os.PathLike[str], 
             temporary.write_text(player_page(episode), encoding="utf-8")
             return
         legs = legs_of(episode)
-        schedule = Schedule(legs, size=episode.problem.workspace.size)
+        schedule = Schedule(legs, size=episode.problem.place.size)
         moments, rate = schedule.moments(RATE[suffix], LONGEST[suffix])
         film = SteeringFilm(episode, legs, height=HEIGHT[suffix])
         encode(temporary, film, moments, rate=rate, quality=20, gif=suffix == ".gif", on_frame=on_frame)
@@ -76,7 +76,7 @@ class SteeringFilm:
         from shoal.views.steering.panels import Box, DeltaScene, PlaneScene, SpaceScene
 
         self._episode, self._legs = episode, legs
-        pair, space = has_delta(episode), episode.problem.workspace.dimensions == 3
+        pair, space = has_delta(episode), episode.problem.place.dimensions == 3
         self.height, self.width = height, 2 * round(height * (16 / 9 if pair else 4 / 3) / 2)
         self._unit = unit = max(height / 720, 0.72)  # words and lines of small films stay readable
         self._canvas: Canvas = Canvas(self.width, self.height)
@@ -108,8 +108,8 @@ class SteeringFilm:
 
     def _draw_head(self, middles: list[float]) -> None:
         canvas, unit, episode = self._canvas, self._unit, self._episode
-        title = f"{episode.planner} in a {episode.problem.workspace.kind}"
-        shaded = episode.disturbance.friction == np.inf
+        title = f"{episode.planner} in a {episode.problem.place.kind}"
+        shaded = episode.problem.friction == np.inf
         delta = "Δ configuration space" + ("; shaded: what two moves can make of Δ" if shaded else "")
         names = ["workspace", delta] if len(middles) > 1 else [""]
         width = canvas.text((40 * unit, 38 * unit), title, INK, 19 * unit, bold=True)
@@ -125,7 +125,7 @@ class SteeringFilm:
         self._draw_command(middle, 38 * unit, moment, turn)
         left, right = 136 * unit, self.width - 40 * unit
         done = sum(leg.length for leg in legs[: moment.move]) + (legs[moment.move].length * moment.share if legs else 0.0)
-        total = self._episode.path_length
+        total = self._episode.length
         last = moment.move == len(legs) - 1 and moment.share == 1
         if not legs:
             words = f"no moves: {self._episode.status}"

@@ -51,25 +51,25 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
     points = sum(leg.points.shape[0] * leg.points.shape[1] for leg in legs)
     if points > LARGEST:
         raise InvalidInputError(f"the HTML player: expected ways of at most {LARGEST} points, got {points} (use .gif or .mp4)")
-    schedule = Schedule(legs, size=problem.workspace.size)
+    schedule = Schedule(legs, size=problem.place.size)
     names = {2: "Two", 3: "Three", 4: "Four", 5: "Five"}
     count = names.get(problem.n_particles, str(problem.n_particles))
     return {
-        "title": f"{count} particles in a {problem.workspace.kind}",
+        "title": f"{count} particles in a {problem.place.kind}",
         "planner": episode.planner,
-        "kind": problem.workspace.kind,
-        "status": episode.status,
+        "kind": problem.place.kind,
+        "status": str(episode.status),
         "reason": episode.reason,
-        "version": episode.version,
+        "version": episode.versions["shoal"],
         "seed": episode.seed,
-        "noise": episode.disturbance.random,
-        "friction": None if episode.disturbance.friction == np.inf else episode.disturbance.friction,
-        "size": problem.workspace.size,
-        "radius": episode.disturbance.radius,
+        "noise": episode.problem.noisy,
+        "friction": None if episode.problem.friction == np.inf else episode.problem.friction,
+        "size": problem.place.size,
+        "radius": episode.problem.particle_radius,
         "tolerance": problem.tolerance,
-        "length": episode.path_length,
+        "length": episode.length,
         "bound": episode.lower_bound,
-        "walls": _walls(problem.workspace),
+        "walls": _walls(problem.place),
         "start": episode.states[0].tolist(),
         "goal": episode.goal.tolist(),
         "legs": [

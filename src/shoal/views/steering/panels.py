@@ -69,9 +69,9 @@ class PlaneScene:
 
     def __init__(self, episode: SteeringEpisode, legs: list[Leg], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._legs, self._canvas, self._unit = episode, legs, canvas, unit
-        outlines = outlines_of(episode.problem.workspace)
+        outlines = outlines_of(episode.problem.place)
         self._view = PlaneView(outlines[0], box)
-        self._radius = max(episode.disturbance.radius * self._view.scale, 9.5 * unit)
+        self._radius = max(episode.problem.particle_radius * self._view.scale, 9.5 * unit)
         self._outlines = [self._view.at(outline) for outline in outlines]
 
     def draw_background(self) -> None:
@@ -90,7 +90,7 @@ class PlaneScene:
     def draw(self, moment: Moment, _turn: float) -> None:
         """Draw what moves."""
         canvas, unit = self._canvas, self._unit
-        workspace = self._episode.problem.workspace
+        workspace = self._episode.problem.place
         here = points_at(self._episode, self._legs, moment)
         if self._legs:
             for particle, wall in self._legs[moment.move].holders(moment.share):
@@ -106,7 +106,7 @@ class SpaceScene:
 
     def __init__(self, episode: SteeringEpisode, legs: list[Leg], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._legs, self._canvas, self._unit = episode, legs, canvas, unit
-        workspace = episode.problem.workspace
+        workspace = episode.problem.place
         assert isinstance(workspace, ConvexWorkspace)
         self._workspace, self._frame = workspace, Frame3D.of(workspace)
         right, up, down = spread(workspace, episode.states)

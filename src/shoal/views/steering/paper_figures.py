@@ -221,7 +221,7 @@ class _Scale:
         values, problem = self.values(sweep), sweep.problem
         half = (sweep.x[1] - sweep.x[0]) / 2, (sweep.y[1] - sweep.y[0]) / 2
         extent = (sweep.x[0] - half[0], sweep.x[-1] + half[0], sweep.y[0] - half[1], sweep.y[-1] + half[1])
-        draw_workspace(axes, problem.workspace)
+        draw_workspace(axes, problem.place)
         border, limits = axes.patches[0], (axes.get_xlim(), axes.get_ylim())
         border.set(facecolor="none", zorder=3)
         image = axes.imshow(
@@ -245,7 +245,7 @@ def _up_to_the_wall(sweep: GoalSweep, values: NDArray[np.float64]) -> NDArray[np
     """Give cells whose middle lies outside of the workspace the value of the nearest inside, for what of them is inside."""
     from scipy.ndimage import distance_transform_edt
 
-    outside = ~sweep.problem.workspace.contains(np.stack(np.meshgrid(sweep.x, sweep.y), axis=-1))
+    outside = ~sweep.problem.place.contains(np.stack(np.meshgrid(sweep.x, sweep.y), axis=-1))
     row, column = distance_transform_edt(outside, return_distances=False, return_indices=True)
     return np.asarray(values[row, column])
 

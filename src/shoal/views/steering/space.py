@@ -23,7 +23,7 @@ _SHADOW, _FLOOR, _FAINT = "#8a919c", "#f4f6f8", "#b9c0c9"
 
 def draw_space(axes: Axes, episode: SteeringEpisode) -> None:
     """Draw a plan in space: ways and ends as in the plane, below them shadows, and a line down from each start and goal."""
-    workspace, states = episode.problem.workspace, episode.states
+    workspace, states = episode.problem.place, episode.states
     assert isinstance(workspace, ConvexWorkspace)
     camera = camera_for(workspace, states, azimuth=AZIMUTH)
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
-from shoal.steering.contact.disturbances import generators
 from shoal.steering.delta_space.two_moves import two_move_pieces
+from shoal.steering.simulation.apparatus import executed_moves
 from shoal.steering.workspaces.convex_geometry import Points
 
 FINE = 1e-4  # of the size: straight pieces stay so near to the way
@@ -77,24 +77,24 @@ def legs_of(episode: SteeringEpisode) -> list[Leg]:
 
     Examples
     --------
-    >>> from shoal.steering import SteeringProblem, open_workspace, steer
-    >>> plan = steer(SteeringProblem(open_workspace("square"), [(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.4, 0.5)]))
+    >>> from shoal.steering import SteeringProblem
+    >>> from shoal.steering.run import run
+    >>> plan = run(SteeringProblem("square", [(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.4, 0.5)]))
     >>> leg = legs_of(plan)[0]
     >>> bool((leg.at(1) == plan.states[1]).all())
     True
     """
-    disturbance, problem = episode.disturbance, episode.problem
-    world = disturbance.world(problem, seed=episode.seed)
-    rng = generators(episode.seed)[1]
+    problem, workspace = episode.problem, episode.problem.place
+    world = problem.world(seed=episode.seed)
+    executed = executed_moves(problem, episode.inputs, seed=episode.seed)
     legs = []
-    for sent, (before, after) in zip(episode.moves, pairwise(episode.states), strict=True):
-        moved = sent + rng.normal(scale=disturbance.execution, size=sent.shape) if disturbance.execution else sent
+    for sent, moved, (before, after) in zip(episode.inputs, executed, pairwise(episode.states), strict=True):
 
         def at(share: float, before: Points = before, after: Points = after, moved: Points = moved) -> Points:
             return after if share == 1 else np.asarray(world.step(before, share * moved))
 
-        shares, points = _in_pieces(at, before, FINE * problem.workspace.size)
-        touches = [_touching(problem.workspace, state, moved, disturbance.radius) for state in points]
+        shares, points = _in_pieces(at, before, FINE * workspace.size)
+        touches = [_touching(workspace, state, moved, problem.particle_radius) for state in points]
         held = tuple(tuple(sorted(one & other)) for one, other in pairwise(touches))
         legs.append(Leg(sent, shares, points, held))
     return legs
@@ -193,12 +193,12 @@ class Schedule:
 
 def room_of(episode: SteeringEpisode) -> Any:
     """Return where the centres of the particles can be."""
-    return episode.disturbance.world(episode.problem, seed=episode.seed).room
+    return episode.problem.world(seed=episode.seed).room
 
 
 def has_delta(episode: SteeringEpisode) -> bool:
     """Tell whether there is a Δ configuration space to draw: two particles in a convex workspace in the plane."""
-    workspace = episode.problem.workspace
+    workspace = episode.problem.place
     return isinstance(workspace, ConvexWorkspace) and workspace.dimensions == 2 and episode.problem.n_particles == 2
 
 
@@ -215,11 +215,11 @@ def two_move_rings(episode: SteeringEpisode) -> list[list[Points]]:
     """
     from shapely import Polygon, union_all
 
-    if episode.disturbance.friction < np.inf:
-        return [[] for _ in episode.moves]
+    if episode.problem.friction < np.inf:
+        return [[] for _ in episode.inputs]
     room = room_of(episode)
     rings: list[list[Points]] = []
-    states = episode.states[:-1] if episode.n_moves else episode.states[:1]
+    states = episode.states[:-1] if episode.moves else episode.states[:1]
     for before, state in pairwise([None, *states]):
         assert state is not None
         if before is not None and np.abs((state[1] - state[0]) - (before[1] - before[0])).max() < FINE * room.size / 10:

@@ -1,0 +1,1 @@
+"""Simulation of steering: the apparatus that planners in a closed loop work with, and inputs played again."""

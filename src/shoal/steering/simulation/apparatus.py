@@ -1,0 +1,55 @@
+"""The simulated apparatus: an input with noise, a camera with noise, and the states that the inputs led to."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.steering.contact.disturbances import generators
+from shoal.steering.problem import SteeringProblem
+from shoal.steering.workspaces.convex_geometry import Points
+
+
+class Apparatus:
+    """What a planner in a closed loop can do: send a move, look.
+
+    Attributes
+    ----------
+    problem : SteeringProblem
+        Its noise, as far as a planner may know it.
+    states : list of ndarray of float64, shape (n, d)
+        At the start and after each move.
+    inputs : list of ndarray of float64, shape (d,)
+        The moves that were sent.
+    """
+
+    def __init__(self, problem: SteeringProblem, start: Points, *, seed: int) -> None:
+        self.problem = problem
+        self._world = problem.world(seed=seed)
+        _, self._execution, self._camera, _ = generators(seed)
+        self.states = [self._world.initial(start)]
+        self.inputs: list[Points] = []
+
+    def look(self) -> Points:
+        """Return where the camera sees the particles."""
+        noise, state = self.problem.measurement, self.states[-1]
+        return np.asarray(state + self._camera.normal(scale=noise, size=state.shape) if noise else state.copy())
+
+    def send(self, move: Points) -> None:
+        """Move the particles."""
+        self.inputs.append(np.asarray(move, dtype=np.float64))
+        noise = self.problem.execution
+        executed = self.inputs[-1] + self._execution.normal(scale=noise, size=len(move)) if noise else self.inputs[-1]
+        self.states.append(self._world.step(self.states[-1], executed))
+
+
+def executed_moves(problem: SteeringProblem, inputs: Points, *, seed: int) -> Points:
+    """Return what becomes of inputs with the noise of their execution; float64, shape (moves, d)."""
+    if not problem.execution:
+        return inputs
+    return np.asarray(inputs + generators(seed)[1].normal(scale=problem.execution, size=inputs.shape))
+
+
+def replay(problem: SteeringProblem, inputs: Points, *, seed: int) -> Points:
+    """Return all states when inputs are sent, again, with a seed; float64, shape (moves + 1, n, d)."""
+    start, _ = problem.endpoints(seed)
+    return np.asarray(problem.world(seed=seed).play(start, executed_moves(problem, inputs, seed=seed)))
