@@ -12,7 +12,8 @@ from tests.reference.small import small_cases
 
 from shoal import run
 from shoal.swarm.plans import plan_coverage
-from shoal.swarm.theory.bounds import lower_bound, optimum
+from shoal.swarm.theory.bounds import lower_bound
+from shoal.swarm.theory.optima import optimum
 
 POLICIES = ("best", "rollout", "closest-frontier")
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Iterable
+from decimal import Decimal
 from math import inf, isfinite
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,7 +59,7 @@ def check_number(
     >>> check_number(1, what="loss", least=0, most=1)
     1.0
     """
-    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    number = isinstance(value, Real | Decimal) and not isinstance(value, bool)
     try:
         good = number and least <= value <= most and above < value and (value < below or below == inf)
         good = good and (not finite or isfinite(value))
@@ -232,7 +234,12 @@ def shortened(value: Any) -> str:
 def _bounds(least: float, most: float, above: float = -inf, below: float = inf) -> str:
     """Return the range of a number for people, with the comma or the word before it."""
     if least > -inf and most < inf:
-        return f" from {least:g} to {most:g}"
-    parts = [f"{least:g} or more"] if least > -inf else [f"above {above:g}"] if above > -inf else []
-    parts += [f"at most {most:g}"] if most < inf else [f"below {below:g}"] if below < inf else []
+        return f" from {_plain(least)} to {_plain(most)}"
+    parts = [f"{_plain(least)} or more"] if least > -inf else [f"above {_plain(above)}"] if above > -inf else []
+    parts += [f"at most {_plain(most)}"] if most < inf else [f"below {_plain(below)}"] if below < inf else []
     return f", {' and '.join(parts)}" if parts else ""
+
+
+def _plain(number: float) -> str:
+    """Return a number for people; whole numbers with all their digits."""
+    return shortened(number) if isinstance(number, int) else f"{number:g}"

@@ -59,6 +59,7 @@ MODULES = [
     "swarm.grid.belief",
     "swarm.grid.board",
     "swarm.theory.bounds",
+    "swarm.theory.optima",
     "swarm.grid.commands",
     "swarm.episode",
     "swarm.maps.files",

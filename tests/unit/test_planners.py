@@ -16,7 +16,8 @@ from shoal.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, make_policy, planning
 from shoal.swarm.kernels import planner
 from shoal.swarm.policies import POLICIES, BeamRollout
-from shoal.swarm.theory.bounds import LowerBound, lower_bound, mapping_optimum, optimum
+from shoal.swarm.theory.bounds import LowerBound, lower_bound
+from shoal.swarm.theory.optima import mapping_optimum, optimum
 
 SMALL: dict[str, float] = {
     "width": 3,
@@ -197,14 +198,15 @@ def test_lower_bounds_are_not_above_the_optimum(seed, merge):
 
 def knowing_the_map(workspace, start):
     """The fewest commands that classify everything, by breadth-first search over particles and cells classified."""
-    from shoal.swarm.theory.bounds import _Cells, _flat, _mask_of
+    from shoal.swarm.theory.bounds import flat_cells, flat_mask
+    from shoal.swarm.theory.optima import _Cells
 
-    free, offsets = _flat(workspace)
+    free, offsets = flat_cells(workspace)
     world = _Cells(free, offsets, "block")
     around = free.copy()
     for offset in offsets:
         around |= np.roll(free, offset)
-    particles = world.number(_mask_of(workspace, start))
+    particles = world.number(flat_mask(workspace, start))
     wave, seen, moves = {(particles, world.number(around) & ~particles)}, set(), 0
     while all(left for _, left in wave):
         seen |= wave

@@ -13,7 +13,7 @@ from shoal.cli import run as command
 from shoal.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, plans
 from shoal.swarm.plans import plan_coverage
-from shoal.swarm.theory.bounds import optimum
+from shoal.swarm.theory.optima import optimum
 
 
 def covered(workspace, start, plan, rule="block"):

@@ -10,14 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from decimal import Decimal
-from math import isfinite
-from numbers import Real
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.checks import check_integer, check_number
 from shoal.errors import InvalidInputError
 from shoal.swarm.grid.state import SwarmState
 
@@ -65,14 +63,9 @@ class ScanRule:
     def __post_init__(self) -> None:
         if self.kind not in {"equal", "doubling", "hyper", "adaptive"}:
             raise _unknown(self.kind)
-        if isinstance(self.step, bool) or not isinstance(self.step, int | np.integer) or not 1 <= self.step <= LONGEST:
-            raise _unknown(self.step)
-        object.__setattr__(self, "step", int(self.step))
-        for name, price in (("scan cost", self.scan_cost), ("move cost", self.move_cost)):
-            number = isinstance(price, Real | Decimal) and not isinstance(price, bool)
-            if not number or not (isfinite(price) and 0 <= price <= DEAREST):
-                raise InvalidInputError(f"{name}: expected a number, 0 to {DEAREST:g}, got {price!r}")
-            object.__setattr__(self, name.replace(" ", "_"), float(price))
+        object.__setattr__(self, "step", check_integer(self.step, what="scan_every", least=1, most=LONGEST))
+        for name in ("scan_cost", "move_cost"):
+            object.__setattr__(self, name, check_number(getattr(self, name), what=name, least=0, most=DEAREST))
         if not self.scan_cost + self.move_cost:
             raise InvalidInputError("prices: expected a scan or a move that costs something, got 0 for both")
 

@@ -11,7 +11,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.checks import check_integer
 from shoal.swarm.theory.one_dimension import counting
 
 _COUNTED = 1000  # C(m, n) of so many particles, or empty cells, has thousands of digits
@@ -110,13 +110,8 @@ class Line:
     particles: int
 
     def __post_init__(self) -> None:
-        for name, value, limit in (("cells", self.cells, None), ("particles", self.particles, self.cells)):
-            if isinstance(value, bool) or not isinstance(value, int | np.integer):
-                raise InvalidInputError(f"{name}: expected a whole number, got {value!r}")
-            if value < 1 or (limit is not None and value > limit):
-                wanted = "1 or more" if limit is None else f"1 to {limit}, one particle a cell"
-                raise InvalidInputError(f"{name}: expected {wanted}, got {value}")
-            object.__setattr__(self, name, int(value))
+        object.__setattr__(self, "cells", check_integer(self.cells, what="cells", least=1))
+        object.__setattr__(self, "particles", check_integer(self.particles, what="particles", least=1, most=self.cells))
 
     @property
     def placements(self) -> int:

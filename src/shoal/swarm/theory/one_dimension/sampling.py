@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 from shoal.swarm.theory.one_dimension.exact import Line
 
@@ -105,14 +106,13 @@ def sample(
     >>> found.boundary.tolist(), found.coverage.tolist(), found.largest_gap.tolist()
     ([2, 2, 2], [2, 2, 2], [0, 0, 0])
     """
-    for name, value, least in (("trials", trials, 1), ("seed", seed, 0), ("workers", workers, 1)):
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least):
-            raise InvalidInputError(f"{name}: expected a whole number, {least} or more, got {value!r}")
+    trials = check_integer(trials, what="trials", least=1, most=MAX_TRIALS)
+    seed = check_integer(seed, what="seed", least=0)
+    workers = None if workers is None else check_integer(workers, what="workers", least=1)
     few = min(line.particles, line.cells - line.particles)
-    for name, value, most in (("cells", line.cells, 2**31 - 1), ("trials", trials, MAX_TRIALS), ("particles", few, MAX_DRAWS)):
+    for name, value, most in (("cells", line.cells, 2**31 - 1), ("particles, or empty cells", few, MAX_DRAWS)):
         if value > most:
-            what = "particles, or empty cells" if name == "particles" else name
-            raise InvalidInputError(f"{name}: expected at most {most} {what} for Monte Carlo, got {value}")
+            raise InvalidInputError(f"line: expected at most {most} {name} for Monte Carlo, got {value}")
     from shoal.swarm.kernels import line as kernels
 
     size = max(1, min(_DRAWS // max(1, few), _CELLS // line.cells))

@@ -14,8 +14,7 @@ from decimal import Decimal
 from fractions import Fraction
 from itertools import count
 
-import numpy as np
-
+from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 
 _LONGEST_PRICE = 300
@@ -156,9 +155,7 @@ class EqualSteps(Schedule):
     """
 
     def __init__(self, step: int) -> None:
-        if isinstance(step, bool) or not isinstance(step, int | np.integer) or step < 1:
-            raise InvalidInputError(f"equal steps: expected a whole number of moves, 1 or more, got {step!r}")
-        self.step = int(step)
+        self.step = check_integer(step, what="step", least=1)
         self.name = f"every {step} steps"
 
     def positions(self) -> Iterator[int]:
@@ -218,9 +215,7 @@ class Powers(Schedule):
     """
 
     def __init__(self, base: int = 2) -> None:
-        if isinstance(base, bool) or not isinstance(base, int | np.integer) or base < 2:
-            raise InvalidInputError(f"powers: expected a whole base, 2 or more, got {base!r}")
-        self.base = int(base)
+        self.base = check_integer(base, what="base", least=2)
         self.name = f"powers of {base}"
 
     def positions(self) -> Iterator[int]:
@@ -276,12 +271,8 @@ class Custom(Schedule):
 
     def __init__(self, scans_after: Sequence[int], *, name: str = "custom") -> None:
         before = 0
-        for i, position in enumerate(scans_after):
-            if isinstance(position, bool) or not isinstance(position, int | np.integer) or position <= before:
-                raise InvalidInputError(
-                    f"schedule {name}: expected whole numbers, ascending from 1 up, got {position!r} after {before} (entry {i + 1})"
-                )
-            before = position
+        for number, position in enumerate(scans_after, start=1):
+            before = check_integer(position, what=f"schedule {name}: position {number}, after {before}", least=before + 1)
         if not before:
             raise InvalidInputError(f"schedule {name}: expected one position at least, got none")
         self.scans_after = tuple(int(position) for position in scans_after)
@@ -311,9 +302,7 @@ class OneJump(Custom):
 
 def check_distance(distance: int) -> int:
     """Return a distance that is a whole number, 0 or more; raise InvalidInputError for others."""
-    if isinstance(distance, bool) or not isinstance(distance, int | np.integer) or distance < 0:
-        raise InvalidInputError(f"distance: expected a whole number, 0 or more, got {distance!r}")
-    return int(distance)
+    return check_integer(distance, what="distance", least=0)
 
 
 def check_prices(scan_cost: Price, move_cost: Price) -> tuple[Fraction, Fraction]:
