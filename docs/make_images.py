@@ -7,6 +7,7 @@ Run: python docs/make_images.py [mapping] [theory] [tours] [searches] [steering]
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
 from math import pi
 from pathlib import Path
 
@@ -24,14 +25,16 @@ from shoal.steering.run import run as steer
 from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes, sweep_goals
 from shoal.swarm.noise import Noise
 from shoal.swarm.theory.one_dimension import Line, sample
-from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, Powers
-from shoal.views.drawing.charts import save_figure
-from shoal.views.search.figures import expected_time_figure, search_figure, timeline_figure
+from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, Powers, least_simultaneous_ratio, worst_of_both
+from shoal.views.drawing.charts import BLUE, INK, MUTED, ORANGE, PURPLE, new_figure, plain_axes, save_figure, set_title
+from shoal.views.search.expected_time import expected_time_figure
+from shoal.views.search.figures import routes_figure
+from shoal.views.search.timeline import timeline_figure
 from shoal.views.search.tours import tour_figure
 from shoal.views.steering.figures import plan_figure, reach_figure
 from shoal.views.steering.paper_figures import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
-from shoal.views.swarm.figures import frontier_plot, map_figure
-from shoal.views.swarm.theory import coverage_curve, gap_distributions, move_distributions, schedule_ratios, theorem_chart
+from shoal.views.swarm.figures import frontier_figure, map_figure
+from shoal.views.swarm.theory import gap_distributions, move_distributions, schedule_ratios
 
 FOLDER = Path(__file__).parent / "images"
 MAP, PARTICLES, SEED = "vessels:5000", 300, 1
@@ -49,7 +52,7 @@ def mapping() -> None:
     episode = run(open_map(MAP), particles=PARTICLES, seed=SEED)
     middle = episode.moves // 4
     save("mapping-middle.png", map_figure(episode, moves=middle))
-    save("mapping-frontier.png", frontier_plot([episode]))
+    save("mapping-frontier.png", frontier_figure([episode]))
     tree = run(open_map("vessels3d:6000"), particles=600, seed=SEED)
     save("volume.png", map_figure(tree, moves=tree.moves // 4), colours=256)
     hazy = run(open_map("vessels:1000"), particles=60, seed=2, noise=Noise(slip=0.1, misplace=0.05), confidence=0.8)
@@ -67,7 +70,7 @@ def searches() -> None:
     """Draw a search in which a robot dies, what each robot did, and the expected time of paper H, Fig. 5."""
     faults = [Crash(2, 20.0), Pause(3, 5, 40)]
     episode = search("ring:200x150", robots=6, footprint=10, loss=0.3, faults=faults, targets=5, seed=3)
-    save("search-ring.png", search_figure(episode), colours=256)
+    save("search-ring.png", routes_figure(episode), colours=256)
     save("search-timeline.png", timeline_figure(episode), colours=256)
     save("search-expected-time.png", expected_time_figure())
 
@@ -125,6 +128,58 @@ def disk_figures() -> None:
     for name, swap in (("particle 2", second), ("the nearer", nearer), ("the nearer, across", across)):
         print(f"Fig. 15: {name} touches: within 0.01 at length {swap.length_to(0.01):.2f}")
     print("Fig. 15: a / length^b through what particle 2 does, a and b:", second.law())
+
+
+def coverage_curve(cells: int, published: Mapping[int, float]) -> Figure:
+    """Return mean full coverage against the number of particles: exact, the printed formula, and published means.
+
+    Parameters
+    ----------
+    cells : int
+    published : mapping from number of particles to moves
+    """
+    particles = sorted(published)
+    lines = [Line(cells, n) for n in particles]
+    data = np.array([published[n] for n in particles])
+    exact = np.array([float(line.coverage.exact) for line in lines])
+    printed = np.array([float(line.coverage.printed) for line in lines])
+    positions = np.array([float(line.published_coverage) for line in lines])
+    figure = new_figure(6.8, 5.6)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    curves = (
+        (exact, BLUE, "-", "exact"),
+        (printed, ORANGE, "--", "printed formula"),
+        (positions, PURPLE, ":", "printed formula, gap as difference of positions"),
+    )
+    for values, colour, style, name in curves:
+        above.plot(particles, values, color=colour, ls=style, lw=1.8, label=name)
+        below.plot(particles, values - exact, color=colour, ls=style, lw=1.8)
+    above.plot(particles, data, "o", color=INK, ms=3.5, mfc="none", label="published")
+    below.plot(particles, data - exact, "o", color=INK, ms=3.5, mfc="none")
+    above.set(ylabel="mean moves", yscale="log")
+    below.set(xlabel="particles", ylabel="moves more than exact", ylim=(-0.6, 3.2))
+    above.legend(frameon=False, fontsize=9)
+    set_title(above, f"Full coverage of {cells} cells in a line")
+    for axes in (above, below):
+        plain_axes(axes)
+    return figure
+
+
+def theorem_chart(exponents: Sequence[int]) -> Figure:
+    """Return the check of theorem 1: the worst of both ratios of i^i up to 10^k, beside the best that any schedule can do."""
+    distances = [10**k for k in exponents]
+    best = [float(least_simultaneous_ratio(distance).ratio) for distance in distances]
+    mine = [float(worst_of_both(Hyperexponential(), distance)) for distance in distances]
+    figure = new_figure(6.4, 3.6)
+    axes = figure.add_subplot()
+    axes.plot(exponents, mine, "o-", color=ORANGE, ms=3, lw=1.5, label="i^i")
+    axes.plot(exponents, best, "o-", color=BLUE, ms=3, lw=1.5, label="best possible")
+    axes.plot(exponents, np.array(mine) / np.array(best), color=MUTED, lw=1.2, ls="--", label="their quotient")
+    axes.set(xlabel="largest distance, power of ten", ylabel="larger of both ratios, worst case", ylim=(0, None))
+    axes.legend(frameon=False, fontsize=9)
+    set_title(axes, "No schedule is good at both")
+    plain_axes(axes)
+    return figure
 
 
 def save(name: str, figure: Figure, *, colours: int = 32) -> None:

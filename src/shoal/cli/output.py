@@ -12,9 +12,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Timer
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from shoal.errors import InvalidInputError, OutputError
+
+if TYPE_CHECKING:
+    from shoal.episode import Episode
 
 Advance = Callable[[int], None]
 
@@ -176,6 +179,21 @@ def check_outputs(out: Path | None, film: list[Path] | None) -> None:
             check_folder(check_film(path).parent)
     if out is not None:
         check_folder(out)
+
+
+def write_films(episode: Episode, paths: list[Path] | None) -> list[Path]:
+    """Write the films of an episode, each with a bar; return their paths."""
+    for path in paths or []:
+        _write_film(episode, path)
+    return [*(paths or [])]
+
+
+def _write_film(episode: Episode, path: Path) -> None:
+    from shoal.views import film
+
+    frames = 1000  # of the bar: how many a film has is known only once it is being written
+    with progress(f"film {path.name}", frames, shown=path.suffix.lower() != ".html") as advance:
+        film(episode, path, on_frame=lambda done, total: advance(frames * done // max(total, 1)))
 
 
 def check_seed(episode_file: Path, wanted: int | None, found: int | None) -> None:

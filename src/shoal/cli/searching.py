@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from functools import partial
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +11,16 @@ import typer
 
 from shoal.cli import options
 from shoal.cli import search_options as given
-from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, progress, say
+from shoal.cli.output import (
+    check_folder,
+    check_outputs,
+    check_seed,
+    patience,
+    print_json,
+    print_table,
+    say,
+    write_films,
+)
 from shoal.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -159,27 +166,15 @@ def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | No
     written: list[Path] = []
     if out is not None:
         from shoal.files import atomic
-        from shoal.views.drawing.charts import save_figure
-        from shoal.views.search.figures import search_figure, timeline_figure
+        from shoal.views import figure, save_figure
 
-        save_figure(search_figure(episode), out / "region.png")
-        save_figure(timeline_figure(episode), out / "timeline.png")
+        save_figure(figure(episode), out / "region.png")
+        save_figure(figure(episode, kind="timeline"), out / "timeline.png")
         episode.save(out / "episode.json")
         with atomic(out / "summary.json") as temporary:
             temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
         written += [out / name for name in ("region.png", "timeline.png", "episode.json", "summary.json")]
-    if film:
-        from shoal.views.search.films import write_search_film
-
-        for path in film:
-            with progress(f"film {path.name}", 100, shown=path.suffix.lower() != ".html") as tell:
-                write_search_film(episode, path, on_frame=partial(_percent, tell))
-            written.append(path)
-    return written
-
-
-def _percent(tell: Callable[[int], None], done: int, total: int) -> None:
-    tell(100 * done // max(total, 1))
+    return written + write_films(episode, film)
 
 
 def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:

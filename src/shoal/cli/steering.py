@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, progress, say
+from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, say, write_films
 from shoal.cli.problem_options import takes_problem
 from shoal.errors import InvalidInputError
 from shoal.steering.problem import SteeringProblem
@@ -87,27 +87,14 @@ def _write_plan(episode: SteeringEpisode, result: dict[str, Any], out: Path | No
     written: list[Path] = []
     if out is not None:
         from shoal.files import atomic
-        from shoal.views.drawing.charts import save_figure
-        from shoal.views.steering.figures import plan_figure
+        from shoal.views import figure, save_figure
 
-        save_figure(plan_figure(episode), out / "plan.png")
+        save_figure(figure(episode), out / "plan.png")
         episode.save(out / "episode.json")
         with atomic(out / "summary.json") as temporary:
             temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
         written += [out / name for name in ("plan.png", "episode.json", "summary.json")]
-    for path in film or []:
-        write_film(episode, path)
-        written.append(path)
-    return written
-
-
-def write_film(episode: SteeringEpisode, path: Path) -> None:
-    """Write one film, with a bar."""
-    from shoal.views.steering.films import write_steering_film
-
-    frames = 1000  # of the bar: how many the film has is known only once it is being written
-    with progress(f"film {path.name}", frames, shown=path.suffix.lower() != ".html") as advance:
-        write_steering_film(episode, path, on_frame=lambda done, total: advance(frames * done // total))
+    return written + write_films(episode, film)
 
 
 def replay_steering(episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:
@@ -184,8 +171,7 @@ def demo_steer(out: Path, *, seed: int, json_: bool) -> None:
     """Plan and draw five problems: ``shoal demo steer``."""
     from shoal.steering import open_workspace, prism
     from shoal.steering.run import run
-    from shoal.views.drawing.charts import save_figure
-    from shoal.views.steering.figures import plan_figure
+    from shoal.views import figure, save_figure
 
     check_folder(out)
     tall = prism(open_workspace("heptagon"), 0.8)  # type: ignore[arg-type]  # a name is never a region's
@@ -203,12 +189,11 @@ def demo_steer(out: Path, *, seed: int, json_: bool) -> None:
             noise: dict[str, Any] = {"execution": 1e-3, "measurement": 1e-3, "gain": 0.2} if name == "noise" else {}
             problem = SteeringProblem(workspace, start, goal, tolerance, planner=planner, **noise)
             episode = run(problem, seed=seed)
-            save_figure(plan_figure(episode), out / f"{name}.png")
+            save_figure(figure(episode), out / f"{name}.png")
             episode.save(out / f"{name}.json")
             files += [out / f"{name}.png", out / f"{name}.json"]
             if name in ("square", "prism"):
-                write_film(episode, out / f"{name}.html")
-                files.append(out / f"{name}.html")
+                files += write_films(episode, [out / f"{name}.html"])
             results[name] = episode.report()
             rows.append((name, f"{planner}: {episode.sentence}"))
     if json_:

@@ -22,6 +22,7 @@ from shoal.cli.output import (
     progress,
     quiet,
     say,
+    write_films,
 )
 from shoal.errors import InvalidInputError, ShoalError
 
@@ -340,12 +341,11 @@ def write_outputs(episodes: list[Episode], result: dict[str, Any], out: Path | N
     if out is not None:
         from shoal.files import atomic
         from shoal.swarm.noise import SeenEpisode
-        from shoal.views.drawing.charts import save_figure
-        from shoal.views.swarm.figures import final_map, frontier_plot
+        from shoal.views import figure, save_figure
 
-        for name, figure in (("map.png", final_map(episodes[0])), ("frontier.png", frontier_plot(episodes))):
-            save_figure(figure, out / name)
-            written.append(out / name)
+        save_figure(figure(episodes[0]), out / "map.png")
+        save_figure(figure(episodes, kind="frontier"), out / "frontier.png")
+        written += [out / "map.png", out / "frontier.png"]
         _remove_earlier(out)
         kept = [episode for episode in episodes if not isinstance(episode, SeenEpisode)]  # of a drive with noise its log is kept
         names = ["episode.npz"] if len(episodes) == 1 else [f"episodes/{e.trial:05d}.npz" for e in episodes]
@@ -358,25 +358,13 @@ def write_outputs(episodes: list[Episode], result: dict[str, Any], out: Path | N
         with atomic(out / "summary.json") as temporary:
             temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
         written.append(out / "summary.json")
-    for path in film or []:
-        write_film_with_progress(episodes[0], path)
-        written.append(path)
-    return written
+    return written + write_films(episodes[0], film)
 
 
 def _remove_earlier(out: Path) -> None:
     """Remove the episodes of an earlier run from an output folder: with those of this one they would make no sense."""
     for path in (out / "episode.npz", *(out / "episodes").glob("[0-9][0-9][0-9][0-9][0-9]*.npz")):
         path.unlink(missing_ok=True)
-
-
-def write_film_with_progress(episode: Episode, path: Path) -> None:
-    """Write one film, with a bar if it takes long."""
-    from shoal.views.swarm.films import write_film
-
-    frames = 1000  # of the bar: how many the film has is known only once it is being written
-    with progress(f"film {path.name}", frames, shown=episode.moves > 200) as advance:
-        write_film(episode, path, on_frame=lambda done, total: advance(frames * done // total))
 
 
 def replay_swarm(episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:

@@ -134,7 +134,7 @@ def _fig8_sweeps(settings: Settings) -> list[Sweep]:
 def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     from shoal.swarm import run
     from shoal.swarm.maps.open import open_map
-    from shoal.views.swarm.frontiers import frontier_curves
+    from shoal.views.drawing.curves import frontier_curves
 
     sweep = sweeps[0]
     workspace, particles = open_map(settings.complex), sweep.points[0].problem.model_dump()["particles"]

@@ -1,1 +1,87 @@
-"""What people look at: figures, films and the HTML player. matplotlib is imported here and in papers only."""
+"""What people look at: figures, films and the HTML player of an episode of any part.
+
+matplotlib is imported here and in papers only.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from shoal.checks import check_choice
+from shoal.errors import InvalidInputError
+from shoal.files import atomic
+from shoal.views.drawing.charts import save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from shoal.episode import Episode
+
+__all__ = ["figure", "film", "save_figure"]
+
+
+def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **options: Any) -> Figure:
+    """Return the figure of an episode.
+
+    Parameters
+    ----------
+    episode : Episode
+        Of any part. For ``kind="frontier"`` also several, for their median.
+    kind : str, optional
+        What to draw; the first of its part if none:
+
+        - swarm: "map" (option ``moves``: after how many; default: at the end), "frontier" (its cells by move).
+        - steering: "plan".
+        - search: "routes", "timeline" (what each robot did when).
+
+    Raises
+    ------
+    InvalidInputError
+        For a kind or an option that the part has not.
+    """
+    kinds = _views_of(episode[0] if isinstance(episode, Sequence) and episode else episode, "figures").FIGURES
+    if kind is None:
+        kind = next(iter(kinds))
+    drawn: Figure = kinds[check_choice(kind, what="kind", choices=kinds)](episode, **options)
+    return drawn
+
+
+def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[int, int], None] | None = None) -> None:
+    """Write a film of an episode of any part; the suffix says which kind.
+
+    Parameters
+    ----------
+    episode : Episode
+        One that `verify` finds true: what happens between its moves is played again.
+    path : path
+        ``.gif``, ``.mp4`` (H.264) or ``.html`` (the player).
+    on_frame : callable, optional
+        Called with (frames done, frames in all).
+
+    Raises
+    ------
+    InvalidInputError
+        For another suffix, or an episode that is too large for a browser.
+    OutputError
+        If it cannot be written; nothing is left behind.
+    """
+    from shoal.views.drawing.encoding import check_film, encode
+
+    target = check_film(path)
+    suffix = target.suffix.lower()
+    with atomic(target) as temporary:
+        if suffix == ".html":
+            temporary.write_text(_views_of(episode, "page").player_page(episode), encoding="utf-8")
+        else:
+            encode(temporary, _views_of(episode, "films").clip(episode, suffix), gif=suffix == ".gif", on_frame=on_frame)
+
+
+def _views_of(episode: Any, room: str) -> Any:
+    """Return a module of the part that an episode is of; the views of other parts, and their kernels, are not loaded."""
+    part = getattr(episode, "part", None)
+    if part not in ("swarm", "steering", "search"):
+        raise InvalidInputError(f"episode: expected one of a swarm, of steering or of a search, got {type(episode).__name__}")
+    return import_module(f"shoal.views.{part}.{room}")

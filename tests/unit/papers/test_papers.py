@@ -17,8 +17,7 @@ from shoal.lab.statistics import Row, estimate
 from shoal.papers import Settings, recipes, reproduce
 from shoal.papers.mapping import MAPS, WITHIN, _side_by_side
 from shoal.papers.recipe import counts_of, published_curve
-from shoal.views.drawing.curves import Curve, Labels, Published, mean_curves
-from shoal.views.swarm.frontiers import frontier_curves
+from shoal.views.drawing.curves import Curve, Labels, Published, frontier_curves, mean_curves
 
 FIGURES = [f"m-fig{n}" for n in range(5, 12)] + [f"w-fig{n}" for n in (4, 8, 9, 14, 15, 16)] + ["h-fig5"]
 

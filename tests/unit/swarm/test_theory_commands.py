@@ -28,7 +28,8 @@ from shoal.swarm.theory.scan_schedules import (
     theorem_rate,
     worst_of_both,
 )
-from shoal.views.swarm.films import scan_strip, write_film
+from shoal.views import film
+from shoal.views.swarm.films import scan_strip
 
 
 def printed(capsys, *words):
@@ -275,8 +276,8 @@ def test_runs_go_on_into_the_unknown_but_not_past_a_turn():
 def test_films_show_scans(tmp_path):
     episode = play(GridWorkspace(np.ones((6, 40), dtype=bool)), particles=3, scan_every="adaptive")
     assert not episode.scanned.all()
-    write_film(episode, tmp_path / "film.gif")
-    write_film(episode, tmp_path / "film.mp4")
+    film(episode, tmp_path / "film.gif")
+    film(episode, tmp_path / "film.mp4")
     strip = scan_strip(episode.scanned, 0, 42)
     assert (strip[1, 20] == 255).all()  # before the start
     assert not (strip[1, 21] == 255).any()  # the scan at the start

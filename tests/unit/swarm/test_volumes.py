@@ -15,9 +15,9 @@ from shoal.cli import run as shoal
 from shoal.swarm.kernels.paths import path_lengths
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.generators.vessels3d import grow_tree, murray_radius
+from shoal.views import film
 from shoal.views.swarm.cell_colours import codes_of
-from shoal.views.swarm.figures import final_map, map_figure
-from shoal.views.swarm.films import write_film
+from shoal.views.swarm.figures import map_figure
 from shoal.views.swarm.page import page_data
 from shoal.views.swarm.volume import Fit, Slices, sheet, sheet_width, slice_pictures, turned_view, workspace_codes
 
@@ -228,9 +228,9 @@ def test_films_figures_and_data(tmp_path):
     episode.save(tmp_path / "e.npz")
     assert Episode.load(tmp_path / "e.npz").workspace.spacing == (1.0, 0.5, 2.0)
     for suffix in (".gif", ".mp4", ".html"):
-        write_film(episode, tmp_path / f"film{suffix}")
+        film(episode, tmp_path / f"film{suffix}")
         assert (tmp_path / f"film{suffix}").stat().st_size > 1000
-    assert final_map(episode).axes[0].get_title(loc="left").startswith("tree after")
+    assert map_figure(episode).axes[0].get_title(loc="left").startswith("tree after")
     assert map_figure(episode, moves=3).axes[0].images[0].get_array().shape[0] == 900
     data = page_data(episode)
     assert data["shape"] == list(workspace.shape)

@@ -13,10 +13,11 @@ from shoal import GridWorkspace, InvalidInputError, open_map, run
 from shoal.cli import run as shoal
 from shoal.swarm.noise import Noise, NoisyRig, SeenEpisode, moments
 from shoal.swarm.rigs import DriveLog, drive, replay_log
+from shoal.views import film
 from shoal.views.swarm import recording
 from shoal.views.swarm.cell_colours import HAZY, PLAIN, codes_after, codes_by_move
-from shoal.views.swarm.figures import final_map
-from shoal.views.swarm.films import film_frames, write_film
+from shoal.views.swarm.figures import map_figure
+from shoal.views.swarm.films import film_frames
 from shoal.views.swarm.page import page_data
 
 NOISE = Noise(slip=0.2, misplace=0.1, miss=0.1)
@@ -56,7 +57,7 @@ def test_frames_and_figures_show_particles_and_what_is_wrong(episode):
         np.testing.assert_array_equal(frame, HAZY.colours[code])
         assert (code[moment.particles] == HAZY.particle).all()
     np.testing.assert_array_equal(codes_after(episode, episode.moves), codes[-1])
-    labels = [text.get_text() for text in final_map(episode).axes[0].get_legend().get_texts()]
+    labels = [text.get_text() for text in map_figure(episode).axes[0].get_legend().get_texts()]
     assert labels[-1] == "settled wrongly"
 
 
@@ -117,9 +118,9 @@ def test_a_drive_is_drawn_as_it_was_seen(tmp_path):
     for mine, theirs in zip(seen.moments(), replayed.moments(), strict=True):
         np.testing.assert_array_equal(mine.looks, theirs.looks)
         np.testing.assert_array_equal(mine.particles, theirs.particles)
-    write_film(seen, tmp_path / "film.gif")
-    with Image.open(tmp_path / "film.gif") as film:
-        assert film.n_frames > 10
+    film(seen, tmp_path / "film.gif")
+    with Image.open(tmp_path / "film.gif") as picture:
+        assert picture.n_frames > 10
     data = page_data(seen)
     assert (data["seen"], data["truth"], data["goal"]) == (True, False, len(driven.belief.known))
     with pytest.raises(InvalidInputError, match="which its log keeps"):

@@ -14,9 +14,10 @@ from PIL import Image
 from shoal.errors import InvalidInputError
 from shoal.search import SearchEpisode, region_of, search
 from shoal.search.simulation.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
+from shoal.views import film
 from shoal.views.drawing.charts import save_figure
-from shoal.views.search.figures import expected_time_figure, search_figure, spread_out, timeline_figure
-from shoal.views.search.films import SearchFilm, write_search_film
+from shoal.views.search.figures import expected_time_figure, routes_figure, spread_out, timeline_figure
+from shoal.views.search.films import SearchFilm
 from shoal.views.search.history import SearchStory, rings_of
 from shoal.views.search.page import page_data, simplified
 
@@ -144,7 +145,7 @@ def test_outline_goes_round_the_cells():
 @pytest.mark.parametrize("name", sorted(CASES.keys() - {"as planned", "ring"}))  # which other tests draw
 def test_figures_are_drawn(name, tmp_path):
     told = episode(name)
-    for make in (search_figure, timeline_figure):
+    for make in (routes_figure, timeline_figure):
         figure = make(told)
         figure.set_dpi(60)
         save_figure(figure, tmp_path / "figure.png")
@@ -156,13 +157,13 @@ def texts(figure) -> list[str]:
 
 
 def test_figure_numbers_every_robot_and_shows_the_dead_and_what_nobody_saw():
-    figure = search_figure(episode("all dead"))
+    figure = routes_figure(episode("all dead"))
     words = texts(figure)
     assert sorted(word for word in words if word in "123") == ["1", "1", "2", "2", "3", "3"]  # starts and deaths
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "died" in legend
     assert f"not seen: {episode('all dead').coverage.uncovered_m2:.4g} m²" in legend
-    whole = [text.get_text() for text in search_figure(episode("as planned")).legends[0].get_texts()]
+    whole = [text.get_text() for text in routes_figure(episode("as planned")).legends[0].get_texts()]
     assert whole == ["start"]
 
 
@@ -222,21 +223,21 @@ def test_gif(name, tmp_path, monkeypatch):
     monkeypatch.setattr("shoal.views.search.films._SHORTEST", 0.6)
     monkeypatch.setattr("shoal.views.search.films.SECONDS", 0.6)
     told: list[tuple[int, int]] = []
-    write_search_film(episode(name), tmp_path / "film.gif", on_frame=lambda done, total: told.append((done, total)))
-    with Image.open(tmp_path / "film.gif") as film:
-        assert film.n_frames > 1
+    film(episode(name), tmp_path / "film.gif", on_frame=lambda done, total: told.append((done, total)))
+    with Image.open(tmp_path / "film.gif") as picture:
+        assert picture.n_frames > 1
     assert told == [(k + 1, len(told)) for k in range(len(told))]
 
 
 def test_mp4_and_html(tmp_path, monkeypatch):
     monkeypatch.setattr("shoal.views.search.films._SHORTEST", 0.4)
     monkeypatch.setattr("shoal.views.search.films.SECONDS", 0.4)
-    write_search_film(episode("ring"), tmp_path / "film.mp4")
+    film(episode("ring"), tmp_path / "film.mp4")
     assert (tmp_path / "film.mp4").read_bytes()[4:8] == b"ftyp"
-    write_search_film(episode("ring"), tmp_path / "film.html")
+    film(episode("ring"), tmp_path / "film.html")
     assert "<!doctype html>" in (tmp_path / "film.html").read_text(encoding="utf-8")
     with pytest.raises(InvalidInputError, match="expected a film"):
-        write_search_film(episode("ring"), tmp_path / "film.txt")
+        film(episode("ring"), tmp_path / "film.txt")
     assert len(list(tmp_path.iterdir())) == 2
 
 

@@ -24,11 +24,12 @@ from shoal.steering import (
     regular_polygon,
 )
 from shoal.steering.delta_space.two_moves import reached_in_two_moves
+from shoal.views import film
 from shoal.views.drawing.encoding import palette_of
 from shoal.views.steering import films
 from shoal.views.steering.camera import Frame3D, camera_for
 from shoal.views.steering.figures import plan_figure
-from shoal.views.steering.films import SteeringFilm, write_steering_film
+from shoal.views.steering.films import SteeringFilm
 from shoal.views.steering.page import page_data
 from shoal.views.steering.trajectories import Leg, Moment, Schedule, legs_of, two_move_rings
 
@@ -123,23 +124,23 @@ def test_shaded_is_what_two_moves_reach(episodes):
 def test_gif(name, width, episodes, tmp_path, monkeypatch):
     monkeypatch.setitem(films.LONGEST, ".gif", 16)
     told = []
-    write_steering_film(episodes[name], tmp_path / "film.gif", on_frame=lambda done, total: told.append((done, total)))
+    film(episodes[name], tmp_path / "film.gif", on_frame=lambda done, total: told.append((done, total)))
     assert told == [(k, 16) for k in range(1, 17)]
     seconds = Schedule(legs_of(episodes[name]), size=episodes[name].problem.place.size).seconds
-    with Image.open(tmp_path / "film.gif") as film:
-        assert film.size == (width, 432)
-        assert 6 <= film.n_frames <= 16  # what rests is one frame that lasts
+    with Image.open(tmp_path / "film.gif") as picture:
+        assert picture.size == (width, 432)
+        assert 6 <= picture.n_frames <= 16  # what rests is one frame that lasts
         lasting = 0
-        for frame in range(film.n_frames):
-            film.seek(frame)
-            lasting += film.info["duration"] / 1000
+        for frame in range(picture.n_frames):
+            picture.seek(frame)
+            lasting += picture.info["duration"] / 1000
         assert lasting == pytest.approx(seconds, rel=0.05)
-        assert film.convert("RGB").getpixel((2, 2)) == (255, 255, 255)
+        assert picture.convert("RGB").getpixel((2, 2)) == (255, 255, 255)
 
 
 def test_mp4(episodes, tmp_path, monkeypatch):
     monkeypatch.setitem(films.LONGEST, ".mp4", 12)
-    write_steering_film(episodes["square"], tmp_path / "film.mp4")
+    film(episodes["square"], tmp_path / "film.mp4")
     decoded = subprocess.run(
         [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", tmp_path / "film.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"],
         check=True,
@@ -166,7 +167,7 @@ def test_particles_are_drawn_where_they_are(episodes):
 
 def test_nothing_to_play(tmp_path):
     still = thrown(SQUARE, PLANE[0], np.zeros((0, 2)))
-    write_steering_film(still, tmp_path / "film.html")
+    film(still, tmp_path / "film.html")
     assert len(list(SteeringFilm(still, []).frames([Moment(0, 0.0)]))) == 1
     assert page_data(still)["legs"] == []
 
@@ -178,9 +179,9 @@ def test_nothing_is_left_behind(episodes, tmp_path, monkeypatch):
 
     for suffix in (".gif", ".mp4"):
         with pytest.raises(KeyboardInterrupt):
-            write_steering_film(episodes["square"], tmp_path / f"film{suffix}", on_frame=stop)
+            film(episodes["square"], tmp_path / f"film{suffix}", on_frame=stop)
     with pytest.raises(InvalidInputError, match=r"film.avi: expected a film \(.gif .mp4 .html\), got the suffix '.avi'"):
-        write_steering_film(episodes["square"], tmp_path / "film.avi")
+        film(episodes["square"], tmp_path / "film.avi")
     assert list(tmp_path.iterdir()) == []
 
 

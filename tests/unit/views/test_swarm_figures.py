@@ -14,9 +14,10 @@ from PIL import Image
 
 from shoal import GridWorkspace, InvalidInputError, open_map, run, run_trials
 from shoal.swarm.maps.raster import PALETTE, in_strips
+from shoal.views import film
 from shoal.views.drawing.charts import save_figure
-from shoal.views.swarm.figures import final_map, frontier_plot, map_figure
-from shoal.views.swarm.films import film_frames, shown_moves, write_film
+from shoal.views.swarm.figures import frontier_figure, map_figure
+from shoal.views.swarm.films import film_frames, shown_moves
 from shoal.views.swarm.page import player_page
 
 
@@ -62,36 +63,36 @@ def test_notebooks(episode):
 def test_three_dimensions_side_by_side():
     workspace = GridWorkspace(np.ones((3, 4, 5), bool))
     assert workspace.picture.shape == (4, 3 * 5 + 2, 3)
-    figure = final_map(run(workspace, particles=6))
+    figure = map_figure(run(workspace, particles=6))
     assert figure.axes
 
 
 def test_figures(episode, tmp_path):
     for suffix in (".png", ".svg", ".pdf"):
-        save_figure(final_map(episode), tmp_path / f"map{suffix}")
+        save_figure(map_figure(episode), tmp_path / f"map{suffix}")
         assert (tmp_path / f"map{suffix}").stat().st_size > 1000
     many = run_trials(open_map("maze:15x11"), trials=5, particles=10)
-    axes = frontier_plot(many).axes[0]
+    axes = frontier_figure(many).axes[0]
     assert len(axes.lines) == 6  # each trial, and the median
-    single = frontier_plot([episode]).axes[0].lines[0].get_ydata()
+    single = frontier_figure([episode]).axes[0].lines[0].get_ydata()
     np.testing.assert_array_equal(single, [episode.first_frontier, *episode.frontier])
     with pytest.raises(InvalidInputError, match="at least one"):
-        frontier_plot([])
+        frontier_figure([])
     with pytest.raises(InvalidInputError, match=f"0 to {episode.moves}"):
         map_figure(episode, moves=episode.moves + 1)
 
 
 def test_gif_shows_each_move(episode, tmp_path):
-    write_film(episode, tmp_path / "film.gif")
-    with Image.open(tmp_path / "film.gif") as film:
-        assert film.n_frames == episode.moves + 1
-        film.seek(film.n_frames - 1)
-        last = np.asarray(film.convert("RGB").resize((17, 13), Image.Resampling.NEAREST))
+    film(episode, tmp_path / "film.gif")
+    with Image.open(tmp_path / "film.gif") as picture:
+        assert picture.n_frames == episode.moves + 1
+        picture.seek(picture.n_frames - 1)
+        last = np.asarray(picture.convert("RGB").resize((17, 13), Image.Resampling.NEAREST))
     np.testing.assert_array_equal(last, picture_of(*episode.final()))
 
 
 def test_mp4_can_be_decoded(episode, tmp_path):
-    write_film(episode, tmp_path / "film.mp4")
+    film(episode, tmp_path / "film.mp4")
     height, width = 13 * (960 // 17), 17 * (960 // 17)
     height, width = height + height % 2, width + width % 2
     decoded = subprocess.run(

@@ -1,11 +1,11 @@
-"""Curves of means with their confidence bands, published ones behind them."""
+"""Curves of means with their confidence bands, published ones behind them; and frontier cells by move."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from textwrap import fill
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,3 +159,45 @@ def _key(axes: Axes, curves: Sequence[Curve], labels: Labels) -> None:
             )
         )
     axes.legend(handles=handles, frameon=False, fontsize=9, labelcolor=INK)
+
+
+def frontier_curves(groups: Mapping[str, Sequence[NDArray[np.int32]]], *, title: str, note: str = "") -> Figure:
+    """Return frontier cells against moves, as paper M, Fig. 8: a thin line a trial, a thick one the median of each group.
+
+    Parameters
+    ----------
+    groups : mapping from name to arrays of int32, shape (moves + 1,)
+        Frontier cells before the first move and after each.
+    title, note : str
+
+    Raises
+    ------
+    InvalidInputError
+        If a group has no trial.
+    """
+    if not groups or not all(len(curves) for curves in groups.values()):
+        raise InvalidInputError("frontier curves: expected one trial or more of each group, got none")
+    figure = new_figure(7.4, 4.4)
+    axes = figure.add_subplot()
+    for (name, curves), colour in zip(groups.items(), COLOURS, strict=False):
+        for curve in curves:
+            axes.plot(np.arange(1, len(curve) + 1), np.maximum(curve, 0.5), color=colour, lw=0.5, alpha=0.25)
+        median = median_of(curves)
+        alive = median > 0
+        axes.plot(
+            np.arange(1, len(median) + 1)[alive], median[alive], color=colour, lw=2.2, label=f"{name}, median of {len(curves)}"
+        )
+    axes.set(xlabel="moves + 1", ylabel="frontier cells", xscale="log", yscale="log", ylim=(0.8, None))
+    axes.legend(frameon=False, fontsize=9, labelcolor=INK)
+    set_title(axes, title)
+    plain_axes(axes)
+    add_note(figure, note)
+    return figure
+
+
+def median_of(curves: Sequence[NDArray[np.integer[Any]]]) -> Numbers:
+    """Return the median of curves of different lengths, those that have ended taken as 0; float64, as long as the longest."""
+    table = np.zeros((len(curves), max(len(curve) for curve in curves)))
+    for row, curve in zip(table, curves, strict=True):
+        row[: len(curve)] = curve
+    return np.asarray(np.median(table, axis=0))

@@ -7,10 +7,11 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +20,10 @@ from shoal.errors import InvalidInputError, MissingExtraError
 
 SUFFIXES = (".gif", ".mp4", ".html")
 LONGEST = {".gif": 400, ".mp4": 1800}  # frames
-SIDE = {".gif": 480, ".mp4": 960}
 OnFrame = Callable[[int, int], None]
 """Called with (frames done, frames in all)."""
 Frame = NDArray[np.uint8]
 At = TypeVar("At")
-At_contra = TypeVar("At_contra", contravariant=True)
 _SAMPLES = 6  # frames that the colours of a GIF are taken from
 _KEPT = 32  # colours that are most frequent and so stay exactly as they are
 _APART = 9  # least difference of two colours of a palette: Pillow looks colours up to the next lower multiple of 4
@@ -65,26 +64,45 @@ def counted(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> It
             on_frame(done, total)
 
 
-class Drawn(Protocol[At_contra]):
-    """A film that can be drawn at any moment."""
+@dataclass(frozen=True, eq=False)
+class Clip(Generic[At]):
+    """A film that is to be encoded.
 
-    width: int
-    height: int
+    Parameters
+    ----------
+    frames : callable
+        Takes moments; yields the picture at each, uint8 of shape (height, width, 3).
+    moments : sequence
+        Those of the film.
+    rate : float
+        Frames a second.
+    side : int
+        The longer side of the film, in pixels; smaller pictures are enlarged.
+    quality : int
+        The constant rate factor of H.264.
+    palette : bytes, optional
+        The colours of a GIF, red, green and blue of each; those of a few of its frames if None.
+    """
 
-    def frames(self, moments: Sequence[At_contra], /) -> Iterator[Frame]:
-        """Yield the frames at some moments."""
+    frames: Callable[[Sequence[At]], Iterator[Frame]]
+    moments: Sequence[At]
+    rate: float
+    side: int
+    quality: int
+    palette: bytes | None = None
 
 
-def encode(
-    path: Path, film: Drawn[At], moments: Sequence[At], *, rate: float, quality: int, gif: bool, on_frame: OnFrame | None
-) -> None:
-    """Write the frames of a film at some moments: a GIF, whose colours are taken from a few of them, or H.264 of a quality."""
-    frames, side = counted(film.frames(moments), len(moments), on_frame), max(film.width, film.height)
+def encode(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | None) -> None:
+    """Write a film: a GIF, or H.264."""
+    frames, moments = counted(clip.frames(clip.moments), len(clip.moments), on_frame), clip.moments
     if gif:
-        sample = [moments[k] for k in np.linspace(0, len(moments) - 1, _SAMPLES).astype(int)]
-        write_gif(path, frames, rate, palette=palette_of(list(film.frames(sample))), side=side)
+        palette = clip.palette
+        if palette is None:
+            sample = [moments[k] for k in np.unique(np.linspace(0, len(moments) - 1, _SAMPLES).astype(int))]
+            palette = palette_of(list(clip.frames(sample)))
+        write_gif(path, frames, clip.rate, palette=palette, side=clip.side)
     else:
-        write_mp4(path, frames, rate, side=side, quality=quality)
+        write_mp4(path, frames, clip.rate, side=clip.side, quality=clip.quality)
 
 
 def palette_of(frames: list[Frame]) -> bytes:
@@ -128,7 +146,7 @@ def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: byte
         first.save(file, format="GIF", save_all=True, append_images=images, duration=duration, loop=0, optimize=False, disposal=1)
 
 
-def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, side: int, quality: int = 26) -> None:
+def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, side: int, quality: int) -> None:
     """Write frames as H.264, ``quality`` its constant rate factor, with our own ffmpeg process.
 
     What that says and how it ended tell whether the film is whole.

@@ -1,8 +1,7 @@
-"""Films of searches: robots move along their ways, cells take on their colour, robots die and others take over."""
+"""The frames of films of searches: robots move along their ways, cells take on their colour, robots die and others take over."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from math import inf
 from typing import TYPE_CHECKING
@@ -10,10 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.files import atomic
 from shoal.search import SearchEpisode
 from shoal.views.drawing.charts import INK, MUTED
-from shoal.views.drawing.encoding import LONGEST, OnFrame, check_film, encode
+from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.search.figures import cell_colours
 from shoal.views.search.history import SearchStory, Stretch, rings_of, robot_colour
 
@@ -29,35 +27,11 @@ _GROUND, _EDGE, _BAR = "#f1f3f5", "#39424e", "#dfe3e8"
 _FLASH = 40  # rings of a takeover grow for so large a part of the film: 1/40
 
 
-def write_search_film(episode: SearchEpisode, path: str | os.PathLike[str], *, on_frame: OnFrame | None = None) -> None:
-    """Write a film of a search; the suffix says which kind.
-
-    Parameters
-    ----------
-    episode : SearchEpisode
-    path : path
-        ``.gif``, ``.mp4`` (H.264) or ``.html`` (the player).
-    on_frame : callable, optional
-        Told the progress.
-
-    Raises
-    ------
-    InvalidInputError
-        For another suffix.
-    OutputError
-        If it cannot be written; nothing is left behind.
-    """
-    target = check_film(path)
-    suffix = target.suffix.lower()
-    with atomic(target) as temporary:
-        if suffix == ".html":
-            from shoal.views.search.page import player_page
-
-            temporary.write_text(player_page(episode), encoding="utf-8")
-            return
-        film = SearchFilm(episode, height=HEIGHT[suffix])
-        times = film.times(RATE[suffix], LONGEST[suffix])
-        encode(temporary, film, times, rate=RATE[suffix], quality=22, gif=suffix == ".gif", on_frame=on_frame)
+def clip(episode: SearchEpisode, suffix: str) -> Clip[float]:
+    """Return the film of a search, for a GIF or H.264."""
+    film = SearchFilm(episode, height=HEIGHT[suffix])
+    times = film.times(RATE[suffix], LONGEST[suffix])
+    return Clip(film.frames, times, RATE[suffix], max(film.width, film.height), quality=22)
 
 
 class SearchFilm:

@@ -130,3 +130,6 @@ def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, labelcolor=INK)
     set_title(axes, "Reached in the Δ configuration space")
     return figure
+
+
+FIGURES = {"plan": plan_figure}

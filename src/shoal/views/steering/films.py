@@ -1,8 +1,7 @@
-"""Films of steering episodes: GIF, MP4, or the HTML player."""
+"""The frames of films of steering episodes."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from math import pi, sin
 from typing import TYPE_CHECKING
@@ -10,10 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.files import atomic
 from shoal.steering import SteeringEpisode
 from shoal.views.drawing.charts import INK, MUTED
-from shoal.views.drawing.encoding import LONGEST, OnFrame, check_film, encode
+from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.steering.trajectories import Leg, Moment, Schedule, has_delta, legs_of
 
 if TYPE_CHECKING:
@@ -25,38 +23,12 @@ _TURN = 0.5  # radians to both sides by which a camera turns in a film
 _LINE, _BAR = "#dfe3e8", "#0072b2"
 
 
-def write_steering_film(episode: SteeringEpisode, path: str | os.PathLike[str], *, on_frame: OnFrame | None = None) -> None:
-    """Write a film of a steering episode; the suffix says which kind.
-
-    Parameters
-    ----------
-    episode : SteeringEpisode
-        One that `SteeringEpisode.verify` finds true: what happens within the moves is played again.
-    path : path
-        ``.gif``, ``.mp4`` (H.264) or ``.html`` (the player).
-    on_frame : callable, optional
-        Told the progress.
-
-    Raises
-    ------
-    InvalidInputError
-        For another suffix.
-    OutputError
-        If it cannot be written; nothing is left behind.
-    """
-    target = check_film(path)
-    suffix = target.suffix.lower()
-    with atomic(target) as temporary:
-        if suffix == ".html":
-            from shoal.views.steering.page import player_page
-
-            temporary.write_text(player_page(episode), encoding="utf-8")
-            return
-        legs = legs_of(episode)
-        schedule = Schedule(legs, size=episode.problem.place.size)
-        moments, rate = schedule.moments(RATE[suffix], LONGEST[suffix])
-        film = SteeringFilm(episode, legs, height=HEIGHT[suffix])
-        encode(temporary, film, moments, rate=rate, quality=20, gif=suffix == ".gif", on_frame=on_frame)
+def clip(episode: SteeringEpisode, suffix: str) -> Clip[Moment]:
+    """Return the film of an episode, for a GIF or H.264."""
+    legs = legs_of(episode)
+    moments, rate = Schedule(legs, size=episode.problem.place.size).moments(RATE[suffix], LONGEST[suffix])
+    film = SteeringFilm(episode, legs, height=HEIGHT[suffix])
+    return Clip(film.frames, moments, rate, max(film.width, film.height), quality=20)
 
 
 class SteeringFilm:

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 from shoal.swarm import Episode
 from shoal.swarm.maps.raster import PALETTE, in_strips
 from shoal.swarm.noise import SeenEpisode
 from shoal.views.drawing.charts import MUTED, new_figure, plain_axes, set_title
+from shoal.views.drawing.curves import median_of
 from shoal.views.swarm.cell_colours import HAZY, WRONG_FREE, codes_after, ink_of
 from shoal.views.swarm.volume import Fit, Slices
 from shoal.views.swarm.volume import sheet as volume_sheet
@@ -24,24 +26,23 @@ CORNER = 0.6  # radians from which a 3-D map is seen
 _LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obstacle": "obstacle", "unknown": "unknown"}
 
 
-def final_map(episode: Episode) -> Figure:
-    """Return the figure of the map at the end of an episode: particles, frontier, free cells, obstacles, unknown cells.
+def map_figure(episode: Episode, *, moves: int | None = None) -> Figure:
+    """Return the figure of a map: particles, frontier, free cells, obstacles, unknown cells.
 
     Very wide maps are cut into strips, read like lines of text; a 3-D map is seen from a corner, with slices on the right.
-    """
-    return map_figure(episode, moves=episode.moves)
 
-
-def map_figure(episode: Episode, *, moves: int) -> Figure:
-    """Return the figure of the map after ``moves`` moves.
+    Parameters
+    ----------
+    episode : Episode
+    moves : int, optional
+        After how many moves; at the end if None.
 
     Raises
     ------
     InvalidInputError
         If the episode has fewer moves.
     """
-    if not 0 <= moves <= episode.moves:
-        raise InvalidInputError(f"moves: expected 0 to {episode.moves}, got {moves}")
+    moves = episode.moves if moves is None else check_integer(moves, what="moves", least=0, most=episode.moves)
     workspace, ink, codes = episode.workspace, ink_of(episode), codes_after(episode, moves)
     if workspace.ndim == 3:
         slices, fit = Slices.of(workspace), Fit.of(workspace)
@@ -80,16 +81,17 @@ def _legend(axes: Axes, *, coverage: bool, hazy: bool, seen: bool) -> None:
     )  # fmt: skip
 
 
-def frontier_plot(episodes: Sequence[Episode]) -> Figure:
-    """Return the plot of frontier cells against moves, as paper M, Fig. 8: a line an episode, and the median of many.
+def frontier_figure(episodes: Episode | Sequence[Episode]) -> Figure:
+    """Return the figure of frontier cells by move, as paper M, Fig. 8: a line an episode, and the median of many.
 
     Raises
     ------
     InvalidInputError
         If there is no episode.
     """
+    episodes = episodes if isinstance(episodes, Sequence) else [episodes]
     if not episodes:
-        raise InvalidInputError("frontier plot: expected at least one episode, got none")
+        raise InvalidInputError("frontier figure: expected at least one episode, got none")
     figure = new_figure(6.4, 3.6)
     axes = figure.add_subplot()
     curves = [np.concatenate([[e.first_frontier], e.frontier]) for e in episodes]
@@ -97,11 +99,7 @@ def frontier_plot(episodes: Sequence[Episode]) -> Figure:
     for curve in curves[:200]:
         axes.plot(curve, color=PALETTE["frontier"], lw=0.7 if many else 1.8, alpha=0.35 if many else 1.0)
     if many:
-        longest = max(len(curve) for curve in curves)
-        table = np.zeros((len(curves), longest))
-        for row, curve in zip(table, curves, strict=True):
-            row[: len(curve)] = curve
-        axes.plot(np.median(table, axis=0), color=PALETTE["particle"], lw=2, label=f"median of {len(curves)} trials")
+        axes.plot(median_of(curves), color=PALETTE["particle"], lw=2, label=f"median of {len(curves)} trials")
         axes.legend(frameon=False, fontsize=9)
     first = episodes[0]
     cells = "frontier cells" if first.targets is None else "cells not covered yet"
@@ -109,3 +107,6 @@ def frontier_plot(episodes: Sequence[Episode]) -> Figure:
     set_title(axes, f"{first.workspace.name}: {first.task} by {first.policy}, {first.n_particles} particles")
     plain_axes(axes)
     return figure
+
+
+FIGURES = {"map": map_figure, "frontier": frontier_figure}

@@ -1,75 +1,38 @@
-"""Films of episodes: GIF, MP4, or the HTML player."""
+"""The frames of films of swarm episodes."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.files import atomic
 from shoal.swarm import Episode
 from shoal.swarm.maps.raster import PALETTE, in_strips
-from shoal.views.drawing.encoding import LONGEST, SIDE, OnFrame, check_film, counted, palette_of, write_gif, write_mp4
+from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.swarm.cell_colours import codes_by_move, ink_of
 from shoal.views.swarm.volume import Fit, Slices, sheet, sheet_width
 
 _SECONDS = 20.0
+SIDE = {".gif": 480, ".mp4": 960}  # pixels
 TURNS = 2  # of a volume in a film
 VOLUME_SIDE = {".gif": 440, ".mp4": 670}  # pixels of the view that turns
 VOLUME_FRAMES = 400  # of a film of one
 
 
-def write_film(episode: Episode, path: str | os.PathLike[str], *, on_frame: OnFrame | None = None) -> None:
-    """Write a film of an episode; the suffix says which kind.
-
-    Parameters
-    ----------
-    episode : Episode
-    path : path
-        ``.gif``, ``.mp4`` (H.264) or ``.html`` (the player).
-    on_frame : callable, optional
-        Told the progress.
-
-    Raises
-    ------
-    InvalidInputError
-        For another suffix.
-    OutputError
-        If it cannot be written; nothing is left behind.
-    """
-    target = check_film(path)
-    suffix = target.suffix.lower()
-    with atomic(target) as temporary:
-        if suffix == ".html":
-            from shoal.views.swarm.page import player_page
-
-            temporary.write_text(player_page(episode), encoding="utf-8")
-            return
-        longest = LONGEST[suffix] if episode.workspace.ndim == 2 else VOLUME_FRAMES
-        shown = shown_moves(episode.moves, longest)  # of longer episodes every k-th
-        side = SIDE[suffix] if episode.workspace.ndim == 2 else VOLUME_SIDE[suffix]
-        frames = counted(film_frames(episode, shown, side=side), len(shown), on_frame)
-        rate = float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60))
-        if suffix == ".gif":
-            write_gif(temporary, frames, rate, palette=_palette(episode), side=_film_side(episode, side))
-        else:
-            write_mp4(temporary, frames, rate, side=_film_side(episode, side))
-
-
-def _film_side(episode: Episode, side: int) -> int:
-    """Return the longer side of a film: that of a 3-D workspace is drawn as large as it is shown."""
-    workspace = episode.workspace
-    return side if workspace.ndim == 2 else sheet_width(tuple(n + 2 for n in workspace.shape), side, workspace.spacing)
-
-
-def _palette(episode: Episode) -> bytes:
-    """Return the colours of a GIF; those of a 3-D workspace come in shades."""
-    if episode.workspace.ndim == 2:
-        return ink_of(episode).colours.tobytes()
-    middle = film_frames(episode, np.unique([0, episode.moves // 2, episode.moves]), side=VOLUME_SIDE[".gif"])
-    return palette_of(list(middle))
+def clip(episode: Episode, suffix: str) -> Clip[int]:
+    """Return the film of an episode, for a GIF or H.264; of longer episodes it shows every k-th move."""
+    workspace, volume = episode.workspace, episode.workspace.ndim == 3
+    side = (VOLUME_SIDE if volume else SIDE)[suffix]
+    shown = shown_moves(episode.moves, VOLUME_FRAMES if volume else LONGEST[suffix])
+    return Clip(
+        frames=lambda moves: film_frames(episode, np.asarray(moves), side=side),
+        moments=shown.tolist(),
+        rate=float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60)),
+        side=sheet_width(tuple(n + 2 for n in workspace.shape), side, workspace.spacing) if volume else side,
+        quality=26,
+        palette=None if volume else ink_of(episode).colours.tobytes(),  # a volume is drawn in shades
+    )
 
 
 def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:

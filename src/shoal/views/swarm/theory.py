@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from itertools import islice, takewhile
 from math import log10
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.swarm.theory.one_dimension import Distribution, Line, LineSample
-from shoal.swarm.theory.scan_schedules import Hyperexponential, Powers, Schedule, least_simultaneous_ratio, worst_of_both
+from shoal.swarm.theory.scan_schedules import Hyperexponential, Powers, Schedule
 from shoal.views.drawing.charts import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, new_figure, plain_axes, set_title
 
 if TYPE_CHECKING:
@@ -93,41 +93,6 @@ def move_distributions(line: Line, sample: LineSample) -> Figure:
     return figure
 
 
-def coverage_curve(cells: int, published: Mapping[int, float]) -> Figure:
-    """Return mean full coverage against the number of particles: exact, the printed formula, and published means.
-
-    Parameters
-    ----------
-    cells : int
-    published : mapping from number of particles to moves
-    """
-    particles = sorted(published)
-    lines = [Line(cells, n) for n in particles]
-    data = np.array([published[n] for n in particles])
-    exact = np.array([float(line.coverage.exact) for line in lines])
-    printed = np.array([float(line.coverage.printed) for line in lines])
-    positions = np.array([float(line.published_coverage) for line in lines])
-    figure = new_figure(6.8, 5.6)
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
-    curves = (
-        (exact, BLUE, "-", "exact"),
-        (printed, ORANGE, "--", "printed formula"),
-        (positions, PURPLE, ":", "printed formula, gap as difference of positions"),
-    )
-    for values, colour, style, name in curves:
-        above.plot(particles, values, color=colour, ls=style, lw=1.8, label=name)
-        below.plot(particles, values - exact, color=colour, ls=style, lw=1.8)
-    above.plot(particles, data, "o", color=INK, ms=3.5, mfc="none", label="published")
-    below.plot(particles, data - exact, "o", color=INK, ms=3.5, mfc="none")
-    above.set(ylabel="mean moves", yscale="log")
-    below.set(xlabel="particles", ylabel="moves more than exact", ylim=(-0.6, 3.2))
-    above.legend(frameon=False, fontsize=9)
-    set_title(above, f"Full coverage of {cells} cells in a line")
-    for axes in (above, below):
-        plain_axes(axes)
-    return figure
-
-
 def schedule_ratios(schedules: Sequence[Schedule], *, max_distance: int) -> Figure:
     """Return both ratios of schedules against the distance of the wall, up to distances of any size.
 
@@ -179,20 +144,3 @@ def telling_distances(schedule: Schedule, max_distance: int, *, teeth: int = 40,
         tenths = (10, 13, 16, 20, 25, 32, 40, 50, 63, 80)
         chosen = [10**k * tenth // 10 for k in range(len(str(max_distance))) for tenth in tenths]
     return sorted({0, *(distance for distance in chosen if distance <= max_distance), max_distance})
-
-
-def theorem_chart(exponents: Sequence[int]) -> Figure:
-    """Return the check of theorem 1: the worst of both ratios of i^i up to 10^k, beside the best that any schedule can do."""
-    distances = [10**k for k in exponents]
-    best = [float(least_simultaneous_ratio(distance).ratio) for distance in distances]
-    mine = [float(worst_of_both(Hyperexponential(), distance)) for distance in distances]
-    figure = new_figure(6.4, 3.6)
-    axes = figure.add_subplot()
-    axes.plot(exponents, mine, "o-", color=ORANGE, ms=3, lw=1.5, label="i^i")
-    axes.plot(exponents, best, "o-", color=BLUE, ms=3, lw=1.5, label="best possible")
-    axes.plot(exponents, np.array(mine) / np.array(best), color=MUTED, lw=1.2, ls="--", label="their quotient")
-    axes.set(xlabel="largest distance, power of ten", ylabel="larger of both ratios, worst case", ylim=(0, None))
-    axes.legend(frameon=False, fontsize=9)
-    set_title(axes, "No schedule is good at both")
-    plain_axes(axes)
-    return figure
