@@ -12,12 +12,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Timer
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from shoal.errors import InvalidInputError, OutputError
-
-if TYPE_CHECKING:
-    from shoal.episode import Episode
 
 Advance = Callable[[int], None]
 
@@ -181,14 +178,14 @@ def check_outputs(out: Path | None, film: list[Path] | None) -> None:
         check_folder(out)
 
 
-def write_films(episode: Episode, paths: list[Path] | None) -> list[Path]:
+def write_films(episode: Any, paths: list[Path] | None) -> list[Path]:
     """Write the films of an episode, each with a bar; return their paths."""
     for path in paths or []:
         _write_film(episode, path)
     return [*(paths or [])]
 
 
-def _write_film(episode: Episode, path: Path) -> None:
+def _write_film(episode: Any, path: Path) -> None:
     from shoal.views import film
 
     frames = 1000  # of the bar: how many a film has is known only once it is being written

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,8 @@ class SearchEpisode:
     version : str
         Of Shoal.
     """
+
+    part: ClassVar[str] = "search"
 
     plan: SearchPlan
     scenario: Scenario

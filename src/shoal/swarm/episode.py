@@ -8,6 +8,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +86,8 @@ class Episode:
     -----
     True as a bool if the task was completed.
     """
+
+    part: ClassVar[str] = "swarm"
 
     workspace: GridWorkspace
     start: NDArray[np.int64]

@@ -16,10 +16,12 @@ from shoal.search import SearchEpisode, region_of, search
 from shoal.search.simulation.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.views import film
 from shoal.views.drawing.charts import save_figure
-from shoal.views.search.figures import expected_time_figure, routes_figure, spread_out, timeline_figure
+from shoal.views.search.expected_time import expected_time_figure
+from shoal.views.search.figures import routes_figure, spread_out
 from shoal.views.search.films import SearchFilm
 from shoal.views.search.history import SearchStory, rings_of
 from shoal.views.search.page import page_data, simplified
+from shoal.views.search.timeline import timeline_figure
 
 TWO = shapely.MultiPolygon([shapely.box(0, 0, 40, 30), shapely.box(70, 10, 100, 40)])
 CASES = {
