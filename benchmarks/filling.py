@@ -10,8 +10,8 @@ from collections import Counter
 
 import numpy as np
 
+from shoal.papers.steering.reachable_fraction import polygon_fractions
 from shoal.steering import ConvexWorkspace, polygon, regular_polygon
-from shoal.steering.delta_space.reachable_fraction import polygon_fractions
 
 
 def shapes() -> dict[str, ConvexWorkspace]:

@@ -17,12 +17,14 @@ from PIL import Image
 
 from shoal import open_map, run
 from shoal.papers.recipe import published_curve
+from shoal.papers.steering.antipodes import swap_antipodes
+from shoal.papers.steering.figures import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
+from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES, sweep_goals
+from shoal.papers.steering.reachable_fraction import disk_fractions, largest_two_move_fraction, polygon_fractions
 from shoal.search import make_tour, search
 from shoal.search.simulation.faults import Crash, Pause
 from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon
-from shoal.steering.delta_space.reachable_fraction import disk_fractions, largest_two_move_fraction, polygon_fractions
 from shoal.steering.run import run as steer
-from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes, sweep_goals
 from shoal.swarm.noise import Noise
 from shoal.swarm.theory.one_dimension import Line, sample
 from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, Powers, least_simultaneous_ratio, worst_of_both
@@ -32,7 +34,6 @@ from shoal.views.search.figures import routes_figure
 from shoal.views.search.timeline import timeline_figure
 from shoal.views.search.tours import tour_figure
 from shoal.views.steering.figures import plan_figure, reach_figure
-from shoal.views.steering.paper_figures import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
 from shoal.views.swarm.figures import frontier_figure, map_figure
 from shoal.views.swarm.theory import gap_distributions, move_distributions, schedule_ratios
 

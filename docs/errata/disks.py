@@ -187,7 +187,7 @@ def _contact_of_a_chord() -> tuple[str, bool]:
     "maximum of the exact share over the distance",
 )
 def _most() -> tuple[str, bool]:
-    from shoal.steering.delta_space.reachable_fraction import largest_two_move_fraction
+    from shoal.papers.steering.reachable_fraction import largest_two_move_fraction
 
     at, most = largest_two_move_fraction()
     return f"{most:.4f} at {at:.4f}", most > 0.3765 and abs(at - 0.8175) < 0.01
@@ -200,7 +200,7 @@ def _most() -> tuple[str, bool]:
     "both, cycle after cycle",
 )
 def _law() -> tuple[str, bool]:
-    from shoal.steering.sweeps import swap_antipodes
+    from shoal.papers.steering.antipodes import swap_antipodes
 
     second, nearer = (swap_antipodes(toucher=who).length_to(0.01) for who in ("second", "nearer"))
     return f"0.01 at length {second:.1f} and {nearer:.1f}; by the law {(8.66 / 0.01) ** (1 / 3):.1f}", nearer < 0.6 * second

@@ -70,8 +70,8 @@ def _lift() -> tuple[str, bool]:
     "exact set after four moves from Δ = (0.27, 0.11)",
 )
 def _square() -> tuple[str, bool]:
+    from shoal.papers.steering.reachable_fraction import polygon_fractions
     from shoal.steering import open_workspace
-    from shoal.steering.delta_space.reachable_fraction import polygon_fractions
 
     workspace = open_workspace("square")
     left = 4 * (1 - float(polygon_fractions(workspace, (0.27, 0.11), moves=4).fractions[1]))  # type: ignore[arg-type]  # a polygon
@@ -85,8 +85,8 @@ def _square() -> tuple[str, bool]:
     "exact sets from 8 random starts in each of 4 acute triangles, the regular one first",
 )
 def _triangles() -> tuple[str, bool]:
+    from shoal.papers.steering.reachable_fraction import polygon_fractions
     from shoal.steering import polygon, regular_polygon
-    from shoal.steering.delta_space.reachable_fraction import polygon_fractions
 
     shapes = [regular_polygon(3), *(polygon([(0, 0), (1, 0), top]) for top in ((0.3, 0.6), (0.55, 0.9), (0.6, 0.65)))]
     rng, four, missed, most = np.random.default_rng(5), [], 0.0, 0
@@ -107,8 +107,8 @@ def _triangles() -> tuple[str, bool]:
     "exact sets from one start each",
 )
 def _polygons() -> tuple[str, bool]:
+    from shoal.papers.steering.reachable_fraction import polygon_fractions
     from shoal.steering import regular_polygon
-    from shoal.steering.delta_space.reachable_fraction import polygon_fractions
 
     words, needed = [], []
     for sides, start, claimed in ((6, (0.13, 0.06), 6), (7, (0.13, 0.06), 6), (8, (0.13, 0.06), 6), (10, (0.002, 0.001), 8)):

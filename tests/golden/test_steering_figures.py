@@ -6,8 +6,17 @@ from math import pi
 
 import numpy as np
 import pytest
+from tests.reference import disk_reach as reference
 
 from shoal.errors import InvalidInputError
+from shoal.papers.steering.antipodes import swap_antipodes
+from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES, sweep_goals
+from shoal.papers.steering.reachable_fraction import (
+    disk_fractions,
+    largest_two_move_fraction,
+    polygon_fractions,
+    polygon_radii,
+)
 from shoal.steering import (
     ContactWorld,
     disk,
@@ -18,15 +27,6 @@ from shoal.steering import (
     reached_in_two_moves,
     regular_polygon,
 )
-from shoal.steering.delta_space.reachable_fraction import (
-    disk_fractions,
-    disk_outlines,
-    disk_radii,
-    largest_two_move_fraction,
-    polygon_fractions,
-    polygon_radii,
-)
-from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes, sweep_goals
 
 
 def test_fractions_of_the_disk_are_those_of_the_paper() -> None:
@@ -43,15 +43,17 @@ def test_more_contacts_change_hardly_anything() -> None:
 
 @pytest.mark.parametrize("distance", [0.05, 0.3, 0.9])
 def test_radii_of_the_disk_agree_with_the_sets(distance: float) -> None:
-    radii = disk_radii(distance, 3)
+    radii = [reach.radii for reach in disk_reach(distance, moves=6)]
     angles = pi * (np.arange(360) + 0.5) / 360
     around = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     for e, far in zip(around[::5], radii[0][::5], strict=True):
         assert far < 1e-3 or reached_in_two_moves(disk(), (distance, 0), 0.995 * far * e)
         assert not reached_in_two_moves(disk(), (distance, 0), min(1, 1.005 * far + 1e-6) * e)
-    for reach, far in zip(disk_reach(distance, moves=6, contacts=360)[1:], radii[1:], strict=True):
-        assert reach.contains(around * (far * 0.98)[:, None]).mean() > 0.98  # it looks at few contacts, and says no too often
-        assert not reach.contains(around * (far * 1.001 + 1e-3)[:, None]).any()
+    depths = reference.depths_of(distance, moves=6, radius=0.5, contacts=360)
+    for deep, far in zip(depths[1:], radii[1:], strict=True):
+        inside, outside = (reference.contains(deep, 0.5, around * share[:, None]) for share in (far * 0.98, far * 1.001 + 1e-3))
+        assert inside.mean() > 0.98  # it looks at few contacts, and says no too often
+        assert not outside.any()
 
 
 def test_two_moves_reach_most_from_where_the_paper_says_and_a_little_more() -> None:
@@ -64,12 +66,12 @@ def test_two_moves_reach_most_from_where_the_paper_says_and_a_little_more() -> N
 
 
 def test_the_longest_difference_grows_by_square_roots() -> None:
-    for cycle, radii in enumerate(disk_radii(0.01, 5, 720), start=1):
-        assert radii.max() == pytest.approx(0.01 ** (1 / 2**cycle), rel=2e-3)
+    for cycle, reach in enumerate(disk_reach(0.01, moves=10), start=1):
+        assert reach.radii.max() == pytest.approx(0.01 ** (1 / 2**cycle), rel=2e-3)
 
 
 def test_outlines_have_the_radii_all_around() -> None:
-    outline = disk_outlines(0.3, moves=2)[0]
+    outline = disk_reach(0.3, moves=2)[0].outline
     area = 0.5 * abs(np.sum(outline[:, 0] * np.roll(outline[:, 1], -1) - outline[:, 1] * np.roll(outline[:, 0], -1)))
     assert area / pi == pytest.approx(disk_fractions([0.3], moves=2).fractions[0, 0], rel=1e-2)
 
@@ -155,7 +157,7 @@ def test_interchangeable_particles_need_no_longer_plans() -> None:
 
 @pytest.mark.parametrize("what", [
     lambda: disk_fractions([0.0]), lambda: disk_fractions([]), lambda: disk_fractions([0.1], directions=4),
-    lambda: disk_fractions([0.1], moves=3), lambda: disk_outlines(1.5), lambda: swap_antipodes(apart=1.0),
+    lambda: disk_fractions([0.1], moves=3), lambda: disk_reach(1.5, moves=2), lambda: swap_antipodes(apart=1.0),
     lambda: swap_antipodes(cycles=0), lambda: swap_antipodes(toucher="first"),  # type: ignore[arg-type]  # refused
     lambda: sweep_goals(disk(), DISK_START, (0, 0), samples=1), lambda: sweep_goals(disk(), DISK_START, (0, 0), varied=3),
     lambda: swap_antipodes(cycles=1).law(),

@@ -17,10 +17,11 @@ from shoal.files import atomic
 from shoal.lab.coordinator import OnProgress, run_sweep
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
-from shoal.papers import line, mapping, search, steering
+from shoal.papers import line, mapping, search
 from shoal.papers.errata import check_errata
 from shoal.papers.page import write_page
 from shoal.papers.recipe import Outcome, Recipe, Result, Settings
+from shoal.papers.steering import recipes as steering
 from shoal.registry import Registry
 
 STORE = "results.sqlite"

@@ -66,7 +66,7 @@ def test_outlines_that_are_refused(vertices, wanted):
         (lambda: ContactWorld(SQUARE).step([(0.5, 0.5)], (1, np.nan)), "move: expected finite numbers"),
         (lambda: ContactWorld(SQUARE).step([(0.5, 0.5)], (1, 2, 3)), "move: expected 1 points of 2 numbers"),
         (lambda: reached_in_two_moves(SQUARE, (0.5, 0), (1.5, 0)), "after: expected the difference of two points of the polygon"),
-        (lambda: disk_reach(0, moves=2), "distance: expected a number above 0"),
+        (lambda: disk_reach(0, moves=2), "distance: expected a number, above 0"),
         (lambda: disk_reach(0.1, moves=3), "moves: expected an even number, 2 or more, got 3"),
     ],
 )
@@ -123,9 +123,9 @@ def test_what_two_moves_cannot_do():
 
 def test_fractions_of_the_disk():
     """Paper W, section IV.F: 6.3, 30, 55, 75, 86, 93 and 96 % after 2, 4, ..., 14 moves."""
-    fractions = [100 * reach.fraction(rings=400, spokes=40) for reach in disk_reach(0.1, moves=14)]
+    fractions = [100 * reach.fraction() for reach in disk_reach(0.1, moves=14)]
     np.testing.assert_allclose(fractions, [6.3, 30.1, 55.7, 74.9, 86.5, 93.0, 96.5], atol=0.3)
-    nearest = {d: disk_reach(d, moves=2)[0].fraction(rings=160, spokes=240) for d in (0.70, 0.8175, 0.90)}
+    nearest = {d: disk_reach(d, moves=2)[0].fraction() for d in (0.70, 0.8175, 0.90)}
     assert max(nearest, key=nearest.get) == 0.8175
     assert nearest[0.8175] == pytest.approx(0.377, abs=0.003)
 

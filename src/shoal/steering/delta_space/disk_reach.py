@@ -1,11 +1,10 @@
 """What Δ can be made in k moves on a disk, and which share of all differences that is.
 
-Two more moves start with a contact c and may bring the other particle to any point q that is no deeper below the wall there than
-it was. So of all that can be reached in k moves only the greatest depth H_k(c) at each contact matters: the sets of k + 2 moves are
-
-    { q - c : q in the disk, depth of q below the wall at c <= H_k(c) },
-
-and H_(k+2)(c) is the greatest depth at c that any of them has. On a disk the second particle's contacts give the same sets.
+Two more moves start with a contact c and may bring the other particle to any point that is no deeper below the wall there than it
+was. So all that is reached is a union of convex sets { q - c } that hold Δ = 0, and is told by its *radii*: how far it goes in each
+direction. A contact on whose wall the other particle may be as deep as H lets Δ go in the direction e as far as
+min(way to the far wall, H / N·e), with N the inward normal; the radius is the largest of these, and the next depths follow from the
+radii in turn. On a disk the second particle's contacts give the same sets.
 """
 
 from __future__ import annotations
@@ -14,14 +13,15 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_integer
+from shoal.checks import check_integer, check_number
 from shoal.errors import InvalidInputError
 from shoal.steering.workspaces.convex import ConvexWorkspace, disk
+from shoal.steering.workspaces.convex_geometry import Points
 
-_SLACK = 1e-12
-_AT_ONCE = 2_000_000
+DIRECTIONS = 720
+_LEVEL = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,22 +31,18 @@ class DiskReach:
     Parameters
     ----------
     radius : float
-    moves : int
-        2, 4, 6, ...
-    angles : ndarray of float64, shape (contacts,)
-        Of the contacts that are looked at.
-    depths : ndarray of float64, shape (contacts,)
-        H_(moves - 2): how deep below the wall at each contact the other particle may lie; negative where it cannot be.
     distance : float
         Between the particles at the start.
+    moves : int
+        2, 4, 6, ...
+    radii : ndarray of float64, shape (n,)
+        How far Δ goes in directions from 0 to π, in the middles of n equal parts; the set is symmetrical.
     """
 
     radius: float
+    distance: float
     moves: int
-    angles: NDArray[np.float64]
-    depths: NDArray[np.float64]
-
-    distance: float = 0.0
+    radii: NDArray[np.float64]
 
     @property
     def workspace(self) -> ConvexWorkspace:
@@ -58,28 +54,23 @@ class DiskReach:
         """Δ at the start; float64, shape (2,)."""
         return np.array([self.distance, 0.0])
 
-    def contains(self, differences: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Tell for each difference, shape (..., 2), whether it can be reached; bool, shape (...).
+    @property
+    def outline(self) -> Points:
+        """The border of the set; float64, shape (2 n, 2)."""
+        ahead = _ahead(len(self.radii))
+        angles = np.concatenate([ahead, 2 * pi - ahead[::-1]])
+        radii = np.concatenate([self.radii, self.radii[::-1]])
+        return np.asarray(radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
 
-        Contacts between two of `angles` are not looked at, so this says no a little too often.
-        """
-        points = differences.reshape(-1, 2)
-        found = np.zeros(len(points), dtype=np.bool_)
-        wall = np.stack([np.cos(self.angles), np.sin(self.angles)])
-        rows = max(1, _AT_ONCE // len(self.angles))
-        for first in range(0, len(points), rows):
-            part = points[first : first + rows]
-            depth = -(part @ wall)
-            inside = 2 * self.radius * depth >= np.sum(part * part, axis=1)[:, None]
-            found[first : first + rows] = np.any(inside & (depth <= self.depths + _SLACK), axis=1)
-        return found.reshape(differences.shape[:-1])
+    def contains(self, differences: ArrayLike) -> NDArray[np.bool_]:
+        """Tell for each difference, shape (..., 2), whether it can be reached; bool, shape (...)."""
+        given = np.asarray(differences, dtype=np.float64)
+        angles = np.abs(np.arctan2(given[..., 1], given[..., 0]))
+        return np.asarray(np.hypot(given[..., 0], given[..., 1]) <= np.interp(angles, _ahead(len(self.radii)), self.radii))
 
-    def fraction(self, *, rings: int = 400, spokes: int = 120) -> float:
-        """Return the share of the area of all differences, from so many sample points."""
-        radii = 2 * self.radius * np.sqrt((np.arange(rings) + 0.5) / rings)  # rings of equal area
-        turns = 2 * pi * (np.arange(spokes) + 0.5) / spokes
-        points = np.stack([radii[:, None] * np.cos(turns), radii[:, None] * np.sin(turns)], axis=-1)
-        return float(self.contains(points).mean())
+    def fraction(self) -> float:
+        """Return the share of the area of all differences."""
+        return float(np.mean(self.radii**2)) / (2 * self.radius) ** 2
 
 
 def check_moves(moves: int) -> int:
@@ -89,7 +80,7 @@ def check_moves(moves: int) -> int:
     return int(moves)
 
 
-def disk_reach(distance: float, *, moves: int, radius: float = 0.5, contacts: int = 720) -> list[DiskReach]:
+def disk_reach(distance: float, *, moves: int, radius: float = 0.5, directions: int = DIRECTIONS) -> list[DiskReach]:
     """Return what two particles on a disk can reach after 2, 4, ..., ``moves`` moves; particle 2 starts to the right of 1.
 
     Only the distance at the start matters: a turn of the start turns the sets.
@@ -101,8 +92,8 @@ def disk_reach(distance: float, *, moves: int, radius: float = 0.5, contacts: in
     moves : int
         Even, 2 or more.
     radius : float
-    contacts : int
-        How many contacts are looked at; the sets are slightly too small by that.
+    directions : int
+        How many contacts, and how many directions of Δ, are looked at: 16 or more.
 
     Raises
     ------
@@ -115,65 +106,48 @@ def disk_reach(distance: float, *, moves: int, radius: float = 0.5, contacts: in
 
     Examples
     --------
-    >>> [round(100 * reach.fraction()) for reach in disk_reach(0.1, moves=6)]
-    [6, 30, 56]
+    >>> [round(100 * reach.fraction(), 1) for reach in disk_reach(0.1, moves=6)]
+    [6.3, 30.1, 55.8]
     """
-    if not 0 < distance <= 2 * radius:
-        raise InvalidInputError(f"distance: expected a number above 0 and at most {2 * radius:g}, got {distance!r}")
+    size = 2 * check_number(radius, what="radius", above=0)
+    check_number(distance, what="distance", above=0, most=size)
     check_moves(moves)
-    angles = 2 * pi * np.arange(contacts) / contacts
-    depth = -distance * np.cos(angles)
-    depths = np.where(2 * radius * depth >= distance * distance - _SLACK, depth, -1.0)
-    sets = [DiskReach(radius, 2, angles, depths, distance)]
-    for done in range(4, moves + 1, 2):
-        depths = _deeper(radius, angles, depths)
-        sets.append(DiskReach(radius, done, angles, depths, distance))
+    check_integer(directions, what="directions", least=16)
+    ahead = _ahead(directions // 2)
+    half = np.arccos(min(1.0, distance / size))
+    contacts = np.linspace(-half, half, directions)  # turned by π: contacts lie behind Δ
+    depths = distance / size * np.cos(contacts)
+    sets: list[DiskReach] = []
+    for done in range(2, moves + 1, 2):
+        if sets:
+            contacts = np.linspace(-pi, pi, directions)
+            depths = _deepest(ahead, sets[-1].radii / size, contacts)
+        sets.append(DiskReach(radius, distance, done, size * _furthest(ahead, contacts, depths)))
     return sets
 
 
-def _deeper(radius: float, angles: NDArray[np.float64], depths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the greatest depth below the wall at each contact that a difference reached over any other contact has.
-
-    For a pair of contacts c (used) and d (next) that is the largest -d·(q - c) over the points q of the disk from which
-    q - c + d lies in the disk as well, and which are no deeper below the wall at c than allowed: the best of a few points.
-    """
-    wall = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    used, allowed = wall[depths >= 0], depths[depths >= 0]
-    here, there = radius * used[:, None], radius * wall[None]
-    shift = there - here  # of the second disk: |q + shift| <= radius
-    best = np.full(len(angles), -1.0)
-    limit = (radius - allowed)[:, None]
-    for candidates in _corners(radius, used[:, None], wall[None], shift, limit):
-        fits = np.sum(candidates**2, axis=-1) <= radius**2 + _SLACK
-        fits &= np.sum((candidates + shift) ** 2, axis=-1) <= radius**2 + _SLACK
-        fits &= np.sum(candidates * used[:, None], axis=-1) >= limit - _SLACK
-        depth = -np.sum((candidates - here) * wall[None], axis=-1)
-        best = np.maximum(best, np.max(np.where(fits, depth, -1.0), axis=0))
-    return best
+def _ahead(count: int) -> NDArray[np.float64]:
+    """Return directions from 0 to π."""
+    return pi * (np.arange(count) + 0.5) / count
 
 
-def _corners(
-    radius: float,
-    used: NDArray[np.float64],
-    wall: NDArray[np.float64],
-    shift: NDArray[np.float64],
-    limit: NDArray[np.float64],
-) -> list[NDArray[np.float64]]:
-    """Return where the largest depth can lie: opposite in either disk, and where two of three borders meet."""
-    across = np.stack([-used[..., 1], used[..., 0]], axis=-1)
-    full = np.broadcast_to(-radius * wall, shift.shape)
-    points = [full, full - shift]
-    chord = np.sqrt(np.maximum(radius**2 - limit**2, 0.0))[..., None]
-    middle = limit[..., None] * used
-    points += [np.broadcast_to(middle + sign * chord * across, shift.shape) for sign in (1, -1)]
-    # The line meets the second disk, whose centre is -shift.
-    off = limit + np.sum(shift * used, axis=-1)
-    half = np.sqrt(np.maximum(radius**2 - off**2, 0.0))[..., None]
-    foot = -shift + off[..., None] * used
-    points += [foot + sign * half * across for sign in (1, -1)]
-    length = np.sqrt(np.sum(shift**2, axis=-1))
-    rise = np.sqrt(np.maximum(radius**2 - length**2 / 4, 0.0))
+def _furthest(ahead: NDArray[np.float64], contacts: NDArray[np.float64], depths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far Δ goes in each direction from contacts at which the other particle may be so deep."""
+    slope = np.cos(ahead[:, None] - contacts)  # chords have this length, and this much of a step goes inward
     with np.errstate(divide="ignore", invalid="ignore"):
-        sideways = np.stack([-shift[..., 1], shift[..., 0]], axis=-1) * np.nan_to_num(rise / length)[..., None]
-    points += [-shift / 2 + sign * sideways for sign in (1, -1)]
-    return points
+        allowed = np.where(slope > _LEVEL, depths / slope, 0.0)
+    reached = np.where(slope > _LEVEL, np.minimum(slope, allowed), 0.0)
+    # The longest way is often where chord and depth end together, between two contacts.
+    left = slope - allowed
+    crossed = (left[:, :-1] * left[:, 1:] < 0) & (slope[:, :-1] > _LEVEL) & (slope[:, 1:] > _LEVEL)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(crossed, left[:, :-1] / (left[:, :-1] - left[:, 1:]), 0.0)
+    between = np.where(crossed, slope[:, :-1] + share * (slope[:, 1:] - slope[:, :-1]), 0.0)
+    return np.asarray(np.maximum(reached.max(axis=1), between.max(axis=1)))
+
+
+def _deepest(ahead: NDArray[np.float64], radii: NDArray[np.float64], contacts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how deep below each contact Δ can go."""
+    around, far = np.concatenate([-ahead[::-1], ahead]), np.concatenate([radii[::-1], radii])
+    slope = np.maximum(np.cos(around - contacts[:, None]), 0.0)
+    return np.asarray((np.minimum(far, slope) * slope).max(axis=1))

@@ -12,8 +12,8 @@ from shoal.steering.planners.chains.roadmap import roadmap_chain
 from shoal.steering.planners.greedy import misses
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shooting import shooting_plan
-from shoal.steering.planners.shortest import Shortest, path_length
-from shoal.steering.planners.task import Task, why_unreachable
+from shoal.steering.planners.shortest import Shortest
+from shoal.steering.planners.task import Task, path_length, why_unreachable
 from shoal.steering.planners.vertical_moves import planar_task, with_vertical_moves
 from shoal.steering.workspaces.convex_geometry import Points
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.steering.kernels import plan_repair, shooting
-from shoal.steering.planners.shortest import path_length
-from shoal.steering.planners.task import Task
+from shoal.steering.planners.task import Task, path_length
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import normalize_walls
 

@@ -7,7 +7,7 @@ import numpy as np
 from shoal.steering.planners.chains.chain import Chain, ChainQuery, refined, shortest_chain
 from shoal.steering.planners.greedy import greedy_chain, misses
 from shoal.steering.planners.protocol import PLANNERS
-from shoal.steering.planners.task import Task
+from shoal.steering.planners.task import Task, path_length
 from shoal.steering.workspaces.convex_geometry import Points
 
 
@@ -46,8 +46,3 @@ def shortened_greedy(query: ChainQuery, task: Task) -> Chain | None:
     """Return the chain of the planner greedy, of any number of cycles, made shorter."""
     chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
     return None if chain is None else refined(query, chain)
-
-
-def path_length(moves: Points) -> float:
-    """Return the length of all moves."""
-    return float(np.linalg.norm(moves, axis=1).sum())

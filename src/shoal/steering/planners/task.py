@@ -245,3 +245,8 @@ def why_approachable(task: Task) -> str | None:
                 "the goals lie on opposite parallel walls, neither in a corner: no wall could hold one while the other comes there"
             )
     return None
+
+
+def path_length(moves: Points) -> float:
+    """Return the length of all moves."""
+    return float(np.linalg.norm(moves, axis=1).sum())

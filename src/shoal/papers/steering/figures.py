@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.steering.delta_space.reachable_fraction import DiskFractions, PolygonFractions, disk_outlines, largest_two_move_fraction
-from shoal.steering.sweeps import AntipodeSwap, GoalSweep
+from shoal.papers.steering.antipodes import AntipodeSwap
+from shoal.papers.steering.goals import GoalSweep
+from shoal.papers.steering.reachable_fraction import DiskFractions, PolygonFractions, largest_two_move_fraction
+from shoal.steering.delta_space.disk_reach import disk_reach
 from shoal.views.drawing.charts import BLUE, INK, MUTED, ORANGE, PURPLE, SKY, new_figure, plain_axes, set_title
 from shoal.views.steering.axes import PARTICLES, draw_workspace
 from shoal.views.steering.figures import REACH_COLOURS
@@ -114,7 +116,7 @@ def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figu
     angles = np.linspace(0, 2 * np.pi, 361)
     border = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     for axes, distance in zip(figure.subplots(1, len(distances), squeeze=False)[0], distances, strict=True):
-        _draw_outlines(axes, border, disk_outlines(distance, moves=moves))
+        _draw_outlines(axes, border, [reach.outline for reach in disk_reach(distance, moves=moves)])
         axes.plot(distance, 0, "s", color=ORANGE, ms=6, mec="white", mew=0.6, zorder=5)
         set_title(axes, f"{distance:g} diameters apart")
     _colour_key(figure, range(2, moves + 1, 2))

@@ -9,18 +9,9 @@ import numpy as np
 
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
-from shoal.papers.goals import goal_data, goal_sweep, goal_table, goals
 from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table
-from shoal.steering import regular_polygon
-from shoal.steering.delta_space.reachable_fraction import (
-    DiskFractions,
-    disk_fractions,
-    disk_outlines,
-    largest_two_move_fraction,
-    polygon_fractions,
-)
-from shoal.steering.sweeps import DISK_GOALS, DISK_START, SQUARE_CASES, swap_antipodes
-from shoal.views.steering.paper_figures import (
+from shoal.papers.steering.antipodes import swap_antipodes
+from shoal.papers.steering.figures import (
     EXAMPLES,
     PRINTED_FRACTIONS,
     PRINTED_LAW,
@@ -30,6 +21,10 @@ from shoal.views.steering.paper_figures import (
     goal_maps,
     reachable_sets,
 )
+from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES, goal_data, goal_sweep, goal_table, goals
+from shoal.papers.steering.reachable_fraction import DiskFractions, disk_fractions, largest_two_move_fraction, polygon_fractions
+from shoal.steering import regular_polygon
+from shoal.steering.delta_space.disk_reach import disk_reach
 
 MOVES = (2, 4, 6, 8)
 SIDES = (3, 4, 5, 6, 7, 8)
@@ -68,7 +63,7 @@ antipodes.measures = ("length", "error")  # type: ignore[attr-defined]  # what a
 
 
 def _function(name: str, function: str, axes: dict[str, Any], trials: int, settings: Settings) -> Sweep:
-    problem = {"kind": "function", "function": f"shoal.papers.steering:{function}"}
+    problem = {"kind": "function", "function": f"shoal.papers.steering.recipes:{function}"}
     return Sweep(name=name, problem=problem, axes=axes, trials=trials, seed=settings.seed)
 
 
@@ -152,10 +147,10 @@ def _fig9_sweeps(settings: Settings) -> list[Sweep]:
 def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     rows = [[row[0], *(f"{100 * share:.1f}" for share in row[3:])] for row in store.rows(sweeps[0].name)]
     outlines = [
-        [distance, moves, round(float(x), 5), round(float(y), 5)]
+        [distance, reach.moves, round(float(x), 5), round(float(y), 5)]
         for distance in EXAMPLES
-        for moves, outline in zip(CYCLES, disk_outlines(distance, moves=CYCLES[-1]), strict=True)
-        for x, y in outline[::8]
+        for reach in disk_reach(distance, moves=CYCLES[-1])
+        for x, y in reach.outline[::8]
     ]
     shares = [float(row[-1]) for row in rows]
     sentence = (

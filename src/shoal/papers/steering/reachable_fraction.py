@@ -1,9 +1,7 @@
 """How much of the Δ configuration space moves fill: the data behind figures 4 and 8 of paper W.
 
-Every set that can be reached is a union of convex pieces that hold Δ = 0, so it is told by its *radii*: how far it goes in each
-direction. A contact c on whose wall the other particle may be as deep as H(c) lets Δ go in the direction e as far as
-min(way to the far wall, H(c) / N·e), and the radius is the largest of these. On a disk the next depths follow from the radii in
-turn. So areas are sums over directions, without any sampling of points.
+As on a disk (`shoal.steering.delta_space.disk_reach`), what is reached on a polygon is told by its radii; so areas are sums over
+directions, without any sampling of points.
 """
 
 from __future__ import annotations
@@ -15,14 +13,12 @@ from math import pi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
-from shoal.steering.delta_space.disk_reach import check_moves
+from shoal.steering.delta_space.disk_reach import DIRECTIONS, disk_reach
 from shoal.steering.delta_space.polygon_reach import PolygonReach, polygon_reach
 from shoal.steering.workspaces.convex import ConvexWorkspace
 from shoal.steering.workspaces.convex_geometry import Points
 
-DIRECTIONS = 720
 FULL = 1 - 1e-6  # of the area: what counts as filled
 _LEVEL = 1e-12
 
@@ -53,18 +49,12 @@ def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = D
     ----------
     distances : array_like of float, shape (n,)
         Between the particles at the start, in diameters: above 0 and at most 1.
-    moves : int
-        Even, 2 or more.
-    directions : int
-        How many contacts, and how many directions of Δ, are looked at: 16 or more.
+    moves, directions
+        As for `disk_reach`.
 
     Raises
     ------
     InvalidInputError
-
-    Notes
-    -----
-    Source: paper W, section IV.F and Fig. 8.
 
     Examples
     --------
@@ -72,79 +62,10 @@ def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = D
     [[6.3, 30.1, 55.8]]
     """
     given = np.atleast_1d(np.asarray(distances, dtype=np.float64))
-    if given.ndim != 1 or not given.size or not ((given > 0) & (given <= 1)).all():
-        raise InvalidInputError(f"distances: expected numbers above 0 and at most 1, got {distances!r:.80}")
-    check_integer(directions, what="directions", least=16)
-    steps = check_moves(moves) // 2
-    table = np.array([[np.mean(radii**2) for radii in disk_radii(float(d), steps, directions)] for d in given])
-    return DiskFractions(given, 2 * np.arange(1, steps + 1), table)
-
-
-def disk_radii(distance: float, cycles: int, directions: int = DIRECTIONS) -> list[NDArray[np.float64]]:
-    """Return how far Δ goes in directions from 0 to π after 1, 2, ... cycles, Δ at the start along direction 0; in diameters.
-
-    The sets are symmetrical, so directions from π to 2 π give the same again.
-    """
-    ahead = pi * (np.arange(directions // 2) + 0.5) / (directions // 2)
-    half = np.arccos(min(1.0, distance))
-    contacts = np.linspace(-half, half, directions)  # turned by π: contacts lie behind Δ
-    depths = distance * np.cos(contacts)
-    radii: list[NDArray[np.float64]] = []
-    for cycle in range(cycles):
-        if cycle:
-            contacts = np.linspace(-pi, pi, directions)
-            depths = _deepest(ahead, radii[-1], contacts)
-        radii.append(_furthest(ahead, contacts, depths))
-    return radii
-
-
-def disk_outlines(distance: float, *, moves: int = 14, directions: int = DIRECTIONS) -> list[Points]:
-    """Return the outlines of what is reached on a disk of diameter 1 in 2, 4, ..., ``moves`` moves; each float64, shape (n, 2).
-
-    Raises
-    ------
-    InvalidInputError
-
-    Notes
-    -----
-    Source: paper W, Fig. 9.
-
-    Examples
-    --------
-    >>> [float(np.linalg.norm(outline, axis=1).max().round(2)) for outline in disk_outlines(0.25, moves=4)]
-    [0.5, 0.71]
-    """
-    if not 0 < distance <= 1:
-        raise InvalidInputError(f"distance: expected a number above 0 and at most 1, got {distance!r}")
-    ahead = pi * (np.arange(directions // 2) + 0.5) / (directions // 2)
-    angles = np.concatenate([ahead, 2 * pi - ahead[::-1]])
-    around = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    return [
-        np.concatenate([radii, radii[::-1]])[:, None] * around
-        for radii in disk_radii(distance, check_moves(moves) // 2, directions)
-    ]
-
-
-def _furthest(ahead: NDArray[np.float64], contacts: NDArray[np.float64], depths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far Δ goes in each direction from contacts at which the other particle may be so deep."""
-    slope = np.cos(ahead[:, None] - contacts)  # chords have this length, and this much of a step goes inward
-    with np.errstate(divide="ignore", invalid="ignore"):
-        allowed = np.where(slope > _LEVEL, depths / slope, 0.0)
-    reached = np.where(slope > _LEVEL, np.minimum(slope, allowed), 0.0)
-    # The longest way is often where chord and depth end together, between two contacts.
-    left = slope - allowed
-    crossed = (left[:, :-1] * left[:, 1:] < 0) & (slope[:, :-1] > _LEVEL) & (slope[:, 1:] > _LEVEL)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(crossed, left[:, :-1] / (left[:, :-1] - left[:, 1:]), 0.0)
-    between = np.where(crossed, slope[:, :-1] + share * (slope[:, 1:] - slope[:, :-1]), 0.0)
-    return np.asarray(np.maximum(reached.max(axis=1), between.max(axis=1)))
-
-
-def _deepest(ahead: NDArray[np.float64], radii: NDArray[np.float64], contacts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how deep below each contact Δ can go."""
-    around, far = np.concatenate([-ahead[::-1], ahead]), np.concatenate([radii[::-1], radii])
-    slope = np.maximum(np.cos(around - contacts[:, None]), 0.0)
-    return np.asarray((np.minimum(far, slope) * slope).max(axis=1))
+    if not given.size:
+        raise InvalidInputError("distances: expected one or more, got none")
+    table = [[reach.fraction() for reach in disk_reach(float(d), moves=moves, directions=directions)] for d in given]
+    return DiskFractions(given, 2 * np.arange(1, moves // 2 + 1), np.array(table))
 
 
 def largest_two_move_fraction() -> tuple[float, float]:
@@ -162,9 +83,7 @@ def largest_two_move_fraction() -> tuple[float, float]:
     """
     from scipy.optimize import minimize_scalar
 
-    found = minimize_scalar(
-        lambda d: -float(np.mean(disk_radii(float(d), 1, DIRECTIONS)[0] ** 2)), bounds=(0.5, 0.99), method="bounded"
-    )
+    found = minimize_scalar(lambda d: -disk_reach(float(d), moves=2)[0].fraction(), bounds=(0.5, 0.99), method="bounded")
     return float(found.x), -float(found.fun)
 
 

@@ -1,4 +1,4 @@
-"""What plans cost, goal by goal, and how goals opposite each other are approached: the data behind figures 14 to 16 of paper W."""
+"""How goals opposite each other on a disk are approached: the data behind figure 15 of paper W."""
 
 from __future__ import annotations
 
@@ -7,127 +7,17 @@ from math import pi
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from shoal.checks import check_integer, check_points
+from shoal.checks import check_choice, check_integer, check_number
 from shoal.errors import InvalidInputError
 from shoal.steering.planners.chains.chain import ChainQuery
 from shoal.steering.planners.chains.roadmap import cycle_towards
-from shoal.steering.problem import SteeringProblem
-from shoal.steering.run import run
-from shoal.steering.workspaces.convex import ConvexWorkspace, disk
+from shoal.steering.workspaces.convex import disk
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import normalize_walls
 
 Toucher = Literal["nearer", "second"]
-
-# Fig. 14: where the particles start, and the goals of particle 1.
-DISK_START = ((0.2, 0.2), (-0.1, -0.1))
-DISK_GOALS = ((0.0, 0.0), (-0.2, 0.0))
-# Fig. 16: starts and the goal of particle 2. The paper does not print its three cases; these are ours.
-SQUARE_CASES = (
-    (((0.25, 0.25), (0.75, 0.75)), (0.5, 0.5)),
-    (((0.2, 0.8), (0.3, 0.3)), (0.8, 0.2)),
-    (((0.2, 0.4), (0.85, 0.5)), (0.15, 0.55)),
-)
-
-
-@dataclass(frozen=True, eq=False)
-class GoalSweep:
-    """What plans cost when the goal of one particle goes over the workspace and all else stays.
-
-    Parameters
-    ----------
-    problem : SteeringProblem
-        Its goals are both that of the other particle; its start, the other goal, tolerance and workspace are those of all.
-    varied : int
-        1 or 2: whose goal it is.
-    planner : str
-    x, y : ndarray of float64, shape (n,)
-        Coordinates of the goals.
-    moves : ndarray of float64, shape (n, n)
-        Number of moves by y and x; not a number outside the workspace, and where no plan arrives.
-    lengths : ndarray of float64, shape (n, n)
-        The same for the length of the plan.
-    unsolved : int
-        How many goals inside have no plan that arrives.
-    """
-
-    problem: SteeringProblem
-    varied: int
-    planner: str
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    moves: NDArray[np.float64]
-    lengths: NDArray[np.float64]
-    unsolved: int
-
-
-def sweep_goals(
-    workspace: ConvexWorkspace,
-    start: ArrayLike,
-    fixed: ArrayLike,
-    *,
-    varied: int = 2,
-    samples: int = 41,
-    planner: str = "greedy",
-    tolerance: float = 1e-3,
-    interchangeable: bool = False,
-) -> GoalSweep:
-    """Plan for goals of one particle all over a plane workspace.
-
-    Parameters
-    ----------
-    workspace : ConvexWorkspace
-        A polygon or a disk.
-    start : array_like of float, shape (2, 2)
-    fixed : array_like of float, shape (2,)
-        The goal of the other particle.
-    varied : int
-        1 or 2: whose goal is varied.
-    samples : int
-        Goals by side, in the middles of as many equal parts of the extent of the workspace.
-    planner : str
-    tolerance : float
-    interchangeable : bool
-
-    Raises
-    ------
-    InvalidInputError
-
-    Notes
-    -----
-    Source: paper W, section VI, Figs. 14 and 16.
-
-    Examples
-    --------
-    >>> sweep = sweep_goals(disk(), DISK_START, DISK_GOALS[0], samples=5)
-    >>> int(np.isfinite(sweep.moves).sum()), float(np.nanmin(sweep.moves)) >= 3
-    (21, True)
-    """
-    if varied not in {1, 2}:
-        raise InvalidInputError(f"varied: expected 1 or 2, got {varied!r}")
-    check_integer(samples, what="samples", least=2)
-    other = check_points([fixed], what="fixed", dimensions=2, count=1)[0]
-    problem = SteeringProblem(
-        workspace, start, np.stack([other, other]), tolerance, interchangeable, planner=planner, varied=varied
-    )
-    half = np.full(2, workspace.radius) if workspace.round else np.ptp(workspace.vertices, axis=0) / 2
-    middle = workspace.center if workspace.round else workspace.vertices.min(axis=0) + half
-    steps = (2 * np.arange(samples) + 1) / samples - 1
-    x, y = middle[0] + half[0] * steps, middle[1] + half[1] * steps
-    moves, lengths = np.full((samples, samples), np.nan), np.full((samples, samples), np.nan)
-    unsolved = 0
-    for row, column in np.ndindex(samples, samples):
-        place = np.array([x[column], y[row]])
-        if not workspace.contains(place):
-            continue
-        episode = run(problem.replaced(goal_x=x[column], goal_y=y[row]))
-        if episode:
-            moves[row, column], lengths[row, column] = episode.moves, episode.length
-        else:
-            unsolved += 1
-    return GoalSweep(problem, varied, planner, x, y, moves, lengths, unsolved)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,11 +94,9 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
     >>> [round(swap_antipodes(toucher=who).length_to(0.01), 1) for who in ("second", "nearer")]
     [9.3, 4.4]
     """
-    if toucher not in {"nearer", "second"}:
-        raise InvalidInputError(f"toucher: expected 'nearer' or 'second', got {toucher!r}")
+    check_choice(toucher, what="toucher", choices=("nearer", "second"))
     check_integer(cycles, what="cycles", least=1)
-    if not 0 < apart < 1:
-        raise InvalidInputError(f"apart: expected a number above 0 and below 1, got {apart!r}")
+    check_number(apart, what="apart", above=0, below=1)
     radius = 0.5
     ahead = apart / 2 * np.array([np.cos(turn), np.sin(turn)])
     query = ChainQuery(normalize_walls(disk(radius)), np.stack([-ahead, ahead]), np.array([[radius, 0.0], [-radius, 0.0]]))

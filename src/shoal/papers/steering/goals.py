@@ -1,0 +1,183 @@
+"""Paper W, figures 14 and 16: a plan for each goal of one particle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.checks import check_integer, check_points
+from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.sweep import Sweep
+from shoal.papers.recipe import Settings, Table
+from shoal.steering import ConvexWorkspace, SteeringProblem, open_workspace
+from shoal.steering.run import run
+
+# Fig. 14: where the particles start, and the goals of particle 1.
+DISK_START = ((0.2, 0.2), (-0.1, -0.1))
+DISK_GOALS = ((0.0, 0.0), (-0.2, 0.0))
+# Fig. 16: starts and the goal of particle 2. The paper does not print its three cases; these are ours.
+SQUARE_CASES = (
+    (((0.25, 0.25), (0.75, 0.75)), (0.5, 0.5)),
+    (((0.2, 0.8), (0.3, 0.3)), (0.8, 0.2)),
+    (((0.2, 0.4), (0.85, 0.5)), (0.15, 0.55)),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class GoalSweep:
+    """What plans cost when the goal of one particle goes over the workspace and all else stays.
+
+    Parameters
+    ----------
+    problem : SteeringProblem
+        Its goals are both that of the other particle; its start, the other goal, tolerance and workspace are those of all.
+    varied : int
+        1 or 2: whose goal it is.
+    planner : str
+    x, y : ndarray of float64, shape (n,)
+        Coordinates of the goals.
+    moves : ndarray of float64, shape (n, n)
+        Number of moves by y and x; not a number outside the workspace, and where no plan arrives.
+    lengths : ndarray of float64, shape (n, n)
+        The same for the length of the plan.
+    unsolved : int
+        How many goals inside have no plan that arrives.
+    """
+
+    problem: SteeringProblem
+    varied: int
+    planner: str
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    moves: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+    unsolved: int
+
+
+def sweep_goals(
+    workspace: ConvexWorkspace,
+    start: ArrayLike,
+    fixed: ArrayLike,
+    *,
+    varied: int = 2,
+    samples: int = 41,
+    planner: str = "greedy",
+    tolerance: float = 1e-3,
+    interchangeable: bool = False,
+) -> GoalSweep:
+    """Plan for goals of one particle all over a plane workspace.
+
+    Parameters
+    ----------
+    workspace : ConvexWorkspace
+        A polygon or a disk.
+    start : array_like of float, shape (2, 2)
+    fixed : array_like of float, shape (2,)
+        The goal of the other particle.
+    varied : int
+        1 or 2: whose goal is varied.
+    samples : int
+        Goals by side, in the middles of as many equal parts of the extent of the workspace.
+    planner : str
+    tolerance : float
+    interchangeable : bool
+
+    Raises
+    ------
+    InvalidInputError
+
+    Notes
+    -----
+    Source: paper W, section VI, Figs. 14 and 16.
+
+    Examples
+    --------
+    >>> sweep = sweep_goals(disk(), DISK_START, DISK_GOALS[0], samples=5)
+    >>> int(np.isfinite(sweep.moves).sum()), float(np.nanmin(sweep.moves)) >= 3
+    (21, True)
+    """
+    check_integer(varied, what="varied", least=1, most=2)
+    check_integer(samples, what="samples", least=2)
+    other = check_points([fixed], what="fixed", dimensions=2, count=1)[0]
+    problem = SteeringProblem(
+        workspace, start, np.stack([other, other]), tolerance, interchangeable, planner=planner, varied=varied
+    )
+    half = np.full(2, workspace.radius) if workspace.round else np.ptp(workspace.vertices, axis=0) / 2
+    middle = workspace.center if workspace.round else workspace.vertices.min(axis=0) + half
+    steps = (2 * np.arange(samples) + 1) / samples - 1
+    x, y = middle[0] + half[0] * steps, middle[1] + half[1] * steps
+    moves, lengths = np.full((samples, samples), np.nan), np.full((samples, samples), np.nan)
+    unsolved = 0
+    for row, column in np.ndindex(samples, samples):
+        place = np.array([x[column], y[row]])
+        if not workspace.contains(place):
+            continue
+        episode = run(problem.replaced(goal_x=x[column], goal_y=y[row]))
+        if episode:
+            moves[row, column], lengths[row, column] = episode.moves, episode.length
+        else:
+            unsolved += 1
+    return GoalSweep(problem, varied, planner, x, y, moves, lengths, unsolved)
+
+
+def goals(name: str, workspace: str, start: Any, fixed: Any, varied: int, settings: Settings, *, either: bool = False) -> Sweep:
+    """Return a sweep of the goal of one particle over a square around the workspace."""
+    samples = (21 if settings.quick else 61) if workspace == "disk" else (17 if settings.quick else 41)
+    opened = open_workspace(workspace)
+    assert isinstance(opened, ConvexWorkspace)  # named ones are
+    low, high = (-0.5, 0.5) if opened.round else (0.0, 1.0)
+    steps = [round(float(low + (high - low) * (2 * k + 1) / (2 * samples)), 12) for k in range(samples)]
+    problem = {
+        "kind": "steering", "workspace": workspace, "start": [list(point) for point in start],
+        "goal": [list(fixed)] * 2, "varied": varied,
+        "planner": "greedy", "tolerance": 1e-3, "interchangeable": either,
+    }  # fmt: skip
+    return Sweep(name=f"{name}.{samples}", problem=problem, axes={"goal_y": steps, "goal_x": steps}, seed=settings.seed)
+
+
+def goal_sweep(store: Store, sweep: Sweep) -> GoalSweep:
+    """Return what the drawing takes of a sweep over goals."""
+    problem: Any = sweep.points[0].problem
+    x, y = np.array(sweep.axes["goal_x"]), np.array(sweep.axes["goal_y"])
+    workspace = open_workspace(problem.workspace)
+    columns = store.columns(sweep.name)
+    at = {name: columns.index(name) for name in ("status", "moves", "length")}
+    moves, lengths = np.full((len(x), len(x)), np.nan), np.full((len(x), len(x)), np.nan)
+    unsolved = 0
+    for k, row in enumerate(store.rows(sweep.name)):
+        if row[at["status"]] == "solved":
+            moves.flat[k], lengths.flat[k] = row[at["moves"]], row[at["length"]]
+        else:
+            unsolved += bool(workspace.contains((x[k % len(x)], y[k // len(x)])))
+    steered = SteeringProblem(workspace, problem.start, problem.goal, problem.tolerance, problem.interchangeable)
+    return GoalSweep(steered, problem.varied, problem.planner, x, y, moves, lengths, unsolved)
+
+
+def goal_table(names: list[str], sweeps: list[GoalSweep]) -> Table:
+    """Return moves and lengths over all goals of each sweep."""
+    rows = [
+        [
+            name,
+            f"{np.nanmean(s.moves):.2f} ± {np.nanstd(s.moves):.2f}",
+            int(np.nanmax(s.moves)),
+            f"{np.nanmean(s.lengths):.3f} ± {np.nanstd(s.lengths):.3f}",
+            f"{np.nanmax(s.lengths):.3f}",
+            s.unsolved,
+        ]
+        for name, s in zip(names, sweeps, strict=True)
+    ]
+    return Table(
+        "over all goals: mean ± standard deviation", ["", "moves", "most moves", "length", "longest", "without a plan"], rows
+    )
+
+
+def goal_data(names: list[str], sweeps: list[GoalSweep]) -> Table:
+    """Return moves and length goal by goal."""
+    rows = []
+    for name, s in zip(names, sweeps, strict=True):
+        for row, column in np.argwhere(np.isfinite(s.moves)):
+            rows.append([name, s.x[column], s.y[row], int(s.moves[row, column]), round(float(s.lengths[row, column]), 6)])
+    return Table("goal by goal", ["panel", "x", "y", "moves", "length"], rows, shown=False)
