@@ -15,7 +15,7 @@ from tests.browser.waiting import until
 from shoal.search import SearchEpisode, region_of, search
 from shoal.search.simulation.faults import Crash, Liar, Pause
 from shoal.views.player import render
-from shoal.views.search.history import SearchStory
+from shoal.views.search.history import SearchHistory
 from shoal.views.search.page import page_data, player_page
 
 pytestmark = pytest.mark.browser
@@ -49,21 +49,21 @@ def played(page: Page, times: list[float]) -> list[list[object]]:
 
 @pytest.mark.parametrize("name", CASES)
 def test_shows_what_the_episode_tells(name, open_player):
-    story = SearchStory(CASES[name]())
-    page = open_player(player_page(story.episode))
+    history = SearchHistory(CASES[name]())
+    page = open_player(player_page(history.episode))
     rng = np.random.default_rng(1)
-    moments = np.sort(np.concatenate([[0.0, story.end], rng.uniform(0, story.end, 40)]))
+    moments = np.sort(np.concatenate([[0.0, history.end], rng.uniform(0, history.end, 40)]))
     rng.shuffle(moments)  # backwards, too
     for time, (count, points, doing, words) in zip(moments, played(page, moments.tolist()), strict=True):
-        assert count == story.searched(time + 1e-3)
+        assert count == history.searched(time + 1e-3)
         assert words == f"{count:,}"
-        places = np.array([motion.at(time) for motion in story.motions])
+        places = np.array([trajectory.at(time) for trajectory in history.trajectories])
         np.testing.assert_allclose(points, places, atol=0.05)
-        kinds = [[one.kind for one in stretches if one.begin <= time + 1e-3][-1] for stretches in story.stretches]
+        kinds = [[one.kind for one in activities if one.begin <= time + 1e-3][-1] for activities in history.activities]
         assert doing == kinds
     page.keyboard.press("End")
-    assert page.evaluate("shoalPlayer.searched") == story.searched(story.end)
-    assert page.locator("#robots button .done").all_inner_texts() == [f"{len(log.cells):,}" for log in story.episode.robots]
+    assert page.evaluate("shoalPlayer.searched") == history.searched(history.end)
+    assert page.locator("#robots button .done").all_inner_texts() == [f"{len(log.cells):,}" for log in history.episode.robots]
 
 
 def test_plays_and_steps(open_player):
@@ -134,8 +134,8 @@ def test_themes_and_zoom(open_player):
 
 def test_cells_have_the_colours_of_their_robots(open_player):
     """Pixels of the canvas are compared with the figure's rule, at the end, in the middle between ways."""
-    story = SearchStory(search("square:40", robots=1, footprint=20))
-    page = open_player(player_page(story.episode))
+    history = SearchHistory(search("square:40", robots=1, footprint=20))
+    page = open_player(player_page(history.episode))
     page.keyboard.press("End")
     page.wait_for_timeout(60)
     colour = page.evaluate("""(() => {

@@ -15,7 +15,7 @@ from tests.steering import steer, thrown
 from shoal.steering import SteeringProblem, open_workspace, prism, region, regular_polygon
 from shoal.views.player import render
 from shoal.views.steering.page import page_data, player_page
-from shoal.views.steering.trajectories import Schedule, legs_of
+from shoal.views.steering.trajectories import Schedule, trajectories_of
 
 pytestmark = pytest.mark.browser
 
@@ -63,15 +63,15 @@ def test_states_after_each_move(make, open_player):
     np.testing.assert_array_equal([entry[1] for entry in shown], episode.states)
     page.evaluate("shoalPlayer.seek(1)")
     held = {tuple(pair) for pair in page.evaluate("shoalPlayer.held")}
-    assert held == set(legs_of(episode)[0].holders(1))
+    assert held == set(trajectories_of(episode)[0].holders(1))
     assert page.inner_text("#move") == "1"
     assert page.inner_text("#length") == f"length {np.linalg.norm(episode.inputs[0]):.3f}"
 
 
 def test_moments_are_those_of_films(open_player):
     episode = noisy()
-    legs = legs_of(episode)
-    schedule = Schedule(legs, size=1.0)
+    trajectories = trajectories_of(episode)
+    schedule = Schedule(trajectories, size=1.0)
     page = open_player(player_page(episode))
     times = np.linspace(0, schedule.seconds, 40)
     shown = page.evaluate(
@@ -86,7 +86,7 @@ def test_moments_are_those_of_films(open_player):
     np.testing.assert_allclose([entry[0] for entry in shown], times, atol=1e-3)
     for time, points in shown:
         moment = schedule.at(time)
-        np.testing.assert_allclose(points, legs[moment.move].at(moment.share), atol=1e-12)
+        np.testing.assert_allclose(points, trajectories[moment.move].at(moment.share), atol=1e-12)
 
 
 def test_plays_and_steps(open_player):
@@ -133,7 +133,7 @@ def test_list_chart_and_themes(open_player):
     assert page.locator("#moves [aria-current]").count() == 1
     box = page.locator("#chart").bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + 10)
-    seconds = Schedule(legs_of(episode), size=4.0).seconds
+    seconds = Schedule(trajectories_of(episode), size=4.0).seconds
     assert abs(page.evaluate("shoalPlayer.time") - seconds / 2) < 0.1
     assert page.locator("#deltaStage").is_hidden()
     before = page.screenshot()

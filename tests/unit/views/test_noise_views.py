@@ -15,7 +15,7 @@ from shoal.swarm.noise import Noise, NoisyRig, SeenEpisode, moments
 from shoal.swarm.rigs import DriveLog, drive, replay_log
 from shoal.views import film
 from shoal.views.swarm import recording
-from shoal.views.swarm.cell_colours import HAZY, PLAIN, codes_after, codes_by_move
+from shoal.views.swarm.cell_colours import NOISY, PLAIN, codes_after, codes_by_move
 from shoal.views.swarm.figures import map_figure
 from shoal.views.swarm.films import film_frames
 from shoal.views.swarm.page import page_data
@@ -43,19 +43,19 @@ def test_looks_say_what_the_belief_says(episode):
 
 
 def test_shades_go_from_obstacle_over_unknown_to_free():
-    bright = HAZY.colours[: moments.FREE + 1].astype(int).sum(axis=1)
+    bright = NOISY.rgb[: moments.FREE + 1].astype(int).sum(axis=1)
     assert (np.diff(bright) > 0).all()
-    for mine, plain in ((moments.OBSTACLE, 3), (moments.UNKNOWN, 0), (moments.FREE, 2), (HAZY.particle, PLAIN.particle)):
-        np.testing.assert_array_equal(HAZY.colours[mine], PLAIN.colours[plain])
-    assert len(HAZY.colours) == moments.LOOKS + 1
+    for mine, plain in ((moments.OBSTACLE, 3), (moments.UNKNOWN, 0), (moments.FREE, 2), (NOISY.particle, PLAIN.particle)):
+        np.testing.assert_array_equal(NOISY.rgb[mine], PLAIN.rgb[plain])
+    assert len(NOISY.rgb) == moments.LOOKS + 1
 
 
 def test_frames_and_figures_show_particles_and_what_is_wrong(episode):
     codes = list(codes_by_move(episode))
     frames = list(film_frames(episode, np.arange(episode.moves + 1)))
     for code, frame, moment in zip(codes, frames, episode.moments(), strict=True):
-        np.testing.assert_array_equal(frame, HAZY.colours[code])
-        assert (code[moment.particles] == HAZY.particle).all()
+        np.testing.assert_array_equal(frame, NOISY.rgb[code])
+        assert (code[moment.particles] == NOISY.particle).all()
     np.testing.assert_array_equal(codes_after(episode, episode.moves), codes[-1])
     labels = [text.get_text() for text in map_figure(episode).axes[0].get_legend().get_texts()]
     assert labels[-1] == "settled wrongly"

@@ -19,7 +19,7 @@ from shoal.views.drawing.charts import save_figure
 from shoal.views.search.expected_time import expected_time_figure
 from shoal.views.search.figures import routes_figure, spread_out
 from shoal.views.search.films import SearchFilm
-from shoal.views.search.history import SearchStory, rings_of
+from shoal.views.search.history import SearchHistory, rings_of
 from shoal.views.search.page import page_data, simplified
 from shoal.views.search.timeline import timeline_figure
 
@@ -48,84 +48,86 @@ def episode(name: str) -> SearchEpisode:
 
 
 @pytest.fixture(params=CASES)
-def story(request: pytest.FixtureRequest) -> SearchStory:
-    return SearchStory(episode(request.param))
+def history(request: pytest.FixtureRequest) -> SearchHistory:
+    return SearchHistory(episode(request.param))
 
 
-def test_stretches_follow_one_another(story):
-    for robot, stretches in enumerate(story.stretches):
-        assert stretches[0].begin == 0
-        assert stretches[-1].end == story.end
-        assert all(one.end == two.begin for one, two in pairwise(stretches))
-        log = story.episode.robots[robot]
-        for time, other in zip(log.times, story.others(robot), strict=True):
-            doing = [one for one in stretches if one.begin < time <= one.end]
+def test_stretches_follow_one_another(history):
+    for robot, activities in enumerate(history.activities):
+        assert activities[0].begin == 0
+        assert activities[-1].end == history.end
+        assert all(one.end == two.begin for one, two in pairwise(activities))
+        log = history.episode.robots[robot]
+        for time, other in zip(log.times, history.others(robot), strict=True):
+            doing = [one for one in activities if one.begin < time <= one.end]
             assert [(one.kind, one.other) for one in doing] == [("taken", other) if other else ("own", 0)]
 
 
-def test_robots_are_in_each_cell_when_they_have_searched_it(story):
-    plan = story.episode.plan
-    for robot, (log, motion) in enumerate(zip(story.episode.robots, story.motions, strict=True)):
-        assert (np.diff(motion.times) >= 0).all()
-        np.testing.assert_array_equal(motion.at(0.0), plan.places[robot])
-        ends = story.episode.routes[robot].points[story.stop_ends(robot)[1:]] if len(log.cells) else np.zeros((0, 2))
+def test_robots_are_in_each_cell_when_they_have_searched_it(history):
+    plan = history.episode.plan
+    for robot, (log, trajectory) in enumerate(zip(history.episode.robots, history.trajectories, strict=True)):
+        assert (np.diff(trajectory.times) >= 0).all()
+        np.testing.assert_array_equal(trajectory.at(0.0), plan.places[robot])
+        ends = history.episode.routes[robot].points[history.stop_ends(robot)[1:]] if len(log.cells) else np.zeros((0, 2))
         for time, place in zip(log.times, ends, strict=True):
-            np.testing.assert_allclose(motion.at(time), place, atol=1e-6)
-        far = np.hypot(*np.diff(motion.points, axis=0).T)
-        if not story.liars and len(log.cells):
-            np.testing.assert_allclose(far.sum(), story.episode.routes[robot].length)
-        for time in np.linspace(0, story.end, 60):  # what the player is told is the same, to a millimetre or so
-            np.testing.assert_allclose(simplified(motion, 1e-3).at(time), motion.at(time), atol=0.05)
+            np.testing.assert_allclose(trajectory.at(time), place, atol=1e-6)
+        far = np.hypot(*np.diff(trajectory.points, axis=0).T)
+        if not history.liars and len(log.cells):
+            np.testing.assert_allclose(far.sum(), history.episode.routes[robot].length)
+        for time in np.linspace(0, history.end, 60):  # what the player is told is the same, to a millimetre or so
+            np.testing.assert_allclose(simplified(trajectory, 1e-3).at(time), trajectory.at(time), atol=0.05)
 
 
-def test_motion_stays_inside_and_is_no_faster_than_robots_are(story):
-    region, size = story.episode.plan.grid.region, story.episode.plan.grid.size
-    for robot, motion in enumerate(story.motions):
-        points = np.array([motion.at(time) for time in np.linspace(0, story.end, 100)])
-        if not story.episode.plan.transit:
+def test_motion_stays_inside_and_is_no_faster_than_robots_are(history):
+    region, size = history.episode.plan.grid.region, history.episode.plan.grid.size
+    for robot, trajectory in enumerate(history.trajectories):
+        points = np.array([trajectory.at(time) for time in np.linspace(0, history.end, 100)])
+        if not history.episode.plan.transit:
             assert region.contains(points).all()
-        log = story.episode.robots[robot]
-        if story.episode.simulated and len(log.cells) > 1:  # from cell to cell: ways around corners are longer than reckoned
-            way = motion.times >= log.times[0] - 1e-9
-            speeds = np.hypot(*np.diff(motion.points[way], axis=0).T) / np.maximum(np.diff(motion.times[way]), 1e-12) / size
-            assert np.median(speeds) <= story.episode.scenario.rates[robot] + 1e-6
+        log = history.episode.robots[robot]
+        if history.episode.simulated and len(log.cells) > 1:  # from cell to cell: ways around corners are longer than reckoned
+            way = trajectory.times >= log.times[0] - 1e-9
+            speeds = np.hypot(*np.diff(trajectory.points[way], axis=0).T) / np.maximum(np.diff(trajectory.times[way]), 1e-12) / size
+            assert np.median(speeds) <= history.episode.scenario.rates[robot] + 1e-6
 
 
 def test_robots_go_home_to_recharge():
-    found = SearchStory(search("square:80", robots=2, footprint=10, energy=180.0, recharge=60.0, seed=2))
-    for robot, motion in enumerate(found.motions):
+    found = SearchHistory(search("square:80", robots=2, footprint=10, energy=180.0, recharge=60.0, seed=2))
+    for robot, trajectory in enumerate(found.trajectories):
         log, home = found.episode.robots[robot], found.episode.plan.places[robot]
         gaps = np.flatnonzero(np.diff(log.times) > 6.0)  # recharging lasts six cells
-        resting = [pair for pair in pairwise(zip(motion.times, motion.points, strict=True)) if pair[1][0] - pair[0][0] > 5.9]
+        resting = [
+            pair for pair in pairwise(zip(trajectory.times, trajectory.points, strict=True)) if pair[1][0] - pair[0][0] > 5.9
+        ]
         at_home = [pair for pair in resting if np.allclose(pair[0][1], home) and np.allclose(pair[1][1], home)]
         assert len(at_home) >= 1
         assert len(at_home) == sum(1 for k in gaps if any(log.times[k] < pair[0][0] < log.times[k + 1] for pair in at_home))
-        assert (np.diff(motion.times) >= 0).all()
-        speeds = np.hypot(*np.diff(motion.points, axis=0).T) / np.maximum(np.diff(motion.times), 1e-12) / 10
+        assert (np.diff(trajectory.times) >= 0).all()
+        speeds = np.hypot(*np.diff(trajectory.points, axis=0).T) / np.maximum(np.diff(trajectory.times), 1e-12) / 10
         assert speeds.max() < 1 + 1e-6
         for time, cell in zip(log.times, log.cells, strict=True):
-            np.testing.assert_allclose(motion.at(time), found.episode.plan.course.points[cell] * 10, atol=1e-6)
+            np.testing.assert_allclose(trajectory.at(time), found.episode.plan.course.points[cell] * 10, atol=1e-6)
 
 
-def test_first_searched_is_what_the_logs_tell(story):
-    times, by = story.first
-    logs = story.episode.robots
-    for cell in range(story.n_cells):
+def test_first_searched_is_what_the_logs_tell(history):
+    times, by = history.first
+    logs = history.episode.robots
+    for cell in range(history.n_cells):
         found = [
             (log.times[k], number)
             for number, log in enumerate(logs, start=1)
-            if number not in story.liars
+            if number not in history.liars
             for k in np.flatnonzero(log.cells == cell)
         ]
         assert (times[cell], by[cell] if found else 0) == (min(found) if found else (inf, 0))
-    if story.episode.simulated:
-        assert times.max() == story.episode.covered_at
-    assert story.searched(story.end) == np.isfinite(times).sum()
+    if history.episode.simulated:
+        assert times.max() == history.episode.covered_at
+    assert history.searched(history.end) == np.isfinite(times).sum()
 
 
 def test_taken_over_is_from_the_dead():
-    found = SearchStory(episode("ring"))
-    taken = {one.other for stretches in found.stretches for one in stretches if one.kind == "taken"}
+    found = SearchHistory(episode("ring"))
+    taken = {one.other for activities in found.activities for one in activities if one.kind == "taken"}
     assert taken == {2}
     assert found.taken.any()
     assert (found.owners[0][found.taken] == 2).all()
@@ -136,7 +138,7 @@ def test_taken_over_is_from_the_dead():
 
 
 def test_outline_goes_round_the_cells():
-    found = SearchStory(episode("ring"))
+    found = SearchHistory(episode("ring"))
     for robot in range(found.n_robots):
         mask = found.raster((found.first[1] == robot + 1) & found.taken, False)
         padded = np.pad(mask, 1)
@@ -209,8 +211,8 @@ def test_film_shows_what_is_searched():
     film = SearchFilm(told, height=240)
     times = film.times(10, 100)
     assert len(times) <= 100
-    assert (times[0], times[-1]) == (0.0, SearchStory(told).end)
-    frames = list(film.frames(np.array([0.0, told.covered_at / 2, SearchStory(told).end])))
+    assert (times[0], times[-1]) == (0.0, SearchHistory(told).end)
+    frames = list(film.frames(np.array([0.0, told.covered_at / 2, SearchHistory(told).end])))
     assert {frame.shape for frame in frames} == {(240, film.width, 3)}
     middle = slice(24, 200)
     coloured = [int((np.ptp(frame[middle].astype(int), axis=2) > 10).sum()) for frame in frames]

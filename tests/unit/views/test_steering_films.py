@@ -31,7 +31,7 @@ from shoal.views.steering.camera import Frame3D, camera_for
 from shoal.views.steering.figures import plan_figure
 from shoal.views.steering.films import SteeringFilm
 from shoal.views.steering.page import page_data
-from shoal.views.steering.trajectories import Leg, Moment, Schedule, legs_of, two_move_rings
+from shoal.views.steering.trajectories import Moment, Schedule, Trajectory, trajectories_of, two_move_rings
 
 SQUARE = open_workspace("square")
 PLANE = [(0.2, 0.3), (0.5, 0.35)], [(0.8, 0.2), (0.3, 0.75)]
@@ -66,20 +66,22 @@ def test_within_a_move_particles_are_where_the_world_has_them(name, episodes):
     episode = episodes[name]
     workspace, size = episode.problem.place, episode.problem.place.size
     world = episode.problem.world(seed=episode.seed)
-    legs = legs_of(episode)
-    assert len(legs) == episode.moves
+    trajectories = trajectories_of(episode)
+    assert len(trajectories) == episode.moves
     rng = np.random.default_rng(np.random.SeedSequence(episode.seed).spawn(4)[1])
-    for leg, before, after in zip(legs, episode.states, episode.states[1:], strict=False):
-        moved = leg.sent + rng.normal(scale=episode.problem.execution, size=leg.sent.shape) * bool(episode.problem.execution)
-        np.testing.assert_array_equal(leg.at(0), before)
-        np.testing.assert_array_equal(leg.at(1), after)
-        assert (np.diff(leg.shares) > 0).all()
+    for trajectory, before, after in zip(trajectories, episode.states, episode.states[1:], strict=False):
+        moved = trajectory.sent + rng.normal(scale=episode.problem.execution, size=trajectory.sent.shape) * bool(
+            episode.problem.execution
+        )
+        np.testing.assert_array_equal(trajectory.at(0), before)
+        np.testing.assert_array_equal(trajectory.at(1), after)
+        assert (np.diff(trajectory.shares) > 0).all()
         for share in np.linspace(0, 1, 41):
-            here = leg.at(share)
+            here = trajectory.at(share)
             assert workspace.contains(here).all()
             np.testing.assert_allclose(here, world.step(before, share * moved), atol=2e-4 * size)
             depth = workspace.depth(here) - episode.problem.particle_radius
-            for particle, _ in leg.holders(share):
+            for particle, _ in trajectory.holders(share):
                 assert depth[particle] < 1e-3 * size  # who is held is on a wall
                 if episode.problem.friction == np.inf:
                     np.testing.assert_allclose(here[particle], after[particle], atol=1e-6 * size)  # and stays there
@@ -87,24 +89,24 @@ def test_within_a_move_particles_are_where_the_world_has_them(name, episodes):
 
 def test_a_wall_is_shown_while_it_holds(episodes):
     square = episodes["square"]
-    first, second = legs_of(square)[:2]
+    first, second = trajectories_of(square)[:2]
     assert first.holders(0) == ()
     (particle, wall), *_ = second.holders(0.5)
     assert square.problem.place.wall_distances(square.states[1][particle])[wall] < 1e-9
-    sliding = [held for leg in legs_of(episodes["slides"]) for held in leg.held if held]
+    sliding = [held for trajectory in trajectories_of(episodes["slides"]) for held in trajectory.held if held]
     assert {wall for held in sliding for _, wall in held} == {0}  # the circle
 
 
 def test_moves_last_as_long_as_they_are_long():
-    legs = [Leg(np.array([x, 0.0]), np.array([0.0, 1.0]), np.zeros((2, 2, 2)), ((),)) for x in (1.0, 2.0, 0.01)]
-    schedule = Schedule(legs, size=1.0)
+    trajectories = [Trajectory(np.array([x, 0.0]), np.array([0.0, 1.0]), np.zeros((2, 2, 2)), ((),)) for x in (1.0, 2.0, 0.01)]
+    schedule = Schedule(trajectories, size=1.0)
     assert schedule.lasting[1] == pytest.approx(2 * schedule.lasting[0])
     assert schedule.at(0) == Moment(0, 0.0)
     assert schedule.at(schedule.seconds) == Moment(2, 1.0)
     moments, rate = schedule.moments(30, 60)
     assert (len(moments), rate) == (60, pytest.approx(60 / schedule.seconds))
     assert [(m.move, m.share) for m in moments] == sorted((m.move, m.share) for m in moments)
-    assert Schedule(legs * 200, size=1.0).seconds < 60
+    assert Schedule(trajectories * 200, size=1.0).seconds < 60
 
 
 def test_shaded_is_what_two_moves_reach(episodes):
@@ -126,7 +128,7 @@ def test_gif(name, width, episodes, tmp_path, monkeypatch):
     told = []
     film(episodes[name], tmp_path / "film.gif", on_frame=lambda done, total: told.append((done, total)))
     assert told == [(k, 16) for k in range(1, 17)]
-    seconds = Schedule(legs_of(episodes[name]), size=episodes[name].problem.place.size).seconds
+    seconds = Schedule(trajectories_of(episodes[name]), size=episodes[name].problem.place.size).seconds
     with Image.open(tmp_path / "film.gif") as picture:
         assert picture.size == (width, 432)
         assert 6 <= picture.n_frames <= 16  # what rests is one frame that lasts
@@ -148,18 +150,18 @@ def test_mp4(episodes, tmp_path, monkeypatch):
     ).stdout
     frames = np.frombuffer(decoded, np.uint8).reshape(-1, 720, 1280, 3)
     assert len(frames) == 12
-    drawn = next(SteeringFilm(episodes["square"], legs_of(episodes["square"])).frames([Moment(0, 0.0)]))
+    drawn = next(SteeringFilm(episodes["square"], trajectories_of(episodes["square"])).frames([Moment(0, 0.0)]))
     assert np.abs(frames[0].astype(int) - drawn).mean() < 3  # a lossy format
 
 
 def test_particles_are_drawn_where_they_are(episodes):
     """The discs of the first particle and their numbers lie where the view says."""
     episode = episodes["region"]
-    legs = legs_of(episode)
-    film = SteeringFilm(episode, legs, height=720)
+    trajectories = trajectories_of(episode)
+    film = SteeringFilm(episode, trajectories, height=720)
     frame = next(film.frames([Moment(2, 0.5)]))
     blue = np.argwhere((frame == (0, 114, 178)).all(axis=2))
-    here = legs[2].at(0.5)[0]
+    here = trajectories[2].at(0.5)[0]
     scale = min(880 / 4, (720 - 86 - 124) / 3)
     place = np.array([480 + (here[0] - 2) * scale, 86 + 255 - (here[1] - 1.5) * scale])
     assert np.abs(blue - place[::-1]).sum(axis=1).min() < 12
@@ -169,7 +171,7 @@ def test_nothing_to_play(tmp_path):
     still = thrown(SQUARE, PLANE[0], np.zeros((0, 2)))
     film(still, tmp_path / "film.html")
     assert len(list(SteeringFilm(still, []).frames([Moment(0, 0.0)]))) == 1
-    assert page_data(still)["legs"] == []
+    assert page_data(still)["trajectories"] == []
 
 
 def test_nothing_is_left_behind(episodes, tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shoal.search import SearchEpisode
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
-from shoal.views.search.history import SearchStory, long_legs, rings_of, robot_colour
+from shoal.views.search.history import SearchHistory, long_legs, rings_of, robot_colour
 from shoal.views.search.timeline import draw_heading, timeline_figure
 
 if TYPE_CHECKING:
@@ -34,27 +34,27 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     the colour of the robot that first searched them; those of another's part have a darker one and an outline, and the way through
     them is thicker. Ways to cells farther off are thin and dashed. What nobody saw is red.
     """
-    story = SearchStory(episode)
-    left, right, bottom, top = story.extent
+    history = SearchHistory(episode)
+    left, right, bottom, top = history.extent
     ratio = (top - bottom) / (right - left)
     width = 7.2 if ratio < 1.2 else max(4.6, 8.4 / ratio)
     figure = new_figure(width, float(np.clip((width - 0.6) * ratio, 1.2, 8.6)) + 1.3)
     axes = figure.add_subplot()
     side = 72 * 0.9 * min(width / (right - left), figure.get_figheight() / (top - bottom)) * episode.plan.grid.size
-    _draw_ground(axes, story)
-    for robot in range(story.n_robots):
-        _draw_route(axes, story, robot, side)
+    _draw_ground(axes, history)
+    for robot in range(history.n_robots):
+        _draw_route(axes, history, robot, side)
     _draw_not_seen(axes, episode)
     _draw_findings(axes, episode)
     axes.set(xlim=(left, right), ylim=(bottom, top))
     axes.set_xlabel("metres", color=MUTED, fontsize=8)
     bare_axes(axes)
     axes.set_title(_summary(episode), fontsize=9, color=MUTED, loc="left", parse_math=False)
-    draw_heading(figure, f"{episode.plan.grid.region.name}, {_robots(story.n_robots)}")
-    _draw_legend(figure, story)
+    draw_heading(figure, f"{episode.plan.grid.region.name}, {_robots(history.n_robots)}")
+    _draw_legend(figure, history)
     figure.draw_without_rendering()  # settles where the axes are, so that numbers can be kept apart on paper
     figure.set_layout_engine("none")
-    _draw_robots(axes, story)
+    _draw_robots(axes, history)
     return figure
 
 
@@ -69,27 +69,27 @@ def _summary(episode: SearchEpisode) -> str:
     return f"{cells:,} cell{'s' if cells != 1 else ''} of {episode.plan.grid.size:.3g} m, {when}{over}"
 
 
-def _draw_ground(axes: Axes, story: SearchStory) -> None:
+def _draw_ground(axes: Axes, history: SearchHistory) -> None:
     """Draw the cells in the colours of who searched them, and the region with its holes over them."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import to_rgb
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 
-    left, right, bottom, top = story.extent
-    picture = story.raster(cell_colours(story), 1.0)
+    left, right, bottom, top = history.extent
+    picture = history.raster(cell_colours(history), 1.0)
     axes.imshow(picture, extent=(left, right, bottom, top), interpolation="nearest", zorder=0)
-    size = story.episode.plan.grid.size
-    if story.n_cells <= _GRID:
-        height, width = story.episode.plan.grid.shape
+    size = history.episode.plan.grid.size
+    if history.n_cells <= _GRID:
+        height, width = history.episode.plan.grid.shape
         lines = [[(x, bottom), (x, top)] for x in left + size * np.arange(1, width)]
         lines += [[(left, y), (right, y)] for y in bottom + size * np.arange(1, height)]
         axes.add_collection(LineCollection(lines, colors=[_LINES], linewidths=0.4, zorder=0.5))
     pad = 0.02 * max(right - left, top - bottom)
     frame = np.array([(left - pad, bottom - pad), (right + pad, bottom - pad), (right + pad, top + pad), (left - pad, top + pad)])
-    rings = [ring for part in rings_of(story.episode.plan.grid.region.area) for ring in part]
+    rings = [ring for part in rings_of(history.episode.plan.grid.region.area) for ring in part]
     axes.add_patch(PathPatch(_even_odd([frame, *rings]), facecolor="white", lw=0, zorder=0.8))
-    for part in rings_of(story.episode.plan.grid.region.area):
+    for part in rings_of(history.episode.plan.grid.region.area):
         for hole in part[1:]:
             axes.fill(*hole.T, facecolor=to_rgb(_OUTSIDE), lw=0, zorder=0.9)
         for ring in part:
@@ -110,37 +110,37 @@ def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
     )
 
 
-def cell_colours(story: SearchStory, time: float = inf) -> NDArray[np.float64]:
+def cell_colours(history: SearchHistory, time: float = inf) -> NDArray[np.float64]:
     """Return the colour of each cell at a time, white if nobody had searched it; float64, shape (n, 3), by number on the tour.
 
     That of an obstacle once it was found.
     """
     from matplotlib.colors import to_rgb
 
-    times, by = story.first
-    palette = np.array([(1.0, 1.0, 1.0), *(to_rgb(robot_colour(robot)) for robot in range(story.n_robots))])
-    part = np.where(story.taken, _TAKEN, _OWN) * ((times <= time) & (by > 0))
+    times, by = history.first
+    palette = np.array([(1.0, 1.0, 1.0), *(to_rgb(robot_colour(robot)) for robot in range(history.n_robots))])
+    part = np.where(history.taken, _TAKEN, _OWN) * ((times <= time) & (by > 0))
     colours = 1.0 - part[:, None] * (1.0 - palette[by])
-    colours[[cell for cell, moment in story.episode.obstacles.items() if moment <= time]] = to_rgb(OBSTACLE)
+    colours[[cell for cell, moment in history.episode.obstacles.items() if moment <= time]] = to_rgb(OBSTACLE)
     return np.asarray(colours)
 
 
-def _draw_route(axes: Axes, story: SearchStory, robot: int, side: float) -> None:
+def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> None:
     """Draw the way of a robot; ``side`` is that of a cell on paper, in points."""
     from matplotlib.collections import LineCollection
 
-    episode, colour = story.episode, robot_colour(robot)
+    episode, colour = history.episode, robot_colour(robot)
     route, size = episode.routes[robot], episode.plan.grid.size
-    outline = story.outline(robot)
+    outline = history.outline(robot)
     if len(outline):
         axes.add_collection(LineCollection(list(outline), colors=[colour], linewidths=1.5, capstyle="round", zorder=0.7))
     if len(route.points) < 2:
-        _draw_unfinished(axes, story, robot)
+        _draw_unfinished(axes, history, robot)
         return
     pieces = np.stack([route.points[:-1], route.points[1:]], axis=1)
-    ends = story.stop_ends(robot)
+    ends = history.stop_ends(robot)
     cell = np.clip(np.searchsorted(ends, np.arange(1, len(route.points))) - 1, 0, None)
-    taken = (story.others(robot) > 0)[np.minimum(cell, len(ends) - 2)]
+    taken = (history.others(robot) > 0)[np.minimum(cell, len(ends) - 2)]
     far = long_legs(route, size)
     thick = float(np.clip(0.16 * side, 0.45, 1.9))
     for chosen, width, style, alpha in (
@@ -155,9 +155,9 @@ def _draw_route(axes: Axes, story: SearchStory, robot: int, side: float) -> None
     _draw_arrows(axes, pieces[~far], colour, float(np.clip(0.3 * side, 2.2, 4.8)) * size / side)
 
 
-def _draw_unfinished(axes: Axes, story: SearchStory, robot: int) -> None:
+def _draw_unfinished(axes: Axes, history: SearchHistory, robot: int) -> None:
     """Draw how far a robot came that died before it searched anything."""
-    way = story.motions[robot].points
+    way = history.trajectories[robot].points
     if len(way) > 1:
         axes.plot(*way.T, color=robot_colour(robot), lw=0.8, ls=(0, (3, 1.8)), zorder=3)
 
@@ -206,12 +206,12 @@ def _label(axes: Axes, words: str, place: Any, offset: tuple[float, float]) -> N
     )  # fmt: skip
 
 
-def _draw_robots(axes: Axes, story: SearchStory) -> None:
+def _draw_robots(axes: Axes, history: SearchHistory) -> None:
     """Draw starts and deaths; where starts are close, numbers are moved apart and joined to them by lines."""
-    places = story.episode.plan.places
+    places = history.episode.plan.places
     points_a_pixel = 72 / axes.figure.dpi
     on_paper = axes.transData.transform(places) * points_a_pixel
-    small = story.n_robots > 12
+    small = history.n_robots > 12
     side, font = (9.5, 5.8) if small else (11.0, 7.0)
     moved = spread_out(on_paper, 1.12 * side)
     for robot, (place, here, there) in enumerate(zip(places, on_paper, moved, strict=True)):
@@ -225,9 +225,9 @@ def _draw_robots(axes: Axes, story: SearchStory) -> None:
         axes.text(
             x, y, str(robot + 1), color="white", fontsize=font, fontweight="bold", ha="center", va="center_baseline", zorder=7
         )
-    for robot in range(story.n_robots):
-        if story.death(robot) < inf:
-            place = story.motions[robot].at(story.death(robot))
+    for robot in range(history.n_robots):
+        if history.death(robot) < inf:
+            place = history.trajectories[robot].at(history.death(robot))
             axes.plot(*place, "x", color="white", ms=10, mew=4.6, zorder=7.2)
             axes.plot(*place, "x", color=INK, ms=9, mew=2.2, zorder=7.3)
             _label(axes, str(robot + 1), place, (5.5, -9))
@@ -267,15 +267,15 @@ def _not_seen(episode: SearchEpisode) -> Any:
     return episode.coverage.uncovered - shapely.union_all(shapely.box(x, y - grid.size, x + grid.size, y))
 
 
-def _draw_legend(figure: Figure, story: SearchStory) -> None:
+def _draw_legend(figure: Figure, history: SearchHistory) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    episode = story.episode
+    episode = history.episode
     handles: list[Any] = [Line2D([], [], ls="", marker="s", color=MUTED, ms=8, label="start")]
-    if any(story.death(robot) < inf for robot in range(story.n_robots)):
+    if any(history.death(robot) < inf for robot in range(history.n_robots)):
         handles.append(Line2D([], [], ls="", marker="x", color=INK, ms=7, mew=2, label="died"))
-    if story.taken.any():
+    if history.taken.any():
         handles.append(Patch(facecolor="#c9ced6", edgecolor=MUTED, lw=1.5, label="searched for another robot"))
     if episode.findings:
         handles.append(Line2D([], [], ls="", marker="D", mfc="#ffd54a", mec=INK, ms=6, label="finding, and how sure"))

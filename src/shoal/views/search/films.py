@@ -13,7 +13,7 @@ from shoal.search import SearchEpisode
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.search.figures import cell_colours
-from shoal.views.search.history import SearchStory, Stretch, rings_of, robot_colour
+from shoal.views.search.history import Activity, SearchHistory, rings_of, robot_colour
 
 if TYPE_CHECKING:
     from shoal.views.drawing.canvas import Canvas
@@ -47,8 +47,8 @@ class SearchFilm:
     def __init__(self, episode: SearchEpisode, *, height: int = 720) -> None:
         from shoal.views.drawing.canvas import Canvas
 
-        self.story = SearchStory(episode)
-        left, right, bottom, top = self.story.extent
+        self.history = SearchHistory(episode)
+        left, right, bottom, top = self.history.extent
         self._unit = unit = max(height / 720, 0.7)
         head, foot, side = 64 * unit, 92 * unit, 32 * unit
         across = float(np.clip((right - left) / (top - bottom), 0.9, 1.9))
@@ -61,21 +61,21 @@ class SearchFilm:
         self._canvas: Canvas = Canvas(self.width, self.height)
         self._label = self._pixels()
         self._rings = [[self._at(ring) for ring in part] for part in rings_of(episode.plan.grid.region.area)]
-        self._outlines = [list(self._at(self.story.outline(robot))) for robot in range(self.story.n_robots)]
+        self._outlines = [list(self._at(self.history.outline(robot))) for robot in range(self.history.n_robots)]
 
     def times(self, rate: float, longest: int) -> list[float]:
         """Return when the frames are, in the time of a cell; the end stays for a while."""
-        seconds = float(np.clip(self.story.end / 8, _SHORTEST, SECONDS))
+        seconds = float(np.clip(self.history.end / 8, _SHORTEST, SECONDS))
         rest = round(_REST * rate)
         count = min(round(seconds * rate), longest - rest)
-        return [*np.linspace(0, self.story.end, count).tolist(), *[self.story.end] * rest]
+        return [*np.linspace(0, self.history.end, count).tolist(), *[self.history.end] * rest]
 
     def frames(self, times: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
         """Yield the picture at each time; uint8, shape (height, width, 3)."""
         self._draw_background()
         drawn = -1.0
         for time in times:
-            if time < drawn or self.story.searched(time) != self.story.searched(drawn):
+            if time < drawn or self.history.searched(time) != self.history.searched(drawn):
                 self._draw_cells(time)
             drawn = time
             self._canvas.clear()
@@ -83,38 +83,38 @@ class SearchFilm:
             yield self._canvas.frame()
 
     def _at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        left, _, _, top = self.story.extent
+        left, _, _, top = self.history.extent
         return np.asarray((points - (left, top)) * (self._scale, -self._scale) + self._corner)
 
     def _pixels(self) -> NDArray[np.int64]:
         """Return the number of the cell that each pixel lies in, the number of cells for none; int64, shape (height, width)."""
-        grid = self.story.episode.plan.grid
+        grid = self.history.episode.plan.grid
         rows, cols = (
             np.floor((np.arange(length) + 0.5 - first) / (self._scale * grid.size)).astype(np.int64)
             for length, first in ((self.height, self._corner[1]), (self.width, self._corner[0]))
         )
-        number = self.story.raster(np.arange(self.story.n_cells), self.story.n_cells)
-        padded = np.pad(number, 1, constant_values=self.story.n_cells)
+        number = self.history.raster(np.arange(self.history.n_cells), self.history.n_cells)
+        padded = np.pad(number, 1, constant_values=self.history.n_cells)
         return np.asarray(padded[np.clip(rows + 1, 0, grid.shape[0] + 1)[:, None], np.clip(cols + 1, 0, grid.shape[1] + 1)[None]])
 
     def _draw_background(self) -> None:
-        canvas, unit, episode = self._canvas, self._unit, self.story.episode
+        canvas, unit, episode = self._canvas, self._unit, self.history.episode
         canvas.area([[(0, 0), (self.width, 0), (self.width, self.height), (0, self.height)]], "#ffffff")
         name = episode.plan.grid.region.name
         width = canvas.text((32 * unit, 38 * unit), name if len(name) < 30 else name[:29] + "…", INK, 19 * unit, bold=True)
-        count = self.story.n_robots
-        words = f"{count} robot{'s' if count != 1 else ''}, {self.story.n_cells:,} cells of {episode.plan.grid.size:.3g} m"
+        count = self.history.n_robots
+        words = f"{count} robot{'s' if count != 1 else ''}, {self.history.n_cells:,} cells of {episode.plan.grid.size:.3g} m"
         canvas.text((32 * unit + width + 14 * unit, 38 * unit), words, MUTED, 14 * unit)
         self._plain = canvas.frame()
         self._draw_cells(-1.0)
 
     def _draw_cells(self, time: float) -> None:
         """Colour the cells, cover what of them lies outside, and keep that as the background of the frames to come."""
-        colours = np.rint(255 * np.vstack([cell_colours(self.story, time), (1.0, 1.0, 1.0)])).astype(np.uint8)
+        colours = np.rint(255 * np.vstack([cell_colours(self.history, time), (1.0, 1.0, 1.0)])).astype(np.uint8)
         canvas = self._canvas
-        canvas.paint(np.where((self._label < self.story.n_cells)[..., None], colours[self._label], self._plain))
-        for robot, stretches in enumerate(self.story.stretches):
-            if any(stretch.kind == "taken" and stretch.begin <= time for stretch in stretches):
+        canvas.paint(np.where((self._label < self.history.n_cells)[..., None], colours[self._label], self._plain))
+        for robot, activities in enumerate(self.history.activities):
+            if any(activity.kind == "taken" and activity.begin <= time for activity in activities):
                 canvas.lines(self._outlines[robot], robot_colour(robot), 2 * self._unit)
         frame = np.array([(-9, -9), (self.width + 9, -9), (self.width + 9, self.height + 9), (-9, self.height + 9)], dtype=float)
         head = 56 * self._unit
@@ -128,18 +128,18 @@ class SearchFilm:
         canvas.keep()
 
     def _draw_frame(self, time: float) -> None:
-        canvas, unit, story = self._canvas, self._unit, self.story
-        thick = float(np.clip(0.12 * self._scale * story.episode.plan.grid.size, 0.7, 2.6 * unit))
-        now = [_current(stretches, time) for stretches in story.stretches]
-        for robot, motion in enumerate(story.motions):
-            way = motion.until(time)
+        canvas, unit, history = self._canvas, self._unit, self.history
+        thick = float(np.clip(0.12 * self._scale * history.episode.plan.grid.size, 0.7, 2.6 * unit))
+        now = [_current(activities, time) for activities in history.activities]
+        for robot, trajectory in enumerate(history.trajectories):
+            way = trajectory.until(time)
             if len(way) > 1:
                 canvas.line(self._at(way), robot_colour(robot), thick, alpha=0.75)
-        for finding in story.episode.findings:
-            if story.first[0][finding.cell] <= time:
-                self._draw_diamond(story.episode.plan.course.points[finding.cell] * story.episode.plan.grid.size)
-        for robot, stretch in enumerate(now):
-            self._draw_robot(robot, stretch, time)
+        for finding in history.episode.findings:
+            if history.first[0][finding.cell] <= time:
+                self._draw_diamond(history.episode.plan.course.points[finding.cell] * history.episode.plan.grid.size)
+        for robot, activity in enumerate(now):
+            self._draw_robot(robot, activity, time)
         self._draw_foot(time, now)
 
     def _draw_diamond(self, place: NDArray[np.float64]) -> None:
@@ -147,40 +147,40 @@ class SearchFilm:
         corners = self._at(place) + size * np.array([(0, -1), (1, 0), (0, 1), (-1, 0)])
         self._canvas.area([corners], "#ffd54a", edge=INK, width=1.2 * self._unit)
 
-    def _draw_robot(self, robot: int, stretch: Stretch, time: float) -> None:
+    def _draw_robot(self, robot: int, activity: Activity, time: float) -> None:
         canvas, unit, colour = self._canvas, self._unit, robot_colour(robot)
-        place = self._at(self.story.motions[robot].at(time))
-        radius = (11 if self.story.n_robots <= 12 else 8.5) * unit
-        if stretch.kind == "dead":
+        place = self._at(self.history.trajectories[robot].at(time))
+        radius = (11 if self.history.n_robots <= 12 else 8.5) * unit
+        if activity.kind == "dead":
             for width, shade in ((5.5 * unit, "#ffffff"), (2.6 * unit, INK)):
                 for sign in (1, -1):
                     canvas.line(place + 0.62 * radius * np.array([(-1, -sign), (1, sign)]), shade, width)
             canvas.text(place + radius * np.array((0.9, 1.3)), str(robot + 1), INK, 11 * unit, bold=True)
             return
-        if stretch.kind == "taken":
-            since = (time - stretch.begin) / (self.story.end / _FLASH)
+        if activity.kind == "taken":
+            since = (time - activity.begin) / (self.history.end / _FLASH)
             if since < 1:
                 canvas.disc(place, radius * (1.2 + 2.6 * since), None, edge=colour, width=3 * unit, alpha=1 - since)
             canvas.disc(place, 1.38 * radius, None, edge=colour, width=2.2 * unit)
-        idle = stretch.kind in ("waiting", "complete", "listening", "paused")
+        idle = activity.kind in ("waiting", "complete", "listening", "paused")
         canvas.disc(
             place, radius, "#ffffff" if idle else colour, edge=colour if idle else "#ffffff", width=(2.4 if idle else 1.4) * unit
         )
         size = 1.05 * radius
         canvas.text(place + np.array((0, 0.37 * size)), str(robot + 1), colour if idle else "#ffffff", size, bold=True, align=0.5)
 
-    def _draw_foot(self, time: float, now: list[Stretch]) -> None:
+    def _draw_foot(self, time: float, now: list[Activity]) -> None:
         """Draw the clock, the share searched, and what robots are doing."""
-        canvas, unit, story = self._canvas, self._unit, self.story
+        canvas, unit, history = self._canvas, self._unit, self.history
         level, left, right = self.height - 26 * unit, 32 * unit, self.width - 32 * unit
-        done = story.searched(time)
-        share = f"{100 * done / story.n_cells:.0f} % searched"
-        if 0 < story.n_cells - done < 0.005 * story.n_cells:
-            share = f"{story.n_cells - done} cells left"
+        done = history.searched(time)
+        share = f"{100 * done / history.n_cells:.0f} % searched"
+        if 0 < history.n_cells - done < 0.005 * history.n_cells:
+            share = f"{history.n_cells - done} cells left"
         width = canvas.text((left, level - 20 * unit), share, INK, 19 * unit, bold=True)
-        clock = f"{time:,.0f} of {story.end:,.0f} cells' time"
+        clock = f"{time:,.0f} of {history.end:,.0f} cells' time"
         canvas.text((left + width + 14 * unit, level - 20 * unit), clock, MUTED, 14 * unit)
-        kinds = [stretch.kind for stretch in now]
+        kinds = [activity.kind for activity in now]
         words = [
             f"{kinds.count(kind)} {name}"
             for kind, name in (("dead", "dead"), ("taken", "taking over"), ("paused", "paused"), ("waiting", "waiting"))
@@ -189,13 +189,13 @@ class SearchFilm:
         canvas.text((right, level - 20 * unit), " · ".join(words), MUTED, 14 * unit, align=1.0)
         canvas.line([(left, level), (right, level)], _BAR, 5 * unit)
         if done:
-            canvas.line([(left, level), (left + (right - left) * done / story.n_cells, level)], "#0072b2", 5 * unit)
+            canvas.line([(left, level), (left + (right - left) * done / history.n_cells, level)], "#0072b2", 5 * unit)
 
 
-def _current(stretches: tuple[Stretch, ...], time: float) -> Stretch:
+def _current(activities: tuple[Activity, ...], time: float) -> Activity:
     """Return what a robot does at a time."""
-    found = [stretch for stretch in stretches if stretch.begin <= time]
-    return found[-1] if found else Stretch(0.0, inf, "listening")
+    found = [activity for activity in activities if activity.begin <= time]
+    return found[-1] if found else Activity(0.0, inf, "listening")
 
 
 def _turned(ring: NDArray[np.float64], frame: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -30,7 +30,7 @@ def robot_colour(robot: int) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class Activity:
     """A time in which a robot did one thing.
 
     Parameters
@@ -50,7 +50,7 @@ class Stretch:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Trajectory:
     """Where a robot is at each time.
 
     Parameters
@@ -73,7 +73,7 @@ class Motion:
         return np.concatenate([self.points[: np.searchsorted(self.times, time, side="right")], self.at(time)[None]])
 
 
-class SearchStory:
+class SearchHistory:
     """An episode, ready to be drawn.
 
     The parts are those that all robots agree on who have heard of one another; who was dead from the beginning has none.
@@ -177,13 +177,13 @@ class SearchStory:
         return next((moment for moment, state in self.episode.robots[robot].states if state == "dead"), inf)
 
     @cached_property
-    def stretches(self) -> tuple[tuple[Stretch, ...], ...]:
+    def activities(self) -> tuple[tuple[Activity, ...], ...]:
         """What each robot did."""
-        return tuple(tuple(self._stretches(robot)) for robot in range(self.n_robots))
+        return tuple(tuple(self._activities(robot)) for robot in range(self.n_robots))
 
-    def _stretches(self, robot: int) -> list[Stretch]:
+    def _activities(self, robot: int) -> list[Activity]:
         log = self.episode.robots[robot]
-        found: list[Stretch] = []
+        found: list[Activity] = []
         bounds = [moment for moment, _ in log.states] + [self.end]
         others = self.others(robot)
         for (begin, state), end in zip(log.states, bounds[1:], strict=True):
@@ -191,13 +191,13 @@ class SearchStory:
                 inside = np.flatnonzero((log.times > begin) & (log.times <= end))
                 _add_searching(found, begin, end, log.times[inside], others[inside])
             elif end > begin or state in ("dead", "complete"):
-                found.append(Stretch(begin, end, state))
+                found.append(Activity(begin, end, state))
         return found
 
     @cached_property
-    def motions(self) -> tuple[Motion, ...]:
+    def trajectories(self) -> tuple[Trajectory, ...]:
         """Where each robot was."""
-        return tuple(self._motion(robot) for robot in range(self.n_robots))
+        return tuple(self._trajectory(robot) for robot in range(self.n_robots))
 
     def stop_ends(self, robot: int) -> Numbers:
         """Return where on its route a robot has searched each of its cells, before them its start; int64, shape (k + 1,)."""
@@ -218,7 +218,7 @@ class SearchStory:
                 rates[times > fault.time] /= fault.factor
         return rates
 
-    def _motion(self, robot: int) -> Motion:
+    def _trajectory(self, robot: int) -> Trajectory:
         """Lay the route of a robot out in time: it comes to each cell when it has searched it, and sets out as late as it can."""
         log = self.episode.robots[robot]
         if not len(log.cells):
@@ -240,15 +240,15 @@ class SearchStory:
         points = np.insert(route.points, ends[:-1] + 1, route.points[ends[:-1]], axis=0)
         times = np.maximum.accumulate(times)
         new = np.concatenate([[True], (np.diff(times) > 1e-9) | (np.abs(np.diff(points, axis=0)).max(axis=1) > 0)])
-        return self._with_ways_home(robot, Motion(times[new], points[new]))
+        return self._with_ways_home(robot, Trajectory(times[new], points[new]))
 
-    def _with_ways_home(self, robot: int, motion: Motion) -> Motion:
+    def _with_ways_home(self, robot: int, trajectory: Trajectory) -> Trajectory:
         """Lay in the ways to the start and back where a robot recharged: so long was it away between two cells."""
         plan, log, brief = self.episode.plan, self.episode.robots[robot], self.episode.scenario.brief
         if brief.energy == inf or plan.course.stepwise:  # the latter's ways home are a part of the route
-            return motion
+            return trajectory
         start, rates, size = int(plan.starts[robot]), self._rate(robot, log.times), plan.grid.size
-        times, points, home = motion.times, motion.points, plan.places[robot][None]
+        times, points, home = trajectory.times, trajectory.points, plan.places[robot][None]
         for k in range(len(log.cells) - 1, 0, -1):
             one, other = int(log.cells[k - 1]), int(log.cells[k])
             there, back = plan.course.length(one, start) / rates[k], plan.course.length(start, other) / rates[k]
@@ -267,22 +267,22 @@ class SearchStory:
             ]
             times = np.concatenate([times[:first], *moments, times[last:]])
             points = np.concatenate([points[:first], *ways, points[last:]])
-        return Motion(times, points)
+        return Trajectory(times, points)
 
-    def _first_leg(self, robot: int) -> Motion:
-        """Return the motion of a robot that searched nothing: as far as it came on the way to its part."""
+    def _first_leg(self, robot: int) -> Trajectory:
+        """Return the trajectory of a robot that searched nothing: as far as it came on the way to its part."""
         plan, died = self.episode.plan, self.death(robot)
         home = plan.places[robot]
         cells = plan.numbers(self.sweeps(robot))
         began = next((moment for moment, state in self.episode.robots[robot].states if state == "searching"), inf)
         if not (len(cells) and began < died < inf):
-            return Motion(np.zeros(1), home[None])
+            return Trajectory(np.zeros(1), home[None])
         way = plan.paths.legs(np.stack([home, plan.grid.waypoint(tuple(plan.tour.cells[cells[0]]))])).points
         rate = float(self._rate(robot, np.array([died]))[0])
         times = began + np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))]) / plan.grid.size / rate
-        whole = Motion(times, way)
+        whole = Trajectory(times, way)
         kept = whole.until(min(died, float(times[-1])))
-        return Motion(np.append(times[: len(kept) - 1], min(died, float(times[-1]))), kept)
+        return Trajectory(np.append(times[: len(kept) - 1], min(died, float(times[-1]))), kept)
 
     def raster(self, values: Any, empty: Any) -> Any:
         """Return values by number on the tour as an array of the grid's shape."""
@@ -340,12 +340,12 @@ def _earliest(seen: tuple[Numbers, ...], log: RobotLog) -> tuple[Numbers, Floats
     return cells, log.times[np.repeat(np.arange(len(seen)), [len(some) for some in seen])[index]]
 
 
-def _add_searching(found: list[Stretch], begin: float, end: float, times: Floats, others: Numbers) -> None:
-    """Add what a robot searched from one time to another: a stretch for each part."""
+def _add_searching(found: list[Activity], begin: float, end: float, times: Floats, others: Numbers) -> None:
+    """Add what a robot searched from one time to another: a activity for each part."""
     bounds = np.flatnonzero(np.diff(others)) if len(others) else np.zeros(0, dtype=np.int64)
     owners = [int(others[k]) for k in (*bounds, -1)] if len(others) else [0]
     ends = [*(float(times[k]) for k in bounds), end]
     for other, until in zip(owners, ends, strict=True):
         if until > begin:
-            found.append(Stretch(begin, until, "taken" if other else "own", other))
+            found.append(Activity(begin, until, "taken" if other else "own", other))
         begin = until

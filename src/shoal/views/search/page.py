@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shoal.errors import InvalidInputError
 from shoal.search import SearchEpisode
 from shoal.views.player import render
-from shoal.views.search.history import Motion, SearchStory, rings_of
+from shoal.views.search.history import SearchHistory, Trajectory, rings_of
 
 LARGEST = 300_000
 """Visits of cells that a page still plays smoothly enough."""
@@ -44,7 +44,7 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         - ``first`` : when each searched cell was first searched, float32, rising; ``by``, ``where``, ``taken`` : by which robot
           (uint16), at row * columns + column (uint32), and whether it was another's part (uint8).
         - ``robots`` : for each its ``times`` (float32) and ``places`` between which it moves straight (uint16, x and y in turn, in
-          65,535ths of the box from its lower left), ``visits`` (float32), ``stretches`` [begin, end, kind, other], ``outline``
+          65,535ths of the box from its lower left), ``visits`` (float32), ``activities`` [begin, end, kind, other], ``outline``
           (sides around what it took over, uint16: column, row, column, row), ``liar``.
         - ``obstacles`` : list of row * columns + column and when it was found.
         - ``findings`` : list of x, y, when the cell was first searched, and confidence.
@@ -54,15 +54,15 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
     InvalidInputError
         If the search is too large for a browser.
     """
-    story, plan = SearchStory(episode), episode.plan
-    visits = sum(len(story.seen_at(robot)) for robot in range(story.n_robots))
+    history, plan = SearchHistory(episode), episode.plan
+    visits = sum(len(history.seen_at(robot)) for robot in range(history.n_robots))
     if visits > LARGEST:
         raise InvalidInputError(f"the HTML player: expected at most {LARGEST} visits of cells, got {visits} (use .gif or .mp4)")
-    left, right, bottom, top = story.extent
-    times, by = story.first
+    left, right, bottom, top = history.extent
+    times, by = history.first
     order = np.argsort(times, kind="stable")[: int(np.count_nonzero(times < inf))]
     cells = plan.tour.cells[order]
-    count = story.n_robots
+    count = history.n_robots
     return {
         "title": f"{plan.grid.region.name}, {count} robot{'s' if count != 1 else ''}",
         "tour": plan.tour.name,
@@ -70,9 +70,9 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         "version": episode.version,
         "seed": episode.seed,
         "takeovers": episode.takeovers,
-        "cells": story.n_cells,
+        "cells": history.n_cells,
         "cellTime": episode.cell_time,
-        "end": story.end,
+        "end": history.end,
         "covered": episode.covered_at if episode.covered_at < inf else None,
         "box": [left, bottom, right, top],
         "shape": list(plan.grid.shape),
@@ -81,43 +81,43 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         "first": _text(times[order], "<f4"),
         "by": _text(by[order] - 1, "<u2"),
         "where": _text(cells[:, 0] * plan.grid.shape[1] + cells[:, 1], "<u4"),
-        "taken": _text(story.taken[order], "<u1"),
-        "robots": [_robot(story, robot) for robot in range(count)],
+        "taken": _text(history.taken[order], "<u1"),
+        "robots": [_robot(history, robot) for robot in range(count)],
         "obstacles": [
             [int(row * plan.grid.shape[1] + col), moment]
             for (row, col), moment in zip(plan.tour.cells[[*episode.obstacles]], episode.obstacles.values(), strict=True)
         ],
         "findings": [
-            [*(plan.course.points[one.cell] * plan.grid.size).tolist(), min(float(times[one.cell]), story.end), one.confidence]
+            [*(plan.course.points[one.cell] * plan.grid.size).tolist(), min(float(times[one.cell]), history.end), one.confidence]
             for one in episode.findings
         ],
     }
 
 
-def _robot(story: SearchStory, robot: int) -> dict[str, Any]:
-    left, right, bottom, top = story.extent
-    motion = simplified(story.motions[robot], 1e-4 * story.episode.plan.grid.size)
-    places = np.rint((motion.points - (left, bottom)) / (right - left, top - bottom) * _STEPS)
-    sides = (story.outline(robot) - (left, top)) / (story.episode.plan.grid.size, -story.episode.plan.grid.size)
+def _robot(history: SearchHistory, robot: int) -> dict[str, Any]:
+    left, right, bottom, top = history.extent
+    trajectory = simplified(history.trajectories[robot], 1e-4 * history.episode.plan.grid.size)
+    places = np.rint((trajectory.points - (left, bottom)) / (right - left, top - bottom) * _STEPS)
+    sides = (history.outline(robot) - (left, top)) / (history.episode.plan.grid.size, -history.episode.plan.grid.size)
     return {
-        "times": _text(motion.times, "<f4"),
+        "times": _text(trajectory.times, "<f4"),
         "places": _text(np.clip(places, 0, _STEPS), "<u2"),
-        "visits": _text(story.seen_at(robot), "<f4"),
-        "stretches": [[one.begin, one.end, one.kind, one.other] for one in story.stretches[robot]],
+        "visits": _text(history.seen_at(robot), "<f4"),
+        "activities": [[one.begin, one.end, one.kind, one.other] for one in history.activities[robot]],
         "outline": _text(np.rint(sides).reshape(-1), "<u2"),
-        "liar": robot + 1 in story.liars,
+        "liar": robot + 1 in history.liars,
     }
 
 
-def simplified(motion: Motion, tolerance: float) -> Motion:
-    """Return the same motion without moments at which it goes on straight and evenly, to a tolerance in metres."""
-    times, points = motion.times, motion.points
+def simplified(trajectory: Trajectory, tolerance: float) -> Trajectory:
+    """Return the same trajectory without moments at which it goes on straight and evenly, to a tolerance in metres."""
+    times, points = trajectory.times, trajectory.points
     if len(times) < 3:
-        return motion
+        return trajectory
     spans = np.maximum(times[2:] - times[:-2], 1e-12)
     guess = points[:-2] + ((times[1:-1] - times[:-2]) / spans)[:, None] * (points[2:] - points[:-2])
     kept = np.concatenate([[True], np.abs(guess - points[1:-1]).max(axis=1) > tolerance, [True]])
-    return Motion(times[kept], points[kept])
+    return Trajectory(times[kept], points[kept])
 
 
 def _text(values: NDArray[Any], kind: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from shoal.search import SearchEpisode
 from shoal.views.drawing.charts import INK, new_figure, plain_axes
-from shoal.views.search.history import SearchStory, Stretch, robot_colour
+from shoal.views.search.history import Activity, SearchHistory, robot_colour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,32 +30,32 @@ def timeline_figure(episode: SearchEpisode) -> Figure:
     Full colour: it searched its own part. Hatched: another's, whose number is written in it. Grey: it waited; pale: it listened;
     dotted: it was paused; a cross: it died; a dot: it declared the search complete.
     """
-    story = SearchStory(episode)
-    rows = story.n_robots
+    history = SearchHistory(episode)
+    rows = history.n_robots
     pitch = float(np.clip(9.0 / rows, 0.2, 0.34))
     figure = new_figure(8.0, 1.35 + pitch * max(rows, 2))
     axes = figure.add_subplot()
-    for robot, stretches in enumerate(story.stretches):
-        for stretch in stretches:
-            _draw_stretch(axes, robot, stretch, story.end, pitch)
-    _draw_moments(axes, story)
-    axes.set(xlim=(0, 1.015 * story.end), ylim=(rows - 0.4, -0.6), xlabel="time, in cells", ylabel="robot")
+    for robot, activities in enumerate(history.activities):
+        for activity in activities:
+            _draw_activity(axes, robot, activity, history.end, pitch)
+    _draw_moments(axes, history)
+    axes.set(xlim=(0, 1.015 * history.end), ylim=(rows - 0.4, -0.6), xlabel="time, in cells", ylabel="robot")
     axes.set_yticks(range(rows), [str(robot + 1) for robot in range(rows)], fontsize=8 if pitch > 0.26 else 6.5)
     plain_axes(axes)
     axes.grid(visible=False, axis="y")
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     draw_heading(figure, f"{episode.plan.grid.region.name}: what each robot did")
-    _draw_kinds(figure, story)
+    _draw_kinds(figure, history)
     return figure
 
 
-def _draw_stretch(axes: Axes, robot: int, stretch: Stretch, end: float, pitch: float) -> None:
+def _draw_activity(axes: Axes, robot: int, activity: Activity, end: float, pitch: float) -> None:
     from matplotlib.colors import to_rgb
 
-    colour, length = robot_colour(robot), stretch.end - stretch.begin
-    span = (stretch.begin, length)
-    match stretch.kind:
+    colour, length = robot_colour(robot), activity.end - activity.begin
+    span = (activity.begin, length)
+    match activity.kind:
         case "own":
             axes.broken_barh([span], (robot - 0.32, 0.64), facecolors=colour, linewidth=0, zorder=2)
         case "taken":
@@ -65,41 +65,41 @@ def _draw_stretch(axes: Axes, robot: int, stretch: Stretch, end: float, pitch: f
             )
             if length > 0.028 * end:
                 axes.text(
-                    stretch.begin + length / 2, robot, str(stretch.other), fontsize=7 if pitch > 0.26 else 5.5, fontweight="bold",
+                    activity.begin + length / 2, robot, str(activity.other), fontsize=7 if pitch > 0.26 else 5.5, fontweight="bold",
                     color=INK, ha="center", va="center_baseline", zorder=4,
                     bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8, "boxstyle": "round,pad=0.12"},
                 )  # fmt: skip
         case "waiting" | "listening":
-            shade = WAITING if stretch.kind == "waiting" else LISTENING
+            shade = WAITING if activity.kind == "waiting" else LISTENING
             axes.broken_barh([span], (robot - 0.32, 0.64), facecolors=shade, linewidth=0, zorder=1.8)
         case "paused":
-            axes.plot([stretch.begin, stretch.end], [robot, robot], color=colour, lw=1.6, ls=(0, (1, 1.6)), zorder=2)
+            axes.plot([activity.begin, activity.end], [robot, robot], color=colour, lw=1.6, ls=(0, (1, 1.6)), zorder=2)
         case "dead":
-            axes.plot(stretch.begin, robot, "x", color="white", ms=8, mew=4, zorder=5, clip_on=False)
-            axes.plot(stretch.begin, robot, "x", color=INK, ms=7, mew=2, zorder=5.1, clip_on=False)
+            axes.plot(activity.begin, robot, "x", color="white", ms=8, mew=4, zorder=5, clip_on=False)
+            axes.plot(activity.begin, robot, "x", color=INK, ms=7, mew=2, zorder=5.1, clip_on=False)
         case _:
-            axes.plot(stretch.begin, robot, "o", mfc="white", mec=INK, mew=1.3, ms=5, zorder=5, clip_on=False)
+            axes.plot(activity.begin, robot, "o", mfc="white", mec=INK, mew=1.3, ms=5, zorder=5, clip_on=False)
 
 
-def _draw_moments(axes: Axes, story: SearchStory) -> None:
+def _draw_moments(axes: Axes, history: SearchHistory) -> None:
     """Draw when all was searched, and when the last robot knew it."""
-    episode = story.episode
+    episode = history.episode
     marks: list[tuple[float, str, Any]] = []
     if episode.covered_at < inf:
         marks.append((episode.covered_at, "all searched", "solid"))
     if episode.declared:
         marks.append((max(episode.declared.values()), "all who live know it", (0, (3, 2))))
-    if len(marks) == 2 and abs(marks[0][0] - marks[1][0]) < 0.005 * story.end:
+    if len(marks) == 2 and abs(marks[0][0] - marks[1][0]) < 0.005 * history.end:
         marks = [(marks[1][0], f"all searched, {marks[1][1]}", "solid")]
     for row, (moment, words, style) in enumerate(reversed(marks)):
         axes.axvline(moment, color=INK, lw=1.1, ls=style, zorder=3)
         axes.annotate(
             f"{words}: {moment:.4g}", (moment, 1), xycoords=("data", "axes fraction"), xytext=(0, 4 + 11 * row),
-            textcoords="offset points", fontsize=8, color=INK, ha="right" if moment > 0.35 * story.end else "left",
+            textcoords="offset points", fontsize=8, color=INK, ha="right" if moment > 0.35 * history.end else "left",
         )  # fmt: skip
 
 
-def _draw_kinds(figure: Figure, story: SearchStory) -> None:
+def _draw_kinds(figure: Figure, history: SearchHistory) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -113,7 +113,7 @@ def _draw_kinds(figure: Figure, story: SearchStory) -> None:
         "dead": Line2D([], [], ls="", marker="x", color=INK, ms=7, mew=2, label="died"),
         "complete": Line2D([], [], ls="", marker="o", mfc="white", mec=INK, mew=1.3, ms=5, label="knows that all is searched"),
     }
-    kinds = {stretch.kind for stretches in story.stretches for stretch in stretches}
+    kinds = {activity.kind for activities in history.activities for activity in activities}
     figure.legend(
         handles=[handle for kind, handle in known.items() if kind in kinds], loc="outside lower center", ncols=7, frameon=False,
         fontsize=8, labelcolor=INK, handletextpad=0.5, columnspacing=1.2,

@@ -42,7 +42,7 @@ def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]
     return [workspace.vertices]
 
 
-def draw_ways(axes: Axes, episode: SteeringEpisode) -> None:
+def draw_trajectories(axes: Axes, episode: SteeringEpisode) -> None:
     """Draw where each particle went, its start (a square) and its goal (a circle)."""
     states, size = episode.states[..., :2], episode.problem.place.size
     for particle in range(episode.problem.n_particles):

@@ -11,7 +11,7 @@ from shoal.errors import InvalidInputError
 from shoal.steering import ConvexWorkspace, DiskReach, PolygonReach, Region, SteeringEpisode
 from shoal.steering.delta_space.two_moves import two_move_pieces
 from shoal.views.drawing.charts import GRID, INK, ORANGE, bare_axes, new_figure, set_title
-from shoal.views.steering.axes import PARTICLES, colour_of, draw_ways, draw_workspace, outlines_of
+from shoal.views.steering.axes import PARTICLES, colour_of, draw_trajectories, draw_workspace, outlines_of
 from shoal.views.steering.space import draw_space
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
     grid = figure.subplots(1, 2 if pair or not plane else 1, squeeze=False)[0]
     if plane:
         draw_workspace(grid[0], problem.place)
-        draw_ways(grid[0], episode)
+        draw_trajectories(grid[0], episode)
     else:
         draw_space(grid[0], episode)
     set_title(grid[0], f"{episode.planner}: {episode.moves} moves, length {episode.length:.4g}")

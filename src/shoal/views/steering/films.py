@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shoal.steering import SteeringEpisode
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.drawing.encoding import LONGEST, Clip
-from shoal.views.steering.trajectories import Leg, Moment, Schedule, has_delta, legs_of
+from shoal.views.steering.trajectories import Moment, Schedule, Trajectory, has_delta, trajectories_of
 
 if TYPE_CHECKING:
     from shoal.views.drawing.canvas import Canvas
@@ -25,9 +25,9 @@ _LINE, _BAR = "#dfe3e8", "#0072b2"
 
 def clip(episode: SteeringEpisode, suffix: str) -> Clip[Moment]:
     """Return the film of an episode, for a GIF or H.264."""
-    legs = legs_of(episode)
-    moments, rate = Schedule(legs, size=episode.problem.place.size).moments(RATE[suffix], LONGEST[suffix])
-    film = SteeringFilm(episode, legs, height=HEIGHT[suffix])
+    trajectories = trajectories_of(episode)
+    moments, rate = Schedule(trajectories, size=episode.problem.place.size).moments(RATE[suffix], LONGEST[suffix])
+    film = SteeringFilm(episode, trajectories, height=HEIGHT[suffix])
     return Clip(film.frames, moments, rate, max(film.width, film.height), quality=20)
 
 
@@ -37,17 +37,17 @@ class SteeringFilm:
     Parameters
     ----------
     episode : SteeringEpisode
-    legs : list of Leg
-        As `legs_of` returns them.
+    trajectories : list of Trajectory
+        As `trajectories_of` returns them.
     height : int
         Pixels.
     """
 
-    def __init__(self, episode: SteeringEpisode, legs: list[Leg], *, height: int = 720) -> None:
+    def __init__(self, episode: SteeringEpisode, trajectories: list[Trajectory], *, height: int = 720) -> None:
         from shoal.views.drawing.canvas import Canvas
-        from shoal.views.steering.panels import Box, DeltaScene, PlaneScene, SpaceScene
+        from shoal.views.steering.panels import Box, DeltaPanel, PlanePanel, SpacePanel
 
-        self._episode, self._legs = episode, legs
+        self._episode, self._trajectories = episode, trajectories
         pair, space = has_delta(episode), episode.problem.place.dimensions == 3
         self.height, self.width = height, 2 * round(height * (16 / 9 if pair else 4 / 3) / 2)
         self._unit = unit = max(height / 720, 0.72)  # words and lines of small films stay readable
@@ -59,13 +59,13 @@ class SteeringFilm:
             boxes = [Box(side, top, half, room.height), Box(2 * side + half, top, half, room.height)]
         else:
             boxes = [room]
-        view = SpaceScene if space else PlaneScene
-        self._scenes: list[PlaneScene | SpaceScene | DeltaScene] = [view(episode, legs, self._canvas, boxes[0], unit)]
+        view = SpacePanel if space else PlanePanel
+        self._panels: list[PlanePanel | SpacePanel | DeltaPanel] = [view(episode, trajectories, self._canvas, boxes[0], unit)]
         if pair:
-            self._scenes.append(DeltaScene(episode, legs, self._canvas, boxes[1], unit))
+            self._panels.append(DeltaPanel(episode, trajectories, self._canvas, boxes[1], unit))
         self._draw_head([box.left + box.width / 2 for box in boxes])
-        for scene in self._scenes:
-            scene.draw_background()
+        for panel in self._panels:
+            panel.draw_background()
         self._canvas.keep()
 
     def frames(self, moments: Sequence[Moment]) -> Iterator[NDArray[np.uint8]]:
@@ -73,8 +73,8 @@ class SteeringFilm:
         for number, moment in enumerate(moments):
             self._canvas.clear()
             turn = -pi / 3 + _TURN * sin(2 * pi * number / max(1, len(moments) - 1))
-            for scene in self._scenes:
-                scene.draw(moment, turn)
+            for panel in self._panels:
+                panel.draw(moment, turn)
             self._draw_foot(moment, turn)
             yield self._canvas.frame()
 
@@ -92,27 +92,29 @@ class SteeringFilm:
 
     def _draw_foot(self, moment: Moment, turn: float) -> None:
         """Draw the command as an arrow, what happens in words, and how far the plan is."""
-        canvas, unit, legs = self._canvas, self._unit, self._legs
+        canvas, unit, trajectories = self._canvas, self._unit, self._trajectories
         middle = np.array([76 * unit, self.height - 66 * unit])
         self._draw_command(middle, 38 * unit, moment, turn)
         left, right = 136 * unit, self.width - 40 * unit
-        done = sum(leg.length for leg in legs[: moment.move]) + (legs[moment.move].length * moment.share if legs else 0.0)
+        done = sum(trajectory.length for trajectory in trajectories[: moment.move]) + (
+            trajectories[moment.move].length * moment.share if trajectories else 0.0
+        )
         total = self._episode.length
-        last = moment.move == len(legs) - 1 and moment.share == 1
-        if not legs:
+        last = moment.move == len(trajectories) - 1 and moment.share == 1
+        if not trajectories:
             words = f"no moves: {self._episode.status}"
         elif last:
-            words = f"{self._episode.status} after {len(legs)} moves · length {total:.2f}"
+            words = f"{self._episode.status} after {len(trajectories)} moves · length {total:.2f}"
         else:
-            words = f"move {moment.move + 1} of {len(legs)} · length {_short(legs[moment.move].length)}"
+            words = f"move {moment.move + 1} of {len(trajectories)} · length {_short(trajectories[moment.move].length)}"
         canvas.text((left, self.height - 74 * unit), words, INK, 19 * unit, bold=True)
         canvas.text((left, self.height - 49 * unit), f"{done:.2f} of {total:.2f} in all", MUTED, 14 * unit)
         level = self.height - 30 * unit
-        gap = (9 if len(legs) < 30 else 6.5) * unit  # the ends of the segments are round
+        gap = (9 if len(trajectories) < 30 else 6.5) * unit  # the ends of the segments are round
         at = 0.0
-        for k, leg in enumerate(legs):
+        for k, trajectory in enumerate(trajectories):
             first = left + (right - left) * at / max(total, 1e-300)
-            at += leg.length
+            at += trajectory.length
             final = max(first, left + (right - left) * at / max(total, 1e-300) - gap)
             canvas.line([(first, level), (final, level)], _LINE, 5 * unit)
             share = 1.0 if k < moment.move else moment.share if k == moment.move else 0.0
@@ -123,13 +125,13 @@ class SteeringFilm:
         """Draw the dial with the present command, its length in proportion to the longest; in space as the camera sees it."""
         canvas, unit = self._canvas, self._unit
         canvas.disc(middle, radius, "#ffffff", edge="#cfd5dc", width=1.6 * unit)
-        if not self._legs:
+        if not self._trajectories:
             return
-        leg = self._legs[moment.move]
-        longest = max(one.length for one in self._legs)
-        if leg.length == 0:
+        trajectory = self._trajectories[moment.move]
+        longest = max(one.length for one in self._trajectories)
+        if trajectory.length == 0:
             return
-        sent = leg.sent * (0.35 + 0.6 * leg.length / longest) / leg.length
+        sent = trajectory.sent * (0.35 + 0.6 * trajectory.length / longest) / trajectory.length
         if len(sent) == 3:
             from shoal.views.steering.camera import Camera
 

@@ -10,7 +10,7 @@ from shoal.errors import InvalidInputError
 from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.views.player import render
 from shoal.views.steering.axes import outlines_of
-from shoal.views.steering.trajectories import Schedule, delta_outline, has_delta, legs_of, two_move_rings
+from shoal.views.steering.trajectories import Schedule, delta_outline, has_delta, trajectories_of, two_move_rings
 
 LARGEST = 200_000
 """Points of ways that a page still plays smoothly enough."""
@@ -37,7 +37,8 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
         - ``size``, ``radius``, ``tolerance``, ``length`` : float; ``bound`` : float or None.
         - ``walls`` : what `_walls` returns, of the workspace.
         - ``start``, ``goal`` : lists of points.
-        - ``legs`` : list of ``{"sent", "length", "shares", "points", "held"}``; see `shoal.views.steering.trajectories.Leg`.
+        - ``trajectories`` : list of ``{"sent", "length", "shares", "points", "held"}``;
+          see `shoal.views.steering.trajectories.Trajectory`.
         - ``starts``, ``lasting``, ``seconds`` : when the moves begin, how long they last and how long the film is.
         - ``delta`` : None, or ``{"walls", "sets", "which"}``: the sets of Δ that two moves reach, and which of them belongs to
           each move.
@@ -47,11 +48,11 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
     InvalidInputError
         If the episode is too large for a browser.
     """
-    problem, legs = episode.problem, legs_of(episode)
-    points = sum(leg.points.shape[0] * leg.points.shape[1] for leg in legs)
+    problem, trajectories = episode.problem, trajectories_of(episode)
+    points = sum(trajectory.points.shape[0] * trajectory.points.shape[1] for trajectory in trajectories)
     if points > LARGEST:
         raise InvalidInputError(f"the HTML player: expected ways of at most {LARGEST} points, got {points} (use .gif or .mp4)")
-    schedule = Schedule(legs, size=problem.place.size)
+    schedule = Schedule(trajectories, size=problem.place.size)
     names = {2: "Two", 3: "Three", 4: "Four", 5: "Five"}
     count = names.get(problem.n_particles, str(problem.n_particles))
     return {
@@ -72,15 +73,15 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
         "walls": _walls(problem.place),
         "start": episode.states[0].tolist(),
         "goal": episode.goal.tolist(),
-        "legs": [
+        "trajectories": [
             {
-                "sent": leg.sent.tolist(),
-                "length": leg.length,
-                "shares": leg.shares.tolist(),
-                "points": leg.points.tolist(),
-                "held": leg.held,
+                "sent": trajectory.sent.tolist(),
+                "length": trajectory.length,
+                "shares": trajectory.shares.tolist(),
+                "points": trajectory.points.tolist(),
+                "held": trajectory.held,
             }
-            for leg in legs
+            for trajectory in trajectories
         ],
         "starts": schedule.starts,
         "lasting": schedule.lasting,

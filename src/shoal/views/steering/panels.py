@@ -13,7 +13,7 @@ from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.steering.axes import colour_of, outlines_of
 from shoal.views.steering.camera import Frame3D, camera_for, flattened, spread
-from shoal.views.steering.trajectories import Leg, Moment, delta_outline, two_move_rings
+from shoal.views.steering.trajectories import Moment, Trajectory, delta_outline, two_move_rings
 
 FLOOR, OBSTACLE, REACHED, FAINT = "#f4f6f8", "#d6d9de", "#cfe3f5", "#b9c0c9"
 _ARC = 0.2  # radians of a round wall, to both sides of the contact, that are shown as holding
@@ -64,11 +64,11 @@ def wall_shape(workspace: ConvexWorkspace | Region, wall: int, contact: NDArray[
     return np.concatenate([low, high[::-1]])
 
 
-class PlaneScene:
+class PlanePanel:
     """The workspace in the plane, from above."""
 
-    def __init__(self, episode: SteeringEpisode, legs: list[Leg], canvas: Canvas, box: Box, unit: float) -> None:
-        self._episode, self._legs, self._canvas, self._unit = episode, legs, canvas, unit
+    def __init__(self, episode: SteeringEpisode, trajectories: list[Trajectory], canvas: Canvas, box: Box, unit: float) -> None:
+        self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
         outlines = outlines_of(episode.problem.place)
         self._view = PlaneView(outlines[0], box)
         self._radius = max(episode.problem.particle_radius * self._view.scale, 9.5 * unit)
@@ -91,21 +91,21 @@ class PlaneScene:
         """Draw what moves."""
         canvas, unit = self._canvas, self._unit
         workspace = self._episode.problem.place
-        here = points_at(self._episode, self._legs, moment)
-        if self._legs:
-            for particle, wall in self._legs[moment.move].holders(moment.share):
+        here = points_at(self._episode, self._trajectories, moment)
+        if self._trajectories:
+            for particle, wall in self._trajectories[moment.move].holders(moment.share):
                 line = self._view.at(wall_shape(workspace, wall, here[particle]))
                 canvas.line(line, colour_of(particle), 7 * unit)
-        draw_trails(canvas, self._legs, moment, self._view.at, unit)
+        draw_trails(canvas, self._trajectories, moment, self._view.at, unit)
         for particle, place in enumerate(self._view.at(here)):
             draw_particle(canvas, place, self._radius, particle, unit)
 
 
-class SpaceScene:
+class SpacePanel:
     """The workspace in space, seen by a camera that turns."""
 
-    def __init__(self, episode: SteeringEpisode, legs: list[Leg], canvas: Canvas, box: Box, unit: float) -> None:
-        self._episode, self._legs, self._canvas, self._unit = episode, legs, canvas, unit
+    def __init__(self, episode: SteeringEpisode, trajectories: list[Trajectory], canvas: Canvas, box: Box, unit: float) -> None:
+        self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
         workspace = episode.problem.place
         assert isinstance(workspace, ConvexWorkspace)
         self._workspace, self._frame = workspace, Frame3D.of(workspace)
@@ -120,18 +120,18 @@ class SpaceScene:
         """Draw everything, what is behind first: the camera looks from the azimuth ``turn``."""
         self._camera = camera_for(self._workspace, self._episode.states, azimuth=turn)
         canvas, unit = self._canvas, self._unit
-        here = points_at(self._episode, self._legs, moment)
+        here = points_at(self._episode, self._trajectories, moment)
         behind, front = self._frame.edges(self._camera.eye)
         canvas.area([self._at(self._frame.floor)], FLOOR)
         canvas.lines(list(self._at(np.array(behind))), FAINT, 1.3 * unit)
-        if self._legs:
-            for particle, wall in self._legs[moment.move].holders(moment.share):
+        if self._trajectories:
+            for particle, wall in self._trajectories[moment.move].holders(moment.share):
                 shape = self._at(wall_shape(self._workspace, wall, here[particle]))
                 canvas.area([shape], colour_of(particle), alpha=0.16)
                 canvas.line(shape, colour_of(particle), 1.6 * unit, closed=True, alpha=0.55)
         self._draw_shadows(here, moment)
         self._draw_ends(moment)
-        draw_trails(canvas, self._legs, moment, self._at, unit)
+        draw_trails(canvas, self._trajectories, moment, self._at, unit)
         for particle in np.argsort(self._camera.project(here)[:, 2]):  # the nearest last
             x, y, larger = self._camera.project(here[particle])
             draw_particle(canvas, self._center + self._scale * np.array([x, -y]), 10.5 * unit * larger, int(particle), unit)
@@ -144,7 +144,7 @@ class SpaceScene:
     def _draw_shadows(self, here: NDArray[np.float64], moment: Moment) -> None:
         """Draw on the floor what is right below: the ways and the particles, and a line down from each particle."""
         unit = self._unit
-        draw_trails(self._canvas, self._legs, moment, lambda points: self._at(flattened(points)), unit, shadow=True)
+        draw_trails(self._canvas, self._trajectories, moment, lambda points: self._at(flattened(points)), unit, shadow=True)
         angles = 2 * np.pi * np.arange(24) / 24
         for particle, point in enumerate(here):
             below = flattened(point)
@@ -169,11 +169,11 @@ class SpaceScene:
             canvas.line(square, colour, 1.4 * unit, closed=True)
 
 
-class DeltaScene:
+class DeltaPanel:
     """The Δ configuration space: Δ, its way, its goal, and what two moves can make of it."""
 
-    def __init__(self, episode: SteeringEpisode, legs: list[Leg], canvas: Canvas, box: Box, unit: float) -> None:
-        self._episode, self._legs, self._canvas, self._unit = episode, legs, canvas, unit
+    def __init__(self, episode: SteeringEpisode, trajectories: list[Trajectory], canvas: Canvas, box: Box, unit: float) -> None:
+        self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
         outline = outlines_of(delta_outline(episode))[0]
         self._view = PlaneView(outline, box)
         self._outline = self._view.at(outline)
@@ -195,23 +195,25 @@ class DeltaScene:
         side = 7 * unit
         canvas.line(start + side * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]), INK, 1.5 * unit, closed=True)
         canvas.disc(goal, 11.5 * unit, "#ffffff", edge=INK, width=2.4 * unit)
-        for k, leg in enumerate(self._legs[: moment.move + 1]):
-            points = leg.points if k < moment.move else leg.until(moment.share)
+        for k, trajectory in enumerate(self._trajectories[: moment.move + 1]):
+            points = trajectory.points if k < moment.move else trajectory.until(moment.share)
             canvas.line(view.at(points[:, 1] - points[:, 0]), INK, 2 * unit, alpha=_OLD if k < moment.move else 0.9)
-        here = points_at(self._episode, self._legs, moment)
+        here = points_at(self._episode, self._trajectories, moment)
         canvas.disc(view.at(here[1] - here[0]), 7 * unit, INK, edge="#ffffff", width=1.5 * unit)
 
 
-def points_at(episode: SteeringEpisode, legs: list[Leg], moment: Moment) -> NDArray[np.float64]:
+def points_at(episode: SteeringEpisode, trajectories: list[Trajectory], moment: Moment) -> NDArray[np.float64]:
     """Return where the particles are at a moment."""
-    return legs[moment.move].at(moment.share) if legs else np.asarray(episode.states[0])
+    return trajectories[moment.move].at(moment.share) if trajectories else np.asarray(episode.states[0])
 
 
-def draw_trails(canvas: Canvas, legs: list[Leg], moment: Moment, at: Any, unit: float, *, shadow: bool = False) -> None:
+def draw_trails(
+    canvas: Canvas, trajectories: list[Trajectory], moment: Moment, at: Any, unit: float, *, shadow: bool = False
+) -> None:
     """Draw where the particles have gone: paler in earlier moves; as a shadow, grey."""
-    for k, leg in enumerate(legs[: moment.move + 1]):
+    for k, trajectory in enumerate(trajectories[: moment.move + 1]):
         old = k < moment.move
-        ways = leg.points if old else leg.until(moment.share)
+        ways = trajectory.points if old else trajectory.until(moment.share)
         for particle in range(ways.shape[1]):
             way = at(ways[:, particle])
             if np.abs(way - way[0]).max() < 0.5:

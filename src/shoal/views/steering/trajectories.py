@@ -27,7 +27,7 @@ _LONGEST = 36.0  # seconds: episodes of many moves are shown faster
 
 
 @dataclass(frozen=True, eq=False)
-class Leg:
+class Trajectory:
     """One move: the way of each particle in straight pieces, and what holds it.
 
     Parameters
@@ -72,7 +72,7 @@ class Leg:
         return min(max(bisect_right(self.shares, share) - 1, 0), len(self.shares) - 2)
 
 
-def legs_of(episode: SteeringEpisode) -> list[Leg]:
+def trajectories_of(episode: SteeringEpisode) -> list[Trajectory]:
     """Return what happens within each move, from the world of the episode and the noise that its seed draws.
 
     Examples
@@ -80,14 +80,14 @@ def legs_of(episode: SteeringEpisode) -> list[Leg]:
     >>> from shoal.steering import SteeringProblem
     >>> from shoal.steering.run import run
     >>> plan = run(SteeringProblem("square", [(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.4, 0.5)]))
-    >>> leg = legs_of(plan)[0]
-    >>> bool((leg.at(1) == plan.states[1]).all())
+    >>> trajectory = trajectories_of(plan)[0]
+    >>> bool((trajectory.at(1) == plan.states[1]).all())
     True
     """
     problem, workspace = episode.problem, episode.problem.place
     world = problem.world(seed=episode.seed)
     executed = executed_moves(problem, episode.inputs, seed=episode.seed)
-    legs = []
+    trajectories = []
     for sent, moved, (before, after) in zip(episode.inputs, executed, pairwise(episode.states), strict=True):
 
         def at(share: float, before: Points = before, after: Points = after, moved: Points = moved) -> Points:
@@ -96,8 +96,8 @@ def legs_of(episode: SteeringEpisode) -> list[Leg]:
         shares, points = _in_pieces(at, before, FINE * workspace.size)
         touches = [_touching(workspace, state, moved, problem.particle_radius) for state in points]
         held = tuple(tuple(sorted(one & other)) for one, other in pairwise(touches))
-        legs.append(Leg(sent, shares, points, held))
-    return legs
+        trajectories.append(Trajectory(sent, shares, points, held))
+    return trajectories
 
 
 def _in_pieces(at: Callable[[float], Points], start: Points, fine: float) -> tuple[NDArray[np.float64], Points]:
@@ -155,27 +155,27 @@ class Schedule:
 
     Parameters
     ----------
-    legs : list of Leg
+    trajectories : list of Trajectory
     size : float
         Of the workspace.
 
     Examples
     --------
-    >>> leg = Leg(np.array([0.62, 0.0]), np.array([0.0, 1.0]), np.zeros((2, 2, 2)), ((),))
-    >>> schedule = Schedule([leg, leg], size=1.0)
+    >>> trajectory = Trajectory(np.array([0.62, 0.0]), np.array([0.0, 1.0]), np.zeros((2, 2, 2)), ((),))
+    >>> schedule = Schedule([trajectory, trajectory], size=1.0)
     >>> schedule.seconds, schedule.at(1.2), schedule.at(schedule.seconds)
     (5.05, Moment(move=0, share=0.5), Moment(move=1, share=1.0))
     """
 
-    def __init__(self, legs: list[Leg], *, size: float) -> None:
-        lengths = [max(leg.length / size / _SPEED, _QUICKEST) for leg in legs]
+    def __init__(self, trajectories: list[Trajectory], *, size: float) -> None:
+        lengths = [max(trajectory.length / size / _SPEED, _QUICKEST) for trajectory in trajectories]
         pace = min(1.0, _LONGEST / max(sum(lengths) + _REST * len(lengths), 1e-9))
         self.lasting = [pace * length for length in lengths]
-        rests = [pace * _REST] * max(len(legs) - 1, 0) + [_LAST_REST]
+        rests = [pace * _REST] * max(len(trajectories) - 1, 0) + [_LAST_REST]
         self.starts = list(
             accumulate((a + b for a, b in zip(self.lasting, rests, strict=False)), initial=_FIRST_REST)
         )  # the last is the film's end
-        self.seconds = self.starts[-1] if legs else _FIRST_REST + _LAST_REST
+        self.seconds = self.starts[-1] if trajectories else _FIRST_REST + _LAST_REST
 
     def at(self, seconds: float) -> Moment:
         """Return what is shown then; moves begin and end gently."""

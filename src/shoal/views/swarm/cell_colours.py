@@ -20,31 +20,31 @@ FRONTIER_TINT = 0.65
 
 
 @dataclass(frozen=True)
-class Ink:
+class CellPalette:
     """The colours of codes.
 
     Parameters
     ----------
-    colours : ndarray of uint8, shape (n, 3)
+    rgb : ndarray of uint8, shape (n, 3)
         The last is that of a particle.
     solid : ndarray of bool, shape (n,)
         Drawn in a 3-D view: behind unknown cells and obstacles nothing would be seen.
     """
 
-    colours: NDArray[np.uint8]
+    rgb: NDArray[np.uint8]
     solid: NDArray[np.bool_]
 
     @property
     def particle(self) -> int:
         """The code of a particle."""
-        return len(self.colours) - 1
+        return len(self.rgb) - 1
 
 
 def _colour(text: str) -> NDArray[np.float64]:
     return np.array(tuple(bytes.fromhex(text[1:])), dtype=np.float64)
 
 
-def _hazy() -> Ink:
+def _noisy() -> CellPalette:
     obstacle, unknown, free, frontier = (_colour(PALETTE[name]) for name in ("obstacle", "unknown", "free", "frontier"))
     shares = np.linspace(-1, 1, 2 * moments.LEVELS + 1)[:, None]
     shades = np.where(shares < 0, unknown + shares * (unknown - obstacle), unknown + shares * (free - unknown))
@@ -52,17 +52,19 @@ def _hazy() -> Ink:
     colours = np.vstack([shades, FRONTIER_TINT * frontier + (1 - FRONTIER_TINT) * shades, others])
     solid = np.zeros(len(colours), dtype=np.bool_)
     solid[[moments.FREE, *range(moments.FRONTIER, len(colours))]] = True
-    return Ink(colours.round().astype(np.uint8), solid)
+    return CellPalette(colours.round().astype(np.uint8), solid)
 
 
 _NAMES = ("unknown", "frontier", "free", "obstacle", "particle")
-PLAIN = Ink(np.array([_colour(PALETTE[name]) for name in _NAMES], dtype=np.uint8), np.array([False, True, True, False, True]))
-HAZY = _hazy()
+PLAIN = CellPalette(
+    np.array([_colour(PALETTE[name]) for name in _NAMES], dtype=np.uint8), np.array([False, True, True, False, True])
+)
+NOISY = _noisy()
 
 
-def ink_of(episode: Episode) -> Ink:
+def palette_of_cells(episode: Episode) -> CellPalette:
     """Return the colours for an episode."""
-    return HAZY if isinstance(episode, NoisyEpisode | SeenEpisode) else PLAIN
+    return NOISY if isinstance(episode, NoisyEpisode | SeenEpisode) else PLAIN
 
 
 def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
@@ -73,10 +75,10 @@ def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
 
 
 def codes_by_move(episode: Episode) -> Iterator[NDArray[np.uint8]]:
-    """Yield what each cell looks like at the start and after each move, codes of the episode's ink; uint8, with the rim."""
+    """Yield what each cell looks like at the start and after each move, codes of its palette; uint8, with the rim."""
     if isinstance(episode, NoisyEpisode | SeenEpisode):
         for moment in episode.moments():
-            yield np.where(moment.particles, np.uint8(HAZY.particle), moment.looks)
+            yield np.where(moment.particles, np.uint8(NOISY.particle), moment.looks)
     else:
         for state, belief in episode.frames():
             yield codes_of(state, belief)
@@ -84,6 +86,6 @@ def codes_by_move(episode: Episode) -> Iterator[NDArray[np.uint8]]:
 
 def codes_after(episode: Episode, moves: int) -> NDArray[np.uint8]:
     """Return what each cell looks like after so many moves; uint8, with the rim."""
-    if moves == episode.moves and ink_of(episode) is PLAIN:
+    if moves == episode.moves and palette_of_cells(episode) is PLAIN:
         return codes_of(*episode.final())  # the whole replay in compiled code
     return next(codes for i, codes in enumerate(codes_by_move(episode)) if i == moves)

@@ -14,7 +14,7 @@ from shoal.swarm.maps.raster import PALETTE, in_strips
 from shoal.swarm.noise import SeenEpisode
 from shoal.views.drawing.charts import MUTED, new_figure, plain_axes, set_title
 from shoal.views.drawing.curves import median_of
-from shoal.views.swarm.cell_colours import HAZY, WRONG_FREE, codes_after, ink_of
+from shoal.views.swarm.cell_colours import NOISY, WRONG_FREE, codes_after, palette_of_cells
 from shoal.views.swarm.volume import Fit, Slices
 from shoal.views.swarm.volume import sheet as volume_sheet
 
@@ -43,12 +43,12 @@ def map_figure(episode: Episode, *, moves: int | None = None) -> Figure:
         If the episode has fewer moves.
     """
     moves = episode.moves if moves is None else check_integer(moves, what="moves", least=0, most=episode.moves)
-    workspace, ink, codes = episode.workspace, ink_of(episode), codes_after(episode, moves)
+    workspace, palette, codes = episode.workspace, palette_of_cells(episode), codes_after(episode, moves)
     if workspace.ndim == 3:
         slices, fit = Slices.of(workspace), Fit.of(workspace)
-        sheet = volume_sheet(codes, slices, azimuth=CORNER, side=900, spacing=workspace.spacing, ink=ink, fit=fit)
+        sheet = volume_sheet(codes, slices, azimuth=CORNER, side=900, spacing=workspace.spacing, palette=palette, fit=fit)
     else:
-        sheet = in_strips(ink.colours[codes])
+        sheet = in_strips(palette.rgb[codes])
     height, width = sheet.shape[:2]
     inches = 6.4
     figure = new_figure(inches, float(np.clip(inches * height / width + 0.9, 2.2, 9.5)))
@@ -58,11 +58,11 @@ def map_figure(episode: Episode, *, moves: int | None = None) -> Figure:
     scans = 1 + int(np.count_nonzero(episode.scanned[:moves]))
     looked = "" if episode.scanned.all() else f" and {scans} scans"
     set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}")
-    _legend(axes, coverage=episode.targets is not None, hazy=ink is HAZY, seen=isinstance(episode, SeenEpisode))
+    _legend(axes, coverage=episode.targets is not None, noisy=palette is NOISY, seen=isinstance(episode, SeenEpisode))
     return figure
 
 
-def _legend(axes: Axes, *, coverage: bool, hazy: bool, seen: bool) -> None:
+def _legend(axes: Axes, *, coverage: bool, noisy: bool, seen: bool) -> None:
     from matplotlib.patches import Patch
 
     names = dict(_LEGEND, frontier="not covered yet") if coverage else _LEGEND
@@ -73,7 +73,7 @@ def _legend(axes: Axes, *, coverage: bool, hazy: bool, seen: bool) -> None:
         for key, name in names.items()
         if not (coverage and key == "unknown")
     ]
-    if hazy:
+    if noisy:
         handles.append(Patch(facecolor=WRONG_FREE, edgecolor=MUTED, linewidth=0.5, label="settled wrongly"))
     axes.legend(
         handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=len(handles), frameon=False, fontsize=8,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shoal.swarm import Episode
 from shoal.swarm.maps.raster import PALETTE, in_strips
 from shoal.views.drawing.encoding import LONGEST, Clip
-from shoal.views.swarm.cell_colours import codes_by_move, ink_of
+from shoal.views.swarm.cell_colours import codes_by_move, palette_of_cells
 from shoal.views.swarm.volume import Fit, Slices, sheet, sheet_width
 
 _SECONDS = 20.0
@@ -31,7 +31,7 @@ def clip(episode: Episode, suffix: str) -> Clip[int]:
         rate=float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60)),
         side=sheet_width(tuple(n + 2 for n in workspace.shape), side, workspace.spacing) if volume else side,
         quality=26,
-        palette=None if volume else ink_of(episode).colours.tobytes(),  # a volume is drawn in shades
+        palette=None if volume else palette_of_cells(episode).rgb.tobytes(),  # a volume is drawn in shades
     )
 
 
@@ -54,14 +54,16 @@ def film_frames(episode: Episode, shown: NDArray[np.int64], *, side: int = VOLUM
     wanted = set(shown.tolist())
     workspace = episode.workspace
     volume = (Slices.of(workspace), Fit.of(workspace)) if workspace.ndim == 3 else None
-    ink = ink_of(episode)
+    palette = palette_of_cells(episode)
     for move, codes in enumerate(codes_by_move(episode)):
         if move in wanted:
             if volume is not None:
                 turn = 2 * np.pi * TURNS * move / max(1, episode.moves)
-                picture = sheet(codes, volume[0], azimuth=turn, side=side, spacing=workspace.spacing, ink=ink, fit=volume[1])
+                picture = sheet(
+                    codes, volume[0], azimuth=turn, side=side, spacing=workspace.spacing, palette=palette, fit=volume[1]
+                )
             else:
-                picture = in_strips(ink.colours[codes])
+                picture = in_strips(palette.rgb[codes])
             yield picture if episode.scanned.all() else np.vstack([picture, scan_strip(episode.scanned, move, picture.shape[1])])
 
 

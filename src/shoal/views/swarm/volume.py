@@ -12,7 +12,7 @@ from PIL import Image
 from shoal.swarm import GridWorkspace
 from shoal.swarm.maps import raster as states
 from shoal.swarm.maps.raster import PALETTE
-from shoal.views.swarm.cell_colours import PLAIN, Ink
+from shoal.views.swarm.cell_colours import PLAIN, CellPalette
 
 ELEVATION = 0.35  # radians above the middle from which is looked
 FARTHEST = 0.45  # brightness of what is farthest away
@@ -95,7 +95,7 @@ def turned_view(
     side: int,
     spacing: tuple[float, ...] | None = None,
     elevation: float = ELEVATION,
-    ink: Ink = PLAIN,
+    palette: CellPalette = PLAIN,
     fit: Fit | None = None,
 ) -> NDArray[np.uint8]:
     """Return known-free cells, frontier and particles as seen from a turning place; uint8, shape (side, side, 3).
@@ -112,13 +112,13 @@ def turned_view(
         Size of a cell along each axis; only their ratio matters.
     elevation : float
         Radians above the middle from which is looked.
-    ink : Ink
+    palette : CellPalette
         The colours of the codes.
     fit : Fit, optional
         How much is shown; the whole array if none.
     """
     sizes = _sizes(spacing)
-    background, cells = BACKGROUND, _surface(codes, ink)
+    background, cells = BACKGROUND, _surface(codes, palette)
     if not len(cells):
         return np.full((side, side, 3), background, dtype=np.uint8)
     fit = fit or Fit.of_box(codes.shape, sizes, elevation)
@@ -136,16 +136,16 @@ def turned_view(
     order = np.argsort(-depth, kind="stable")  # the nearest last, over all others
     nearness = 1 - (depth - depth.min()) / max(1e-9, float(np.ptp(depth)))
     shade = (FARTHEST + (1 - FARTHEST) * nearness)[:, None]
-    colours = (ink.colours[codes[tuple(cells.T)]] * shade).astype(np.uint8)[order]
+    colours = (palette.rgb[codes[tuple(cells.T)]] * shade).astype(np.uint8)[order]
     size = max(1, int(np.ceil(scale * float(sizes.max()))))
     left, top = (np.floor(place[order] + small / 2 - size / 2).astype(np.int64) for place in (across, down))
     _splat(picture, left, top, depth[order], colours, size)
     return picture.repeat(coarse, axis=0).repeat(coarse, axis=1)[:side, :side]
 
 
-def _surface(codes: NDArray[np.uint8], ink: Ink) -> NDArray[np.int64]:
+def _surface(codes: NDArray[np.uint8], palette: CellPalette) -> NDArray[np.int64]:
     """Return the cells that are drawn and have a neighbour that is not, or lie in the rim; int64, shape (n, 3)."""
-    shown = np.pad(ink.solid[codes], 1).ravel()
+    shown = np.pad(palette.solid[codes], 1).ravel()
     flat = np.flatnonzero(shown)
     hidden = np.ones(len(flat), dtype=np.bool_)
     shape = tuple(side + 2 for side in codes.shape)
@@ -174,12 +174,12 @@ def _splat(
             picture[y[inside], x[inside]] = colours[inside]
 
 
-def slice_pictures(codes: NDArray[np.uint8], slices: Slices, ink: Ink = PLAIN) -> list[NDArray[np.uint8]]:
+def slice_pictures(codes: NDArray[np.uint8], slices: Slices, palette: CellPalette = PLAIN) -> list[NDArray[np.uint8]]:
     """Return the three slices, one pixel a cell, rim included: from the front, from above, from the right."""
     front = codes[slices.layer + 1]
     above = codes[::-1, slices.row + 1]  # what is in front is below
     right = codes[:, :, slices.column + 1].T
-    return [ink.colours[cut] for cut in (front, above, right)]
+    return [palette.rgb[cut] for cut in (front, above, right)]
 
 
 def sheet_width(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None = None) -> int:
@@ -203,7 +203,7 @@ def sheet(
     azimuth: float,
     side: int,
     spacing: tuple[float, ...] | None = None,
-    ink: Ink = PLAIN,
+    palette: CellPalette = PLAIN,
     fit: Fit | None = None,
 ) -> NDArray[np.uint8]:
     """Return a picture of the turned view with named slices in a column on its right; uint8, shape (side, about 1.4 side, 3)."""
@@ -212,8 +212,10 @@ def sheet(
     names = f"layer {slices.layer}, from the front", f"row {slices.row}, from above", f"column {slices.column}, from the right"
     *room, line = _room(codes.shape, side, spacing)
     whole = np.full((side, sheet_width(codes.shape, side, spacing), 3), 255, dtype=np.uint8)
-    whole[:, :side] = turned_view(codes, azimuth=azimuth, side=side, spacing=spacing, ink=ink, fit=fit)
-    for number, (picture, (tall, wide), name) in enumerate(zip(slice_pictures(codes, slices, ink), lengths, names, strict=True)):
+    whole[:, :side] = turned_view(codes, azimuth=azimuth, side=side, spacing=spacing, palette=palette, fit=fit)
+    for number, (picture, (tall, wide), name) in enumerate(
+        zip(slice_pictures(codes, slices, palette), lengths, names, strict=True)
+    ):
         scale = min(room[0] / (picture.shape[0] * tall), room[1] / (picture.shape[1] * wide))
         height, width = max(1, int(picture.shape[0] * tall * scale)), max(1, int(picture.shape[1] * wide * scale))
         method = Image.Resampling.NEAREST if height >= picture.shape[0] else Image.Resampling.BOX

@@ -16,9 +16,9 @@
     let data;
     try {
       data = JSON.parse($("data").textContent);
-      const story = new ShoalSearch.Story(data);
+      const history = new ShoalSearch.History(data);
       $("player").hidden = false;
-      window.shoalPlayer = play(story);
+      window.shoalPlayer = play(history);
     } catch (error) {
       fail(data === undefined ? "Its data is not valid JSON." : "Its data is damaged.");
       if (data !== undefined) throw error;
@@ -27,30 +27,30 @@
 
   // ---- what does not change ---------------------------------------------------------------------
 
-  function describe(story) {
-    $("title").textContent = story.title;
+  function describe(history) {
+    $("title").textContent = history.title;
     ShoalDesk.showFacts([
-      plural(story.cells, "cell"), `tour ${story.tour}`, story.takeovers ? `${story.takeovers} taken over` : "",
-      story.covered == null ? "not searched wholly" : `searched after ${number(Math.round(story.covered))} cells’ time`,
+      plural(history.cells, "cell"), `tour ${history.tour}`, history.takeovers ? `${history.takeovers} taken over` : "",
+      history.covered == null ? "not searched wholly" : `searched after ${number(Math.round(history.covered))} cells’ time`,
     ]);
-    $("of").textContent = `of ${plural(story.cells, "cell")}`;
-    $("player").style.setProperty("--rows", story.robots.length);
+    $("of").textContent = `of ${plural(history.cells, "cell")}`;
+    $("player").style.setProperty("--rows", history.robots.length);
     for (const [id, words, key] of [["first", "Start", "Home"], ["last", "End", "End"]]) {
       $(id).setAttribute("aria-label", words);
       $(id).title = `${words} (${key})`;
     }
     fillRows($("details"), [
-      ["Findings", number(story.findings.length)],
-      ...(story.obstacles.length ? [["Obstacles met", number(story.obstacles.length)]] : []),
-      ["Side of a cell", `${Number(story.size.toPrecision(4))} m`],
-      ["Allocation", story.allocation],
-      ["Seed", String(story.seed)],
-      ["Shoal", story.version],
+      ["Findings", number(history.findings.length)],
+      ...(history.obstacles.length ? [["Obstacles met", number(history.obstacles.length)]] : []),
+      ["Side of a cell", `${Number(history.size.toPrecision(4))} m`],
+      ["Allocation", history.allocation],
+      ["Seed", String(history.seed)],
+      ["Shoal", history.version],
     ]);
   }
 
-  function listRobots(story, choose) {
-    return story.robots.map((robot, k) => {
+  function listRobots(history, choose) {
+    return history.robots.map((robot, k) => {
       const item = document.createElement("li"), button = document.createElement("button");
       button.type = "button";
       button.setAttribute("aria-pressed", "false");
@@ -75,9 +75,9 @@
 
   // ---- the player -----------------------------------------------------------------------------------
 
-  function play(story) {
-    const scene = new ShoalSearch.Scene($("picture"), story), rows = new ShoalSearch.Rows($("chart"), story), { view } = scene;
-    const rate = story.end / ShoalTrack.clamp(story.end / PACE, SHORTEST, LONGEST); // cells a second
+  function play(history) {
+    const scene = new ShoalSearch.Scene($("picture"), history), rows = new ShoalSearch.Rows($("chart"), history), { view } = scene;
+    const rate = history.end / ShoalTrack.clamp(history.end / PACE, SHORTEST, LONGEST); // cells a second
     let time = 0, playing = false, clock = 0, speed = 1, pending = 0, colours = {};
 
     function redraw() {
@@ -96,18 +96,18 @@
       const next = time + (Math.max(0, Math.min(now - clock, 100)) / 1000) * speed * rate; // after a hidden tab, no leap
       clock = now;
       show(next);
-      if (time === story.end) pause();
+      if (time === history.end) pause();
     }
 
     function show(next) {
-      time = ShoalTrack.clamp(next, 0, story.end);
+      time = ShoalTrack.clamp(next, 0, history.end);
       report();
       redraw();
     }
 
     function play() {
       if (playing) return;
-      if (time === story.end) show(0);
+      if (time === history.end) show(0);
       playing = true;
       clock = performance.now();
       reportPlaying();
@@ -127,29 +127,29 @@
 
     // ---- words and numbers ----
 
-    const list = listRobots(story, choose);
+    const list = listRobots(history, choose);
 
     function report() {
-      const done = story.searchedAt(time);
+      const done = history.searchedAt(time);
       $("searched").textContent = number(done);
-      $("bar").style.transform = `scaleX(${done / story.cells})`;
-      const seconds = time * story.cellTime;
-      $("clock").textContent = `${number(Math.floor(time))} of ${number(Math.round(story.end))} cells’ time · ${number(Math.round(seconds))} s`;
+      $("bar").style.transform = `scaleX(${done / history.cells})`;
+      const seconds = time * history.cellTime;
+      $("clock").textContent = `${number(Math.floor(time))} of ${number(Math.round(history.end))} cells’ time · ${number(Math.round(seconds))} s`;
       $("scrub").value = Math.round(1000 * time);
-      $("scrub").style.setProperty("--done", time / story.end);
-      story.robots.forEach((robot, k) => reportRobot(robot, list[k]));
+      $("scrub").style.setProperty("--done", time / history.end);
+      history.robots.forEach((robot, k) => reportRobot(robot, list[k]));
       if (!playing) announce(done);
     }
 
     /** Only what is new is written: thirty rows are seen sixty times a second. */
     function reportRobot(robot, row) {
-      const stretch = robot.stretchAt(time), done = robot.doneAt(time), told = `${stretch.kind}${stretch.other} ${done}`;
+      const activity = robot.activityAt(time), done = robot.doneAt(time), told = `${activity.kind}${activity.other} ${done}`;
       if (told === row.told) return;
       row.told = told;
-      row.state.textContent = wordOf(stretch, robot.liar);
+      row.state.textContent = wordOf(activity, robot.liar);
       row.done.textContent = number(done);
       row.bar.style.transform = `scaleX(${robot.visits.length ? done / robot.visits.length : 0})`;
-      row.button.className = `is-${stretch.kind}`;
+      row.button.className = `is-${activity.kind}`;
     }
 
     function choose(k) {
@@ -163,18 +163,18 @@
 
     function caption(x = null, y = 0) {
       if (x === null) {
-        $("hover").textContent = story.covered == null ? "" : `all searched at ${number(Math.round(story.covered))}`;
+        $("hover").textContent = history.covered == null ? "" : `all searched at ${number(Math.round(history.covered))}`;
         return;
       }
-      const at = rows.timeAt(x), k = rows.rowAt(y), robot = story.robots[k];
-      $("hover").textContent = `${number(Math.round(at))}: robot ${k + 1} ${wordOf(robot.stretchAt(at), robot.liar)}`;
+      const at = rows.timeAt(x), k = rows.rowAt(y), robot = history.robots[k];
+      $("hover").textContent = `${number(Math.round(at))}: robot ${k + 1} ${wordOf(robot.activityAt(at), robot.liar)}`;
     }
 
     let speaking = 0;
     function announce(done) {
-      const words = `${number(done)} of ${plural(story.cells, "cell")} searched`;
+      const words = `${number(done)} of ${plural(history.cells, "cell")} searched`;
       $("scrub").setAttribute("aria-valuetext", words);
-      $("picture").setAttribute("aria-label", `The region with ${plural(story.robots.length, "robot")}, ${words}`);
+      $("picture").setAttribute("aria-label", `The region with ${plural(history.robots.length, "robot")}, ${words}`);
       clearTimeout(speaking); // a drag should be read out once, where it ends
       speaking = setTimeout(() => { if (!playing) $("live").textContent = words; }, 300);
     }
@@ -183,7 +183,7 @@
       $("player").classList.toggle("playing", playing);
       $("play").setAttribute("aria-label", playing ? "Pause" : "Play");
       if (playing) $("live").textContent = "";
-      else announce(story.searchedAt(time));
+      else announce(history.searchedAt(time));
     }
 
     // ---- colours, sizes, view ----
@@ -249,8 +249,8 @@
       for (const box of ["stage", "chart"]) sizes.observe($(box));
     }
 
-    describe(story);
-    $("scrub").max = Math.round(1000 * story.end);
+    describe(history);
+    $("scrub").max = Math.round(1000 * history.end);
     listen();
     setSpeed(speed);
     ShoalDesk.followTheme(setTheme);
@@ -258,12 +258,12 @@
     caption();
     report();
     return {
-      length: story.end, play, pause, seek: goTo,
+      length: history.end, play, pause, seek: goTo,
       get time() { return time; },
       get playing() { return playing; },
-      get searched() { return story.searchedAt(time); },
-      get points() { return story.robots.map((robot) => robot.at(time)); },
-      get doing() { return story.robots.map((robot) => robot.stretchAt(time).kind); },
+      get searched() { return history.searchedAt(time); },
+      get points() { return history.robots.map((robot) => robot.at(time)); },
+      get doing() { return history.robots.map((robot) => robot.activityAt(time).kind); },
       get chosen() { return scene.chosen; },
       get zoom() { return view.zoom; },
       drawNow() { scene.draw(time, colours); rows.draw(time, colours); },

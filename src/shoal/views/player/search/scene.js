@@ -32,7 +32,7 @@ const ShoalSearch = (() => {
       this.times = numbers(told.times, "f4");
       this.points = Array.from(this.times, (_, k) => [box[0] + places[2 * k] * across, box[1] + places[2 * k + 1] * up]);
       this.visits = numbers(told.visits, "f4");
-      this.stretches = told.stretches.map(([begin, end, kind, other]) => ({ begin, end, kind, other }));
+      this.activities = told.activities.map(([begin, end, kind, other]) => ({ begin, end, kind, other }));
       this.outline = numbers(told.outline, "u2");
       this.liar = told.liar;
     }
@@ -45,9 +45,9 @@ const ShoalSearch = (() => {
       return points[next - 1].map((x, i) => x + share * (points[next][i] - x));
     }
 
-    stretchAt(time) {
-      let found = this.stretches[0];
-      for (const stretch of this.stretches) if (stretch.begin <= time + EARLY) found = stretch;
+    activityAt(time) {
+      let found = this.activities[0];
+      for (const activity of this.activities) if (activity.begin <= time + EARLY) found = activity;
       return found ?? { begin: 0, end: 0, kind: "listening", other: 0 };
     }
 
@@ -57,7 +57,7 @@ const ShoalSearch = (() => {
   }
 
   /** The episode as it was told, unpacked. */
-  class Story {
+  class History {
     constructor(data) {
       Object.assign(this, data);
       this.first = numbers(data.first, "f4");
@@ -80,15 +80,15 @@ const ShoalSearch = (() => {
   }
 
   class Scene {
-    constructor(canvas, story) {
+    constructor(canvas, history) {
       this.canvas = canvas;
       this.pen = canvas.getContext("2d");
-      this.story = story;
-      const [left, bottom, right, top] = story.box;
+      this.history = history;
+      const [left, bottom, right, top] = history.box;
       this.view = new ShoalViews.Plane({ rings: [[[left, bottom], [right, bottom], [right, top], [left, top]]] });
       this.cells = document.createElement("canvas"); // a pixel a cell
-      [this.cells.height, this.cells.width] = story.shape;
-      this.image = new ImageData(story.shape[1], story.shape[0]);
+      [this.cells.height, this.cells.width] = history.shape;
+      this.image = new ImageData(history.shape[1], history.shape[0]);
       this.shown = 0; // cells that have their colour
       this.chosen = -1; // the robot that is followed
     }
@@ -105,13 +105,13 @@ const ShoalSearch = (() => {
     }
 
     paintCells(time, colours) {
-      const { story, image } = this, count = story.searchedAt(time);
+      const { history, image } = this, count = history.searchedAt(time);
       if (count < this.shown) this.forget();
       if (count === this.shown && count) return;
       const [red, green, blue] = colours.floor;
       for (let k = this.shown; k < count; k++) {
-        const robot = story.by[k], own = colours.robot(robot), dim = this.chosen >= 0 && this.chosen !== robot ? 0.35 : 1;
-        const part = (story.taken[k] ? TAKEN : OWN) * dim, at = 4 * story.where[k];
+        const robot = history.by[k], own = colours.robot(robot), dim = this.chosen >= 0 && this.chosen !== robot ? 0.35 : 1;
+        const part = (history.taken[k] ? TAKEN : OWN) * dim, at = 4 * history.where[k];
         image.data[at] = red + part * (own[0] - red);
         image.data[at + 1] = green + part * (own[1] - green);
         image.data[at + 2] = blue + part * (own[2] - blue);
@@ -131,49 +131,49 @@ const ShoalSearch = (() => {
     }
 
     draw(time, colours) {
-      const { pen, canvas, story, view, unit } = this;
+      const { pen, canvas, history, view, unit } = this;
       this.paintCells(time, colours);
       pen.clearRect(0, 0, canvas.width, canvas.height);
       pen.save();
       pen.beginPath();
-      for (const part of story.parts) for (const ring of part) this.ring(ring);
+      for (const part of history.parts) for (const ring of part) this.ring(ring);
       pen.fillStyle = colours.floorText;
       pen.fill("evenodd");
       pen.clip("evenodd");
-      const [x, y] = view.at([story.box[0], story.box[3]]), side = story.size * view.scale;
+      const [x, y] = view.at([history.box[0], history.box[3]]), side = history.size * view.scale;
       pen.imageSmoothingEnabled = false;
-      pen.drawImage(this.cells, x, y, side * story.shape[1], side * story.shape[0]);
+      pen.drawImage(this.cells, x, y, side * history.shape[1], side * history.shape[0]);
       this.drawObstacles(time, colours, x, y, side);
       this.drawOutlines(time, colours, x, y, side);
       pen.restore();
       pen.beginPath();
-      for (const part of story.parts) for (const ring of part) this.ring(ring);
+      for (const part of history.parts) for (const ring of part) this.ring(ring);
       pen.strokeStyle = colours.wall;
       pen.lineWidth = 1.4 * unit;
       pen.lineJoin = "round";
       pen.stroke();
       this.drawWays(time, colours, side);
-      story.robots.forEach((robot, k) => this.drawStart(robot.points[0], colours.robotText(k), colours));
-      for (const [fx, fy, when] of story.findings) if (when <= time + EARLY) this.drawFinding([fx, fy], colours);
-      story.robots.forEach((robot, k) => { if (k !== this.chosen) this.drawRobot(robot, k, time, colours); });
-      if (this.chosen >= 0) this.drawRobot(story.robots[this.chosen], this.chosen, time, colours);
+      history.robots.forEach((robot, k) => this.drawStart(robot.points[0], colours.robotText(k), colours));
+      for (const [fx, fy, when] of history.findings) if (when <= time + EARLY) this.drawFinding([fx, fy], colours);
+      history.robots.forEach((robot, k) => { if (k !== this.chosen) this.drawRobot(robot, k, time, colours); });
+      if (this.chosen >= 0) this.drawRobot(history.robots[this.chosen], this.chosen, time, colours);
     }
 
     /** Cells that cannot be entered, once that was found. */
     drawObstacles(time, colours, x, y, side) {
-      const { pen, story } = this, columns = story.shape[1];
+      const { pen, history } = this, columns = history.shape[1];
       pen.fillStyle = colours.wall;
       pen.globalAlpha = 0.75;
-      for (const [cell, found] of story.obstacles) {
+      for (const [cell, found] of history.obstacles) {
         if (found <= time + EARLY) pen.fillRect(x + side * (cell % columns), y + side * Math.floor(cell / columns), side, side);
       }
       pen.globalAlpha = 1;
     }
 
     drawOutlines(time, colours, x, y, side) {
-      const { pen, story, unit } = this;
-      story.robots.forEach((robot, k) => {
-        if (!robot.outline.length || !robot.stretches.some((one) => one.kind === "taken" && one.begin <= time + EARLY)) return;
+      const { pen, history, unit } = this;
+      history.robots.forEach((robot, k) => {
+        if (!robot.outline.length || !robot.activities.some((one) => one.kind === "taken" && one.begin <= time + EARLY)) return;
         pen.beginPath();
         for (let i = 0; i < robot.outline.length; i += 4) {
           pen.moveTo(x + side * robot.outline[i], y + side * robot.outline[i + 1]);
@@ -188,10 +188,10 @@ const ShoalSearch = (() => {
     }
 
     drawWays(time, colours, side) {
-      const { pen, story, unit, chosen } = this;
+      const { pen, history, unit, chosen } = this;
       pen.lineJoin = pen.lineCap = "round";
       const wide = clamp(0.13 * side, 0.7 * unit, 2.6 * unit);
-      story.robots.forEach((robot, k) => {
+      history.robots.forEach((robot, k) => {
         const count = countUpTo(robot.times, time);
         pen.strokeStyle = colours.robotText(k);
         if (k === chosen && count < robot.points.length) { // what is still to come
@@ -235,10 +235,10 @@ const ShoalSearch = (() => {
     }
 
     drawRobot(robot, k, time, colours) {
-      const { pen, unit, story } = this, [x, y] = this.view.at(robot.at(time)), stretch = robot.stretchAt(time);
-      const r = (story.robots.length <= 12 ? 10.5 : 8.5) * unit, own = colours.robotText(k);
+      const { pen, unit, history } = this, [x, y] = this.view.at(robot.at(time)), activity = robot.activityAt(time);
+      const r = (history.robots.length <= 12 ? 10.5 : 8.5) * unit, own = colours.robotText(k);
       pen.globalAlpha = this.chosen >= 0 && this.chosen !== k ? 0.45 : 1;
-      if (stretch.kind === "dead") {
+      if (activity.kind === "dead") {
         this.drawCross(x, y, 0.62 * r, colours);
         pen.font = `700 ${1.05 * r}px system-ui, sans-serif`;
         pen.textAlign = "left";
@@ -249,15 +249,15 @@ const ShoalSearch = (() => {
         pen.fillStyle = colours.ink;
         pen.fillText(k + 1, x + 0.85 * r, y + 1.3 * r);
       } else {
-        const idle = !["own", "taken"].includes(stretch.kind);
-        if (stretch.kind === "taken") this.drawTaking(x, y, r, own, (time - stretch.begin) / (story.end / 40));
+        const idle = !["own", "taken"].includes(activity.kind);
+        if (activity.kind === "taken") this.drawTaking(x, y, r, own, (time - activity.begin) / (history.end / 40));
         pen.beginPath();
         pen.arc(x, y, r, 0, 2 * Math.PI);
         pen.fillStyle = idle ? colours.floorText : own;
         pen.fill();
         pen.strokeStyle = idle ? own : colours.floorText;
         pen.lineWidth = (idle ? 2.4 : 1.4) * unit;
-        pen.setLineDash(stretch.kind === "paused" ? [2.5 * unit, 2.5 * unit] : []);
+        pen.setLineDash(activity.kind === "paused" ? [2.5 * unit, 2.5 * unit] : []);
         pen.stroke();
         pen.setLineDash([]);
         pen.fillStyle = idle ? own : colours.onRobot;
@@ -303,10 +303,10 @@ const ShoalSearch = (() => {
 
   /** The rows of time: what each robot does. */
   class Rows {
-    constructor(canvas, story) {
+    constructor(canvas, history) {
       this.canvas = canvas;
       this.pen = canvas.getContext("2d");
-      this.story = story;
+      this.history = history;
       this.kept = document.createElement("canvas"); // the rows without the cursor
       this.chosen = -1;
     }
@@ -323,15 +323,15 @@ const ShoalSearch = (() => {
     }
 
     timeAt(cssX) {
-      return clamp((cssX * this.ratio - this.left) / this.width, 0, 1) * this.story.end;
+      return clamp((cssX * this.ratio - this.left) / this.width, 0, 1) * this.history.end;
     }
 
     rowAt(cssY) {
-      return clamp(Math.floor((cssY * this.ratio - this.top) / this.pitch), 0, this.story.robots.length - 1);
+      return clamp(Math.floor((cssY * this.ratio - this.top) / this.pitch), 0, this.history.robots.length - 1);
     }
 
     xOf(time) {
-      return this.left + (time / this.story.end) * this.width;
+      return this.left + (time / this.history.end) * this.width;
     }
 
     get top() {
@@ -339,7 +339,7 @@ const ShoalSearch = (() => {
     }
 
     get pitch() {
-      return (this.canvas.height - 2 * this.top) / this.story.robots.length;
+      return (this.canvas.height - 2 * this.top) / this.history.robots.length;
     }
 
     draw(time, colours) {
@@ -355,21 +355,21 @@ const ShoalSearch = (() => {
     }
 
     drawRows(colours) {
-      const { story, unit, canvas, kept, top, pitch } = this;
+      const { history, unit, canvas, kept, top, pitch } = this;
       [kept.width, kept.height] = [canvas.width, canvas.height];
       const pen = kept.getContext("2d"), gap = pitch > 6 * unit ? 2 * unit : Math.max(0.5, 0.15 * pitch);
-      story.robots.forEach((robot, k) => {
+      history.robots.forEach((robot, k) => {
         const y = top + k * pitch, high = pitch - gap;
         pen.globalAlpha = this.chosen >= 0 && this.chosen !== k ? 0.35 : 1;
-        for (const one of robot.stretches) this.drawStretch(pen, one, k, y, high, colours);
+        for (const one of robot.activities) this.drawActivity(pen, one, k, y, high, colours);
       });
       pen.globalAlpha = 1;
       pen.fillStyle = colours.ink;
-      if (story.covered != null) for (let y = 0; y < canvas.height; y += 5 * unit) pen.fillRect(this.xOf(story.covered), y, Math.max(1, unit), 3 * unit);
+      if (history.covered != null) for (let y = 0; y < canvas.height; y += 5 * unit) pen.fillRect(this.xOf(history.covered), y, Math.max(1, unit), 3 * unit);
       this.stale = false;
     }
 
-    drawStretch(pen, one, k, y, high, colours) {
+    drawActivity(pen, one, k, y, high, colours) {
       const { unit } = this, x = this.xOf(one.begin), long = Math.max(0, this.xOf(one.end) - x), own = colours.robotText(k);
       pen.fillStyle = own;
       if (one.kind === "own") pen.fillRect(x, y, long, high);
@@ -412,5 +412,5 @@ const ShoalSearch = (() => {
     }
   }
 
-  return { Story, Scene, Rows };
+  return { History, Scene, Rows };
 })();

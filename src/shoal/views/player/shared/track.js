@@ -8,17 +8,17 @@ const ShoalTrack = (() => {
 
   class Track {
     constructor(data) {
-      this.legs = data.legs;
+      this.trajectories = data.trajectories;
       this.start = data.start;
       this.goal = data.goal;
       this.starts = data.starts; // the last is the end of the film
       this.lasting = data.lasting;
       this.seconds = data.seconds;
       this.size = data.size;
-      this.moves = data.legs.length;
+      this.moves = data.trajectories.length;
       this.lengths = [0]; // of all moves up to each
-      for (const leg of data.legs) this.lengths.push(this.lengths.at(-1) + leg.length);
-      this.longest = Math.max(0, ...data.legs.map((leg) => leg.length));
+      for (const trajectory of data.trajectories) this.lengths.push(this.lengths.at(-1) + trajectory.length);
+      this.longest = Math.max(0, ...data.trajectories.map((trajectory) => trajectory.length));
     }
 
     /** The move and the share of it at a time; moves begin and end gently. */
@@ -42,35 +42,35 @@ const ShoalTrack = (() => {
       return share === 1 ? move + 1 : move;
     }
 
-    piece(leg, share) {
-      let k = leg.shares.length - 2;
-      while (k > 0 && leg.shares[k] > share) k--;
+    piece(trajectory, share) {
+      let k = trajectory.shares.length - 2;
+      while (k > 0 && trajectory.shares[k] > share) k--;
       return k;
     }
 
     pointsAt({ move, share }) {
-      const leg = this.legs[move];
-      if (!leg) return this.start;
-      const k = this.piece(leg, share), { shares, points } = leg;
+      const trajectory = this.trajectories[move];
+      if (!trajectory) return this.start;
+      const k = this.piece(trajectory, share), { shares, points } = trajectory;
       const part = clamp((share - shares[k]) / (shares[k + 1] - shares[k]), 0, 1);
       return part === 1 ? points[k + 1] : points[k].map((point, i) => mix(point, points[k + 1][i], part));
     }
 
     /** The pairs of particle and wall that hold at a moment. */
     heldAt({ move, share }) {
-      const leg = this.legs[move];
-      return leg && share > 0 ? leg.held[this.piece(leg, share)] : [];
+      const trajectory = this.trajectories[move];
+      return trajectory && share > 0 ? trajectory.held[this.piece(trajectory, share)] : [];
     }
 
     /** The states that a move's line runs through up to a moment; of an earlier move all. */
     wayUntil(index, moment) {
-      const leg = this.legs[index];
-      if (index < moment.move) return leg.points;
-      return [...leg.points.slice(0, this.piece(leg, moment.share) + 1), this.pointsAt(moment)];
+      const trajectory = this.trajectories[index];
+      if (index < moment.move) return trajectory.points;
+      return [...trajectory.points.slice(0, this.piece(trajectory, moment.share) + 1), this.pointsAt(moment)];
     }
 
     lengthAt({ move, share }) {
-      return this.lengths[move] + (this.moves ? share * this.legs[move].length : 0);
+      return this.lengths[move] + (this.moves ? share * this.trajectories[move].length : 0);
     }
 
     /** How far each particle is from its goal. */

@@ -75,12 +75,12 @@
   }
 
   function listMoves(track, goTo) {
-    track.legs.forEach((leg, k) => {
+    track.trajectories.forEach((trajectory, k) => {
       const item = document.createElement("li"), button = document.createElement("button");
-      const parts = [["no", String(k + 1)], null, ["by", leg.sent.map(signed).join("  ")], ["long", figure(leg.length)]];
+      const parts = [["no", String(k + 1)], null, ["by", trajectory.sent.map(signed).join("  ")], ["long", figure(trajectory.length)]];
       button.type = "button";
-      button.setAttribute("aria-label", `Move ${k + 1}: by ${leg.sent.map(signed).join(", ")}, length ${figure(leg.length)}`);
-      button.innerHTML = glyph(leg.sent); // numbers only
+      button.setAttribute("aria-label", `Move ${k + 1}: by ${trajectory.sent.map(signed).join(", ")}, length ${figure(trajectory.length)}`);
+      button.innerHTML = glyph(trajectory.sent); // numbers only
       const svg = button.firstChild;
       button.append(...parts.map((part) => {
         if (!part) return svg;
@@ -238,12 +238,12 @@
 
     /** The dial: the present command, its length in proportion to the longest; in space as the camera sees it. */
     function drawCommand({ move }) {
-      const leg = track.legs[move], on = !!leg && time > 0 && leg.length > 0;
+      const trajectory = track.trajectories[move], on = !!trajectory && time > 0 && trajectory.length > 0;
       $("arrow").toggleAttribute("hidden", !on);
-      $("compass").setAttribute("aria-label", on ? `Command: ${leg.sent.map(signed).join(", ")}` : "No command yet");
+      $("compass").setAttribute("aria-label", on ? `Command: ${trajectory.sent.map(signed).join(", ")}` : "No command yet");
       if (space) $("ground").setAttribute("ry", (27 * Math.sin(view.elevation)).toFixed(1));
       if (!on) return;
-      const reach = 27 * (0.35 + 0.65 * (leg.length / track.longest)), unit = leg.sent.map((x) => x / leg.length);
+      const reach = 27 * (0.35 + 0.65 * (trajectory.length / track.longest)), unit = trajectory.sent.map((x) => x / trajectory.length);
       const seen = space ? view.direction(unit) : unit;
       const tip = [32 + reach * seen[0], 32 - reach * seen[1]], tail = space ? [32, 32] : [64 - tip[0], 64 - tip[1]];
       const long = Math.hypot(tip[0] - tail[0], tip[1] - tail[1]) || 1e-9, head = Math.min(13, long);

@@ -95,7 +95,7 @@ const ShoalScene = (() => {
       this.walls = data.walls;
       this.space = data.walls.height > 0;
       this.radius = data.radius;
-      const states = [data.start, data.goal, ...track.legs.map((leg) => leg.points.at(-1))];
+      const states = [data.start, data.goal, ...track.trajectories.map((trajectory) => trajectory.points.at(-1))];
       this.view = this.space ? new ShoalViews.Space(data.walls, states) : new ShoalViews.Plane(data.walls);
       this.rings = ShoalViews.ringsOf(data.walls);
       this.sides = data.walls.circle ? [] : this.rings.flatMap((ring) => ring.map((point, k) => [point, ring[(k + 1) % ring.length]]));
