@@ -12,7 +12,8 @@ import shapely
 from playwright.sync_api import Page
 from tests.browser.waiting import until
 
-from shoal.search import SearchEpisode, region_of, search
+from tests.search_episodes import search
+from shoal.search import SearchEpisode, region_of
 from shoal.search.simulation.faults import Crash, Liar, Pause
 from shoal.views.player import render
 from shoal.views.search.history import SearchHistory
@@ -63,7 +64,7 @@ def test_shows_what_the_episode_tells(name, open_player):
         assert doing == kinds
     page.keyboard.press("End")
     assert page.evaluate("shoalPlayer.searched") == history.searched(history.end)
-    assert page.locator("#robots button .done").all_inner_texts() == [f"{len(log.cells):,}" for log in history.episode.robots]
+    assert page.locator("#robots button .done").all_inner_texts() == [f"{len(log.cells):,}" for log in history.episode.trace.robots]
 
 
 def test_plays_and_steps(open_player):

@@ -11,7 +11,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from shoal.cli import demo, driving, maps, missions, replay, reproduce, search, searching, steering, swarm, sweep, theory
+from shoal.cli import demo, driving, maps, missions, replay, reproduce, search, steering, swarm, sweep, theory, tour
 from shoal.cli.output import say
 from shoal.errors import ShoalError
 from shoal.version import __version__
@@ -32,8 +32,8 @@ app.command("line", epilog=theory.LINE_EXAMPLE)(theory.line)
 app.command("schedule", epilog=theory.SCHEDULE_EXAMPLE)(theory.schedule)
 app.command("steer", epilog=steering.STEER_EXAMPLE)(steering.steer)
 app.command("reach", epilog=steering.REACH_EXAMPLE)(steering.reach)
-app.command("search", epilog=searching.SEARCH_EXAMPLE)(searching.search)
-app.command("tour", epilog=search.TOUR_EXAMPLE)(search.tour)
+app.command("search", epilog=search.SEARCH_EXAMPLE)(search.search)
+app.command("tour", epilog=tour.TOUR_EXAMPLE)(tour.tour)
 app.add_typer(missions.app, name="missions")
 app.add_typer(sweep.app, name="sweep")
 app.command("reproduce", epilog=reproduce.EXAMPLE)(reproduce.reproduce)

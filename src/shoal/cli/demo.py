@@ -45,7 +45,7 @@ def demo(
         demo_steer(out, seed=seed, json_=json_)
         return
     if what == "search":
-        from shoal.cli.searching import demo_search
+        from shoal.cli.search import demo_search
 
         demo_search(out, seed=seed, json_=json_)
         return

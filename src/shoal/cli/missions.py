@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from shoal.checks import check_number
 from shoal.cli import options
-from shoal.cli import search_options as given
 from shoal.cli.output import check_folder, print_json, print_table, say
-from shoal.errors import InvalidInputError
+from shoal.cli.problem_options import help_of, parsed
+from shoal.search.problem import SearchProblem
 
 if TYPE_CHECKING:
     from shoal.search.missions import Finding, MissionCheck
@@ -33,12 +34,15 @@ Folder = Annotated[
     Path,
     typer.Argument(metavar="DIR", help="A folder of mission files: .plan .waypoints .geojson .kml .gpx .csv.", show_default=False),
 ]
+_FIELDS = SearchProblem.declarations()
+Region = Annotated[str, typer.Argument(metavar="REGION", help=help_of(_FIELDS["region"]), show_default=False)]
+NoGo = Annotated[list[str] | None, typer.Option("--no-go", metavar="FILE", help=help_of(_FIELDS["no_go"]), show_default=False)]
 Footprint = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--footprint",
         metavar="METRES",
-        help="Side of the square that a vehicle sees; where they differ, one a robot: 2,2,6. Without it coverage is not measured.",
+        help=f"{help_of(_FIELDS['footprint'])} Without it coverage is not measured.",
         show_default=False,
     ),
 ]
@@ -70,11 +74,11 @@ Out = Annotated[
 @app.command("check", epilog=CHECK_EXAMPLE)
 def check(
     folder: Folder,
-    region: given.Region,
-    footprint: Footprint = "",
+    region: Region,
+    footprint: Footprint = None,
     least: Least = 0.999,
     format_: Format = None,
-    no_go: given.NoGo = None,
+    no_go: NoGo = None,
     cap: Cap = None,
     vehicle: Vehicle = None,
     seed: Seed = 0,
@@ -88,11 +92,10 @@ def check(
     from shoal.search import open_region
     from shoal.search.missions import check_missions
 
-    if not 0 <= least <= 1:
-        raise InvalidInputError(f"--least: expected a share from 0 to 1, got {least!r}")
+    check_number(least, what="--least", least=0, most=1)
     if out is not None:
         check_folder(out)
-    sides = given.parse_footprint(footprint) if footprint.strip() else None
+    sides = None if footprint is None else parsed(_FIELDS["footprint"], footprint)
     searched = open_region(region, no_go=no_go or None)
     result = check_missions(folder, searched, sides, format=format_, cap=cap, vehicle=vehicle)
     written = [] if out is None else _write(result, out)

@@ -57,7 +57,7 @@ def takes_problem(
             if from_file:
                 command(_problem_of(kind, taken, texts, fixed), **given)
                 return
-            values = {name: _parsed(taken[name], text) for name, text in texts.items()}
+            values = {name: parsed(taken[name], text) for name, text in texts.items()}
             command(kind(**fixed, **values), **given)
 
         made = [_parameter(declared, from_file=from_file) for declared in taken.values()]
@@ -72,7 +72,7 @@ def takes_problem(
 
 def _problem_of(kind: type[Problem], taken: dict[str, Declaration], texts: dict[str, Any], fixed: dict[str, Any]) -> Problem:
     """Return the problem of a file with the options that were given in place of its fields, or the one of the options alone."""
-    given = {name: _parsed(taken[name], text) for name, text in texts.items() if text is not None}
+    given = {name: parsed(taken[name], text) for name, text in texts.items() if text is not None}
     place = next(name for name, declared in taken.items() if declared.option.argument)
     source = given.get(place)
     if isinstance(source, str) and Path(source).suffix == ".json":
@@ -128,7 +128,7 @@ def _default(declared: Declaration) -> Any:
     return None if default is None or default == () else str(default)
 
 
-def _parsed(declared: Declaration, given: Any) -> Any:
+def parsed(declared: Declaration, given: Any) -> Any:
     """Return the value that a text of the command line means."""
     if given is None or (declared.option.repeated and not given):
         return None if declared.required else declared.default

@@ -41,7 +41,7 @@ def replay(
     """Replay an episode file, check that it is what it says, and draw or film it. Exit code 1 if it is not."""
     check_outputs(out, film)
     if is_search(episode_file):
-        from shoal.cli.searching import replay_search
+        from shoal.cli.search import replay_search
 
         replay_search(episode_file, seed, out, film, json_)
     elif episode_file.suffix.lower() == ".jsonl":

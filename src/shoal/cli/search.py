@@ -1,117 +1,236 @@
-"""shoal tour: a closed tour through all cells of a region."""
+"""shoal search: robots without a coordinator sweep a region."""
 
 from __future__ import annotations
 
-import csv
 import json
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from shoal.checks import check_choice
 from shoal.cli import options
-from shoal.cli.output import check_folder, patience, print_json, print_table
-from shoal.errors import InvalidInputError
+from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, say, write_films
+from shoal.cli.problem_options import takes_problem
+from shoal.search.problem import SearchProblem
+from shoal.search.simulation.faults import Crash
 
 if TYPE_CHECKING:
-    from shoal.search import Tour
+    from shoal.search import SearchEpisode
+    from shoal.search.missions import Mission
 
-TOUR_EXAMPLE = "Example: shoal tour spanning-tree cave:64x48 --out tour"
+SEARCH_EXAMPLE = "Example: shoal search ring:200x150 --robots 6 --footprint 10 --loss 0.3 --faults crash:2@20 --out found"
 COMPILING = "compiling kernels: once after an installation, half a minute ..."
-FILES = ("tour.png", "tour.csv", "summary.json")
+VEHICLES = ("px4", "ardupilot")
+_ROWS = 12
 
 
-def tour(
-    name: Annotated[
+@takes_problem(SearchProblem, from_file=True)
+def search(
+    problem: SearchProblem,
+    missions: Annotated[
+        Path | None, typer.Option("--missions", metavar="DIR", help="Write a mission for each robot there.", show_default=False)
+    ] = None,
+    format_: Annotated[
         str,
-        typer.Argument(
-            metavar="NAME",
-            help="hilbert, open-hilbert, moore, hilbert-rectangle, comb, spanning-tree or MODULE:ATTRIBUTE.",
+        typer.Option(
+            "--format",
+            metavar="NAME,...",
+            help="Formats of the missions: plan, wpl, geojson, kml, gpx, csv; default: all that can say where the region is.",
             show_default=False,
         ),
-    ],
-    size: Annotated[
-        str,
-        typer.Argument(
-            metavar="SIZE",
-            help="Cells a side: 64, 64x48 (width, height) or 16x16x16 (width, height, layers); or a map whose free cells are "
-            "to be searched, as 'shoal map' takes them: cave:64x48, a picture, text, .map, .npy or .csv.",
-            show_default=False,
-        ),
-    ],
-    seed: Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")] = 0,
+    ] = "",
+    vehicle: Annotated[str, typer.Option("--vehicle", help="Of the missions: px4 or ardupilot.")] = "px4",
+    kind: Annotated[str, typer.Option("--kind", help="Of the missions: multirotor or rover.")] = "multirotor",
+    altitude: Annotated[
+        float | None, typer.Option("--altitude", help="Metres above the start; 30 for a multirotor.", show_default=False)
+    ] = None,
+    cap: Annotated[int | None, typer.Option("--cap", help="Mission items that the vehicle stores.", show_default=False)] = None,
+    seed: options.Seed = 0,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", metavar="FOLDER", help="Write tour.png, tour.csv (cells in order) and summary.json there.", show_default=False
+            "--out",
+            metavar="FOLDER",
+            help="Write region.png, timeline.png, the episode and summary.json there.",
+            show_default=False,
+        ),
+    ] = None,
+    film: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--film",
+            metavar="FILE",
+            help="Write a film of the search: .gif, .mp4 or .html (the player). May be given again.",
+            show_default=False,
         ),
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Lay a closed tour through all cells of a region and measure it: length, closing edge, turns, locality."""
-    from shoal.search import make_tour
+    """Search a region with robots that have no coordinator: they share a closed tour, and who lives takes over from who dies.
 
-    region = parse_size(size)
-    if out is not None:
-        check_folder(out)
-    with patience(COMPILING):
-        made = make_tour(name, region)
-        result = report(made, region=size)
-    written = [] if out is None else _write_tour(made, result, out)
+    Exit code 1 if the search was not completed.
+    """
+    from shoal.search.run import run
+
+    problem.check_at_place()
+    writer = None if missions is None else MissionWriter(missions, format_, vehicle, kind, altitude, cap)
+    check_outputs(out, film)
+    with patience(COMPILING if problem.live is None else "searching with one process a robot ..."):
+        episode = run(problem, seed=seed)
+    finish(episode, [] if writer is None else writer.write(episode), out, film, json_=json_)
+
+
+def finish(episode: SearchEpisode, written: list[Path], out: Path | None, film: list[Path] | None, *, json_: bool) -> None:
+    """Write and print what came of a search; exit code 1 if it was not completed."""
+    result = episode.report()
+    written = written + write_outputs(episode, result, out, film)
     if json_:
         print_json(result)
-        return
-    rows = [(key.replace("_", " "), _shown(value)) for key, value in result.items() if key != "tour"]
-    rows += [("written", str(path)) for path in written]
-    print_table(rows, title=f"tour {made.name}")
+    else:
+        print_search(episode, result, written)
+    if not episode:
+        say("shoal: the search was not completed")
+        raise typer.Exit(1)
 
 
-def parse_size(text: str) -> Any:
-    """Return the shape, rows first, or the mask that SIZE means.
+class MissionWriter:
+    """Writes the missions of a plan: what each robot does if nothing goes wrong.
 
     Raises
     ------
-    InvalidInputError
-
-    Examples
-    --------
-    >>> parse_size("64"), parse_size("64x48"), parse_size("5x4x3")
-    ((64, 64), (48, 64), (3, 4, 5))
+    InvalidInputError, UnknownNameError
+        At once, before anything is searched, if an option is not right.
     """
-    if re.fullmatch(r"\d{1,18}(x\d{1,18}){0,2}", text):
-        sides = [int(side) for side in text.split("x")]
-        return tuple(reversed(sides * 2 if len(sides) == 1 else sides))
-    if re.fullmatch(r"[-+\d.x\s,]+", text) and not Path(text).exists():
-        raise InvalidInputError(f"SIZE: expected 64, 64x48, 16x16x16 or a map, got {text[:80]!r}")
-    from shoal.swarm.maps.open import open_map
 
-    return open_map(text).free
+    def __init__(
+        self, folder: Path, formats: str, vehicle: str, kind: str, altitude: float | None = None, cap: int | None = None
+    ) -> None:
+        from shoal.search.missions.files import FORMATS
+
+        self.folder = folder
+        self.formats = [name.strip() for name in formats.split(",") if name.strip()]
+        for name in self.formats:
+            FORMATS.get(name)
+        self.vehicle: Any = check_choice(vehicle, what="--vehicle", choices=VEHICLES)
+        self.kind: Any = check_choice(kind, what="--kind", choices=("multirotor", "rover"))
+        self.altitude, self.cap = altitude, cap
+
+    def write(self, episode: SearchEpisode) -> list[Path]:
+        """Write them; return the files."""
+        from shoal.search.missions import missions_of, write_missions
+
+        plan = episode.plan
+        found: list[Mission] = []
+        for robot in range(len(plan.places)):
+            stops = plan.stops(robot)
+            if not len(stops):
+                continue  # in reserve
+            found += missions_of(
+                plan.route(robot, stops).points,
+                plan.grid.region.frame,
+                robot=robot + 1,
+                home=plan.places[robot],
+                kind=self.kind,
+                vehicle=self.vehicle,
+                altitude=self.altitude,
+                speed=episode.problem.speed * float(plan.rates[robot]),
+                cap=self.cap,
+                max_length=episode.problem.energy,
+                ways=plan.paths.leg,
+            )
+        return write_missions(found, self.folder, formats=self.formats or None)
 
 
-def report(made: Tour, *, region: str) -> dict[str, Any]:
-    """Return what is known of a tour, for JSON."""
-    return {"tour": made.name, "region": region, "shape": list(made.shape), "closed": made.closed, **made.metrics().report()}
+def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
+    """Write what --out and --film ask for; return the files."""
+    written: list[Path] = []
+    if out is not None:
+        from shoal.files import atomic
+        from shoal.views import figure, save_figure
+
+        save_figure(figure(episode), out / "region.png")
+        save_figure(figure(episode, kind="timeline"), out / "timeline.png")
+        episode.save(out / "episode.json")
+        with atomic(out / "summary.json") as temporary:
+            temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        written += [out / name for name in ("region.png", "timeline.png", "episode.json", "summary.json")]
+    return written + write_films(episode, film)
 
 
-def _shown(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, list):
-        return " × ".join(map(str, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
+    """Print the figures of a search for people."""
+    region = result["region"]
+    made = result["makespan_cells"]
+    length = (
+        "not all was searched"
+        if made is None
+        else (
+            f"{made:.6g} cells, {result['makespan_s']:.6g} s; planned {result['planned_cells']:.6g}, "
+            f"at least {result['lower_bound_cells']:.6g}"
+        )
+    )
+    rows = [
+        ("region", f"{region['cells']} cells of {region['cell_m']:.4g} m, {region['area_m2']:.6g} m²"),
+        ("status", f"{result['status']}: {result['reason']}"),
+        ("time", length),
+        ("covered", f"{100 * result['covered_fraction']:.4f} %, {result['uncovered_m2']:.3g} m² not seen"),
+        ("messages", f"{result['messages']['sent']} sent, {result['messages']['lost']} lost; {result['takeovers']} takeovers"),
+    ]
+    for route in result["routes"][:_ROWS]:
+        stops = "" if route["stops"] == route["cells"] else f" from {route['stops']} stops with {route['footprint_m']:g} m"
+        told = f"{route['status']}: {route['cells']} cells{stops}, {route['length_m']:.5g} m, {route['turns']} turns"
+        rows.append((f"robot {route['robot']}", told))
+    if len(result["routes"]) > _ROWS:
+        rows.append(("", f"and {len(result['routes']) - _ROWS} more"))
+    rows += [
+        ("found", f"at ({finding['x']:.6g}, {finding['y']:.6g}), sure to {100 * finding['confidence']:.1f} %")
+        for finding in result["findings"][:_ROWS]
+    ]
+    rows += [*more, *(("written", str(path)) for path in written)]
+    print_table(rows, title=f"{result['allocation']} along {result['tour']}")
 
 
-def _write_tour(made: Tour, result: dict[str, Any], out: Path) -> list[Path]:
-    from shoal.files import atomic
-    from shoal.views.drawing.charts import save_figure
-    from shoal.views.search.tours import tour_figure
+def replay_search(episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:
+    """Replay a search: ``shoal replay EPISODE.json``."""
+    from shoal.search import SearchEpisode
 
-    save_figure(tour_figure(made), out / FILES[0])
-    with atomic(out / FILES[1]) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(("layer", "row", "col")[3 - len(made.shape) :])
-        writer.writerows(made.cells.tolist())
-    with atomic(out / FILES[2]) as temporary:
-        temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    return [out / name for name in FILES]
+    with patience(COMPILING):
+        episode = SearchEpisode.load(episode_file)
+        check_seed(episode_file, seed, episode.seed)
+        verified = episode.verify()
+        result = episode.report() | {"verified": verified.ok, "message": verified.message}
+    written = write_outputs(episode, result, out, film) if verified else []
+    if json_:
+        print_json(result)
+    else:
+        print_search(episode, result, written, ("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
+    if not verified:
+        say(f"shoal: {episode_file}: {verified.message}")
+        raise typer.Exit(1)
+
+
+def demo_search(out: Path, *, seed: int, json_: bool) -> None:
+    """Search a marsh around a lake with 12 robots, three of which die: ``shoal demo search``."""
+    from shoal.search.run import run
+
+    check_folder(out)
+    problem = SearchProblem(
+        Path(__file__).parent / "data" / "marsh.geojson",
+        robots=12,
+        footprint=20.0,
+        loss=0.3,
+        faults=(Crash(3, 40.0), Crash(7, 90.0), Crash(8, 90.0)),
+        targets=8,
+        turn_cost=0.5,
+        speed=5.0,
+    )
+    with patience(COMPILING):
+        episode = run(problem, seed=seed)
+        result = episode.report()
+    written = MissionWriter(out / "missions", "plan,kml", "px4", "multirotor").write(episode)
+    written += write_outputs(episode, result, out, [out / "search.html"])
+    if json_:
+        print_json(result | {"files": [str(path) for path in written]})
+        return
+    print_search(episode, result, [path for path in written if path.parent == out] + [out / "missions"])

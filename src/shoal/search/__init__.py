@@ -1,30 +1,45 @@
-"""Exhaustive search by robots without a coordinator, along one closed tour."""
+"""Exhaustive search by robots without a coordinator, along one closed tour.
+
+Names are loaded when they are first used, since kernels need Numba. `shoal.search.run.run` runs a `SearchProblem`.
+"""
 
 from __future__ import annotations
 
-from shoal.search.allocation.allocate import Allocation, Sweep, allocate
-from shoal.search.allocation.plan import SearchPlan, plan_search
-from shoal.search.allocation.tour_cost import Course
-from shoal.search.cells.grid import CellGrid, cells_of
-from shoal.search.cells.routing import GroundPaths, Route, merge_collinear
-from shoal.search.episode import SearchEpisode
-from shoal.search.regions.builder import open_region
-from shoal.search.regions.coverage import Coverage, coverage_check
-from shoal.search.regions.projection import LocalFrame
-from shoal.search.regions.region import SearchRegion, region_of
-from shoal.search.run import search
-from shoal.search.simulation.trace import RobotLog
-from shoal.search.tours import (
-    Tour,
-    TourMaker,
-    TourMetrics,
-    components,
-    hilbert_decode,
-    hilbert_encode,
-    make_tour,
-    moore_decode,
-    moore_encode,
-)
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from shoal.search.allocation.allocate import Allocation, Sweep, allocate
+    from shoal.search.allocation.plan import SearchPlan, plan_search
+    from shoal.search.allocation.tour_cost import Course
+    from shoal.search.cells.grid import CellGrid, cells_of
+    from shoal.search.cells.routing import GroundPaths, Route, merge_collinear
+    from shoal.search.episode import SearchEpisode
+    from shoal.search.problem import SearchProblem
+    from shoal.search.regions.builder import open_region
+    from shoal.search.regions.coverage import Coverage, coverage_check
+    from shoal.search.regions.projection import LocalFrame
+    from shoal.search.regions.region import SearchRegion, region_of
+    from shoal.search.simulation.trace import RobotLog, Trace
+    from shoal.search.tours import Tour, TourMaker, TourMetrics, components, make_tour
+    from shoal.search.tours.codec import hilbert_decode, hilbert_encode, moore_decode, moore_encode
+
+_HOMES = {
+    "allocation.allocate": ("Allocation", "Sweep", "allocate"),
+    "allocation.plan": ("SearchPlan", "plan_search"),
+    "allocation.tour_cost": ("Course",),
+    "cells.grid": ("CellGrid", "cells_of"),
+    "cells.routing": ("GroundPaths", "Route", "merge_collinear"),
+    "episode": ("SearchEpisode",),
+    "problem": ("SearchProblem",),
+    "regions.builder": ("open_region",),
+    "regions.coverage": ("Coverage", "coverage_check"),
+    "regions.projection": ("LocalFrame",),
+    "regions.region": ("SearchRegion", "region_of"),
+    "simulation.trace": ("RobotLog", "Trace"),
+    "tours": ("Tour", "TourMaker", "TourMetrics", "components", "make_tour"),
+    "tours.codec": ("hilbert_decode", "hilbert_encode", "moore_decode", "moore_encode"),
+}
 
 __all__ = [
     "Allocation",
@@ -37,11 +52,13 @@ __all__ = [
     "Route",
     "SearchEpisode",
     "SearchPlan",
+    "SearchProblem",
     "SearchRegion",
     "Sweep",
     "Tour",
     "TourMaker",
     "TourMetrics",
+    "Trace",
     "allocate",
     "cells_of",
     "components",
@@ -55,5 +72,15 @@ __all__ = [
     "open_region",
     "plan_search",
     "region_of",
-    "search",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _HOMES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"shoal.search.{module}"), name)
+    raise AttributeError(f"module 'shoal.search' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

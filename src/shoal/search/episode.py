@@ -1,9 +1,10 @@
-"""SearchEpisode: a plan, what befell the robots, and what they searched; it plays again exactly."""
+"""SearchEpisode: a problem, the plan and the scenario that follow from it, and the trace of what the robots did."""
 
 from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
@@ -11,130 +12,222 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    FiniteFloat,
-    NonNegativeFloat,
-    NonNegativeInt,
-    PositiveFloat,
-    PositiveInt,
-    ValidationError,
-)
+from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_bool, check_integer, check_number, parse_json, read_text, shortened
+from shoal.episode import Episode, Status, Verification
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
-from shoal.search.allocation.plan import SearchPlan, plan_search
+from shoal.search.allocation.plan import SearchPlan, plan_search, read_points
 from shoal.search.cells.routing import Route
+from shoal.search.problem import SearchProblem
+from shoal.search.protocol.robot import Brief
 from shoal.search.regions.coverage import Coverage, coverage_check
-from shoal.search.regions.formats.text import check_file, read_text
-from shoal.search.regions.projection import LocalFrame
-from shoal.search.regions.region import region_of
-from shoal.search.simulation import faults
+from shoal.search.simulation.faults import Crash, Fault, Liar
 from shoal.search.simulation.findings import Finding, merged
-from shoal.search.simulation.scenario import Scenario, scenario_of
-from shoal.search.simulation.trace import Played, RobotLog, as_planned, simulated
+from shoal.search.simulation.network import network_of
+from shoal.search.simulation.scenario import Scenario
+from shoal.search.simulation.trace import Trace, planned_trace, simulated_trace
 from shoal.search.tours.bitset import bits_of, bits_to_array
 
-FORMAT: Literal[1] = 1
-_KINDS = {
-    kind.__name__: kind for kind in (faults.Crash, faults.Pause, faults.Slow, faults.Battery, faults.WrongPosition, faults.Liar)
-}
-_STATUS = {"dead": "dead", "paused": "paused"}
+FORMAT: Literal[2] = 2
 
 
-@dataclass(frozen=True, eq=False)
-class SearchEpisode:
+def prepare(problem: SearchProblem, seed: int) -> tuple[SearchPlan, Scenario]:
+    """Return the plan of a problem, and the scenario: lengths in sides of a cell instead of metres, times in that of a cell.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        For what no robots could do at the place.
+    """
+    problem.check_at_place()
+    plan = plan_search(
+        problem.place,
+        robots=problem.robots,
+        footprint=problem.footprint,
+        starts=problem.starts,
+        tour=problem.chosen_tour,
+        allocation=problem.chosen_allocation,
+        turn_cost=problem.turn_cost,
+        rates=problem.rates,
+        transit=problem.transit,
+        stepwise=problem.stepwise,
+        seed=seed,
+    )
+    size = plan.grid.size
+    brief = Brief(
+        plan.course,
+        plan.allocation.method,
+        fold=problem.multiplicity,
+        energy=inf if problem.energy is None else problem.energy / size,
+        recharge=problem.recharge * problem.speed / size,
+    )
+    free = np.setdiff1d(np.arange(len(plan.course)), plan.starts)
+    scenario = Scenario(
+        brief,
+        tuple(int(start) for start in plan.starts),
+        tuple(float(rate) for rate in plan.rates),
+        network=network_of(problem.network, loss=problem.loss),
+        faults=problem.faults + _crashes(problem, plan, seed),
+        targets=_cells_of(plan, problem.targets, "targets", np.arange(len(plan.course)), [seed, 1]),
+        detection=problem.detection,
+        false_alarm=problem.false_alarm,
+        obstacles=_cells_of(plan, problem.obstacles, "obstacles", free, [seed, 2]),
+        widths=tuple(int(width) for width in plan.widths),
+        seed=seed,
+    )
+    return plan, scenario
+
+
+def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault, ...]:
+    """Return random crashes: of different robots, at times up to twice that of an equal share of the cells."""
+    rng = np.random.default_rng([seed, 2])
+    dead = rng.choice(problem.robots, size=problem.crashes, replace=False) + 1
+    cells_each = plan.grid.region.area_m2 / plan.grid.footprint**2 / problem.robots
+    return tuple(Crash(int(robot), float(rng.uniform(0, 2 * cells_each))) for robot in np.sort(dead))
+
+
+def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64], seed: list[int]) -> tuple[int, ...]:
+    """Return the numbers on the tour of cells given as a number of random ones, as points, or as a file of points."""
+    if isinstance(given, int):
+        if given > len(allowed):
+            raise InvalidInputError(f"{what}: expected a number from 0 to {len(allowed)}, one a free cell, got {given}")
+        chosen = np.random.default_rng(seed).choice(allowed, size=given, replace=False)
+        return tuple(sorted(int(cell) for cell in chosen))
+    region = plan.grid.region
+    points: ArrayLike = read_points(Path(given), region, what=what) if isinstance(given, str) else given
+    inside = region.check_inside(points, what=given if isinstance(given, str) else what)
+    return tuple(sorted({int(number) for number in plan.tour.position[tuple(plan.grid.cell_of(inside).T)]}))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SearchEpisode(Episode):
     """A search. True as a bool if all that can be reached was searched and every robot that lived knew it.
 
     Parameters
     ----------
+    problem : SearchProblem
+        As it was asked for.
     plan : SearchPlan
     scenario : Scenario
-    network : str
-        As `network_of` takes it; ``loss`` besides.
-    speed : float
-        Metres a second.
+        Lengths in sides of a cell, times in that of a cell.
+    trace : Trace
     simulated : bool
         Whether robots and messages were simulated; else all went as planned, or it was live.
-    live : float or None
-        Cells a second, if robots were processes.
-    robots : tuple of RobotLog
-    covered_at : float
-        When the last cell that some robot can reach was searched, in the time of a cell; infinite if some never were.
-    declared : dict of int to float
-        When each robot, counted from 1 on, declared the search complete.
-    sent, lost : int
-        Messages, counted by receiver.
-    takeovers : int
-        How often a robot began with the part of one that it took for dead.
     seed : int
     seconds : float
         Time for planning and simulation.
-    version : str
-        Of Shoal.
+    versions : mapping of str to str
     """
 
     part: ClassVar[str] = "search"
 
+    problem: SearchProblem
     plan: SearchPlan
     scenario: Scenario
-    network: str
-    loss: float
-    speed: float
+    trace: Trace
     simulated: bool
-    live: float | None
-    robots: tuple[RobotLog, ...]
-    covered_at: float
-    declared: dict[int, float]
-    sent: int
-    lost: int
-    takeovers: int
     seed: int
     seconds: float
-    version: str
-
-    def __bool__(self) -> bool:
-        return self.complete
+    versions: Mapping[str, str]
 
     @cached_property
-    def complete(self) -> bool:
-        """Whether all cells that some robot can reach were searched and every robot that lives has found that out."""
-        living = [number for number, log in enumerate(self.robots, start=1) if log.status not in ("dead", "paused")]
-        planned = not self.simulated and self.live is None
-        return self.covered_at < inf and (planned or (bool(self.declared) and set(living) <= set(self.declared)))
+    def status(self) -> Status:  # type: ignore[override]  # found when it is asked for
+        """Complete if all that some robot can reach was searched, and every robot that lives has found that out."""
+        return Status.COMPLETE if self.trace.covered_at < inf and not self._unaware else Status.INCOMPLETE
+
+    @property
+    def reason(self) -> str:
+        """Why it has its status, in one sentence."""
+        cells = self.scenario.goal.bit_count()
+        if self.trace.covered_at == inf:
+            left = int(np.isinf(self._first_searched).sum())
+            return f"{left} of {cells} cells that robots can reach were never searched"
+        told = f"all {cells} cells that robots can reach were searched after {self.makespan:.6g} s"
+        if self._as_planned:
+            return f"{told}, if all goes as planned: nothing was simulated"
+        if self._unaware:
+            return f"{told}, but {len(self._unaware)} of the robots that live have not found that out"
+        return f"{told}, and every robot that lives has found that out"
+
+    @property
+    def _as_planned(self) -> bool:
+        return not self.simulated and self.problem.live is None
+
+    @cached_property
+    def _unaware(self) -> list[int]:
+        """The robots that live and have not declared the search complete; all of them if nobody has."""
+        if self._as_planned:
+            return []
+        living = [number for number, log in enumerate(self.trace.robots, start=1) if log.status not in ("dead", "paused")]
+        return [number for number in living if number not in self.trace.declared] or ([] if self.trace.declared else [0])
+
+    @property
+    def makespan(self) -> float | None:
+        """When the last cell that some robot can reach was searched, seconds; None if some never were."""
+        return self.trace.covered_at * self.cell_time if self.trace.covered_at < inf else None
 
     @property
     def cell_time(self) -> float:
         """The time that a robot of speed 1 takes for a cell, seconds."""
-        return self.plan.grid.size / self.speed
+        return self.plan.grid.size / self.problem.speed
+
+    @property
+    def metrics(self) -> dict[str, Any]:
+        """The numbers by name; times in seconds, ``share`` the makespan as a share of what one robot needs, T/T_UB."""
+        plan, trace = self.plan, self.trace
+        return {
+            "status": str(self.status),
+            "cells": plan.grid.n_cells,
+            "makespan": self.makespan,
+            "share": None if self.makespan is None else trace.covered_at / plan.grid.n_cells,
+            "planned": plan.allocation.makespan * self.cell_time,
+            "lower_bound": plan.allocation.lower_bound * self.cell_time,
+            "sent": trace.sent,
+            "lost": trace.lost,
+            "takeovers": trace.takeovers,
+            "obstacles_found": len(self.obstacles),
+            "unreachable_cells": self.unreachable,
+        }
 
     @cached_property
     def routes(self) -> tuple[Route, ...]:
         """The way of each robot, metres."""
-        return tuple(self.plan.route(robot, log.cells, log.detours) for robot, log in enumerate(self.robots))
+        return tuple(self.plan.route(robot, log.cells, log.detours) for robot, log in enumerate(self.trace.robots))
+
+    @cached_property
+    def liars(self) -> frozenset[int]:
+        """The robots that say they have searched and have not."""
+        return frozenset(fault.robot for fault in self.scenario.faults if isinstance(fault, Liar))
 
     @cached_property
     def coverage(self) -> Coverage:
         """What the robots have seen of the region, checked apart from the cells."""
-        liars = {fault.robot for fault in self.scenario.faults if isinstance(fault, faults.Liar)}
-        seeing = [robot for robot, log in enumerate(self.robots) if robot + 1 not in liars and log.cells.size]
+        seeing = [robot for robot, log in enumerate(self.trace.robots) if robot + 1 not in self.liars and log.cells.size]
         ways = [self.routes[robot].points for robot in seeing]
         return coverage_check(self.plan.grid.region, ways, self.plan.footprints[seeing] if seeing else self.plan.grid.footprint)
 
     @cached_property
     def seen(self) -> tuple[tuple[NDArray[np.int64], ...], ...]:
         """By robot, the cells that it saw from each in which it stopped, as numbers on the tour."""
-        return tuple(tuple(self.plan.seen(robot, log.cells)) for robot, log in enumerate(self.robots))
+        return tuple(tuple(self.plan.seen(robot, log.cells)) for robot, log in enumerate(self.trace.robots))
+
+    @cached_property
+    def _first_searched(self) -> NDArray[np.float64]:
+        """When each cell that some robot can reach was first searched by one that does not lie; infinite if never."""
+        first = np.full(len(self.plan.course), inf)
+        for number, (log, seen) in enumerate(zip(self.trace.robots, self.seen, strict=True), start=1):
+            for cells, moment in zip(seen, log.times.tolist(), strict=True):
+                first[cells] = np.minimum(first[cells], inf if number in self.liars else moment)
+        return np.asarray(first[bits_to_array(self.scenario.goal, len(first))])
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """What was found, as those know that declared the search complete; with nobody, as the robots knew."""
         reports: dict[int, set[int]] = {}
-        tellers = self.declared or range(1, len(self.robots) + 1)
-        for number in tellers:
-            for cell, witnesses in self.robots[number - 1].found:
+        for number in self.trace.declared or range(1, len(self.trace.robots) + 1):
+            for cell, witnesses in self.trace.robots[number - 1].found:
                 reports.setdefault(cell, set()).update(witnesses)
         searched = {
             number: bits_of(int(cell) for cells in seen for cell in cells) for number, seen in enumerate(self.seen, start=1)
@@ -145,7 +238,7 @@ class SearchEpisode:
     def obstacles(self) -> dict[int, float]:
         """When each cell that cannot be entered was found to be one, in the time of a cell; in the order of the tour."""
         found: dict[int, float] = {}
-        for moment, cell in sorted(entry for log in self.robots for entry in log.obstructed):
+        for moment, cell in sorted(entry for log in self.trace.robots for entry in log.obstructed):
             found.setdefault(cell, moment)
         return dict(sorted(found.items()))
 
@@ -156,34 +249,34 @@ class SearchEpisode:
 
     def report(self) -> dict[str, Any]:
         """Return the JSON object of ``shoal search``."""
-        grid, frame = self.plan.grid, self.plan.grid.region.frame
-        made = self.covered_at if self.covered_at < inf else None
+        grid, trace, allocation = self.plan.grid, self.trace, self.plan.allocation
         return {
+            "status": str(self.status),
+            "reason": self.reason,
             "region": {"name": grid.region.name, "cells": grid.n_cells, "area_m2": grid.region.area_m2, "cell_m": grid.size},
-            "robots": len(self.robots),
+            "robots": len(trace.robots),
             "tour": self.plan.tour.name,
-            "allocation": self.plan.allocation.method,
-            "makespan_cells": made,
-            "makespan_s": None if made is None else made * self.cell_time,
-            "planned_cells": self.plan.allocation.makespan,
-            "lower_bound_cells": self.plan.allocation.lower_bound,
+            "allocation": allocation.method,
+            "makespan_cells": None if self.makespan is None else trace.covered_at,
+            "makespan_s": self.makespan,
+            "planned_cells": allocation.makespan,
+            "lower_bound_cells": allocation.lower_bound,
             "covered_fraction": self.coverage.covered_fraction,
             "uncovered_m2": self.coverage.uncovered_m2,
             "outside_m": self.coverage.outside_m,
-            "complete": self.complete,
             "simulated": self.simulated,
-            "live": self.live is not None,
-            "messages": {"sent": self.sent, "lost": self.lost},
-            "takeovers": self.takeovers,
+            "live": self.problem.live is not None,
+            "messages": {"sent": trace.sent, "lost": trace.lost},
+            "takeovers": trace.takeovers,
             "obstacles": {"found": len(self.obstacles), "unreachable_cells": self.unreachable},
-            "findings": [self._told(finding, frame) for finding in self.findings],
-            "routes": [self._route(robot) for robot in range(len(self.robots))],
+            "findings": [self._told(finding) for finding in self.findings],
+            "routes": [self._route(robot) for robot in range(len(trace.robots))],
             "seed": self.seed,
             "seconds": self.seconds,
         }
 
     def _route(self, robot: int) -> dict[str, Any]:
-        log, route = self.robots[robot], self.routes[robot]
+        log, route = self.trace.robots[robot], self.routes[robot]
         ways = np.diff(route.waypoints(), axis=0)
         return {
             "robot": robot + 1,
@@ -196,20 +289,31 @@ class SearchEpisode:
             "status": log.status,
         }
 
-    def _told(self, finding: Finding, frame: LocalFrame | None) -> dict[str, Any]:
-        point = self.plan.course.points[finding.cell] * self.plan.grid.size
+    def _told(self, finding: Finding) -> dict[str, Any]:
+        point, frame = self.plan.course.points[finding.cell] * self.plan.grid.size, self.plan.grid.region.frame
         told: dict[str, Any] = {"x": float(point[0]), "y": float(point[1])}
         if frame is not None:
-            longitude, latitude = frame.to_degrees(point[None])[0]
-            told |= {"longitude": float(longitude), "latitude": float(latitude)}
+            told |= dict(zip(("longitude", "latitude"), frame.to_degrees(point[None])[0].tolist(), strict=True))
         return told | {
             "confidence": finding.confidence,
             "found_by": list(finding.found_by),
             "missed_by": list(finding.missed_by),
         }
 
+    def verify(self) -> Verification:
+        """Plan and play the search again; compare everything.
+
+        What processes did cannot be played again: then only whether it fits what the episode says was searched, and when.
+        """
+        if self.problem.live is not None:
+            good = float(self._first_searched.max()) == self.trace.covered_at
+            return Verification(good, f"a live search, {'' if good else 'not '}consistent: what was searched, and when")
+        again = simulated_trace(self.plan, self.scenario) if self.simulated else planned_trace(self.plan)
+        difference = self.trace.difference(again)
+        return Verification(not difference, difference or "planned and played again: all robots do what the episode says")
+
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode as JSON.
+        """Write the episode as JSON: the problem, with its files taken in, and what happened.
 
         Raises
         ------
@@ -220,62 +324,31 @@ class SearchEpisode:
         target = Path(path)
         if target.suffix != ".json":
             raise InvalidInputError(f"{target}: expected the suffix .json, got {target.suffix!r}")
+        told = {
+            "format": FORMAT,
+            "kind": "search",
+            "versions": dict(self.versions),
+            "problem": self._self_contained().to_dict(),
+            "seed": self.seed,
+            "seconds": self.seconds,
+            "simulated": self.simulated,
+            "trace": self.trace.to_dict(),
+        }
         with atomic(target) as temporary:
-            temporary.write_text(json.dumps(self._form().model_dump(), allow_nan=False) + "\n", encoding="utf-8")
+            temporary.write_text(json.dumps(told, allow_nan=False) + "\n", encoding="utf-8")
 
-    def _form(self) -> EpisodeForm:
-        import shapely
-
-        region, brief, scenario = self.plan.grid.region, self.scenario.brief, self.scenario
-        frame = None if region.frame is None else (region.frame.longitude, region.frame.latitude)
-        return EpisodeForm(
-            format=FORMAT,
-            kind="search",
-            version=self.version,
-            region=RegionForm(name=region.name, area=shapely.to_wkt(region.area, rounding_precision=-1), frame=frame),
-            footprint=self.plan.footprints.tolist(),
-            tour=self.plan.tour.name,
-            allocation=self.plan.allocation.method,
-            turn_cost=self.plan.course.turn_cost,
-            transit=self.plan.transit,
-            starts=self.plan.places.tolist(),
-            rates=self.plan.rates.tolist(),
-            network=self.network,
-            loss=self.loss,
-            faults=[
-                {"kind": type(fault).__name__, **{name: getattr(fault, name) for name in fault.__slots__}}
-                for fault in scenario.faults
-            ],
-            fold=brief.fold,
-            energy=None if brief.energy == inf else brief.energy * self.plan.grid.size,
-            recharge=brief.recharge * self.cell_time,
-            targets=list(scenario.targets),
-            obstacles=list(scenario.obstacles),
-            stepwise=self.plan.course.stepwise,
-            detection=scenario.detection,
-            false_alarm=scenario.false_alarm,
-            speed=self.speed,
-            simulated=self.simulated,
-            live=self.live,
-            seed=self.seed,
-            seconds=self.seconds,
-            robots=[
-                LogForm(
-                    cells=log.cells.tolist(),
-                    times=log.times.tolist(),
-                    states=list(log.states),
-                    found=list(log.found),
-                    detours=list(log.detours),
-                    obstructed=list(log.obstructed),
-                )
-                for log in self.robots
-            ],
-            covered_at=None if self.covered_at == inf else self.covered_at,
-            declared=self.declared,
-            sent=self.sent,
-            lost=self.lost,
-            takeovers=self.takeovers,
-        )
+    def _self_contained(self) -> SearchProblem:
+        """Return the problem without a file outside of it."""
+        problem, plan = self.problem, self.plan
+        changes: dict[str, Any] = {}
+        if problem.place_is_file() or problem.no_go:
+            changes |= {"region": plan.grid.region, "no_go": (), "layer": None, "across_zones": False}
+        if isinstance(problem.starts, str) and os.path.exists(problem.starts):
+            changes["starts"] = plan.places
+        for name, cells in (("targets", self.scenario.targets), ("obstacles", self.scenario.obstacles)):
+            if isinstance(getattr(problem, name), str):
+                changes[name] = plan.course.points[list(cells)] * plan.grid.size
+        return problem.replaced(**changes)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> SearchEpisode:
@@ -285,205 +358,24 @@ class SearchEpisode:
         ------
         InvalidInputError
         """
-        source = Path(path)
-        check_file(source, what="search episode")
+        source = str(path)
+        told = parse_json(read_text(Path(path), what="search episode"), where=source)
+        names = {"format", "kind", "versions", "problem", "seed", "seconds", "simulated", "trace"}
+        if not isinstance(told, dict) or told.get("kind") != "search" or told.get("format") != FORMAT or set(told) != names:
+            raise InvalidInputError(f"{source}: not a search episode of format {FORMAT}: got {shortened(told)}")
         try:
-            form = EpisodeForm.model_validate_json(read_text(source))
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"])
-            raise InvalidInputError(f"{source}: not a search episode: {where or 'the file'}: {first['msg']}") from None
-        try:
-            return replayed(form)
-        except InvalidInputError as error:
-            raise InvalidInputError(f"{source}: {error}") from None
-
-    def verify(self) -> bool:
-        """Plan and play the search again and tell whether the same comes of it.
-
-        What processes did cannot be played again: then only whether it fits what the episode says was searched, and when.
-        """
-        if self.live is not None:
-            first = np.full(len(self.plan.course), inf)
-            for log, seen in zip(self.robots, self.seen, strict=True):
-                for cells, moment in zip(seen, log.times.tolist(), strict=True):
-                    first[cells] = np.minimum(first[cells], moment)
-            return float(first[bits_to_array(self.scenario.goal, len(first))].max()) == self.covered_at
-        other = played_again(self._form())
-        return (
-            len(other.robots) == len(self.robots)
-            and all(
-                np.array_equal(one.cells, two.cells)
-                and np.allclose(one.times, two.times, rtol=0, atol=1e-9)
-                and (one.states, one.detours, one.obstructed) == (two.states, two.detours, two.obstructed)
-                for one, two in zip(self.robots, other.robots, strict=True)
+            seed = check_integer(told["seed"], what="seed", least=0)
+            problem = SearchProblem.from_dict(told["problem"])
+            plan, scenario = prepare(problem, seed)
+            return cls(
+                problem=problem,
+                plan=plan,
+                scenario=scenario,
+                trace=Trace.from_dict(told["trace"], robots=problem.robots, cells=len(plan.course)),
+                simulated=check_bool(told["simulated"], what="simulated"),
+                seed=seed,
+                seconds=check_number(told["seconds"], what="seconds"),
+                versions={str(name): str(version) for name, version in dict(told["versions"]).items()},
             )
-            and (other.covered_at, other.declared, other.sent, other.lost) == (self.covered_at, self.declared, self.sent, self.lost)
-        )
-
-
-class RegionForm(BaseModel):
-    """A region in an episode: well-known text in metres, and the middle of its frame in degrees."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    name: str
-    area: str
-    frame: tuple[FiniteFloat, FiniteFloat] | None
-
-
-class LogForm(BaseModel):
-    """What one robot did."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    cells: list[NonNegativeInt]
-    times: list[FiniteFloat]
-    states: list[tuple[FiniteFloat, str]]
-    found: list[tuple[NonNegativeInt, tuple[NonNegativeInt, ...]]]
-    detours: list[tuple[NonNegativeInt, ...]] = []
-    obstructed: list[tuple[FiniteFloat, NonNegativeInt]] = []
-
-
-class EpisodeForm(BaseModel):
-    """A search episode on disk."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    format: Literal[1]
-    kind: Literal["search"]
-    version: str
-    region: RegionForm
-    footprint: PositiveFloat | list[PositiveFloat]
-    tour: str
-    allocation: str
-    turn_cost: NonNegativeFloat
-    transit: bool
-    starts: list[tuple[FiniteFloat, FiniteFloat]]
-    rates: list[PositiveFloat]
-    network: str
-    loss: NonNegativeFloat
-    faults: list[dict[str, Any]]
-    fold: PositiveInt
-    energy: PositiveFloat | None
-    recharge: NonNegativeFloat
-    targets: list[NonNegativeInt]
-    obstacles: list[NonNegativeInt] = []
-    stepwise: bool = False
-    detection: NonNegativeFloat
-    false_alarm: NonNegativeFloat
-    speed: PositiveFloat
-    simulated: bool
-    live: PositiveFloat | None
-    seed: NonNegativeInt
-    seconds: FiniteFloat
-    robots: list[LogForm]
-    covered_at: FiniteFloat | None
-    declared: dict[PositiveInt, FiniteFloat]
-    sent: NonNegativeInt
-    lost: NonNegativeInt
-    takeovers: NonNegativeInt
-
-
-def fault_of(entry: dict[str, Any]) -> faults.Fault:
-    """Return the fault that an entry of an episode describes.
-
-    Raises
-    ------
-    InvalidInputError
-    """
-    kind = _KINDS.get(str(entry.get("kind")))
-    values = {name: value for name, value in entry.items() if name != "kind"}
-    if kind is None or set(values) != set(kind.__slots__) or not all(isinstance(value, int | float) for value in values.values()):
-        raise InvalidInputError(f"faults: expected one of {', '.join(_KINDS)} with its numbers, got {entry!r:.120}")
-    return kind(**values)
-
-
-def _prepared(form: EpisodeForm) -> tuple[SearchPlan, Scenario]:
-    """Return the plan and the scenario of an episode on disk."""
-    import shapely
-
-    try:
-        area = shapely.from_wkt(form.region.area)
-    except shapely.errors.ShapelyError:
-        raise InvalidInputError("region: expected well-known text of a polygon, got something else") from None
-    frame = None if form.region.frame is None else LocalFrame(*form.region.frame)
-    plan = plan_search(
-        region_of(area, frame=frame, name=form.region.name),
-        robots=len(form.starts),
-        footprint=form.footprint,
-        starts=np.array(form.starts).reshape(-1, 2),
-        tour=form.tour,
-        allocation=form.allocation,
-        turn_cost=form.turn_cost,
-        rates=form.rates,
-        transit=form.transit,
-        stepwise=form.stepwise,
-        seed=form.seed,
-    )
-    scenario = scenario_of(
-        plan,
-        network=form.network,
-        loss=form.loss,
-        faults=tuple(fault_of(entry) for entry in form.faults),
-        fold=form.fold,
-        energy=inf if form.energy is None else form.energy,
-        recharge=form.recharge,
-        speed=form.speed,
-        targets=tuple(form.targets),
-        detection=form.detection,
-        false_alarm=form.false_alarm,
-        obstacles=tuple(form.obstacles),
-        seed=form.seed,
-    )
-    return plan, scenario
-
-
-def _episode(form: EpisodeForm, plan: SearchPlan, scenario: Scenario, played: Played) -> SearchEpisode:
-    return SearchEpisode(
-        plan=plan,
-        scenario=scenario,
-        network=form.network,
-        loss=form.loss,
-        speed=form.speed,
-        simulated=form.simulated,
-        live=form.live,
-        **vars(played),
-        seed=form.seed,
-        seconds=form.seconds,
-        version=form.version,
-    )
-
-
-def played_again(form: EpisodeForm) -> SearchEpisode:
-    """Plan and play an episode on disk again."""
-    plan, scenario = _prepared(form)
-    return _episode(form, plan, scenario, simulated(plan, scenario) if form.simulated else as_planned(plan))
-
-
-def replayed(form: EpisodeForm) -> SearchEpisode:
-    """Return the episode that a file tells of, as it tells it.
-
-    Raises
-    ------
-    InvalidInputError
-    """
-    plan, scenario = _prepared(form)
-    n = len(plan.course)
-    if len(form.robots) != len(form.starts) or any(
-        len(log.cells) != len(log.times) or any(cell >= n for cell in log.cells) for log in form.robots
-    ):
-        raise InvalidInputError(f"robots: expected cells below {n} and their times for {len(form.starts)} robots")
-    logs = tuple(
-        RobotLog(
-            np.array(log.cells, dtype=np.int64),
-            np.array(log.times, dtype=np.float64),
-            tuple(log.states),
-            tuple(log.found),
-            tuple(log.detours),
-            tuple(log.obstructed),
-        )
-        for log in form.robots
-    )
-    covered_at = inf if form.covered_at is None else form.covered_at
-    return _episode(form, plan, scenario, Played(logs, covered_at, dict(form.declared), form.sent, form.lost, form.takeovers))
+        except InvalidInputError as error:
+            raise InvalidInputError(f"{source}: not a search episode: {error}") from None

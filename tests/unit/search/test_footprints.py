@@ -11,7 +11,8 @@ from tests.properties.search_scenarios import random_scenario
 
 from shoal.cli import run
 from shoal.errors import InvalidInputError
-from shoal.search import Course, SearchEpisode, cells_of, coverage_check, make_tour, open_region, plan_search, search
+from tests.search_episodes import search
+from shoal.search import Course, SearchEpisode, cells_of, coverage_check, make_tour, open_region, plan_search
 from shoal.search.allocation.viewpoint_selection import gain_of, stops_of
 from shoal.search.cells.footprint import MaskSight, RegionSight, cell_side, widths_of
 from shoal.search.missions import check_missions
@@ -84,7 +85,7 @@ def test_a_wide_footprint_saves_time():
 def test_whoever_dies_another_footprint_takes_over(dead, tmp_path):
     episode = search("rectangle:60x40", robots=3, footprint=TEAM, seed=1, loss=0.3, faults=[Crash(dead, 40.0)], targets=4)
     assert episode.complete
-    assert episode.takeovers
+    assert episode.trace.takeovers
     assert episode.coverage.covered_fraction == pytest.approx(1)
     assert len(episode.findings) == 4
     episode.save(tmp_path / "episode.json")

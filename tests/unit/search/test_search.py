@@ -12,7 +12,8 @@ from numpy.testing import assert_array_equal
 from tests.properties.search_invariants import Checker, check_outcome
 
 from shoal.errors import InvalidInputError, UnknownNameError
-from shoal.search import Course, SearchEpisode, Sweep, allocate, make_tour, open_region, plan_search, search
+from tests.search_episodes import search
+from shoal.search import Course, SearchEpisode, Sweep, allocate, make_tour, open_region, plan_search
 from shoal.search.allocation.partition import cost_of_all
 from shoal.search.cells.distances import CellWays
 from shoal.search.episode import RobotLog
@@ -278,9 +279,9 @@ def test_robots_with_little_energy_come_home_in_between():
     episode = search("circle:60", robots=3, footprint=10, energy=250.0, recharge=20.0, seed=2)
     assert episode
     for robot, route in enumerate(episode.routes):
-        assert len(episode.robots[robot].cells)
+        assert len(episode.trace.robots[robot].cells)
         assert route.length > 0
-    assert episode.covered_at > episode.plan.allocation.makespan
+    assert episode.trace.covered_at > episode.plan.allocation.makespan
 
 
 def test_parts_of_a_region_need_robots_that_fly():

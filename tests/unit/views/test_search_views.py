@@ -12,7 +12,8 @@ import shapely
 from PIL import Image
 
 from shoal.errors import InvalidInputError
-from shoal.search import SearchEpisode, region_of, search
+from tests.search_episodes import search
+from shoal.search import SearchEpisode, region_of
 from shoal.search.simulation.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.views import film
 from shoal.views.drawing.charts import save_figure
@@ -37,7 +38,7 @@ CASES = {
     "as planned": lambda: search("square:60", robots=3, footprint=10, simulate=False),
     "many": lambda: search("square:100", robots=30, footprint=10, starts="clustered", faults=[Crash(k, 2.0) for k in range(2, 9)]),
     "a liar": lambda: search(
-        "square:60", robots=3, footprint=10, fold=2, faults=[Liar(2), Slow(1, 2.0, 5.0), WrongPosition(3, 4), Battery(1, 9.0)]
+        "square:60", robots=3, footprint=10, multiplicity=2, faults=[Liar(2), Slow(1, 2.0, 5.0), WrongPosition(3, 4), Battery(1, 9.0)]
     ),
 }
 
@@ -57,7 +58,7 @@ def test_stretches_follow_one_another(history):
         assert activities[0].begin == 0
         assert activities[-1].end == history.end
         assert all(one.end == two.begin for one, two in pairwise(activities))
-        log = history.episode.robots[robot]
+        log = history.episode.trace.robots[robot]
         for time, other in zip(log.times, history.others(robot), strict=True):
             doing = [one for one in activities if one.begin < time <= one.end]
             assert [(one.kind, one.other) for one in doing] == [("taken", other) if other else ("own", 0)]
@@ -65,7 +66,7 @@ def test_stretches_follow_one_another(history):
 
 def test_robots_are_in_each_cell_when_they_have_searched_it(history):
     plan = history.episode.plan
-    for robot, (log, trajectory) in enumerate(zip(history.episode.robots, history.trajectories, strict=True)):
+    for robot, (log, trajectory) in enumerate(zip(history.episode.trace.robots, history.trajectories, strict=True)):
         assert (np.diff(trajectory.times) >= 0).all()
         np.testing.assert_array_equal(trajectory.at(0.0), plan.places[robot])
         ends = history.episode.routes[robot].points[history.stop_ends(robot)[1:]] if len(log.cells) else np.zeros((0, 2))
@@ -84,7 +85,7 @@ def test_motion_stays_inside_and_is_no_faster_than_robots_are(history):
         points = np.array([trajectory.at(time) for time in np.linspace(0, history.end, 100)])
         if not history.episode.plan.transit:
             assert region.contains(points).all()
-        log = history.episode.robots[robot]
+        log = history.episode.trace.robots[robot]
         if history.episode.simulated and len(log.cells) > 1:  # from cell to cell: ways around corners are longer than reckoned
             way = trajectory.times >= log.times[0] - 1e-9
             speeds = np.hypot(*np.diff(trajectory.points[way], axis=0).T) / np.maximum(np.diff(trajectory.times[way]), 1e-12) / size
@@ -94,7 +95,7 @@ def test_motion_stays_inside_and_is_no_faster_than_robots_are(history):
 def test_robots_go_home_to_recharge():
     found = SearchHistory(search("square:80", robots=2, footprint=10, energy=180.0, recharge=60.0, seed=2))
     for robot, trajectory in enumerate(found.trajectories):
-        log, home = found.episode.robots[robot], found.episode.plan.places[robot]
+        log, home = found.episode.trace.robots[robot], found.episode.plan.places[robot]
         gaps = np.flatnonzero(np.diff(log.times) > 6.0)  # recharging lasts six cells
         resting = [
             pair for pair in pairwise(zip(trajectory.times, trajectory.points, strict=True)) if pair[1][0] - pair[0][0] > 5.9
@@ -111,7 +112,7 @@ def test_robots_go_home_to_recharge():
 
 def test_first_searched_is_what_the_logs_tell(history):
     times, by = history.first
-    logs = history.episode.robots
+    logs = history.episode.trace.robots
     for cell in range(history.n_cells):
         found = [
             (log.times[k], number)
@@ -121,7 +122,7 @@ def test_first_searched_is_what_the_logs_tell(history):
         ]
         assert (times[cell], by[cell] if found else 0) == (min(found) if found else (inf, 0))
     if history.episode.simulated:
-        assert times.max() == history.episode.covered_at
+        assert times.max() == history.episode.trace.covered_at
     assert history.searched(history.end) == np.isfinite(times).sum()
 
 
@@ -175,9 +176,9 @@ def test_timeline_names_whose_part_and_when():
     figure = timeline_figure(episode("ring"))
     words = texts(figure)
     assert "2" in words
-    assert any(f"{episode('ring').covered_at:.4g}" in word for word in words)
+    assert any(f"{episode('ring').trace.covered_at:.4g}" in word for word in words)
     lines = [line.get_xdata()[0] for line in figure.axes[0].lines if len(set(line.get_xdata())) == 1 and len(line.get_xdata()) == 2]
-    assert max(episode("ring").declared.values()) in lines
+    assert max(episode("ring").trace.declared.values()) in lines
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["1", "2", "3", "4"]
 
 
@@ -212,12 +213,12 @@ def test_film_shows_what_is_searched():
     times = film.times(10, 100)
     assert len(times) <= 100
     assert (times[0], times[-1]) == (0.0, SearchHistory(told).end)
-    frames = list(film.frames(np.array([0.0, told.covered_at / 2, SearchHistory(told).end])))
+    frames = list(film.frames(np.array([0.0, told.trace.covered_at / 2, SearchHistory(told).end])))
     assert {frame.shape for frame in frames} == {(240, film.width, 3)}
     middle = slice(24, 200)
     coloured = [int((np.ptp(frame[middle].astype(int), axis=2) > 10).sum()) for frame in frames]
     assert coloured[0] < 0.7 * coloured[1] < 0.7 * coloured[2]
-    again = list(film.frames(np.array([told.covered_at / 2, 0.0])))  # backwards
+    again = list(film.frames(np.array([told.trace.covered_at / 2, 0.0])))  # backwards
     np.testing.assert_array_equal(again[0], frames[1])
     np.testing.assert_array_equal(again[1], frames[0])
 

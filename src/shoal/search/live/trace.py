@@ -14,7 +14,7 @@ from shoal.search.live.outcome import LiveEvent
 from shoal.search.live.supervisor import run_live
 from shoal.search.simulation.faults import Crash
 from shoal.search.simulation.scenario import Scenario
-from shoal.search.simulation.trace import Played, RobotLog
+from shoal.search.simulation.trace import RobotLog, Trace
 from shoal.search.tours.bitset import bits_of
 
 _HELLO, _BEAT = 0.3, 0.05  # seconds that live robots listen, and between their beacons, at the least
@@ -25,7 +25,7 @@ _STATES = {kind: kind for kind in ("listening", "searching", "waiting", "complet
 }
 
 
-def lived(scenario: Scenario, *, live: float, loss: float) -> tuple[Scenario, Played]:
+def live_trace(scenario: Scenario, *, live: float, loss: float) -> tuple[Scenario, Trace]:
     """Let processes search, ``live`` cells a second; return the scenario with the times that they need, and what they reported.
 
     Raises
@@ -56,7 +56,7 @@ def lived(scenario: Scenario, *, live: float, loss: float) -> tuple[Scenario, Pl
         if event.kind == "searched" and event.cell is not None and left:
             left &= ~bits_of((event.cell, *event.around))
             covered_at = inf if left else event.time
-    return scenario, Played(tuple(logs), covered_at, outcome.declared, outcome.heard, outcome.lost, takeovers_of(scenario, logs))
+    return scenario, Trace(tuple(logs), covered_at, outcome.declared, outcome.heard, outcome.lost, takeovers_of(scenario, logs))
 
 
 def _log_of(number: int, events: Sequence[LiveEvent]) -> RobotLog:

@@ -1,11 +1,13 @@
-"""What can go wrong with a robot."""
+"""Robot faults: crashes, pauses, slow robots, batteries that run out, wrong positions, liars."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from math import inf
+from typing import Any, cast
 
+from shoal.checks import check_integer, check_number, shortened
 from shoal.errors import InvalidInputError
 
 
@@ -59,11 +61,14 @@ class Liar:
 
 
 Fault = Crash | Pause | Slow | Battery | WrongPosition | Liar
-_KILL = re.compile(r"(\d+)@([0-9.]+(?:e[0-9]+)?)")
+KINDS: dict[str, type[Fault]] = {
+    "crash": Crash, "pause": Pause, "slow": Slow, "battery": Battery, "wrong-position": WrongPosition, "liar": Liar,
+}  # fmt: skip
+_SPELLING = re.compile(r"([a-z-]+):(\d+)(?:@([^:@]+))?(?::([^:@]+))?")
 
 
-def crashes_of(words: list[str], *, robots: int) -> tuple[Crash, ...]:
-    """Return the crashes that ``ROBOT@TIME`` words tell; robots count from 1, times are those of a cell.
+def check_faults(value: Any) -> tuple[Fault, ...]:
+    """Return faults, each given as itself or as a text such as ``crash:2@30``; several may stand in one text, with commas.
 
     Raises
     ------
@@ -71,13 +76,65 @@ def crashes_of(words: list[str], *, robots: int) -> tuple[Crash, ...]:
 
     Examples
     --------
-    >>> crashes_of(["2@10.5"], robots=3)
-    (Crash(robot=2, time=10.5),)
+    >>> check_faults(["crash:2@10.5,liar:3", Slow(1, 2.0)])
+    (Crash(robot=2, time=10.5), Liar(robot=3), Slow(robot=1, factor=2.0, time=0.0))
     """
-    found = []
-    for word in words:
-        match = _KILL.fullmatch(word.strip())
-        if match is None or not 1 <= int(match[1]) <= robots or not float(match[2]) < inf:
-            raise InvalidInputError(f"--kill: expected ROBOT@TIME with a robot from 1 to {robots}, as in 2@30, got {word[:60]!r}")
-        found.append(Crash(int(match[1]), float(match[2])))
+    if isinstance(value, str):
+        value = [value]
+    if not isinstance(value, list | tuple):
+        raise InvalidInputError(f"faults: expected a list such as ['crash:2@30'], got {shortened(value)}")
+    found: list[Fault] = []
+    for entry in value:
+        if not isinstance(entry, str):
+            found.append(_checked(entry))
+            continue
+        found += [_parsed(word.strip()) for word in entry.split(",") if word.strip()]
     return tuple(found)
+
+
+def fault_text(fault: Fault) -> str:
+    """Return the text that `check_faults` reads as the fault.
+
+    Examples
+    --------
+    >>> fault_text(Pause(3, 5.0, 40.0)), fault_text(WrongPosition(1, -2))
+    ('pause:3@5:40', 'wrong-position:1:-2')
+    """
+    kind = next(name for name, cls in KINDS.items() if isinstance(fault, cls))
+    numbers = {name: str(value).removesuffix(".0") for name, value in asdict(fault).items()}
+    time = f"@{numbers.pop('time')}" if "time" in numbers else ""
+    return ":".join([kind, numbers.pop("robot") + time, *numbers.values()])
+
+
+def _parsed(text: str) -> Fault:
+    match = _SPELLING.fullmatch(text)
+    kind = None if match is None else KINDS.get(match[1])
+    if match is None or kind is None:
+        raise InvalidInputError(
+            f"faults: expected KIND:ROBOT@TIME, as in crash:2@30, with a kind of {', '.join(KINDS)}, got {text[:60]!r}"
+        )
+    names = [one.name for one in fields(kind)]
+    values: dict[str, Any] = {"robot": int(match[2])}
+    others = [name for name in names if name not in ("robot", "time")]
+    try:
+        for name, word in zip(["time", *others], [match[3], match[4]], strict=False):
+            if word is not None:
+                values[name] = int(word) if name == "off" else float(word)
+        if match[4] is not None and not others:
+            raise ValueError
+        return _checked(kind(**values))
+    except (TypeError, ValueError):
+        form = f"{match[1]}:ROBOT{'@TIME' * ('time' in names)}{''.join(':' + name.upper() for name in others)}"
+        raise InvalidInputError(f"faults: expected {form}, got {text[:60]!r}") from None
+
+
+def _checked(fault: Any) -> Fault:
+    if not isinstance(fault, tuple(KINDS.values())):
+        raise InvalidInputError(f"faults: expected faults such as crash:2@30, got {shortened(fault)}")
+    for name, value in asdict(cast("Fault", fault)).items():
+        what = f"faults: {name}"
+        if name in ("robot", "off"):
+            check_integer(value, what=what, least=1 if name == "robot" else -inf)
+        else:
+            check_number(value, what=what, least=0)
+    return cast("Fault", fault)

@@ -10,13 +10,12 @@ from math import inf
 import numpy as np
 
 from shoal.errors import InvalidInputError
-from shoal.search.allocation.plan import SearchPlan
 from shoal.search.allocation.tour_cost import Course
 from shoal.search.cells.distances import CellWays
 from shoal.search.cells.footprint import check_widths
 from shoal.search.protocol.robot import Brief
 from shoal.search.simulation.faults import Fault, WrongPosition
-from shoal.search.simulation.network import Network, network_of
+from shoal.search.simulation.network import Network
 from shoal.search.tours.bitset import bits_of
 
 
@@ -124,36 +123,3 @@ class Scenario:
         if not isinstance(ways, CellWays):
             return self.brief.everything
         return ways.reach(self.starts[number - 1], self.blocked)
-
-
-def scenario_of(
-    plan: SearchPlan,
-    *,
-    network: str,
-    loss: float,
-    faults: tuple[Fault, ...],
-    fold: int,
-    energy: float,
-    recharge: float,
-    speed: float,
-    targets: tuple[int, ...],
-    detection: float,
-    false_alarm: float,
-    obstacles: tuple[int, ...],
-    seed: int,
-) -> Scenario:
-    """Return the scenario of a plan: lengths in sides of a cell instead of metres, times in that of a cell; see `search`."""
-    size = plan.grid.size
-    return Scenario(
-        Brief(plan.course, plan.allocation.method, fold=fold, energy=energy / size, recharge=recharge * speed / size),
-        tuple(int(start) for start in plan.starts),
-        tuple(float(rate) for rate in plan.rates),
-        network=network_of(network, loss=loss),
-        faults=faults,
-        targets=targets,
-        detection=detection,
-        false_alarm=false_alarm,
-        obstacles=obstacles,
-        widths=tuple(int(width) for width in plan.widths),
-        seed=seed,
-    )

@@ -1,27 +1,21 @@
-"""What robots do with a plan: what it says if all goes well, what a simulation makes of it, or what processes report."""
+"""The trace of a search: what each robot did, as planned if all goes well, or in the simulation."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from math import inf
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.checks import check_integer, check_number, check_text, shortened
+from shoal.errors import InvalidInputError
 from shoal.search.allocation.plan import SearchPlan
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.world import World
 
-if TYPE_CHECKING:
-    pass
-
-_HELLO, _BEAT = 0.3, 0.05  # seconds that live robots listen, and between their beacons, at the least
-_STATES = {kind: kind for kind in ("listening", "searching", "waiting", "complete")} | {
-    "killed": "dead",
-    "stopped": "dead",
-    "failed": "dead",
-}
 _HORIZON = 60.0  # times the way of one robot alone
 
 
@@ -58,9 +52,22 @@ class RobotLog:
         return self.states[-1][1] if self.states else "listening"
 
 
-@dataclass(frozen=True)
-class Played:
-    """What came of a search; see the same names of `SearchEpisode`."""
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """What the robots did.
+
+    Parameters
+    ----------
+    robots : tuple of RobotLog
+    covered_at : float
+        When the last cell that some robot can reach was searched, in the time of a cell; infinite if some never were.
+    declared : dict of int to float
+        When each robot, counted from 1 on, declared the search complete.
+    sent, lost : int
+        Messages, counted by receiver.
+    takeovers : int
+        How often a robot began with the part of one that it took for dead.
+    """
 
     robots: tuple[RobotLog, ...]
     covered_at: float
@@ -69,8 +76,77 @@ class Played:
     lost: int
     takeovers: int
 
+    def difference(self, other: Trace) -> str:
+        """Return the first difference between two traces in one sentence; nothing if there is none."""
+        for number, (one, two) in enumerate(zip(self.robots, other.robots, strict=True), start=1):
+            same = np.array_equal(one.cells, two.cells) and np.allclose(one.times, two.times, rtol=0, atol=1e-9)
+            if not same or (one.states, one.detours, one.obstructed) != (two.states, two.detours, two.obstructed):
+                return f"planned and played again, robot {number} does not do what the episode says"
+        for name in ("covered_at", "declared", "sent", "lost"):
+            if getattr(self, name) != getattr(other, name):
+                return f"planned and played again, {name} is {getattr(other, name)}, where the episode says {getattr(self, name)}"
+        return ""
 
-def as_planned(plan: SearchPlan) -> Played:
+    def to_dict(self) -> dict[str, Any]:
+        """Return the trace as JSON holds it."""
+        return vars(self) | {
+            "robots": [vars(log) | {"cells": log.cells.tolist(), "times": log.times.tolist()} for log in self.robots],
+            "covered_at": None if self.covered_at == inf else self.covered_at,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Any, *, robots: int, cells: int) -> Trace:
+        """Return the trace that `to_dict` wrote, of so many robots on a tour of so many cells.
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        names = {"robots", "covered_at", "declared", "sent", "lost", "takeovers"}
+        if not isinstance(data, dict) or set(data) != names or not isinstance(data["robots"], list):
+            raise InvalidInputError(f"trace: expected {', '.join(sorted(names))}, got {shortened(data)}")
+        logs = tuple(_log_from(log, f"robots: {number}", cells) for number, log in enumerate(data["robots"], start=1))
+        if len(logs) != robots:
+            raise InvalidInputError(f"robots: expected {robots} of them, got {len(logs)}")
+        declared = {int(number): check_number(moment, what="declared") for number, moment in dict(data["declared"]).items()}
+        if not set(declared) <= set(range(1, robots + 1)):
+            raise InvalidInputError(f"declared: expected robots from 1 to {robots}, got {shortened(sorted(declared))}")
+        covered_at = inf if data["covered_at"] is None else check_number(data["covered_at"], what="covered_at")
+        counts = [check_integer(data[name], what=name, least=0) for name in ("sent", "lost", "takeovers")]
+        return cls(logs, covered_at, declared, *counts)
+
+
+def _log_from(data: Any, what: str, n: int) -> RobotLog:
+    """Return what one robot did, as `Trace.to_dict` wrote it."""
+    names = {one.name for one in fields(RobotLog)}
+    if not isinstance(data, dict) or set(data) != names or not all(isinstance(value, list) for value in data.values()):
+        raise InvalidInputError(f"{what}: expected lists {', '.join(sorted(names))}, got {shortened(data)}")
+
+    def cell(value: Any) -> int:
+        return check_integer(value, what=f"{what}: cell", least=0, most=n - 1)
+
+    def moment(value: Any) -> float:
+        return check_number(value, what=f"{what}: time")
+
+    cells, times = [cell(one) for one in data["cells"]], [moment(one) for one in data["times"]]
+    if len(cells) != len(times):
+        raise InvalidInputError(f"{what}: expected a time for each cell, got {len(cells)} cells and {len(times)} times")
+    try:
+        return RobotLog(
+            np.array(cells, dtype=np.int64),
+            np.array(times, dtype=np.float64),
+            tuple((moment(time), check_text(state, what=f"{what}: state")) for time, state in data["states"]),
+            tuple((cell(one), tuple(check_integer(robot, what=what) for robot in robots)) for one, robots in data["found"]),
+            tuple(tuple(cell(one) for one in passed) for passed in data["detours"]),
+            tuple((moment(time), cell(one)) for time, one in data["obstructed"]),
+        )
+    except InvalidInputError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(f"{what}: expected times with states or cells, got something else: {error}") from None
+
+
+def planned_trace(plan: SearchPlan) -> Trace:
     """Return what robots do if all goes well; nothing is simulated."""
     logs, course = [], plan.course
     covered_at = 0.0
@@ -84,10 +160,10 @@ def as_planned(plan: SearchPlan) -> Played:
         ends = float(times[-1]) if len(times) else 0.0
         covered_at = max(covered_at, ends)
         logs.append(RobotLog(cells, times, ((0.0, "searching"), (ends, "complete")), ()))
-    return Played(tuple(logs), covered_at, {}, 0, 0, 0)
+    return Trace(tuple(logs), covered_at, {}, 0, 0, 0)
 
 
-def simulated(plan: SearchPlan, scenario: Scenario) -> Played:
+def simulated_trace(plan: SearchPlan, scenario: Scenario) -> Trace:
     """Return what the simulation of a scenario comes to."""
     outcome = World(scenario).run(until=_HORIZON * plan.course.whole * scenario.brief.fold + 1000.0)
     logs = tuple(
@@ -101,7 +177,7 @@ def simulated(plan: SearchPlan, scenario: Scenario) -> Played:
         )
         for vehicle in outcome.vehicles.values()
     )
-    return Played(logs, outcome.covered_at, outcome.declared, outcome.sent, outcome.lost, outcome.takeovers)
+    return Trace(logs, outcome.covered_at, outcome.declared, outcome.sent, outcome.lost, outcome.takeovers)
 
 
 def _witnesses(bits: int) -> list[int]:

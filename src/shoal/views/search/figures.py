@@ -64,8 +64,8 @@ def _robots(count: int) -> str:
 
 def _summary(episode: SearchEpisode) -> str:
     cells = episode.plan.grid.n_cells
-    when = f"searched after {episode.covered_at:.4g} cells' time" if episode.covered_at < inf else "not searched wholly"
-    over = f", {episode.takeovers} taken over" if episode.takeovers else ""
+    when = f"searched after {episode.trace.covered_at:.4g} cells' time" if episode.trace.covered_at < inf else "not searched wholly"
+    over = f", {episode.trace.takeovers} taken over" if episode.trace.takeovers else ""
     return f"{cells:,} cell{'s' if cells != 1 else ''} of {episode.plan.grid.size:.3g} m, {when}{over}"
 
 

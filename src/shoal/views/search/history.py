@@ -86,15 +86,15 @@ class SearchHistory:
     def __init__(self, episode: SearchEpisode) -> None:
         self.episode = episode
         self.n_cells = len(episode.plan.course)
-        self.n_robots = len(episode.robots)
+        self.n_robots = len(episode.trace.robots)
         self.liars = frozenset(fault.robot for fault in episode.scenario.faults if isinstance(fault, Liar))
 
     @cached_property
     def end(self) -> float:
         """When the last thing happened, in the time of a cell; above 0."""
-        moments = [state[0] for log in self.episode.robots for state in log.states]
-        moments += [float(log.times[-1]) for log in self.episode.robots if log.times.size]
-        return max([1.0, *moments, *self.episode.declared.values()])
+        moments = [state[0] for log in self.episode.trace.robots for state in log.states]
+        moments += [float(log.times[-1]) for log in self.episode.trace.robots if log.times.size]
+        return max([1.0, *moments, *self.episode.trace.declared.values()])
 
     @cached_property
     def owners(self) -> tuple[Numbers, dict[int, int]]:
@@ -108,7 +108,7 @@ class SearchHistory:
             known = [
                 (number, (start + off.get(number, 0)) % self.n_cells, rate, width)
                 for number, (start, rate, width) in enumerate(zip(scenario.starts, scenario.rates, scenario.widths, strict=True), 1)
-                if episode.robots[number - 1].states[:1] != ((0.0, "dead"),)
+                if episode.trace.robots[number - 1].states[:1] != ((0.0, "dead"),)
             ]
             parts = parts_of(course, episode.plan.allocation.method, tuple(known)) if known else ()
             works = [(part.robot, part.sweeps) for part in parts]
@@ -126,7 +126,7 @@ class SearchHistory:
         With a wider footprint: its own if any was that it had not seen before, else whose most of these were.
         """
         owner, ranks = self.owners
-        theirs = owner[self.episode.robots[robot].cells]
+        theirs = owner[self.episode.trace.robots[robot].cells]
         if self.episode.plan.widths[robot] > 1:
             fresh = np.ones(self.n_cells, dtype=np.bool_)
             for k, seen in enumerate(self.episode.seen[robot]):
@@ -146,7 +146,7 @@ class SearchHistory:
     def first(self) -> tuple[Floats, Numbers]:
         """When each cell was first searched by a robot that does not lie (infinite if never), and by which (0 if by none)."""
         times, by = np.full(self.n_cells, inf), np.zeros(self.n_cells, dtype=np.int64)
-        for number, log in enumerate(self.episode.robots, start=1):
+        for number, log in enumerate(self.episode.trace.robots, start=1):
             if number not in self.liars and log.cells.size:
                 cells, earliest = _earliest(self.episode.seen[number - 1], log)
                 new = earliest < times[cells]
@@ -155,7 +155,7 @@ class SearchHistory:
 
     def seen_at(self, robot: int) -> Floats:
         """Return when a robot first saw each cell that it searched, rising; float64, shape (k,)."""
-        log = self.episode.robots[robot]
+        log = self.episode.trace.robots[robot]
         return np.sort(_earliest(self.episode.seen[robot], log)[1]) if len(log.cells) else np.zeros(0)
 
     @cached_property
@@ -174,7 +174,7 @@ class SearchHistory:
 
     def death(self, robot: int) -> float:
         """Return when a robot died; infinite if it did not."""
-        return next((moment for moment, state in self.episode.robots[robot].states if state == "dead"), inf)
+        return next((moment for moment, state in self.episode.trace.robots[robot].states if state == "dead"), inf)
 
     @cached_property
     def activities(self) -> tuple[tuple[Activity, ...], ...]:
@@ -182,7 +182,7 @@ class SearchHistory:
         return tuple(tuple(self._activities(robot)) for robot in range(self.n_robots))
 
     def _activities(self, robot: int) -> list[Activity]:
-        log = self.episode.robots[robot]
+        log = self.episode.trace.robots[robot]
         found: list[Activity] = []
         bounds = [moment for moment, _ in log.states] + [self.end]
         others = self.others(robot)
@@ -201,12 +201,12 @@ class SearchHistory:
 
     def stop_ends(self, robot: int) -> Numbers:
         """Return where on its route a robot has searched each of its cells, before them its start; int64, shape (k + 1,)."""
-        grid, cells = self.episode.plan.grid, self.episode.plan.tour.cells[self.episode.robots[robot].cells]
+        grid, cells = self.episode.plan.grid, self.episode.plan.tour.cells[self.episode.trace.robots[robot].cells]
         if not len(cells):
             return np.zeros(1, dtype=np.int64)
         index = grid.ordinals(cells)
         counts = grid.stand_starts[index + 1] - grid.stand_starts[index]
-        if any(detours := self.episode.robots[robot].detours):
+        if any(detours := self.episode.trace.robots[robot].detours):
             counts = counts + np.array([len(passed) for passed in detours], dtype=np.int64)
         return np.asarray(self.episode.routes[robot].stops[np.concatenate([[0], np.cumsum(counts)])])
 
@@ -220,7 +220,7 @@ class SearchHistory:
 
     def _trajectory(self, robot: int) -> Trajectory:
         """Lay the route of a robot out in time: it comes to each cell when it has searched it, and sets out as late as it can."""
-        log = self.episode.robots[robot]
+        log = self.episode.trace.robots[robot]
         if not len(log.cells):
             return self._first_leg(robot)
         route, size = self.episode.routes[robot], self.episode.plan.grid.size
@@ -244,7 +244,7 @@ class SearchHistory:
 
     def _with_ways_home(self, robot: int, trajectory: Trajectory) -> Trajectory:
         """Lay in the ways to the start and back where a robot recharged: so long was it away between two cells."""
-        plan, log, brief = self.episode.plan, self.episode.robots[robot], self.episode.scenario.brief
+        plan, log, brief = self.episode.plan, self.episode.trace.robots[robot], self.episode.scenario.brief
         if brief.energy == inf or plan.course.stepwise:  # the latter's ways home are a part of the route
             return trajectory
         start, rates, size = int(plan.starts[robot]), self._rate(robot, log.times), plan.grid.size
@@ -274,7 +274,7 @@ class SearchHistory:
         plan, died = self.episode.plan, self.death(robot)
         home = plan.places[robot]
         cells = plan.numbers(self.sweeps(robot))
-        began = next((moment for moment, state in self.episode.robots[robot].states if state == "searching"), inf)
+        began = next((moment for moment, state in self.episode.trace.robots[robot].states if state == "searching"), inf)
         if not (len(cells) and began < died < inf):
             return Trajectory(np.zeros(1), home[None])
         way = plan.paths.legs(np.stack([home, plan.grid.waypoint(tuple(plan.tour.cells[cells[0]]))])).points

@@ -85,10 +85,10 @@ def _draw_moments(axes: Axes, history: SearchHistory) -> None:
     """Draw when all was searched, and when the last robot knew it."""
     episode = history.episode
     marks: list[tuple[float, str, Any]] = []
-    if episode.covered_at < inf:
-        marks.append((episode.covered_at, "all searched", "solid"))
-    if episode.declared:
-        marks.append((max(episode.declared.values()), "all who live know it", (0, (3, 2))))
+    if episode.trace.covered_at < inf:
+        marks.append((episode.trace.covered_at, "all searched", "solid"))
+    if episode.trace.declared:
+        marks.append((max(episode.trace.declared.values()), "all who live know it", (0, (3, 2))))
     if len(marks) == 2 and abs(marks[0][0] - marks[1][0]) < 0.005 * history.end:
         marks = [(marks[1][0], f"all searched, {marks[1][1]}", "solid")]
     for row, (moment, words, style) in enumerate(reversed(marks)):

@@ -1,0 +1,13 @@
+"""Episodes for tests of the search part."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from shoal.search import SearchEpisode, SearchProblem
+from shoal.search.run import run
+
+
+def search(region: Any, *, seed: int = 0, **fields: Any) -> SearchEpisode:
+    """Return the episode of a problem with these fields."""
+    return run(SearchProblem(region, **fields), seed=seed)
