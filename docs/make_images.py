@@ -21,7 +21,8 @@ from shoal.papers.steering.antipodes import swap_antipodes
 from shoal.papers.steering.figures import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
 from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES, sweep_goals
 from shoal.papers.steering.reachable_fraction import disk_fractions, largest_two_move_fraction, polygon_fractions
-from shoal.search import make_tour, search
+from shoal.search import SearchProblem, make_tour
+from shoal.search.run import run as run_search
 from shoal.search.simulation.faults import Crash, Pause
 from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon
 from shoal.steering.run import run as steer
@@ -69,8 +70,8 @@ def tours() -> None:
 
 def searches() -> None:
     """Draw a search in which a robot dies, what each robot did, and the expected time of paper H, Fig. 5."""
-    faults = [Crash(2, 20.0), Pause(3, 5, 40)]
-    episode = search("ring:200x150", robots=6, footprint=10, loss=0.3, faults=faults, targets=5, seed=3)
+    faults = (Crash(2, 20.0), Pause(3, 5, 40))
+    episode = run_search(SearchProblem("ring:200x150", robots=6, footprint=10, loss=0.3, faults=faults, targets=5), seed=3)
     save("search-ring.png", routes_figure(episode), colours=256)
     save("search-timeline.png", timeline_figure(episode), colours=256)
     save("search-expected-time.png", expected_time_figure())

@@ -11,8 +11,8 @@ import pytest
 import shapely
 from playwright.sync_api import Page
 from tests.browser.waiting import until
-
 from tests.search_episodes import search
+
 from shoal.search import SearchEpisode, region_of
 from shoal.search.simulation.faults import Crash, Liar, Pause
 from shoal.views.player import render

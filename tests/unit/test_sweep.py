@@ -139,8 +139,8 @@ def test_ranges():
         ({"kind": "steering", "workspace": "disk", "start": ((0.1, 0), (0.3, 0)), "goal": ((0, 0),) * 2,
           "goal_x": 0.4, "goal_y": 0.4},
          {"status": "unreachable", "moves": 0}),
-        ({"kind": "search", "region": "square:60", "robots": 3, "crashes": 2}, {"complete": True, "cells": 36}),
-        ({"kind": "search", "region": "square:60", "robots": 3, "simulate": False}, {"complete": True, "sent": 0}),
+        ({"kind": "search", "region": "square:60", "robots": 3, "crashes": 2}, {"status": "complete", "cells": 36}),
+        ({"kind": "search", "region": "square:60", "robots": 3, "simulate": False}, {"status": "complete", "sent": 0}),
     ],
     ids=lambda value: value.get("kind") if "kind" in value else "",
 )  # fmt: skip

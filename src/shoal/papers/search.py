@@ -11,12 +11,12 @@ from shoal.search.allocation.expected_time import stay_share
 from shoal.views.drawing.curves import Curve, Labels, Published, mean_curves
 
 ROBOTS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 40, 50)
-CELLS = 1024  # 32 a side, of 10 m
+CELLS = 1024  # 32 a side, of 10 m; a robot takes a second for each
 
 
 def _fig5_sweeps(settings: Settings) -> list[Sweep]:
     problem = {
-        "kind": "search", "region": "square:320", "footprint": 10.0, "tour": "moore", "allocation": "stay", "simulate": False,
+        "kind": "search", "region": "square:320", "footprint": 10.0, "speed": 10.0, "tour": "moore", "allocation": "stay", "simulate": False,
     }  # fmt: skip
     return [Sweep(name="h-fig5", problem=problem, axes={"robots": [*ROBOTS]}, trials=settings.of(400, 60), seed=settings.seed)]
 

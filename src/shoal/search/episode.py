@@ -24,7 +24,7 @@ from shoal.search.problem import SearchProblem
 from shoal.search.protocol.robot import Brief
 from shoal.search.regions.coverage import Coverage, coverage_check
 from shoal.search.simulation.faults import Crash, Fault, Liar
-from shoal.search.simulation.findings import Finding, merged
+from shoal.search.simulation.findings import Finding, merge_findings
 from shoal.search.simulation.network import network_of
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.trace import Trace, planned_trace, simulated_trace
@@ -232,7 +232,7 @@ class SearchEpisode(Episode):
         searched = {
             number: bits_of(int(cell) for cells in seen for cell in cells) for number, seen in enumerate(self.seen, start=1)
         }
-        return merged(self.scenario, reports, searched)
+        return merge_findings(self.scenario, reports, searched)
 
     @cached_property
     def obstacles(self) -> dict[int, float]:

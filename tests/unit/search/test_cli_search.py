@@ -8,12 +8,22 @@ import pytest
 
 from shoal.cli import run
 
-FIELDS = ["region", "robots", "tour", "allocation", "makespan_cells", "makespan_s", "planned_cells", "lower_bound_cells"]
+FIELDS = [
+    "status",
+    "reason",
+    "region",
+    "robots",
+    "tour",
+    "allocation",
+    "makespan_cells",
+    "makespan_s",
+    "planned_cells",
+    "lower_bound_cells",
+]
 FIELDS += [
     "covered_fraction",
     "uncovered_m2",
     "outside_m",
-    "complete",
     "simulated",
     "live",
     "messages",
@@ -36,8 +46,8 @@ def test_json_of_search(capsys):
         "10",
         "--loss",
         "0.2",
-        "--kill",
-        "2@5",
+        "--faults",
+        "crash:2@5",
         "--seed",
         "3",
         "--json",
@@ -46,7 +56,7 @@ def test_json_of_search(capsys):
     result = json.loads(capsys.readouterr().out)
     assert list(result) == FIELDS
     assert result["region"] == {"name": "square:100", "cells": 100, "area_m2": 10000.0, "cell_m": 10.0}
-    assert result["complete"] is True
+    assert result["status"] == "complete"
     assert result["messages"]["lost"] > 0
     assert [route["status"] for route in result["routes"]] == ["complete", "dead", "complete", "complete"]
     assert result["makespan_s"] == pytest.approx(10 * result["makespan_cells"])
@@ -80,15 +90,32 @@ def test_missions_and_files(tmp_path, monkeypatch, capsys):
     assert run(["replay", "found/episode.json", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["verified"] is True
     episode = json.loads((tmp_path / "found" / "episode.json").read_text())
-    episode["covered_at"] += 1
+    episode["trace"]["covered_at"] += 1
     (tmp_path / "found" / "episode.json").write_text(json.dumps(episode))
     assert run(["replay", "found/episode.json"]) == 1
 
 
 def test_a_search_that_nobody_survives_fails(capsys):
-    assert run(["search", "square:100", "--robots", "2", "--footprint", "10", "--kill", "1@3", "--kill", "2@4", "--json"]) == 1
+    assert (
+        run(
+            [
+                "search",
+                "square:100",
+                "--robots",
+                "2",
+                "--footprint",
+                "10",
+                "--faults",
+                "crash:1@3",
+                "--faults",
+                "crash:2@4",
+                "--json",
+            ]
+        )
+        == 1
+    )
     result = json.loads(capsys.readouterr().out)
-    assert result["complete"] is False
+    assert result["status"] == "incomplete"
     assert result["makespan_cells"] is None
     assert result["uncovered_m2"] > 0
 
@@ -98,16 +125,16 @@ def test_a_search_that_nobody_survives_fails(capsys):
     [
         ("square:100 --robots 0 --footprint 10", "robots: expected a whole number, 1 or more, got 0"),
         ("square:100 --robots 2 --footprint -1", "footprint"),
-        ("square:100 --robots 2 --footprint 10 --kill 3@1", "--kill: expected ROBOT@TIME with a robot from 1 to 2"),
-        ("square:100 --robots 2 --footprint 10 --loss 2", "loss: expected a probability"),
+        ("square:100 --robots 2 --footprint 10 --faults crash:3@1", "faults: expected a robot from 1 to 2, got crash:3@1"),
+        ("square:100 --robots 2 --footprint 10 --loss 2", "loss: expected a number from 0 to 1, got 2"),
         ("square:100 --robots 2 --footprint 10 --network wifi", "network: expected perfect or some of"),
         ("square:100 --robots 2 --footprint 10 --rates 1,x", "--rates: expected numbers"),
-        ("square:100 --robots 2 --footprint 10 --rates 1", "rates: expected 2 speeds"),
+        ("square:100 --robots 2 --footprint 10 --rates 1", "rates: expected 2 speeds, one a robot, got 1"),
         (
             "square:100 --robots 2 --footprint 10 --starts nowhere.csv",
             "nowhere.csv: expected a table of starts file, got no such file",
         ),
-        ("square:100 --robots 2 --footprint 10 --missions m --vehicle dji", "--vehicle: expected px4 or ardupilot, got 'dji'"),
+        ("square:100 --robots 2 --footprint 10 --missions m --vehicle dji", "--vehicle: expected one of px4, ardupilot, got 'dji'"),
         ("square:100 --robots 2 --footprint 10 --missions m --format docx", "docx"),
         ("squire:100 --robots 2 --footprint 10", "square"),
         ("square:100 --robots 2 --footprint 10 --tour hilbrt", "hilbert"),
@@ -130,7 +157,7 @@ def test_bad_input_is_one_sentence(arguments, words, capsys, tmp_path, monkeypat
 def test_demo(tmp_path, capsys):
     assert run(["demo", "search", "--out", str(tmp_path / "demo"), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert result["complete"]
+    assert result["status"] == "complete"
     assert result["covered_fraction"] > 0.9999
     assert [route["robot"] for route in result["routes"] if route["status"] == "dead"] == [3, 7, 8]
     assert {"region.png", "timeline.png", "search.html", "missions"} <= {path.name for path in (tmp_path / "demo").iterdir()}

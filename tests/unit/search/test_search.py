@@ -10,19 +10,19 @@ import pytest
 import shapely
 from numpy.testing import assert_array_equal
 from tests.properties.search_invariants import Checker, check_outcome
+from tests.search_episodes import search
 
 from shoal.errors import InvalidInputError, UnknownNameError
-from tests.search_episodes import search
 from shoal.search import Course, SearchEpisode, Sweep, allocate, make_tour, open_region, plan_search
 from shoal.search.allocation.partition import cost_of_all
 from shoal.search.cells.distances import CellWays
-from shoal.search.episode import RobotLog
 from shoal.search.live.trace import takeovers_of
 from shoal.search.protocol.events import Begin, Blocked, Declare, Go, Heard, Send, Sensed, Wake, WakeAt
 from shoal.search.protocol.messages import Beacon, Sign, decode, encode
 from shoal.search.protocol.robot import Brief, Robot, advance
-from shoal.search.simulation.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, crashes_of
+from shoal.search.simulation.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, check_faults
 from shoal.search.simulation.network import Network, network_of
+from shoal.search.simulation.trace import RobotLog
 from shoal.search.simulation.world import Scenario, World
 from shoal.search.tours.bitset import at_least, cells_of, next_in, run, runs, turned
 
@@ -139,15 +139,18 @@ def test_turns_cost():
         (lambda c: network_of("loss:2"), "network"),
         (lambda c: network_of("bursts:0.5"), "network"),
         (lambda c: network_of(loss=1.5), "loss: expected a probability"),
-        (lambda c: crashes_of(["3@1"], robots=2), "--kill: expected ROBOT@TIME"),
-        (lambda c: crashes_of(["1@x"], robots=2), "--kill"),
+        (lambda c: search("square:100", robots=2, faults="crash:3@1"), "faults: expected a robot from 1 to 2"),
+        (lambda c: check_faults(["crash:1@x"]), "faults: expected crash:ROBOT@TIME, got 'crash:1@x'"),
         (lambda c: plan_search("square:100", robots=0, footprint=10), "robots: expected a whole number"),
         (lambda c: plan_search("square:100", robots=2, footprint=10, starts=[(0, 0)]), "starts: expected 2 points"),
         (lambda c: plan_search("square:100", robots=1, footprint=10, starts=[(999, 0)]), "starts"),
         (lambda c: plan_search("square:100", robots=1, footprint=10, starts="no.csv"), "no.csv: expected a table of starts file"),
-        (lambda c: search("square:100", robots=1, footprint=10, fold=0), "fold: expected a whole number, 1 or more"),
-        (lambda c: search("square:100", robots=1, footprint=10, speed=-1), "speed: expected a number above 0"),
-        (lambda c: search("square:100", robots=1, footprint=10, detection=2), "detection: expected a probability"),
+        (
+            lambda c: search("square:100", robots=1, footprint=10, multiplicity=0),
+            "multiplicity: expected a whole number, 1 or more",
+        ),
+        (lambda c: search("square:100", robots=1, footprint=10, speed=-1), "speed: expected a number, above 0"),
+        (lambda c: search("square:100", robots=1, footprint=10, detection=2), "detection: expected a number from 0 to 1"),
         (lambda c: search("square:100", robots=1, footprint=10, targets=1000), "targets: expected a number from 0 to 100"),
         (lambda c: search("square:100", robots=1, footprint=10, loss=0.5, simulate=False), "simulated"),
     ],
@@ -242,7 +245,9 @@ def test_a_blocked_robot_goes_elsewhere_and_comes_back():
 
 def test_a_search_from_plan_to_file(tmp_path):
     faults = [Crash(2, 20.0), Pause(3, 5, 40), Slow(4, 1.5), Battery(5, 60.0), WrongPosition(6, 3), Liar(1)]
-    episode = search("ring:120x80", robots=7, footprint=10, loss=0.3, faults=faults, targets=5, fold=2, seed=3, network="delay:0.5")
+    episode = search(
+        "ring:120x80", robots=7, footprint=10, loss=0.3, faults=faults, targets=5, multiplicity=2, seed=3, network="delay:0.5"
+    )
     assert episode
     assert episode.coverage.covered_fraction == pytest.approx(1.0)
     assert episode.coverage.outside_m == 0
@@ -257,7 +262,7 @@ def test_a_search_from_plan_to_file(tmp_path):
     assert again.verify()
     assert again.report() | {"seconds": 0} == report | {"seconds": 0}
     data = json.loads(path.read_text())
-    data["robots"][0]["cells"][0] += 1
+    data["trace"]["robots"][0]["cells"][0] += 1
     path.write_text(json.dumps(data))
     assert not SearchEpisode.load(path).verify()
     for damage in ('{"format": 1}', "{", ""):
@@ -267,7 +272,7 @@ def test_a_search_from_plan_to_file(tmp_path):
 
 
 def test_findings_weigh_who_has_seen_what():
-    episode = search("square:100", robots=3, footprint=10, targets=3, fold=3, detection=0.7, false_alarm=0.02, seed=1)
+    episode = search("square:100", robots=3, footprint=10, targets=3, multiplicity=3, detection=0.7, false_alarm=0.02, seed=1)
     assert episode
     for finding in episode.findings:
         assert set(finding.found_by) | set(finding.missed_by) == {1, 2, 3}
@@ -311,8 +316,8 @@ def test_a_plan_without_a_simulation():
     plan = plan_search("square:300", robots=5, footprint=10, seed=4, turn_cost=0.5)
     one = search("square:300", robots=5, footprint=10, seed=4, turn_cost=0.5, simulate=False)
     assert not one.simulated
-    assert one.covered_at == plan.allocation.makespan
-    ends = [float(log.times[-1]) for log in one.robots]
+    assert one.trace.covered_at == plan.allocation.makespan
+    ends = [float(log.times[-1]) for log in one.trace.robots]
     assert ends == pytest.approx(plan.allocation.times.tolist())
     assert one.coverage.covered_fraction == pytest.approx(1.0)
 
@@ -396,7 +401,7 @@ def test_a_search_with_obstacles_is_saved_and_verified(tmp_path):
     points = tmp_path / "obstacles.csv"
     points.write_text("x,y\n25,35\n35,35\n35,45\n")
     episode = search("square:100", robots=3, footprint=10, obstacles=points, seed=4, loss=0.3)
-    assert episode.complete
+    assert episode
     assert len(episode.obstacles) == 3
     assert 0 < episode.coverage.uncovered_m2 <= 300
     assert episode.coverage.outside_m == 0
@@ -414,7 +419,7 @@ def test_no_way_home_leads_through_obstacles(seed):
     episode = search("square:100", robots=3, footprint=10, loss=0.3, seed=seed, energy=260.0, obstacles=6)
     rows, cols = episode.plan.tour.cells[[*episode.scenario.obstacles]].T
     inside = shapely.union_all(shapely.box(10 * cols, 90 - 10 * rows, 10 * cols + 10, 100 - 10 * rows)).buffer(-1e-6)
-    assert episode.complete
+    assert episode
     assert not any(shapely.LineString(route.points).intersects(inside) for route in episode.routes)
 
 

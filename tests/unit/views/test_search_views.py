@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import shapely
 from PIL import Image
+from tests.search_episodes import search
 
 from shoal.errors import InvalidInputError
-from tests.search_episodes import search
 from shoal.search import SearchEpisode, region_of
 from shoal.search.simulation.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.views import film

@@ -32,7 +32,7 @@ class Finding:
     confidence: float
 
 
-def merged(scenario: Scenario, reports: dict[int, set[int]], searched: dict[int, int]) -> tuple[Finding, ...]:
+def merge_findings(scenario: Scenario, reports: dict[int, set[int]], searched: dict[int, int]) -> tuple[Finding, ...]:
     """Merge what robots have reported, one entry a cell.
 
     Parameters
