@@ -16,7 +16,8 @@ CELLS = 1024  # 32 a side, of 10 m; a robot takes a second for each
 
 def _fig5_sweeps(settings: Settings) -> list[Sweep]:
     problem = {
-        "kind": "search", "region": "square:320", "footprint": 10.0, "speed": 10.0, "tour": "moore", "allocation": "stay", "simulate": False,
+        "kind": "search", "region": "square:320", "footprint": 10.0, "speed": 10.0, "tour": "moore", "allocation": "stay",
+        "simulate": False,
     }  # fmt: skip
     return [Sweep(name="h-fig5", problem=problem, axes={"robots": [*ROBOTS]}, trials=settings.of(400, 60), seed=settings.seed)]
 

@@ -92,7 +92,8 @@ def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64
     """Return the numbers on the tour of cells given as a number of random ones, as points, or as a file of points."""
     if isinstance(given, int):
         if given > len(allowed):
-            raise InvalidInputError(f"{what}: expected a number from 0 to {len(allowed)}, one a free cell, got {given}")
+            where = "one a cell" if what == "targets" else "none where a robot starts"
+            raise InvalidInputError(f"{what}: expected a number from 0 to {len(allowed)}, {where}, got {given}")
         chosen = np.random.default_rng(seed).choice(allowed, size=given, replace=False)
         return tuple(sorted(int(cell) for cell in chosen))
     region = plan.grid.region

@@ -311,7 +311,7 @@ def test_check_in_metres(tmp_path):
         (["missions", "nowhere.geojson"], "expected a region file, got no such file"),
         (["missions", "square:100"], "expected a mission in metres, as the region 'square:100' is, got one in degrees"),
         (["missions", "FIELD", "--footprint", "0"], "footprint: expected a length above 0"),
-        (["missions", "FIELD", "--least", "2"], "--least: expected a share from 0 to 1"),
+        (["missions", "FIELD", "--least", "2"], "--least: expected a number from 0 to 1"),
         (["missions", "FIELD", "--format", "gpy"], "unknown mission format 'gpy': did you mean 'gpx'"),
         (["missions", "FIELD", "--format", "gpx"], "expected files of the format 'gpx', got none"),
         (["missions", "FIELD", "--vehicle", "dji"], "vehicle: expected 'px4' or 'ardupilot', got 'dji'"),
