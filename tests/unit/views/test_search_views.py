@@ -38,7 +38,11 @@ CASES = {
     "as planned": lambda: search("square:60", robots=3, footprint=10, simulate=False),
     "many": lambda: search("square:100", robots=30, footprint=10, starts="clustered", faults=[Crash(k, 2.0) for k in range(2, 9)]),
     "a liar": lambda: search(
-        "square:60", robots=3, footprint=10, multiplicity=2, faults=[Liar(2), Slow(1, 2.0, 5.0), WrongPosition(3, 4), Battery(1, 9.0)]
+        "square:60",
+        robots=3,
+        footprint=10,
+        multiplicity=2,
+        faults=[Liar(2), Slow(1, 2.0, 5.0), WrongPosition(3, 4), Battery(1, 9.0)],
     ),
 }
 
