@@ -9,8 +9,9 @@ import argparse
 import time
 
 import numpy as np
+from tests.swarm_runs import run
 
-from shoal import open_map, run
+from shoal import open_map
 from shoal.swarm import GridWorld, SwarmState
 
 

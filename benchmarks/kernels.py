@@ -5,13 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from tests.reference import plain
+from tests.swarm_runs import run
 
 from benchmarks.timing import best_seconds, row
-from shoal import open_map, run
-from shoal.swarm import Belief, Board, GridWorld, engine, make_policy, make_task, place
+from shoal import open_map
+from shoal.swarm import Belief, Board, GridWorld, make_policy, make_task, place
 from shoal.swarm.grid.fields import field_of
-from shoal.swarm.kernels import moves, play
-from shoal.swarm.running import trial_rng
+from shoal.swarm.grid.randomness import trial_rng
+from shoal.swarm.grid.trace import Trace
+from shoal.swarm.kernels.dynamics import moves
+from shoal.swarm.kernels.episodes import policy_episode
+from shoal.swarm.simulation.compiled import policy_state_of
 
 MAP, PARTICLES = "vessels:5000", 1000
 
@@ -66,10 +70,10 @@ def play_packed(world: GridWorld, start: np.ndarray) -> None:
     state = world.initial(start)
     belief = make_task("mapping").begin(world, state)
     field = field_of(world.free.words, state, belief)
-    mind = engine.mind_of(
+    mind = policy_state_of(
         world.layout, world.workspace.n_free, belief, rule="block", ties="column-major", neighbours="lurd", plan=""
     )
-    play.play(policy.code, field, moves.BLOCK, True, mind, None, engine.new_log(4096))
+    policy_episode.play(policy.code, field, moves.BLOCK, True, mind, None, Trace.empty(4096))
 
 
 def play_plain(free: np.ndarray, start: np.ndarray) -> None:

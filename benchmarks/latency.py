@@ -7,11 +7,11 @@ import time
 import numpy as np
 
 from shoal import open_map
-from shoal.swarm import GridWorkspace, GridWorld, make_policy, make_task, planning
-from shoal.swarm.engine import RUNNING, new_log
-from shoal.swarm.grid.fields import field_of
+from shoal.swarm import GridWorkspace, GridWorld, make_policy, make_task
 from shoal.swarm.grid.placements import place
-from shoal.swarm.running import trial_rng
+from shoal.swarm.grid.randomness import trial_rng
+from shoal.swarm.grid.trace import Trace
+from shoal.swarm.simulation.compiled import RUNNING, PlannerGame
 
 MAPS = ("htree:5000", "rectangle:50x100", "line:5000", "vessels:5000")
 PARTICLES, TRIALS = 1000, 3
@@ -23,12 +23,12 @@ def times(workspace: GridWorkspace, trial: int) -> list[float]:
     world, task = GridWorld(workspace), make_task("mapping")
     state = world.initial(place(workspace, PARTICLES, "uniform", rng))
     belief = task.begin(world, state)
-    game = planning.Game(make_policy("best"), state, belief, rule="block", mapping=True, rng=rng)
-    field, taken, status = field_of(world.free.words, state, belief), [], RUNNING
+    game = PlannerGame(make_policy("best"), world.free, state, belief, rule="block", mapping=True, rng=rng)
+    taken, status = [], RUNNING
     while status == RUNNING:
-        log = new_log(1)
+        trace = Trace.empty(1)
         began = time.perf_counter()
-        _, status = game.play_on(field, log)
+        _, status = game.play_on(trace, 1)
         taken.append(1e3 * (time.perf_counter() - began))
     return taken
 

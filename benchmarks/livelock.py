@@ -5,7 +5,9 @@ from __future__ import annotations
 import sys
 from collections import Counter
 
-from shoal import open_map, run_trials
+from tests.swarm_runs import run_trials
+
+from shoal import open_map
 
 # Maps and particle counts; each pair is played in as many trials as gives 10,000 in all.
 MAPS = (

@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.swarm_runs import run, run_trials
 
-from shoal import GridWorkspace, open_map, run, run_trials
+from shoal import GridWorkspace, open_map
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.noise import Noise, NoisyEpisode
 from shoal.swarm.noise.model import PRIOR

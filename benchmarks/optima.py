@@ -9,9 +9,9 @@ import argparse
 import statistics
 
 from tests.reference.small import small_cases
+from tests.swarm_runs import run
 
-from shoal import run
-from shoal.swarm.plans import plan_coverage
+from shoal.swarm.policies.planners.offline import plan_coverage
 from shoal.swarm.theory.bounds import lower_bound
 from shoal.swarm.theory.optima import optimum
 

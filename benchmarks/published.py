@@ -5,8 +5,9 @@ from __future__ import annotations
 import statistics
 
 from tests.golden.test_published import PUBLISHED, published_means
+from tests.swarm_runs import run_trials
 
-from shoal import open_map, run_trials
+from shoal import open_map
 
 COUNTS = (100, 500, 1000, 2500, 4000)
 

@@ -10,13 +10,14 @@ from benchmarks.timing import process, row
 RUN = """
 import json, resource, sys
 import numpy as np
-from shoal import GridWorkspace, run
+from shoal import GridWorkspace
+from tests.swarm_runs import run
 side, particles, moves = (int(argument) for argument in sys.argv[1:])
 blocks = np.random.default_rng(0).random((side // 8, side // 8)) < 0.7
 workspace = GridWorkspace(np.kron(blocks, np.ones((8, 8), bool)))
 run(GridWorkspace(np.ones((9, 9), bool)), particles=2)
 episode = run(workspace, particles=particles, max_moves=moves)
-print(json.dumps({"moves": episode.moves, "seconds": episode.seconds, "classified": int(episode.done.sum()),
+print(json.dumps({"moves": episode.moves, "seconds": episode.seconds, "classified": int(episode.trace.classified.sum()),
                   "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024}))
 """
 

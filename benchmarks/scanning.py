@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from tests.swarm_runs import run_trials
 
-from shoal import Episode, open_map, run_trials
+from shoal import open_map
+from shoal.swarm import SwarmEpisode
 from shoal.views.drawing.charts import BLUE, GRID, MUTED, ORANGE, new_figure, plain_axes, save_figure, set_title
 
 MAPS = {"line": "line:5000", "rectangle": "rectangle:50x100", "H-tree": "htree:5000", "vessels": "vessels:5000"}
@@ -21,7 +23,7 @@ FIXED = ("1", "2", "3", "4", "6", "8", "12", "16", "doubling", "hyper")
 SCAN_COSTS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # of adaptive rules; a move costs 1
 
 
-def same_map(one: Episode, other: Episode) -> bool:
+def same_map(one: SwarmEpisode, other: SwarmEpisode) -> bool:
     """Tell whether two episodes found the same cells."""
     found, again = one.final()[1], other.final()[1]
     return found.known == again.known and found.open == again.open
@@ -46,7 +48,7 @@ def table(trials: int) -> None:
             )
 
 
-def means(episodes: list[Episode]) -> tuple[float, float]:
+def means(episodes: list[SwarmEpisode]) -> tuple[float, float]:
     """Return mean moves and scans."""
     return statistics.fmean(e.moves for e in episodes), statistics.fmean(e.scans for e in episodes)
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time
 
+from tests.swarm_runs import run_trials
+
 from benchmarks.timing import row
-from shoal import open_map, run_trials
+from shoal import open_map
 
 
 def bench_sweep() -> None:

@@ -6,8 +6,8 @@ import sys
 from collections import Counter
 
 import numpy as np
+from tests.swarm_runs import run
 
-from shoal import run
 from shoal.swarm import GridWorkspace
 from shoal.swarm.maps.generators import generate
 

@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
+from tests.swarm_runs import run
 
-from shoal import open_map, run
+from shoal import open_map
 from shoal.papers.recipe import published_curve
 from shoal.papers.steering.antipodes import swap_antipodes
 from shoal.papers.steering.figures import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
+from tests.swarm_runs import run
 
-from shoal import GridWorkspace, run
+from shoal import GridWorkspace
 from shoal.cli.demo import retina
 from shoal.swarm.maps.imaging import segment_vessels
 from shoal.swarm.maps.raster import PALETTE

@@ -15,7 +15,7 @@ def _touch_stale_kernels() -> None:
     Numba's cache looks at the file of a kernel, not at the files of the kernels that it calls: after one is edited, its callers
     in other files would go on with the old code.
     """
-    files = sorted(Path(shoal.__file__).parent.glob("*/kernels/*.py"))
+    files = sorted(Path(shoal.__file__).parent.glob("*/kernels/**/*.py"))
     times = [file.stat().st_mtime for file in files]
     if max(times) - min(times) > 60:
         for file in files:

@@ -17,7 +17,8 @@ erratum = into(CHECKS)
     "three episodes on each of three maps",
 )
 def _probes() -> tuple[str, bool]:
-    from shoal.lab.trials import run_trials
+    from tests.swarm_runs import run_trials
+
     from shoal.swarm.maps.open import open_map
 
     words, fits = [], True
@@ -68,8 +69,9 @@ def _handover() -> tuple[str, bool]:
     "60 episodes of 50 particles on line:500 by each order of neighbours, on the same seeds",
 )
 def _ties() -> tuple[str, bool]:
+    from tests.swarm_runs import run_trials
+
     from shoal.lab.statistics import compare
-    from shoal.lab.trials import run_trials
     from shoal.swarm.maps.open import open_map
 
     workspace = open_map("line:500")
@@ -90,7 +92,8 @@ def _ties() -> tuple[str, bool]:
     "straight corridors of 1 to 6 cells, one particle",
 )
 def _theorem() -> tuple[str, bool]:
-    from shoal.swarm import run
+    from tests.swarm_runs import run
+
     from shoal.swarm.maps.open import open_map
 
     rows = [(m, run(open_map(f"line:{m}"), policy="closest-frontier", particles=1).moves) for m in range(1, 7)]
@@ -105,7 +108,8 @@ def _theorem() -> tuple[str, bool]:
     "an episode of each on a rectangle of 9 by 7",
 )
 def _full() -> tuple[str, bool]:
-    from shoal.swarm import run
+    from tests.swarm_runs import run
+
     from shoal.swarm.maps.open import open_map
 
     workspace = open_map("rectangle:9x7")

@@ -11,15 +11,17 @@ from typing import TYPE_CHECKING, Any
 from shoal.version import __version__
 
 if TYPE_CHECKING:
+    from shoal.episode import Episode
     from shoal.errors import InvalidInputError, MissingExtraError, OutputError, ShoalError, UnknownNameError
     from shoal.lab import run_trials
-    from shoal.swarm import Board, Episode, GridWorkspace, GridWorld, run
+    from shoal.swarm import Board, GridWorkspace, GridWorld
     from shoal.swarm.maps.files import read_map, write_map
     from shoal.swarm.maps.open import open_map
+    from shoal.swarm.run import run
 
 _HOMES = {
     "Board": "shoal.swarm",
-    "Episode": "shoal.swarm",
+    "Episode": "shoal.episode",
     "GridWorkspace": "shoal.swarm",
     "GridWorld": "shoal.swarm",
     "InvalidInputError": "shoal.errors",
@@ -29,7 +31,7 @@ _HOMES = {
     "UnknownNameError": "shoal.errors",
     "open_map": "shoal.swarm.maps.open",
     "read_map": "shoal.swarm.maps.files",
-    "run": "shoal.swarm",
+    "run": "shoal.swarm.run",
     "run_trials": "shoal.lab",
     "write_map": "shoal.swarm.maps.files",
 }

@@ -20,9 +20,10 @@ from numpy.random import Generator
 
 from shoal.search import TourMaker, components, make_tour
 from shoal.search.tours import find_tour_maker
-from shoal.swarm import GridWorkspace, GridWorld, Mapping, Policy, Task, View, make_policy, make_task, run
+from shoal.swarm import GridWorkspace, GridWorld, Mapping, Policy, SwarmProblem, Task, View, make_policy, make_task
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.policies import Compiled
+from shoal.swarm.run import run
 
 __all__ = ["check_policy", "check_task", "check_tour_maker", "check_world", "sample_workspaces"]
 
@@ -148,7 +149,7 @@ def check_policy(policy: str | Policy, *, rules: Sequence[str] | None = None, ma
             start, trial = _starts(workspace, rng), int(rng.integers(1000))
             _check_view(chosen, workspace, start, rule)
             episodes = [
-                run(workspace, policy=p, start=start, rule=rule, trial=trial, max_moves=max_moves, stepwise=s)
+                run(SwarmProblem(workspace, policy=p, start=start, rule=rule, max_moves=max_moves), trial=trial, stepwise=s)
                 for p, s in ((chosen, True), (chosen, True), (copy.deepcopy(chosen), False))
             ]
             first = episodes[0]

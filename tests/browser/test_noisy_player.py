@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.browser.waiting import until
+from tests.swarm_runs import run
 
-from shoal import GridWorkspace, open_map, run
+from shoal import GridWorkspace, open_map
 from shoal.swarm.noise import Noise, NoisyRig, moments
 from shoal.swarm.rigs import drive
 from shoal.views.swarm.page import page_data
@@ -30,7 +31,7 @@ def test_every_move_is_what_the_library_says(open_player, name):
         belief = beliefs[move]
         assert (shown["free"], shown["obstacle"]) == (len(belief.open), len(belief.obstacles))
         assert shown["frontier"] == len(belief.frontier)
-        assert shown["scans"] == 1 + int(episode.scanned[:move].sum())
+        assert shown["scans"] == 1 + int(episode.trace.scanned[:move].sum())
     assert page.locator("#wrongRow").is_visible()
     assert page.locator("#rampRow").is_visible()
 

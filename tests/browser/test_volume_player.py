@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.browser.waiting import until
+from tests.swarm_runs import run
 
-from shoal import GridWorkspace, run
+from shoal import GridWorkspace
 from shoal.swarm.maps.generators import generate
 from shoal.views.swarm.page import page_data
 
@@ -19,7 +20,7 @@ def test_every_move_is_what_the_library_says(open_player, rule):
     workspace = GridWorkspace(free).largest_component()
     episode = run(workspace, particles=9, rule=rule, policy="random-moves", max_moves=60)
     page = open_player(page_data(episode))
-    counts = np.concatenate([[episode.first_frontier], episode.frontier])
+    counts = np.concatenate([[episode.first_frontier], episode.trace.frontier])
     for move, (state, belief) in enumerate(episode.frames()):
         if move % 7 and move != episode.moves:
             continue

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.swarm import GridWorkspace, place
+from shoal.swarm.grid.randomness import trial_rng
 from shoal.swarm.maps.generators import generate
-from shoal.swarm.running import trial_rng
 
 MAPS: dict[str, np.ndarray] = {
     "corridor": np.ones((1, 7), bool),

@@ -12,8 +12,9 @@ import json
 from pathlib import Path
 
 import pytest
+from tests.swarm_runs import run
 
-from shoal import open_map, run
+from shoal import open_map
 from shoal.swarm.noise import Noise
 
 FILE = Path(__file__).parent / "episodes.json"

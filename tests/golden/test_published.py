@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.swarm_runs import run_trials
 
-from shoal import open_map, run_trials
+from shoal import open_map
 from shoal.papers.mapping import MAPS
 from shoal.papers.recipe import published_curve
 

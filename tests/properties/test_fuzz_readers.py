@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from tests.swarm_runs import run
 
 from shoal.errors import ShoalError
-from shoal.swarm import Episode, GridWorkspace, make_policy, make_task, run
+from shoal.swarm import GridWorkspace, SwarmEpisode, make_policy, make_task
 from shoal.swarm.episode import Verification
 from shoal.swarm.grid.placements import PLACEMENTS, place
 from shoal.swarm.grid.tasks import TASKS
@@ -206,8 +207,8 @@ HEADER = json.loads(ARRAYS["header"].tobytes())
 
 def assert_is_episode(content):
     """An episode that loads can be verified, or says in one line why not."""
-    episode = read(Episode.load, "episode.npz", content)
-    assert episode is None or isinstance(episode, Episode)
+    episode = read(SwarmEpisode.load, "episode.npz", content)
+    assert episode is None or isinstance(episode, SwarmEpisode)
     if episode is not None:
         verified = answer(episode.verify)
         assert verified is None or isinstance(verified, Verification)

@@ -8,8 +8,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.properties.strategies import swarms
+from tests.swarm_runs import run
 
-from shoal.swarm import Coverage, Episode, GridWorld, Mapping, run
+from shoal.swarm import Coverage, GridWorld, Mapping, SwarmEpisode
 from shoal.swarm.grid.scans import states_of_run
 from shoal.swarm.theory.scan_schedules import (
     Custom,
@@ -97,7 +98,7 @@ def test_belief_shown_between_scans_is_that_of_the_last_scan(swarm, every):
     workspace, start = swarm
     episode = run(workspace, start=start, scan_every=every, max_moves=60)
     frames = list(episode.frames())
-    for (_, before), (_, after), scanned in zip(frames, frames[1:], episode.scanned, strict=False):
+    for (_, before), (_, after), scanned in zip(frames, frames[1:], episode.trace.scanned, strict=False):
         assert scanned or before == after
     if episode:
         assert frames[-1][1] == episode.final()[1]
@@ -109,9 +110,9 @@ def test_scans_survive_the_file(tmp_path_factory, swarm, every):
     path = tmp_path_factory.mktemp("episode") / "episode.npz"
     episode = run(workspace, start=start, scan_every=every, scan_cost=2.5, max_moves=50)
     episode.save(path)
-    again = Episode.load(path)
-    np.testing.assert_array_equal(again.scanned, episode.scanned)
-    assert (again.scanning, again.cost) == (episode.scanning, episode.cost)
+    again = SwarmEpisode.load(path)
+    np.testing.assert_array_equal(again.trace.scanned, episode.trace.scanned)
+    assert (again.problem.scanning, again.cost) == (episode.problem.scanning, episode.cost)
     assert again.verify()
 
 

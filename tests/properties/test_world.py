@@ -6,8 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.properties.strategies import RULES, commands, swarms, workspaces
+from tests.swarm_runs import run
 
-from shoal.swarm import Board, Episode, GridLayout, GridWorkspace, GridWorld, Mapping, run
+from shoal.swarm import Board, GridLayout, GridWorkspace, GridWorld, Mapping, SwarmEpisode
 
 TURNED = dict(zip("lurd", "dlur", strict=True))  # a quarter turn to the left takes left to down, up to left, ...
 
@@ -91,7 +92,7 @@ def test_closest_frontier_finds_all_that_can_be_reached(swarm, rule, seed):
 @given(swarms(), st.data())
 def test_a_path_always_settles_its_target(swarm, data):
     """Playing a whole path of closest-frontier classifies the frontier cell at its end, under every rule."""
-    from shoal.swarm.engine import path_to_frontier
+    from shoal.swarm.policies.paths import path_to_frontier
 
     workspace, start = swarm
     rule = data.draw(st.sampled_from(RULES))
@@ -117,7 +118,7 @@ def test_cut_anywhere_is_uninterrupted(swarm, policy, cut):
     whole = run(workspace, start=start, policy=policy, seed=3, max_moves=300)
     part = run(workspace, start=start, policy=policy, seed=3, max_moves=cut)
     assert whole.commands[:cut] == part.commands
-    np.testing.assert_array_equal(whole.frontier[:cut], part.frontier)
+    np.testing.assert_array_equal(whole.trace.frontier[:cut], part.trace.frontier)
 
 
 @given(swarms(), st.sampled_from(RULES), st.data())
@@ -131,9 +132,9 @@ def test_episode_files_come_back_the_same(swarm, rule, data):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "episode.npz"
         episode.save(path)
-        again = Episode.load(path)
+        again = SwarmEpisode.load(path)
     assert again.verify()
     assert (again.commands, again.status, again.policy) == (episode.commands, episode.status, episode.policy)
     assert again.workspace == episode.workspace
     np.testing.assert_array_equal(again.start, episode.start)
-    np.testing.assert_array_equal(again.travelled, episode.travelled)
+    np.testing.assert_array_equal(again.trace.travelled, episode.trace.travelled)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.reference import plain
+from tests.swarm_runs import run
 
-from shoal.swarm import Coverage, Episode, GridWorkspace, make_policy, run
-from shoal.swarm.running import trial_rng
+from shoal.swarm import Coverage, GridWorkspace, SwarmEpisode, make_policy
+from shoal.swarm.grid.randomness import trial_rng
 
 WIDTHS = (1, 2, 3, 61, 62, 63, 64, 65, 126, 127, 128)
 
@@ -40,17 +41,17 @@ def reachable(free, start):
     return np.isin(labels, np.unique(labels[tuple(start.T)])) & free
 
 
-def same(episode: Episode, reference: dict) -> None:
+def same(episode: SwarmEpisode, reference: dict) -> None:
     """Assert that an episode and the reference's agree in everything."""
     assert episode.commands == reference["commands"]
     assert episode.status == reference["status"]
     same_log(episode, reference)
 
 
-def same_log(episode: Episode, reference: dict) -> None:
-    np.testing.assert_array_equal(episode.done, reference["classified"])
-    np.testing.assert_array_equal(episode.frontier, reference["frontier"])
-    np.testing.assert_array_equal(episode.travelled, reference["travelled"])
+def same_log(episode: SwarmEpisode, reference: dict) -> None:
+    np.testing.assert_array_equal(episode.trace.classified, reference["classified"])
+    np.testing.assert_array_equal(episode.trace.frontier, reference["frontier"])
+    np.testing.assert_array_equal(episode.trace.travelled, reference["travelled"])
     state, belief = episode.final()
     counts = np.zeros(episode.workspace.shape, dtype=int)
     np.add.at(counts, tuple(state.cells.T), 1)
@@ -138,6 +139,6 @@ def test_compiled_is_stepwise(policy, rule, task):
             for s in (False, True)
         )
         assert (whole.commands, whole.status) == (steps.commands, steps.status)
-        np.testing.assert_array_equal(whole.done, steps.done)
-        np.testing.assert_array_equal(whole.frontier, steps.frontier)
-        np.testing.assert_array_equal(whole.travelled, steps.travelled)
+        np.testing.assert_array_equal(whole.trace.classified, steps.trace.classified)
+        np.testing.assert_array_equal(whole.trace.frontier, steps.trace.frontier)
+        np.testing.assert_array_equal(whole.trace.travelled, steps.trace.travelled)

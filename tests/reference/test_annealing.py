@@ -7,7 +7,8 @@ import pytest
 from tests.reference import plain
 from tests.reference.test_planner_pieces import plain_copy, scene_of
 
-from shoal.swarm.kernels import anneal, foresight
+from shoal.swarm.kernels.planning import anneal
+from shoal.swarm.kernels.prediction import forward_model
 
 EVERY = 4
 
@@ -42,12 +43,12 @@ def test_plans_are_played_to_their_end(shape, rule):
         given = rng.integers(0, 2 * len(shape), 12).astype(np.int8)
         plan = np.zeros(4000, dtype=np.int8)
         plan[: len(given)] = given
-        foresight.copy_state(mind.root, mind.state)
+        forward_model.copy_state(mind.root, mind.state)
         moves, _ = anneal.finish(mind, mind.state, plan, np.int64(0), np.int64(len(given)), np.int64(3000))
         assert moves == plain_moves(frame, mind, plan[:moves], rule) <= 3000
         assert (plan[: min(moves, len(given))] == given[:moves]).all()
         if moves > 0:
-            foresight.copy_state(mind.root, mind.state)
+            forward_model.copy_state(mind.root, mind.state)
             assert anneal.finish(mind, mind.state, plan, np.int64(0), np.int64(moves), np.int64(moves - 1))[0] == moves
 
 
@@ -56,15 +57,15 @@ def test_states_are_kept_on_the_way(shape):
     _, mind, _, _, _, rng = scene_of(shape, 3, "coverage")
     plan = rng.integers(0, 2 * len(shape), 30)
     course = course_of(mind, plan)
-    foresight.copy_state(mind.root, course.kept[0])
+    forward_model.copy_state(mind.root, course.kept[0])
     anneal.keep_states(mind, course, np.int64(0), np.int64(len(plan)))
     course.plan[17:30] = plan[17:30] = rng.integers(0, 2 * len(shape), 13)
     anneal.keep_states(mind, course, np.int64(17), np.int64(len(plan)))
-    foresight.copy_state(mind.root, mind.state)
+    forward_model.copy_state(mind.root, mind.state)
     for move, one in enumerate(plan):
         if move % EVERY == 0:
             assert (course.kept[move // EVERY] == mind.state).all()
-        foresight.advance(mind.scene, mind.state, np.int64(one))
+        forward_model.advance(mind.scene, mind.state, np.int64(one))
 
 
 def test_changes_are_of_all_kinds():
@@ -87,7 +88,7 @@ def test_changes_are_of_all_kinds():
 def test_the_shortest_plan_is_kept():
     frame, mind, *_ = scene_of((7, 6), 2, "coverage")
     plan = np.zeros(4000, dtype=np.int8)
-    foresight.copy_state(mind.root, mind.state)
+    forward_model.copy_state(mind.root, mind.state)
     moves, _ = anneal.finish(mind, mind.state, plan, np.int64(0), np.int64(0), np.int64(3000))
     course = course_of(mind, plan[:moves])
     course.shortest[:moves] = plan[:moves]

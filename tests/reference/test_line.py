@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from tests.reference.line import left_then_right
 
-from shoal.swarm.kernels import line as kernels
+from shoal.swarm.kernels.theory import line_samples as kernels
 from shoal.swarm.theory.one_dimension import Line, boundary_moves, coverage_moves, largest_gap, printed_coverage_moves, sample
 
 ROOT = Path(__file__).parents[2]

@@ -10,11 +10,11 @@ from tests.reference import noise as plain
 
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.commands import encode, letters_of
-from shoal.swarm.kernels import noise as kernels
+from shoal.swarm.kernels.noise import noisy_state as kernels
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise import Noise, NoisyBelief
 from shoal.swarm.noise.belief import inner_of
-from shoal.swarm.noise.plant import truth_of
+from shoal.swarm.noise.simulated import truth_of
 
 
 def tuples(cells):

@@ -8,17 +8,22 @@ from collections import deque
 import numpy as np
 import pytest
 from tests.reference import plain
+from tests.swarm_runs import run
 
-from shoal import open_map, run
-from shoal.swarm import Board, GridWorkspace, GridWorld, make_policy, make_task, planning
-from shoal.swarm.engine import new_log
+from shoal import open_map
+from shoal.swarm import Board, GridWorkspace, GridWorld, make_policy, make_task
 from shoal.swarm.grid.fields import field_of
-from shoal.swarm.kernels import experience, foresight, guess, observe, ways
-from shoal.swarm.kernels.bits import has
-from shoal.swarm.kernels.moves import LEFT, RIGHT, UP
-from shoal.swarm.kernels.planner import LAYERS, LIKELY, SURE
-from shoal.swarm.kernels.rollout import look
-from shoal.swarm.kernels.search import ahead, opposite
+from shoal.swarm.grid.trace import Trace
+from shoal.swarm.kernels.dynamics import steps
+from shoal.swarm.kernels.dynamics.bits import has
+from shoal.swarm.kernels.dynamics.moves import LEFT, RIGHT, UP
+from shoal.swarm.kernels.planning import frontier_paths
+from shoal.swarm.kernels.planning.planner_state import LAYERS, LIKELY, SURE
+from shoal.swarm.kernels.planning.rollout import look
+from shoal.swarm.kernels.prediction import forward_model, occupancy_prediction, occupancy_prior
+from shoal.swarm.kernels.search.frontier_search import ahead, opposite
+from shoal.swarm.policies.planners.state import planner_of
+from shoal.swarm.simulation.compiled import PlannerGame
 
 SHAPES = ((1, 9), (7, 6), (5, 62), (4, 63), (3, 64), (3, 65), (2, 127), (3, 4, 5), (2, 3, 65))
 
@@ -39,13 +44,11 @@ def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
         belief = todo.update(belief, "lurdio"[command], state.occupied, after.occupied)
         state = after
     policy = make_policy("rollout")
-    mind = planning.planner_of(
-        world.layout, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings(len(start))
-    )
+    mind = planner_of(world.layout, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings(len(start)))
     tallies = mind.experience.tallies
     tallies[:, 0] = rng.integers(0, 6, len(tallies))
     tallies[:, 1] = rng.integers(0, 1 + tallies[:, 0])
-    mind.experience.losses[:] = rng.integers(0, 9, experience.MANNERS)
+    mind.experience.losses[:] = rng.integers(0, 9, occupancy_prior.MANNERS)
     field = field_of(world.free.words, state, belief)
     look(field, task == "mapping", mind)
     return world.layout, mind, field, state, belief, rng
@@ -62,9 +65,9 @@ def plain_copy(layout, mind, task):
         mask = cells_of(layout, board).mask
         return mask if mask.ndim == 3 else mask[None]
 
-    counts = grid(mind.root[foresight.OCCUPIED]).astype(np.int32)
-    ground, frontier = grid(mind.scene.ground), grid(mind.root[foresight.FRONTIER])
-    unseen = grid(mind.root[foresight.UNSEEN])
+    counts = grid(mind.root[forward_model.OCCUPIED]).astype(np.int32)
+    ground, frontier = grid(mind.scene.ground), grid(mind.root[forward_model.FRONTIER])
+    unseen = grid(mind.root[forward_model.UNSEEN])
     known = ~(frontier | unseen) if task == "mapping" else np.ones_like(frontier)
     state = np.where(known, np.where(ground, plain.FREE, plain.OBSTACLE), plain.UNKNOWN).astype(np.uint8)
     return counts, ground.copy(), state, frontier.copy()
@@ -79,21 +82,21 @@ def test_imagined_moves(shape, task, rule):
         counts, ground, state, frontier = plain_copy(layout, mind, task)
         code = plain.BLOCK if rule == "block" else plain.MERGE
         for command in rng.integers(0, 2 * len(shape), 12):
-            foresight.prospects(mind.scene, mind.root, mind.gains)
+            forward_model.prospects(mind.scene, mind.root, mind.gains)
             expected = plain.step(
                 counts, ground, state, frontier, command, code, plain.MAPPING if task == "mapping" else plain.COVERAGE
             )
-            settled = foresight.advance(mind.scene, mind.root, np.int64(command))
+            settled = forward_model.advance(mind.scene, mind.root, np.int64(command))
             assert settled == expected[1] == mind.gains[command]
-            occupied = cells_of(layout, mind.root[foresight.OCCUPIED]).mask.reshape(counts.shape)
+            occupied = cells_of(layout, mind.root[forward_model.OCCUPIED]).mask.reshape(counts.shape)
             assert (occupied == (counts > 0)).all()
-            assert (cells_of(layout, mind.root[foresight.FRONTIER]).mask.reshape(counts.shape) == frontier).all()
+            assert (cells_of(layout, mind.root[forward_model.FRONTIER]).mask.reshape(counts.shape) == frontier).all()
 
 
 def distances_of(layout, mind):
     """Breadth-first search, cell by cell, over ground and frontier; stops at the frontier."""
-    ground, frontier = cells_of(layout, mind.scene.ground).mask, cells_of(layout, mind.root[foresight.FRONTIER]).mask
-    occupied = cells_of(layout, mind.root[foresight.OCCUPIED]).mask
+    ground, frontier = cells_of(layout, mind.scene.ground).mask, cells_of(layout, mind.root[forward_model.FRONTIER]).mask
+    occupied = cells_of(layout, mind.root[forward_model.OCCUPIED]).mask
     distance = np.full(ground.shape, -1)
     queue = deque(tuple(cell) for cell in np.argwhere(occupied))
     for cell in queue:
@@ -118,18 +121,18 @@ def test_way_and_outlook(shape):
     for seed in range(6):
         layout, mind, _, _, _, _ = scene_of(shape, seed, moves=seed)
         distances = distances_of(layout, mind)
-        length = ways.way(mind.scene, mind.root, mind.planes, mind.trial, np.int64(0), 500)
+        length = frontier_paths.way(mind.scene, mind.root, mind.planes, mind.trial, np.int64(0), 500)
         nearest = distances[distances > 0].min(initial=10**6)
         assert length == (0 if nearest == 10**6 else nearest)
         rate, cap = 0.8, 5
         expected = sum(rate ** (min(d - 1, cap) if d > 0 else cap) for d in distances)
-        found = ways.outlook(mind.scene, mind.root, mind.planes, rate, cap)
+        found = frontier_paths.outlook(mind.scene, mind.root, mind.planes, rate, cap)
         if (distances > 0).all():
             assert found == pytest.approx(expected)
         settled = 0
         for command in mind.trial[:length]:
             assert settled == 0
-            settled = foresight.advance(mind.scene, mind.root, np.int64(command))
+            settled = forward_model.advance(mind.scene, mind.root, np.int64(command))
         assert length == 0 or settled > 0 or length > 1
 
 
@@ -137,7 +140,7 @@ class Plain:
     """What `experience` learns, by names instead of numbers: {(manner, place, surroundings): [cells, free ones]}."""
 
     def __init__(self, layout):
-        self.layout, self.tallies, self.losses = layout, {}, [0.0] * experience.MANNERS
+        self.layout, self.tallies, self.losses = layout, {}, [0.0] * occupancy_prior.MANNERS
 
     def surroundings(self, state, row, column, command):
         """Return (behind, beside the neighbour, beside the cell), the last two sorted; `state` tells that of a cell."""
@@ -164,8 +167,8 @@ class Plain:
 
     def learn(self, around, row, column, free):
         """Ask all manners, then count the cell once in every tally that any of them asks."""
-        chains = [self.chain(manner, around, row, column) for manner in range(experience.MANNERS)]
-        for manner in range(experience.MANNERS):
+        chains = [self.chain(manner, around, row, column) for manner in range(occupancy_prior.MANNERS)]
+        for manner in range(occupancy_prior.MANNERS):
             likely = self.chance(manner, around, row, column)
             self.losses[manner] -= math.log(likely if free else 1 - likely)
         for name in {name for chain in chains for name in chain}:
@@ -194,8 +197,8 @@ def test_experience(shape):
     for command in rng.integers(0, 2 * len(shape), 12):
         learnt.before[:] = field.known
         state = states(layout, learnt.before, field.open)
-        observe.step(field, command, 0, True)
-        experience.take_note(field, learnt, command)
+        steps.step(field, command, 0, True)
+        occupancy_prior.take_note(field, learnt, command)
         for i, word in enumerate(field.known & ~learnt.before):
             for bit in range(64):
                 if int(word) >> bit & 1:
@@ -206,8 +209,8 @@ def test_experience(shape):
     assert plainly.tallies["all"][0] > 0
     assert learnt.tallies[0].tolist() == list(plainly.tallies["all"])
     assert sorted(map(tuple, learnt.tallies[learnt.tallies[:, 0] > 0].tolist())) == sorted(map(tuple, plainly.tallies.values()))
-    assert experience.believed(learnt, 3) == np.argmin(learnt.losses)
-    assert experience.believed(learnt, 0) == 0
+    assert occupancy_prior.believed(learnt, 3) == np.argmin(learnt.losses)
+    assert occupancy_prior.believed(learnt, 0) == 0
 
 
 def predicted_plainly(layout, field, learnt, manner, depth, likely, sure):
@@ -226,9 +229,9 @@ def predicted_plainly(layout, field, learnt, manner, depth, likely, sure):
         for command in range(2 * layout.ndim):
             r, c = ahead(row, column, opposite(command), layout.rows)
             if 0 <= r < layout.words[0] and 0 <= c < layout.columns and has(opened, field.width, r, c):
-                cell, steps = 64 * layout.words[1] * row + column, experience.steps_of(layout.rows, layout.words[1], command)
-                number = experience.around(opened, known, cell, *steps)
-                yield experience.chance(learnt, manner, number, cell), learnt.tallies[1 + number // 6, 0]
+                cell, steps = 64 * layout.words[1] * row + column, occupancy_prior.steps_of(layout.rows, layout.words[1], command)
+                number = occupancy_prior.around(opened, known, cell, *steps)
+                yield occupancy_prior.chance(learnt, manner, number, cell), learnt.tallies[1 + number // 6, 0]
 
     def put(board, cells):
         for row, column in cells:
@@ -236,7 +239,11 @@ def predicted_plainly(layout, field, learnt, manner, depth, likely, sure):
 
     for number in range(depth):
         needed = max(likely, sure ** (1 / (number + 1)))
-        walls = [cell for cell in layer if any(c < guess.UNLIKELY and seen >= guess.FEWEST for c, seen in chances(*cell))]
+        walls = [
+            cell
+            for cell in layer
+            if any(c < occupancy_prediction.UNLIKELY and seen >= occupancy_prediction.FEWEST for c, seen in chances(*cell))
+        ]
         put(known, walls)
         found = []
         for row, column in layer:
@@ -257,7 +264,7 @@ def test_prediction(shape):
     for seed in range(5):
         layout, mind, field, _, _, _ = scene_of(shape, seed, moves=seed)
         for manner, (layers, likely, sure) in enumerate(((1, 0.75, 0.0), (12, 0.6, 0.0), (30, 0.5, 0.3), (3, 0.6, 0.5))):
-            guess.predict(field, mind.experience, manner, mind.guess, layers, likely, sure)
+            occupancy_prediction.predict(field, mind.experience, manner, mind.guess, layers, likely, sure)
             expected = predicted_plainly(layout, field, mind.experience, manner, layers, likely, sure)
             assert (mind.guess.open == expected).all()
     assert {LAYERS, LIKELY, SURE} < set(range(mind.options.size))
@@ -271,6 +278,7 @@ def test_a_lattice_is_found_out():
         world = GridWorld(workspace)
         state = world.initial(start)
         belief = make_task("mapping").begin(world, state, None)
-        game = planning.Game(make_policy("best"), state, belief, rule="block", mapping=True, rng=np.random.default_rng(1))
-        game.play_on(field_of(world.free.words, state, belief), new_log(100))
-        assert (experience.believed(game.mind.experience, 3) > 0) == lattice
+        rng = np.random.default_rng(1)
+        game = PlannerGame(make_policy("best"), world.free, state, belief, rule="block", mapping=True, rng=rng)
+        game.play_on(Trace.empty(100), 100)
+        assert (occupancy_prior.believed(game.mind.experience, 3) > 0) == lattice

@@ -23,13 +23,16 @@ from tests.reference.scouting import (
     take_stock,
     tried,
 )
+from tests.swarm_runs import run
 
-from shoal.swarm import GridWorkspace, GridWorld, engine, run
+from shoal.swarm import GridWorkspace, GridWorld
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board
 from shoal.swarm.grid.fields import field_of
 from shoal.swarm.grid.scans import ScanRule
-from shoal.swarm.kernels import moves, prospect, survey
+from shoal.swarm.kernels.dynamics import moves
+from shoal.swarm.kernels.prediction import expected_gain, lookahead
+from shoal.swarm.simulation.compiled import policy_state_of, scout_of
 
 RULES = ("block", "merge")
 WIDTHS = (1, 2, 3, 8, 20, 61, 62, 63, 64, 65, 70)  # with the rim 62 just fills a word
@@ -59,7 +62,7 @@ def test_episodes(dimensions, maps, rule):
         episode = run(GridWorkspace(free), start=start, rule=rule, scan_every="adaptive", max_moves=200, **prices)
         commands, scanned, end = scout(free, start, rule=rule, max_moves=200, **prices)
         assert episode.commands == commands
-        np.testing.assert_array_equal(episode.scanned, scanned)
+        np.testing.assert_array_equal(episode.trace.scanned, scanned)
         assert episode.status == ("limit" if end.world.frontier.any() else "complete")
 
 
@@ -70,7 +73,7 @@ def test_particles_that_share_cells():
         shared = start[rng.integers(len(start), size=2 * len(start))]
         episode = run(GridWorkspace(free), start=shared, rule="merge", scan_every="adaptive", max_moves=200)
         commands, scanned, _ = scout(free, shared, rule="merge", scan_cost=10, move_cost=1, max_moves=200)
-        assert (episode.commands, episode.scanned.tolist()) == (commands, scanned)
+        assert (episode.commands, episode.trace.scanned.tolist()) == (commands, scanned)
 
 
 # ------------------------------------------------------------------------------------------ single kernels
@@ -92,8 +95,8 @@ class Scene:
         self.field = field_of(world.free.words, state, belief)
         scanning = ScanRule("adaptive", scan_cost=prices[0], move_cost=prices[1])
         options = {"rule": rule, "ties": "column-major", "neighbours": "lurd", "plan": "", "scanning": scanning}
-        self.mind = engine.mind_of(self.layout, free.size, belief, **options)
-        self.scout = engine.scout_of(self.layout, scanning)
+        self.mind = policy_state_of(self.layout, free.size, belief, **options)
+        self.scout = scout_of(self.layout, scanning)
         self.survey, self.prospect = self.scout
 
     def board(self, mask):
@@ -124,8 +127,8 @@ def keys():
     for behind, (a, near), (b, sides) in product(range(3), enumerate(PAIRS), enumerate(PAIRS)):
         yield (behind, near, sides), (behind * 6 + a) * 6 + b
     for behind, (a, near) in product(range(3), enumerate(PAIRS)):
-        yield (behind, near), survey.FINE + behind * 6 + a
-    yield "all", survey.FINE + survey.COARSE
+        yield (behind, near), expected_gain.FINE + behind * 6 + a
+    yield "all", expected_gain.FINE + expected_gain.COARSE
 
 
 def random_tallies(rng, words):
@@ -142,11 +145,11 @@ def test_tried_and_shift():
     for scene, _ in scenes(81):
         view, field = scene.view, scene.field
         for command in view.directions:
-            assert prospect.tried(field, field.occupied, command) == tried(view, view.particles, command)
-            once = prospect.predicted(field, scene.prospect.shifted, scene.prospect.counts)
+            assert lookahead.tried(field, field.occupied, command) == tried(view, view.particles, command)
+            once = lookahead.predicted(field, scene.prospect.shifted, scene.prospect.counts)
             once.occupied[:] = field.occupied
             expected = list(shifts(view, view.particles, command, scene.rule, 1))
-            assert prospect.shift(field, once, command, moves.MERGE if scene.rule == "merge" else moves.BLOCK) == bool(expected)
+            assert lookahead.shift(field, once, command, moves.MERGE if scene.rule == "merge" else moves.BLOCK) == bool(expected)
             assert scene.cells(once.occupied) == (expected[0] if expected else view.particles)
 
 
@@ -163,11 +166,11 @@ def test_expected_gains_and_the_best_length():
     for scene, rng in scenes(83):
         tallies = random_tallies(rng, scene.survey.tallies)
         for command in scene.view.directions:
-            survey.look_around(scene.field, scene.survey, command)
+            expected_gain.look_around(scene.field, scene.survey, command)
             gains = expected_gains(scene.view, tallies, command)
             assert scene.survey.gains[command].tolist() == gains
             for least in (1, 2, 5, len(gains) - 1, len(gains) + 3):
-                assert survey.best_length(scene.survey, command, least) == best_length(gains, scene.prices, least)
+                assert expected_gain.best_length(scene.survey, command, least) == best_length(gains, scene.prices, least)
 
 
 def test_what_a_run_teaches():
@@ -177,7 +180,7 @@ def test_what_a_run_teaches():
         for _ in range(int(rng.integers(1, 9))):
             moves.push(scene.field, command, code)
             plain.step(*scene.world, command, code, plain.MAPPING)
-        survey.take_stock(scene.field, scene.survey, command)
+        expected_gain.take_stock(scene.field, scene.survey, command)
         tallies = Tallies()
         take_stock(tallies, scene.view, View.of(scene.world), command)
         for key, number in keys():
@@ -190,9 +193,9 @@ def test_explore():
         rate = float(rng.choice([0.0, 0.01, 0.05, 0.3]))
         plan, best = explore(scene.view, scene.rule, scene.prices, rate)
         code = moves.MERGE if scene.rule == "merge" else moves.BLOCK
-        assert prospect.explore(scene.field, code, scene.prospect, scene.survey.prices, rate) == best
+        assert lookahead.explore(scene.field, code, scene.prospect, scene.survey.prices, rate) == best
         if plan:
-            length = prospect.write_plan(scene.prospect, scene.mind.search.plan)
+            length = lookahead.write_plan(scene.prospect, scene.mind.search.plan)
             assert scene.mind.search.plan[:length].tolist() == plan
             found += 1
     assert found > 20

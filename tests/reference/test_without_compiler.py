@@ -10,7 +10,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 SCRIPT = """
 import numpy as np
-from shoal.swarm import GridWorkspace, run
+from shoal.swarm import GridWorkspace
+from tests.swarm_runs import run
 np.seterr(over="ignore")  # words wrap around on purpose
 rng = np.random.default_rng(21)
 for width in (1, 5, 62, 63, 64, 65, 126, 128):
@@ -31,13 +32,14 @@ for width in (1, 5, 62, 63, 64, 65, 126, 128):
                         for every in ("3", "doubling", "hyper", "adaptive"):
                             scans = run(GridWorkspace(free), task=task, start=start, rule=rule, max_moves=20, scan_every=every)
                             print(every, scans.commands, scans.status, scans.scanned.tolist())
-                    print(width, rule, policy, task, e.commands, e.status, e.done.tolist(), e.travelled.tolist())
+                    print(width, rule, policy, task, e.commands, e.status, e.trace.classified.tolist(), e.trace.travelled.tolist())
 """
 
 PLANNERS = """
 import numpy as np
-from shoal.swarm import GridWorkspace, run
-from shoal.swarm.plans import plan_coverage
+from shoal.swarm import GridWorkspace
+from tests.swarm_runs import run
+from shoal.swarm.policies.planners.offline import plan_coverage
 from shoal.swarm.policies import BeamRollout
 np.seterr(over="ignore")  # words wrap around on purpose
 rng = np.random.default_rng(22)
@@ -54,7 +56,7 @@ for shape in ((3, 5), (1, 9), (2, 63), (3, 64), (2, 65), (2, 126), (2, 2, 4)):
         for policy in (Quick(), First(), "greedy-classify"):
             for task in ("mapping", "coverage"):
                 e = run(space, task=task, policy=policy, start=start, rule=rule, max_moves=6)
-                print(shape, rule, task, e.commands, e.status, e.done.tolist())
+                print(shape, rule, task, e.commands, e.status, e.trace.classified.tolist())
         if space.n_free < 20:
             print(shape, rule, plan_coverage(space, start, rule=rule, budget=4))
 """
@@ -141,7 +143,8 @@ for number in range(12):
 
 NOISE = """
 import numpy as np
-from shoal.swarm import GridWorkspace, run
+from shoal.swarm import GridWorkspace
+from tests.swarm_runs import run
 from shoal.swarm.noise import Noise
 np.seterr(over="ignore")
 rng = np.random.default_rng(8)
@@ -152,8 +155,8 @@ for shape in ((3, 5), (6, 64), (2, 3, 4)):
     start = cells[rng.choice(len(cells), size=max(1, len(cells) // 4), replace=False)]
     for noise, every in ((Noise(0.1, 0.05, 0.1), 1), (Noise(), 2), (Noise(0.0, 0.2, 0.0), 5)):
         e = run(GridWorkspace(free), start=start, noise=noise, scan_every=every, max_moves=60)
-        print(shape, e.commands, e.status, e.done.tolist(), e.frontier.tolist(), e.travelled.tolist())
-        print(e.scanned.tolist(), e.probability.round(9).tolist(), e.errors)
+        print(shape, e.commands, e.status, e.trace.classified.tolist(), e.trace.frontier.tolist(), e.trace.travelled.tolist())
+        print(e.trace.scanned.tolist(), e.probability.round(9).tolist(), e.errors)
 """
 
 

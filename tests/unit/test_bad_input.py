@@ -22,11 +22,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from tests.swarm_runs import run as play
 
 from shoal.cli import run
 from shoal.errors import InvalidInputError, OutputError, UnknownNameError
-from shoal.swarm import Episode, GridWorkspace, make_task
-from shoal.swarm import run as play
+from shoal.swarm import GridWorkspace, SwarmEpisode, make_task
 
 SHOAL = [sys.executable, "-c", "from shoal.cli import main; main()"]
 
@@ -535,7 +535,7 @@ def test_any_name_of_a_file_is_good(name, tmp_path, capfd):
     printed, said = capfd.readouterr()
     assert said == ""
     assert "complete" in printed
-    assert Episode.load(tmp_path / "out" / "episode.npz").verify()
+    assert SwarmEpisode.load(tmp_path / "out" / "episode.npz").verify()
 
 
 # Full disks
@@ -695,7 +695,7 @@ def test_interrupted_while_it_writes(tmp_path, monkeypatch, capfd):
     files = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file())
     assert files == ["episodes/00000.npz", "episodes/00001.npz", "frontier.png", "map.png"]
     for path in (tmp_path / "episodes").iterdir():
-        assert Episode.load(path).verify()
+        assert SwarmEpisode.load(path).verify()
 
 
 def test_interrupted_while_an_archive_is_made(tmp_path, monkeypatch):
@@ -771,4 +771,4 @@ def test_ctrl_c(tmp_path):
     names = sorted(path.name for path in (out / "episodes").iterdir())
     assert 6 <= len(names) < 1000
     assert names == [f"{trial:05d}.npz" for trial in range(len(names))]
-    assert all(Episode.load(out / "episodes" / name).verify() for name in (names[0], names[-2], names[-1]))
+    assert all(SwarmEpisode.load(out / "episodes" / name).verify() for name in (names[0], names[-2], names[-1]))

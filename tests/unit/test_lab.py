@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.swarm_runs import run, run_trials
 
-from shoal import InvalidInputError, open_map, run, run_trials
+from shoal import InvalidInputError, open_map
 
 PROBLEMS = [
     {"policy": "closest-frontier"},

@@ -10,12 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.properties.strategies import swarms
 from tests.reference.small import small_cases
+from tests.swarm_runs import run
 
-from shoal import open_map, run
+from shoal import open_map
 from shoal.errors import InvalidInputError
-from shoal.swarm import GridWorkspace, make_policy, planning
-from shoal.swarm.kernels import planner
+from shoal.swarm import GridWorkspace, make_policy
+from shoal.swarm.kernels.planning import planner_state
 from shoal.swarm.policies import POLICIES, BeamRollout
+from shoal.swarm.policies.planners import state
 from shoal.swarm.theory.bounds import LowerBound, lower_bound
 from shoal.swarm.theory.optima import mapping_optimum, optimum
 
@@ -137,16 +139,16 @@ def test_thought_by_the_number_of_particles():
 def test_a_time_is_kept_to_from_the_first_moves_on(monkeypatch):
     """The first ten moves may be overdrawn. What earlier ones took counts once, and how fast moves were imagined tells the rest."""
     clock = iter(range(100))
-    monkeypatch.setattr(planning.time, "perf_counter", lambda: next(clock) * 4e-3)  # each block takes 4 ms
-    mind = SimpleNamespace(options=np.zeros(planner.OPTIONS), memory=np.zeros(planner.MEMORY, dtype=np.int64))
-    pace = planning.Pace(0.5)
+    monkeypatch.setattr(state.time, "perf_counter", lambda: next(clock) * 4e-3)  # each block takes 4 ms
+    mind = SimpleNamespace(options=np.zeros(planner_state.OPTIONS), memory=np.zeros(planner_state.MEMORY, dtype=np.int64))
+    pace = state.Pace(0.5)
     seen = []
     for _ in range(3):
         with pace.timed(mind, 2):
-            seen.append((mind.options[planner.BUDGET], int(mind.memory[planner.CREDIT])))
-            mind.memory[planner.IMAGINED] += 800
-    assert planning.ADVANCE == 10
-    assert seen == [(0.5 * planning.FIRST_RATE, 1000), (100.0, 400), (100.0, -200)]
+            seen.append((mind.options[planner_state.BUDGET], int(mind.memory[planner_state.CREDIT])))
+            mind.memory[planner_state.IMAGINED] += 800
+    assert state.ADVANCE == 10
+    assert seen == [(0.5 * state.FIRST_RATE, 1000), (100.0, 400), (100.0, -200)]
 
 
 @pytest.mark.parametrize(

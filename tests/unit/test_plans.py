@@ -7,12 +7,14 @@ import json
 import numpy as np
 import pytest
 from tests.reference.small import small_cases
+from tests.swarm_runs import run
 
-from shoal import open_map, run
+from shoal import open_map
 from shoal.cli import run as command
 from shoal.errors import InvalidInputError
-from shoal.swarm import GridWorkspace, plans
-from shoal.swarm.plans import plan_coverage
+from shoal.swarm import GridWorkspace
+from shoal.swarm.policies.planners import offline
+from shoal.swarm.policies.planners.offline import plan_coverage
 from shoal.swarm.theory.optima import optimum
 
 
@@ -48,8 +50,8 @@ def test_annealing_makes_plans_shorter_and_never_longer(monkeypatch):
     workspace = open_map("maze:21x15")
     starts = [run(workspace, particles=6, trial=trial).start for trial in range(4)]
     annealed = [len(plan_coverage(workspace, start, budget=2000)) for start in starts]
-    monkeypatch.setattr(plans, "PIECES", 1)
-    monkeypatch.setattr(plans.anneal, "anneal", lambda mind, course, length, fewest, *rest: (length, fewest, 0))
+    monkeypatch.setattr(offline, "PIECES", 1)
+    monkeypatch.setattr(offline.anneal, "anneal", lambda mind, course, length, fewest, *rest: (length, fewest, 0))
     first = [len(plan_coverage(workspace, start, budget=2000)) for start in starts]
     assert all(one <= other for one, other in zip(annealed, first, strict=True))
     assert sum(annealed) < sum(first)

@@ -6,8 +6,9 @@ from collections import deque
 
 import numpy as np
 import pytest
+from tests.swarm_runs import run, run_trials
 
-from shoal import InvalidInputError, UnknownNameError, open_map, run, run_trials
+from shoal import InvalidInputError, UnknownNameError, open_map
 from shoal.swarm import POLICIES, GridWorkspace, make_policy
 from shoal.testing import check_policy, check_task
 
@@ -63,8 +64,8 @@ def test_third_party_gives_the_same_episode(name):
         theirs = run(workspace, policy=ThirdParty(), particles=8, trial=trial)
         ours = run(workspace, policy="closest-frontier", particles=8, trial=trial)
         assert theirs.commands == ours.commands
-        np.testing.assert_array_equal(theirs.frontier, ours.frontier)
-        np.testing.assert_array_equal(theirs.travelled, ours.travelled)
+        np.testing.assert_array_equal(theirs.trace.frontier, ours.trace.frontier)
+        np.testing.assert_array_equal(theirs.trace.travelled, ours.trace.travelled)
         assert theirs.verify()
 
 
@@ -160,7 +161,7 @@ def test_belief_of_a_task_is_what_the_policy_sees():
     episode = run(workspace, particles=4)
     frames = list(episode.frames())
     assert len(frames) == episode.moves + 1
-    assert [len(belief.frontier) for _, belief in frames[1:]] == episode.frontier.tolist()
+    assert [len(belief.frontier) for _, belief in frames[1:]] == episode.trace.frontier.tolist()
     assert len(frames[0][1].frontier) == episode.first_frontier
 
 

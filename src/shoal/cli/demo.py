@@ -55,10 +55,11 @@ def demo(
 
     from shoal.cli.swarm import summary, write_outputs
     from shoal.files import atomic
-    from shoal.swarm import GridWorkspace, run
-    from shoal.swarm.engine import load_kernels
+    from shoal.swarm import GridWorkspace, SwarmProblem
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.imaging import segment_vessels
+    from shoal.swarm.run import run
+    from shoal.swarm.simulation.compiled import load_kernels
 
     check_folder(out)
     photograph = retina()
@@ -67,7 +68,7 @@ def demo(
     with patience("compiling kernels: once after an installation, half a minute ..."):
         load_kernels()
     say(f"mapping {workspace.n_free} cells with {particles} particles ...")
-    episode = run(workspace, particles=particles, seed=seed)
+    episode = run(SwarmProblem(workspace, particles=particles, policy="closest-frontier"), seed=seed)
     result = summary([episode], seed=seed)
     picture = io.BytesIO()  # Pillow does not notice when a full disk takes only a part of what it writes
     Image.fromarray(photograph).save(picture, format="JPEG", quality=90)

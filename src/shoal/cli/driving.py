@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from shoal.checks import check_integer
 from shoal.cli import options
 from shoal.cli.output import check_outputs, check_seed, moves_told, patience, print_json, print_table, say
 from shoal.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from shoal.swarm import Episode, GridWorkspace
+    from shoal.swarm import GridWorkspace, SwarmEpisode
     from shoal.swarm.noise import Noise
     from shoal.swarm.rigs import Drive, RemoteRig, Rig
 
@@ -74,7 +75,6 @@ def drive(
     --particles and --rule are those of a simulated rig; a rig says its own. --slip, --misplace and --miss say how a rig fails,
     and make a simulated one fail so. The protocol is in docs/concepts/rigs.md.
     """
-    from shoal.cli.swarm import noise_of
     from shoal.swarm.maps.open import open_map
     from shoal.swarm.rigs import DriveLog
     from shoal.swarm.rigs import drive as drive_rig
@@ -83,7 +83,7 @@ def drive(
     truth = None if map_name is None else open_map(map_name)
     shape = None if size is None else _size(size)
     book = None if log is None else DriveLog(log)
-    noise = noise_of(slip, misplace, miss, confidence)
+    noise = _noise(slip, misplace, miss, confidence)
     problem: dict[str, Any] = noise | {"policy": policy, "seed": seed, "max_moves": max_moves, "scan_every": scan_every}
     with _terminated_as_interrupted():
         opened = _opened(
@@ -100,6 +100,14 @@ def drive(
     _report(result, opened, truth, log, out, film, json_, seed=seed)
 
 
+def _noise(slip: float, misplace: float, miss: float, confidence: float) -> dict[str, Any]:
+    """Return the arguments of a drive with noise, none if nothing goes wrong."""
+    from shoal.swarm.problem import SwarmProblem
+
+    noise = SwarmProblem([[1]], slip=slip, misplace=misplace, miss=miss, confidence=confidence).noise
+    return {} if noise is None else {"noise": noise, "confidence": confidence}
+
+
 def _opened(
     rig: str,
     truth: GridWorkspace | None,
@@ -112,25 +120,24 @@ def _opened(
     on_event: Any,
 ) -> Rig | RemoteRig:
     from shoal.swarm.grid.placements import place
+    from shoal.swarm.grid.randomness import noise_rng, trial_rng
     from shoal.swarm.rigs import SimulatedRig, open_rig
-    from shoal.swarm.running import check_numbers, trial_rng
 
     if rig != "simulated":
         return open_rig(rig, timeout=timeout, patience=patience_, on_event=on_event)
     if truth is None:
         raise InvalidInputError("rig simulated: expected a map to move in, such as vessels:500, got none")
-    check_numbers(seed=seed)
+    check_integer(seed, what="seed", least=0)
     start = place(truth, particles, "uniform", trial_rng(seed))
     if noise is not None:
-        from shoal.swarm.noise.episode import noise_rng
-        from shoal.swarm.noise.plant import NoisyRig
+        from shoal.swarm.noise.simulated import NoisyRig
 
         return NoisyRig(truth, start, noise, noise_rng(seed, 0))
     return SimulatedRig(truth, start, rule=rule)
 
 
 def _load_kernels() -> None:
-    from shoal.swarm.engine import load_kernels
+    from shoal.swarm.simulation.compiled import load_kernels
 
     load_kernels()
 
@@ -233,11 +240,9 @@ def _report(
     )
 
 
-def _with_truth(episode: Episode, truth: GridWorkspace | None) -> Episode:
+def _with_truth(episode: SwarmEpisode, truth: GridWorkspace | None) -> SwarmEpisode:
     """Return an episode of a drive with noise with the true map, so that it shows what was settled wrongly; others as they are."""
-    from shoal.swarm.noise import SeenEpisode
-
-    return replace(episode, truth=truth.free) if isinstance(episode, SeenEpisode) and truth is not None else episode
+    return replace(episode, truth=truth.free) if episode.observations is not None and truth is not None else episode
 
 
 def replay_drive(log: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:

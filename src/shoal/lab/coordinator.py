@@ -144,7 +144,7 @@ def prepare(sweep: Sweep) -> dict[str, str]:
             where = ", ".join(f"{name} = {value}" for name, value in point.values.items())
             raise InvalidInputError(f"sweep {sweep.name}{', at ' * bool(where)}{where}: {error}") from None
     if any(isinstance(point.problem, SwarmProblem) for point in sweep.points):
-        from shoal.swarm.engine import load_kernels
+        from shoal.swarm.simulation.compiled import load_kernels
 
         load_kernels()  # before workers do, all at once
     return inputs

@@ -9,31 +9,32 @@ from functools import partial
 from threading import Event
 from typing import Any
 
+from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 from shoal.lab.executors import default_workers, give_up, make_executor
-from shoal.swarm import Episode, GridWorkspace, make_policy, run
+from shoal.swarm import SwarmEpisode, SwarmProblem
 from shoal.swarm.policies import Compiled
-from shoal.swarm.stepwise import OnMoves
+from shoal.swarm.run import run
+from shoal.swarm.simulation.loop import OnMoves
 
 OnTrial = Callable[[int], None]
 """Called with the number of trials finished so far."""
 
 
 def run_trials(
-    workspace: GridWorkspace,
+    problem: SwarmProblem,
     *,
     trials: int,
     workers: int | None = None,
     seed: int = 0,
     on_trial: OnTrial | None = None,
     on_moves: OnMoves | None = None,
-    **problem: Any,
-) -> list[Episode]:
+) -> list[SwarmEpisode]:
     """Play ``trials`` episodes of one problem.
 
     Parameters
     ----------
-    workspace : GridWorkspace
+    problem : SwarmProblem
     trials : int
         1 or more. Trial k uses the generator of (seed, k), whatever the workers. Several trials of a policy written in Python run
         in processes, which import it anew: it must lie in a module, or the script must be guarded as multiprocessing asks.
@@ -43,13 +44,11 @@ def run_trials(
     on_trial : callable, optional
         Told the number of trials finished.
     on_moves : callable, optional
-        Told the progress of the first trial, as by `shoal.swarm.run`, if it is played in this process.
-    **problem
-        As for `shoal.swarm.run`: task, policy, particles, placement, rule, max_moves.
+        Told the progress of the first trial, as by `shoal.swarm.run.run`, if it is played in this process.
 
     Returns
     -------
-    list of Episode
+    list of SwarmEpisode
         In the order of the trials.
 
     Raises
@@ -59,29 +58,26 @@ def run_trials(
 
     Examples
     --------
-    >>> workspace = GridWorkspace([[1] * 20])
-    >>> [e.moves for e in run_trials(workspace, trials=3, workers=2, particles=20)]
+    >>> [e.moves for e in run_trials(SwarmProblem([[1] * 20], particles=20), trials=3, workers=2)]
     [4, 4, 4]
     """
     workers = default_workers() if workers is None else workers
-    for name, value in (("trials", trials), ("workers", workers)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise InvalidInputError(f"{name}: expected a whole number, 1 or more, got {value!r}")
-    compiled = isinstance(make_policy(problem.get("policy", "closest-frontier")), Compiled)
+    trials, workers = check_integer(trials, what="trials", least=1), check_integer(workers, what="workers", least=1)
+    compiled = isinstance(problem.chosen_policy, Compiled)
     alone = min(workers, trials) == 1  # then no process is worth its start
     if not (compiled or alone):
-        _check_importable(problem["policy"])
+        _check_importable(problem.policy)
     executor = make_executor(min(workers, trials), compiled=compiled or alone)
     stop = Event()
     watch = partial(_watch, stop, on_moves) if compiled or alone else None
-    episodes: dict[int, Episode] = {}
+    episodes: dict[int, SwarmEpisode] = {}
     try:
-        for index, episode in _finished(executor, workspace, trials, 2 * workers, watch, seed=seed, **problem):
+        for index, episode in _finished(executor, problem, trials, 2 * workers, watch, seed):
             episodes[index] = episode
             if on_trial is not None:
                 on_trial(len(episodes))
     except BrokenExecutor as error:  # as when a script without a guard is started again by each worker
-        raise _not_importable(problem["policy"], error) from error
+        raise _not_importable(problem.policy, error) from error
     except BaseException:
         give_up(executor)
         raise
@@ -121,19 +117,19 @@ def _watch(stop: Event, on_moves: OnMoves | None, trial: int) -> OnMoves:
 
 def _finished(
     executor: Executor,
-    workspace: GridWorkspace,
+    problem: SwarmProblem,
     trials: int,
     at_once: int,
     watch: Callable[[int], OnMoves] | None,
-    **problem: Any,
-) -> Iterator[tuple[int, Episode]]:
+    seed: int,
+) -> Iterator[tuple[int, SwarmEpisode]]:
     """Yield (trial, episode) as they finish, with no more than ``at_once`` waiting."""
-    pending: dict[Future[Episode], int] = {}
+    pending: dict[Future[SwarmEpisode], int] = {}
     following = 0
     while following < trials or pending:
         while following < trials and len(pending) < at_once:
             on_moves = None if watch is None else watch(following)
-            pending[executor.submit(run, workspace, trial=following, on_moves=on_moves, **problem)] = following
+            pending[executor.submit(run, problem, seed=seed, trial=following, on_moves=on_moves)] = following
             following += 1
         for future in wait(pending, return_when=FIRST_COMPLETED).done:
             yield pending.pop(future), future.result()

@@ -132,8 +132,9 @@ def _fig8_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    from shoal.swarm import run
+    from shoal.swarm import SwarmProblem
     from shoal.swarm.maps.open import open_map
+    from shoal.swarm.run import run
     from shoal.views.drawing.curves import frontier_curves
 
     sweep = sweeps[0]
@@ -144,8 +145,8 @@ def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
             seeds.setdefault(policy, []).append(seed)
     groups, lines = {}, []
     for policy in POLICIES:  # a row's seed plays its episode again
-        episodes = [run(workspace, policy=policy, particles=particles, seed=seed) for seed in seeds[policy]]
-        groups[policy] = [np.concatenate([[e.first_frontier], e.frontier]) for e in episodes]
+        episodes = [run(SwarmProblem(workspace, policy=policy, particles=particles), seed=seed) for seed in seeds[policy]]
+        groups[policy] = [np.concatenate([[e.first_frontier], e.trace.frontier]) for e in episodes]
         lines += [[policy, k, *_thinned(curve)] for k, curve in enumerate(groups[policy])]
     rows = estimates(store, sweep, "moves")
     printed = {"random-moves": 1683, "elect-particle": 578, "closest-frontier": 215}

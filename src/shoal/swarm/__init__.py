@@ -6,7 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from shoal.swarm.episode import Episode, Verification
+    from shoal.swarm.episode import SwarmEpisode
     from shoal.swarm.grid.belief import Belief
     from shoal.swarm.grid.board import Board, GridLayout
     from shoal.swarm.grid.commands import RULES
@@ -17,10 +17,9 @@ if TYPE_CHECKING:
     from shoal.swarm.maps.workspace import GridWorkspace
     from shoal.swarm.policies import POLICIES, Policy, View, make_policy
     from shoal.swarm.problem import SwarmProblem
-    from shoal.swarm.running import run
 
 _HOMES = {
-    "episode": ("Episode", "Verification"),
+    "episode": ("SwarmEpisode",),
     "grid.belief": ("Belief",),
     "grid.board": ("Board", "GridLayout"),
     "grid.commands": ("RULES",),
@@ -31,7 +30,6 @@ _HOMES = {
     "maps.workspace": ("GridWorkspace",),
     "policies": ("POLICIES", "Policy", "View", "make_policy"),
     "problem": ("SwarmProblem",),
-    "running": ("run",),
 }
 
 __all__ = [
@@ -42,22 +40,20 @@ __all__ = [
     "Belief",
     "Board",
     "Coverage",
-    "Episode",
     "GridLayout",
     "GridWorkspace",
     "GridWorld",
     "Mapping",
     "Policy",
     "SubsetCoverage",
+    "SwarmEpisode",
     "SwarmProblem",
     "SwarmState",
     "Task",
-    "Verification",
     "View",
     "make_policy",
     "make_task",
     "place",
-    "run",
 ]
 
 

@@ -1,155 +1,147 @@
-"""Episode: everything needed to replay what a swarm did, and its metrics."""
+"""SwarmEpisode: what a swarm did, with noise or without, in a simulation or on a rig; everything needed to replay it."""
 
 from __future__ import annotations
 
 import base64
 import html
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.episode import Episode, Status, Verification
+from shoal.errors import InvalidInputError
+from shoal.swarm import episode_file
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.commands import decode
-from shoal.swarm.grid.scans import EVERY_MOVE, ScanRule
 from shoal.swarm.grid.state import SwarmState
-from shoal.swarm.grid.tasks import make_task
+from shoal.swarm.grid.trace import Trace
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.maps.raster import png_bytes
 from shoal.swarm.maps.workspace import GridWorkspace
+from shoal.swarm.noise.map_errors import MapErrors
+from shoal.swarm.noise.model import Noise
+from shoal.swarm.noise.moments import Moment
+from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
+from shoal.swarm.simulation.replay import ExactReplay, NoisyReplay, ObservedReplay, Replay
+from shoal.version import versions
 
-STATUSES = {
-    "complete": "nothing is left to do",
-    "stalled": "the policy could make no progress",
-    "limit": "stopped at the limit of moves",
+REASONS = {
+    Status.COMPLETE: "nothing is left to do",
+    Status.STALLED: "the policy could make no progress",
+    Status.LIMIT: "stopped at the limit of moves",
+    Status.INTERRUPTED: "somebody stopped it",
 }
 
 
-@dataclass(frozen=True)
-class Verification:
-    """The answer of `Episode.verify`; true if the episode holds.
-
-    Parameters
-    ----------
-    ok : bool
-    message : str
-        What was checked, or the first difference.
-    """
-
-    ok: bool
-    message: str
-
-    def __bool__(self) -> bool:
-        return self.ok
-
-
 @dataclass(frozen=True, eq=False)
-class Episode:
+class SwarmEpisode(Episode):
     """One run of a policy on a task.
 
     Parameters
     ----------
-    workspace : GridWorkspace
+    problem : SwarmProblem
+        As it was asked for; its place is the workspace of the episode.
     start : ndarray of int64, shape (n, ndim)
         Cells of the particles at the start.
-    codes : ndarray of int8, shape (moves,)
-        The commands; `commands` gives them as letters.
-    rule, task, policy, placement : str
+    trace : Trace
+        What each command did.
+    status : Status
+        "complete", "stalled", "limit" or "interrupted". With noise it is "complete" if every cell is classified that lies beside a
+        free one and that a particle could get to, and "stalled" if some had to be left undecided.
+    policy : str
+        The policy that was played; says what ``auto`` chose.
+    first_frontier : int
+        Frontier cells at the start.
     targets : ndarray of bool, the shape of the workspace, or None
         The cells to cover; None for a mapping.
     seed, trial : int
-        Randomness was ``default_rng(SeedSequence(seed, spawn_key=(trial,)))``.
-    status : str
-        "complete", "stalled" or "limit".
-    first_frontier : int
-        Frontier cells at the start.
-    done : ndarray of int32, shape (moves,)
-        Cells classified (coverage: covered) by each move.
-    frontier : ndarray of int32, shape (moves,)
-        Frontier cells after each move.
-    travelled : ndarray of int64, shape (moves,)
-        Cells travelled in each move, summed over the particles.
+        See `shoal.swarm.grid.randomness`.
     seconds : float
         Time the run took, planning included.
-    version : str
-        Of Shoal.
-    scanning : ScanRule
-        When to scan, and the prices of scans and moves.
-    scanned : ndarray of bool, shape (moves,)
-        Whether a scan followed each move; by default after each. There was one more before the first.
-
-    Notes
-    -----
-    True as a bool if the task was completed.
+    versions : dict of str
+    observations : tuple of ndarray of int64, shape (k, ndim), optional
+        Of a rig with noise: what each scan showed, that before the first command included. The workspace is then the free cells
+        that were found.
+    truth : ndarray of bool, optional
+        Of such a rig: its free cells, if they are known; then it can be shown what was classified wrongly.
     """
 
     part: ClassVar[str] = "swarm"
 
-    workspace: GridWorkspace
+    problem: SwarmProblem
     start: NDArray[np.int64]
-    codes: NDArray[np.int8]
-    rule: str
-    task: str
+    trace: Trace
+    status: Status
     policy: str
-    placement: str
-    targets: NDArray[np.bool_] | None
-    seed: int
-    trial: int
-    status: str
     first_frontier: int
-    done: NDArray[np.int32]
-    frontier: NDArray[np.int32]
-    travelled: NDArray[np.int64]
-    seconds: float
-    version: str
-    scanning: ScanRule = EVERY_MOVE
-    scanned: NDArray[np.bool_] = None  # type: ignore[assignment]  # filled in below
+    targets: NDArray[np.bool_] | None = None
+    seed: int = 0
+    trial: int = 0
+    seconds: float = 0.0
+    versions: Mapping[str, str] = field(default_factory=versions)
+    observations: tuple[NDArray[np.int64], ...] | None = None
+    truth: NDArray[np.bool_] | None = None
 
-    def __post_init__(self) -> None:
-        if self.scanned is None:
-            object.__setattr__(self, "scanned", np.ones(len(self.codes), dtype=np.bool_))
+    @property
+    def workspace(self) -> GridWorkspace:
+        """The workspace."""
+        workspace: GridWorkspace = self.problem.place
+        return workspace
 
-    def __bool__(self) -> bool:
-        return self.status == "complete"
+    @property
+    def task(self) -> str:
+        """Name of the task."""
+        return self.problem.task_name
+
+    @property
+    def rule(self) -> str:
+        """The move rule."""
+        return self.problem.rule
+
+    @property
+    def placement(self) -> str:
+        """Name of the placement; "given" if start cells were."""
+        return self.problem.placement_name
+
+    @property
+    def noisy(self) -> bool:
+        """Whether there was noise: then `moments` is what there is to see."""
+        return self.problem.noise is not None or self.observations is not None
 
     @cached_property
     def commands(self) -> str:
         """The commands as letters."""
-        return decode(self.codes)
+        return decode(self.trace.commands)
 
     @property
     def moves(self) -> int:
         """Number of commands sent."""
-        return len(self.codes)
+        return self.trace.moves
 
     @property
     def scans(self) -> int:
         """Number of scans, the one at the start included."""
-        return 1 + int(np.count_nonzero(self.scanned))
+        return 1 + int(np.count_nonzero(self.trace.scanned))
 
     @property
     def cost(self) -> float:
         """Price of all moves and scans."""
-        return self.scanning.cost(moves=self.moves, scans=self.scans)
+        return self.problem.scanning.cost(moves=self.moves, scans=self.scans)
 
     @property
-    def n_particles(self) -> int:
+    def particles(self) -> int:
         """Number of particles."""
         return len(self.start)
 
     @property
-    def classified(self) -> NDArray[np.int64]:
-        """Cells classified (coverage: covered) up to and with each move; int64, shape (moves,)."""
-        return np.cumsum(self.done, dtype=np.int64)
-
-    @property
     def distance(self) -> int:
         """Cells travelled, summed over the particles."""
-        return int(self.travelled.sum())
+        return int(self.trace.travelled.sum())
 
     @property
     def seconds_per_move(self) -> float:
@@ -157,74 +149,106 @@ class Episode:
         return self.seconds / self.moves if self.moves else 0.0
 
     @property
-    def sentence(self) -> str:
-        """The status for people."""
-        left = int(self.frontier[-1]) if self.moves else self.first_frontier
+    def reason(self) -> str:
+        """Why the episode has its status, in one sentence."""
+        left = int(self.trace.frontier[-1]) if self.moves else self.first_frontier
         rest = "" if self else f"; {left} frontier cells left"
-        return f"{self.status} after {self.moves} moves: {STATUSES[self.status]}{rest}"
+        return f"{REASONS[self.status]} after {self.moves} moves{rest}"
+
+    @property
+    def metrics(self) -> dict[str, Any]:
+        """The numbers by name: those that sweeps store, and more."""
+        numbers = {
+            "status": str(self.status), "moves": self.moves, "scans": self.scans, "cost": self.cost, "distance": self.distance,
+            "seconds": self.seconds,
+        }  # fmt: skip
+        errors = self.errors
+        if errors is None:
+            return numbers
+        return numbers | {name: getattr(errors, name) for name in (*NOISE_MEASURES, "false_free_rate", "false_obstacle_rate")}
+
+    def report(self) -> dict[str, Any]:
+        """Return the JSON object that the command prints for one episode."""
+        problem, workspace = self.problem, self.workspace
+        told = {
+            "task": self.task,
+            "policy": self.policy,
+            "map": {"name": workspace.name, "shape": list(workspace.shape), "free_cells": workspace.n_free},
+            "particles": self.particles,
+            "placement": self.placement,
+            "rule": self.rule,
+            "seed": self.seed,
+            "scan_every": problem.scanning.every,
+            "scan_cost": problem.scan_cost,
+            "move_cost": problem.move_cost,
+        }
+        if problem.noise is not None:
+            told |= {"noise": dict(vars(problem.noise)), "confidence": problem.confidence}
+        return told | {name: value for name, value in self.metrics.items() if name != "seconds"} | {"reason": self.reason}
+
+    @cached_property
+    def replay(self) -> Replay:
+        """The episode, played again from its commands and scans."""
+        problem, about = self.problem, (self.problem.noise or Noise(), self.problem.confidence)
+        if self.observations is not None:
+            return ObservedReplay(self.workspace.shape, *about, self.trace, self.observations, self.truth)
+        if problem.noise is not None:
+            return NoisyReplay(self.workspace, self.start, *about, self.seed, self.trial, self.trace)
+        return ExactReplay(GridWorld(self.workspace, self.rule), problem.chosen_task, self.start, self.targets, self.trace)
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
-        """Yield state and belief at the start and after each move, replayed step by step.
+        """Yield state and belief at the start and after each command, replayed step by step.
 
-        The belief is that of the last scan, or the newest if all that has happened since was known beforehand.
+        Without noise the belief is that of the last scan, or the newest if all that has happened since was known beforehand. With
+        noise the state is where particles are believed to be.
         """
-        world, task = GridWorld(self.workspace, self.rule), make_task(self.task)
-        state = world.initial(self.start)
-        belief = shown = task.begin(world, state, self.targets)
-        yield state, shown
-        for command, scanned in zip(self.commands, self.scanned.tolist(), strict=True):
-            for after in world.pushes(state, command):
-                belief = task.update(belief, command, state.occupied, after.occupied)
-                state = after
-            if scanned or belief.known == shown.known:
-                shown = belief
-            yield state, shown
+        return self.replay.frames()
+
+    def moments(self) -> Iterator[Moment]:
+        """Yield what there is to see of an episode with noise, at the start and after each command."""
+        return self.replay.moments()
 
     def final(self) -> tuple[SwarmState, Belief]:
-        """Return state and belief after the last move."""
-        from shoal.swarm.running import replay
+        """Return state and belief after the last command; with noise, what is believed."""
+        return self.replay.end.state, self.replay.end.belief
 
-        state, belief, _ = replay(self)
-        return state, belief
+    @cached_property
+    def probability(self) -> NDArray[np.float64] | None:
+        """Of a simulation with noise: probability at the end that each cell is free; float64, with one cell of rim; else None."""
+        return self.replay.last[0].probability if isinstance(self.replay, NoisyReplay) else None
+
+    @cached_property
+    def errors(self) -> MapErrors | None:
+        """Of a simulation with noise: how right the map is at the end; else None."""
+        if self.problem.noise is None or self.observations is not None:
+            return None
+        return MapErrors.of(self.workspace, self.start, self.final()[1])
 
     def verify(self) -> Verification:
-        """Replay the commands; compare all metrics, and whether the task is complete at the end."""
-        from shoal.swarm.running import replay
+        """Replay the commands and scans; compare everything that is stored, and whether the task is complete at the end.
 
-        state, belief, again = replay(self)
-        for name in ("first_frontier", "done", "frontier", "travelled", "scanned"):
-            mine, theirs = np.atleast_1d(getattr(self, name)), np.atleast_1d(getattr(again, name))
-            if mine.shape != theirs.shape:
-                return Verification(False, f"{name}: {len(mine)} entries stored, {len(theirs)} replayed")
-            if (mine != theirs).any():
-                move = int(np.argmax(mine != theirs))
-                return Verification(False, f"{name} differs at move {move + 1}: {mine[move]} stored, {theirs[move]} replayed")
-        wrong = self._wrong_scan()
+        Raises
+        ------
+        InvalidInputError, UnknownNameError
+            If the task is unknown here, or does not fit the workspace.
+        """
+        end = self.replay.end
+        if end.first_frontier != self.first_frontier:
+            return Verification(False, f"first_frontier: {self.first_frontier} stored, {end.first_frontier} replayed")
+        if end.trace.moves != self.moves:
+            return Verification(False, f"commands: {self.moves} stored, {end.trace.moves} replayed")
+        wrong = self.trace.difference(end.trace) or self.replay.wrong_scan(self.problem.scanning)
         if wrong is not None:
             return Verification(False, wrong)
-        if state.n_particles != self.n_particles:
-            return Verification(False, f"{self.n_particles} particles at the start, {state.n_particles} at the end")
-        if belief.complete != bool(self):
-            return Verification(False, f"status {self.status!r} stored, {len(belief.frontier)} frontier cells left")
-        return Verification(True, f"{self.moves} moves of {self.n_particles} particles replayed: all the same")
-
-    def _wrong_scan(self) -> str | None:
-        """Return what is wrong with the scans, None if they fit the rule: no decision may fall between a run and its scan."""
-        if not self.moves:
-            return None
-        rule, scanned = self.scanning, self.scanned
-        if rule.every_move and not scanned.all():
-            return f"no scan after move {int(np.argmin(scanned)) + 1}, although there should be one after every move"
-        unseen = 0  # moves since the last scan that are still to be looked at
-        for move, (code, scan) in enumerate(zip(self.codes.tolist(), scanned.tolist(), strict=True), start=1):
-            if unseen and code != self.codes[move - 2]:
-                return f"no scan after move {move - 1}, where the direction changes"
-            if rule.kind != "adaptive" or unseen or (self.targets is None and self.done[move - 1] > 0):
-                unseen += 1
-            if rule.kind == "equal" and unseen > rule.step:
-                return f"no scan after move {move - 1}, {rule.step} moves after the one before"
-            unseen = 0 if scan else unseen
-        return f"no scan after the last move, {self.moves}" if unseen else None
+        if self.observations is not None:
+            return Verification(True, f"{self.scans} scans taken in again: the same belief")
+        if self.problem.noise is not None:
+            return Verification(True, f"{self.moves} moves of {self.particles} particles with noise replayed: all the same")
+        if end.state.n_particles != self.particles:
+            return Verification(False, f"{self.particles} particles at the start, {end.state.n_particles} at the end")
+        if end.belief.complete != bool(self):
+            return Verification(False, f"status '{self.status}' stored, {len(end.belief.frontier)} frontier cells left")
+        return Verification(True, f"{self.moves} moves of {self.particles} particles replayed: all the same")
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the episode to an ``.npz`` file, whole or not at all.
@@ -232,16 +256,18 @@ class Episode:
         Raises
         ------
         InvalidInputError
-            If the suffix is another.
+            If the suffix is another, or for a drive with noise, which its log keeps.
         OutputError
             If the file cannot be written.
         """
-        from shoal.swarm.episode_file import save
-
-        save(self, path)
+        if self.observations is not None:
+            raise InvalidInputError(f"{path}: expected an episode of a simulation, got a drive with noise, which its log keeps")
+        told = {name: getattr(self, name) for name in ("policy", "first_frontier", "seed", "trial", "seconds")}
+        told |= {"status": str(self.status), "versions": dict(self.versions)}
+        episode_file.write(path, self.problem, told, self.trace, start=self.start, targets=self.targets)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Episode:
+    def load(cls, path: str | os.PathLike[str]) -> SwarmEpisode:
         """Read an episode that `save` wrote.
 
         Raises
@@ -249,13 +275,12 @@ class Episode:
         InvalidInputError
             If the file is missing, damaged, or of another format.
         """
-        from shoal.swarm.episode_file import load
-
-        return load(path)
+        problem, told, trace, arrays = episode_file.read(path)
+        return cls(problem=problem, trace=trace, **told, **arrays)
 
     def __repr__(self) -> str:
         return (
-            f"<Episode {self.task} of {self.workspace.name!r} by {self.policy}: {self.n_particles} particles, "
+            f"<SwarmEpisode: {self.task} of {self.workspace.name!r} by {self.policy}, {self.particles} particles, "
             f"{self.moves} moves, {self.status}>"
         )
 
@@ -266,6 +291,6 @@ class Episode:
         return (
             f'<figure style="margin:0"><img alt="final map of {name}" src="data:image/png;base64,{picture}" '
             'style="image-rendering:pixelated;max-width:100%"/>'
-            f"<figcaption><b>{name}</b>: {self.task} by {policy}, {self.n_particles} particles, rule {self.rule}; "
+            f"<figcaption><b>{name}</b>: {self.task} by {policy}, {self.particles} particles, rule {self.rule}; "
             f"{html.escape(self.sentence)}</figcaption></figure>"
         )

@@ -1,101 +1,63 @@
-"""Episodes on disk: one ``.npz`` file without pickles, its text fields checked by a schema."""
+"""Episodes of swarms on disk: one ``.npz`` file without pickles, with a header in JSON that is checked."""
 
 from __future__ import annotations
 
 import io
+import json
 import os
 import warnings
 import zipfile
-from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, FiniteFloat, NonNegativeInt, ValidationError
 
-from shoal.errors import InvalidInputError
+from shoal.checks import check_choice, check_integer, check_number, check_text, parse_json, shortened
+from shoal.episode import Status
+from shoal.errors import InvalidInputError, UnknownNameError
 from shoal.files import atomic, interruption_held
-from shoal.swarm.episode import Episode
-from shoal.swarm.grid.commands import RULES, letters_of
-from shoal.swarm.grid.scans import MOVE_COST, SCAN_COST, ScanRule
+from shoal.swarm.grid.commands import letters_of
+from shoal.swarm.grid.trace import Trace
 from shoal.swarm.grid.world import check_start
 from shoal.swarm.maps.reading import MAX_CELLS
 from shoal.swarm.maps.workspace import GridWorkspace
+from shoal.swarm.problem import SwarmProblem
 
 FORMAT: Literal[1] = 1
+_COLUMNS: dict[str, type[np.generic]] = {
+    "commands": np.int8, "classified": np.int32, "frontier": np.int32, "travelled": np.int64,
+}  # fmt: skip
+_FIELDS = {"format", "problem", "map", "policy", "first_frontier", "seed", "trial", "seconds", "status", "versions"}
 
 
-class Header(BaseModel):
-    """The text fields of an episode file."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    format: Literal[1]
-    version: str
-    map: str
-    shape: tuple[int, ...]
-    rule: str
-    task: str
-    policy: str
-    placement: str
-    seed: NonNegativeInt
-    trial: NonNegativeInt
-    status: Literal["complete", "stalled", "limit"]
-    first_frontier: NonNegativeInt
-    seconds: FiniteFloat
-    scan_every: str = "1"
-    scan_cost: FiniteFloat = SCAN_COST
-    move_cost: FiniteFloat = MOVE_COST
-    spacing: tuple[FiniteFloat, ...] | None = None  # of the workspace, where it is known
-    slip: FiniteFloat | None = None  # these four of episodes with noise only
-    misplace: FiniteFloat | None = None
-    miss: FiniteFloat | None = None
-    confidence: FiniteFloat | None = None
-
-
-def save(episode: Episode, path: str | os.PathLike[str]) -> None:
-    """Write an episode; see `Episode.save`."""
+def write(
+    path: str | os.PathLike[str],
+    problem: SwarmProblem,
+    told: dict[str, Any],
+    trace: Trace,
+    *,
+    start: NDArray[np.int64],
+    targets: NDArray[np.bool_] | None,
+) -> None:
+    """Write an episode; ``told`` are its fields that are no arrays. See `shoal.swarm.episode.SwarmEpisode.save`."""
     target = Path(path)
     if target.suffix != ".npz":
         raise InvalidInputError(f"{target}: expected the suffix .npz, got {target.suffix!r}")
-    from shoal.swarm.noise import NoisyEpisode
-
-    noisy = {}
-    if isinstance(episode, NoisyEpisode):
-        noisy = {**vars(episode.noise), "confidence": episode.confidence}
-    header = Header(
-        format=FORMAT,
-        version=episode.version,
-        map=episode.workspace.name,
-        shape=episode.workspace.shape,
-        rule=episode.rule,
-        task=episode.task,
-        policy=episode.policy,
-        placement=episode.placement,
-        seed=episode.seed,
-        trial=episode.trial,
-        status=episode.status,  # type: ignore[arg-type]  # checked by the schema
-        first_frontier=episode.first_frontier,
-        seconds=episode.seconds,
-        scan_every=episode.scanning.every,
-        scan_cost=episode.scanning.scan_cost,
-        move_cost=episode.scanning.move_cost,
-        spacing=episode.workspace.spacing,
-        **noisy,
-    )
+    workspace, fields = problem.place, problem.to_dict()
+    if not isinstance(fields["map"], str):  # it is in the file below
+        fields["map"] = {}
+    about = {"name": workspace.name, "shape": workspace.shape, "spacing": workspace.spacing}
+    header = json.dumps({"format": FORMAT, "problem": fields, "map": about} | told, allow_nan=False)
     arrays: dict[str, NDArray[Any]] = {
-        "header": np.frombuffer(header.model_dump_json(exclude_none=True).encode(), dtype=np.uint8),
-        "free": np.packbits(episode.workspace.free),
-        "start": episode.start.astype(np.int32),
-        "commands": episode.codes,
-        "done": episode.done,
-        "frontier": episode.frontier,
-        "travelled": episode.travelled,
-        "scanned": np.packbits(episode.scanned),
+        "header": np.frombuffer(header.encode(), dtype=np.uint8),
+        "free": np.packbits(workspace.free),
+        "start": start.astype(np.int32),
+        **{name: getattr(trace, name) for name in _COLUMNS},
+        "scanned": np.packbits(trace.scanned),
     }
-    if episode.targets is not None:
-        arrays["targets"] = np.packbits(episode.targets)
+    if targets is not None:
+        arrays["targets"] = np.packbits(targets)
     buffer = io.BytesIO()  # first in memory, which is quick, as Ctrl-C has to wait for it
     with interruption_held():
         np.savez_compressed(buffer, allow_pickle=False, **arrays)
@@ -103,8 +65,8 @@ def save(episode: Episode, path: str | os.PathLike[str]) -> None:
         temporary.write_bytes(buffer.getvalue())
 
 
-def load(path: str | os.PathLike[str]) -> Episode:
-    """Read an episode; see `Episode.load`."""
+def read(path: str | os.PathLike[str]) -> tuple[SwarmProblem, dict[str, Any], Trace, dict[str, Any]]:
+    """Return problem, fields, trace, and the arrays start and targets; see `shoal.swarm.episode.SwarmEpisode.load`."""
     source = Path(path)
     if not os.path.isfile(source):  # unlike Path.is_file it takes names of any length
         raise InvalidInputError(
@@ -113,14 +75,10 @@ def load(path: str | os.PathLike[str]) -> Episode:
     try:
         with source.open("rb") as file:
             arrays = _arrays(file)
-        return _assembled(Header.model_validate_json(arrays["header"].tobytes()), arrays)
+        return _assembled(arrays)
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "its header"
-        raise InvalidInputError(f"{source}: not an episode of format {FORMAT}: {where}: {first['msg']}") from None
-    except InvalidInputError as error:
+    except (InvalidInputError, UnknownNameError) as error:
         raise InvalidInputError(f"{source}: no episode file (.npz), or a damaged one: {error}") from None
 
 
@@ -129,73 +87,80 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
     if not zipfile.is_zipfile(file):
         raise InvalidInputError("expected a zip archive of arrays, got another format or one that is cut off")
     file.seek(0)
-    arrays: dict[str, NDArray[Any]] = {}
+    needed = ("header", "free", "start", *_COLUMNS, "scanned")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of odd array headers: what matters about them is checked
         try:
             with np.load(file, allow_pickle=False) as archive:
-                for name in ("header", "free", "start", "commands", *_COLUMNS, "targets", "scanned"):
-                    if name in archive.files:
-                        arrays[name] = np.asarray(archive[name])
+                arrays = {name: np.asarray(archive[name]) for name in (*needed, "targets") if name in archive.files}
         except Exception as error:  # zip, deflate and array headers have many ways to be damaged
             raise InvalidInputError(" ".join(str(error).split())[:200] or type(error).__name__) from None
-    missing = [name for name in ("header", "free", "start", "commands", *_COLUMNS) if name not in arrays]
+    missing = [name for name in needed if name not in arrays]
     if missing:
         raise InvalidInputError(f"expected the arrays {', '.join(missing)}, got none of that name")
     return arrays
 
 
-def _assembled(header: Header, arrays: dict[str, NDArray[Any]]) -> Episode:
-    size = int(np.prod(header.shape, dtype=object))
-    if len(header.shape) not in (2, 3) or not 0 < size <= MAX_CELLS or min(header.shape) < 1:
-        raise InvalidInputError(f"shape: expected 2 or 3 lengths of at most {MAX_CELLS} cells in all, got {header.shape}")
-    if header.rule not in RULES:
-        raise InvalidInputError(f"rule: expected {', '.join(RULES)}, got {header.rule!r}")
-    workspace = GridWorkspace(_mask(arrays["free"], header.shape, "free"), name=header.map, spacing=header.spacing)
-    codes = _column(arrays, "commands", np.int8)
-    commands = len(letters_of(workspace.ndim))
+def _header(raw: NDArray[Any]) -> dict[str, Any]:
+    try:
+        header = parse_json(raw.tobytes().decode("utf-8"), where="header")
+    except UnicodeDecodeError:
+        raise InvalidInputError("header: expected text in UTF-8, got other bytes") from None
+    if not isinstance(header, dict) or set(header) != _FIELDS or not isinstance(header["map"], dict):
+        raise InvalidInputError(f"header: expected the fields {', '.join(sorted(_FIELDS))}, got {shortened(header)}")
+    if header["format"] != FORMAT:
+        raise InvalidInputError(f"format: expected {FORMAT}, got {shortened(header['format'])}")
+    return header
+
+
+def _assembled(arrays: dict[str, NDArray[Any]]) -> tuple[SwarmProblem, dict[str, Any], Trace, dict[str, Any]]:
+    header = _header(arrays["header"])
+    workspace = _workspace(header["map"], arrays["free"])
+    fields = header["problem"]
+    if isinstance(fields, dict) and fields.get("map") == {}:
+        fields["map"] = workspace
+    problem = SwarmProblem.from_dict(fields).at_place(workspace)
+    trace = _trace(arrays, commands=len(letters_of(workspace.ndim)))
+    versions = header["versions"]
+    if not isinstance(versions, dict) or not all(isinstance(text, str) for text in versions.values()):
+        raise InvalidInputError(f"versions: expected texts by name, got {shortened(versions)}")
+    told = {
+        "policy": check_text(header["policy"], what="policy"),
+        "status": Status(check_choice(header["status"], what="status", choices=[str(one) for one in Status])),
+        "seconds": check_number(header["seconds"], what="seconds", least=0),
+        "versions": versions,
+        **{name: check_integer(header[name], what=name, least=0) for name in ("first_frontier", "seed", "trial")},
+    }
+    targets = _mask(arrays["targets"], workspace.shape, "targets") if "targets" in arrays else None
+    return problem, told, trace, {"start": check_start(workspace, arrays["start"], rule=problem.rule), "targets": targets}
+
+
+def _workspace(about: dict[str, Any], free: NDArray[Any]) -> GridWorkspace:
+    shape = about.get("shape")
+    if not isinstance(shape, list) or not all(isinstance(one, int) and one > 0 for one in shape):
+        raise InvalidInputError(f"shape: expected lengths above 0, got {shortened(shape)}")
+    size = int(np.prod(shape, dtype=object))
+    if len(shape) not in (2, 3) or size > MAX_CELLS:
+        raise InvalidInputError(f"shape: expected 2 or 3 lengths of at most {MAX_CELLS} cells in all, got {shape}")
+    spacing = about.get("spacing")
+    if spacing is not None:
+        if not isinstance(spacing, list):
+            raise InvalidInputError(f"spacing: expected sizes of a cell, got {shortened(spacing)}")
+        spacing = tuple(check_number(one, what="spacing", above=0) for one in spacing)
+    return GridWorkspace(_mask(free, tuple(shape), "free"), name=check_text(about.get("name"), what="map"), spacing=spacing)
+
+
+def _trace(arrays: dict[str, NDArray[Any]], *, commands: int) -> Trace:
+    for name, dtype in _COLUMNS.items():
+        column = arrays[name]
+        if column.ndim != 1 or column.dtype != dtype:
+            raise InvalidInputError(f"{name}: expected a column of {np.dtype(dtype)}, got {column.dtype} {column.shape}")
+        if len(column) != len(arrays["commands"]):
+            raise InvalidInputError(f"{name}: expected {len(arrays['commands'])} entries, one a command, got {len(column)}")
+    codes = arrays["commands"]
     if len(codes) and not 0 <= int(codes.min()) <= int(codes.max()) < commands:
         raise InvalidInputError(f"commands: expected codes 0 to {commands - 1}, got {codes.min()} to {codes.max()}")
-    columns = {name: _column(arrays, name, dtype) for name, dtype in _COLUMNS.items()}
-    for name, column in columns.items():
-        if len(column) != len(codes):
-            raise InvalidInputError(f"{name}: expected {len(codes)} entries, one a command, got {len(column)}")
-    make: Any = Episode
-    if header.slip is not None:
-        from shoal.swarm.noise import CONFIDENCE, Noise, NoisyEpisode
-
-        rates = Noise(header.slip, header.misplace or 0.0, header.miss or 0.0)
-        make = partial(NoisyEpisode, noise=rates, confidence=CONFIDENCE if header.confidence is None else header.confidence)
-    made: Episode = make(
-        workspace=workspace,
-        start=check_start(workspace, arrays["start"], rule=header.rule),
-        codes=codes,
-        rule=header.rule,
-        task=header.task,
-        policy=header.policy,
-        placement=header.placement,
-        targets=_mask(arrays["targets"], header.shape, "targets") if "targets" in arrays else None,
-        seed=header.seed,
-        trial=header.trial,
-        status=header.status,
-        first_frontier=header.first_frontier,
-        seconds=header.seconds,
-        version=header.version,
-        scanning=ScanRule.parse(header.scan_every, scan_cost=header.scan_cost, move_cost=header.move_cost),
-        scanned=_mask(arrays["scanned"], (len(codes),), "scanned") if "scanned" in arrays else None,
-        **columns,
-    )
-    return made
-
-
-_COLUMNS: dict[str, type[np.generic]] = {"done": np.int32, "frontier": np.int32, "travelled": np.int64}
-
-
-def _column(arrays: dict[str, NDArray[Any]], name: str, dtype: type[np.generic]) -> NDArray[Any]:
-    column = arrays[name]
-    if column.ndim != 1 or column.dtype != dtype:
-        raise InvalidInputError(f"{name}: expected a column of {np.dtype(dtype)}, got {column.dtype} {column.shape}")
-    return column
+    return Trace(**{name: arrays[name] for name in _COLUMNS}, scanned=_mask(arrays["scanned"], (len(codes),), "scanned"))
 
 
 def _mask(packed: NDArray[Any], shape: tuple[int, ...], name: str) -> NDArray[np.bool_]:

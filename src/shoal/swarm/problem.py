@@ -142,6 +142,16 @@ def _is_made_by(thing: Any, kind: Any) -> bool:
         return False
 
 
+def _is_builtin(task: str) -> bool:
+    from shoal.swarm.grid.tasks import TASKS
+
+    return task.partition(":")[0] in TASKS
+
+
+def _name_for_people(given: Any) -> str:
+    return given if isinstance(given, str) else str(getattr(given, "name", getattr(given, "__name__", "custom")))
+
+
 def _dump_task(given: Any) -> str:
     from shoal.swarm.grid.tasks import TASKS
 
@@ -332,6 +342,18 @@ class SwarmProblem(Problem):
 
         return Noise(self.slip, self.misplace, self.miss)
 
+    @property
+    def task_name(self) -> str:
+        """Name of the task, for people; nothing is imported for it."""
+        if self.subset is not None:
+            return "subset-coverage"
+        return self.task.partition(":")[0] if isinstance(self.task, str) and _is_builtin(self.task) else _name_for_people(self.task)
+
+    @property
+    def placement_name(self) -> str:
+        """Name of the placement, for people; "given" if start cells are."""
+        return "given" if self.start is not None else _name_for_people(self.placement)
+
     @cached_property
     def chosen_task(self) -> Task:
         """The task as an object.
@@ -423,9 +445,11 @@ class SwarmProblem(Problem):
         ------
         InvalidInputError, UnknownNameError
         """
-        from shoal.swarm.policies.compiled import Compiled, check_scanning
+        from shoal.swarm.policies import Compiled, Offline, check_scanning
 
-        policy = self.chosen_policy
+        policy, mapping = self.chosen_policy, getattr(self.chosen_task, "mapping", True)
+        if isinstance(policy, Offline) and mapping:
+            raise InvalidInputError("policy offline: expected a task whose map is known, such as coverage, got a mapping")
         if isinstance(policy, Compiled):
             policy.check(layout, self.rule)
         check_scanning(self.scanning, policy, self.rule)

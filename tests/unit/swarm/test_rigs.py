@@ -16,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.swarm_runs import run
 
-from shoal import GridWorkspace, InvalidInputError, OutputError, open_map, run
+from shoal import GridWorkspace, InvalidInputError, OutputError, open_map
 from shoal.cli import run as shoal
 from shoal.errors import RigError
 from shoal.swarm.rigs import (

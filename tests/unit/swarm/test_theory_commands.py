@@ -9,14 +9,14 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from tests.swarm_runs import run as play
 
 from shoal import open_map
 from shoal.cli import run
 from shoal.errors import InvalidInputError
-from shoal.swarm import Episode, GridWorkspace, GridWorld
-from shoal.swarm import run as play
+from shoal.swarm import GridWorkspace, GridWorld, SwarmEpisode
 from shoal.swarm.grid.scans import ScanRule, states_of_run
-from shoal.swarm.kernels import runs as kernels
+from shoal.swarm.kernels.episodes import scan_runs as kernels
 from shoal.swarm.theory.one_dimension import Line, boundary_moves, coverage_moves, sample
 from shoal.swarm.theory.scan_schedules import (
     Custom,
@@ -109,8 +109,8 @@ def test_map_counts_scans_and_cost(tmp_path, capsys):
         assert result["mean_cost"] == pytest.approx(sum(costs) / 2)
     assert every["scans"] == [moves + 1 for moves in every["moves"]]
     assert adaptive["mean_cost"] < every["mean_cost"] / 2
-    episode = Episode.load(tmp_path / "episodes" / "00000.npz")
-    assert (episode.scanning.every, episode.scans) == ("adaptive", adaptive["scans"][0])
+    episode = SwarmEpisode.load(tmp_path / "episodes" / "00000.npz")
+    assert (episode.problem.scanning.every, episode.scans) == ("adaptive", adaptive["scans"][0])
 
 
 @pytest.mark.parametrize(
@@ -234,8 +234,8 @@ def test_intervals_of_kernels_are_those_of_the_rules():
 def test_a_scan_that_is_missing_is_noticed(every):
     episode = play(open_map("cave:30x20"), particles=9, scan_every=every)
     assert episode.verify()
-    for move in np.flatnonzero(episode.scanned)[::7].tolist():
-        scanned = episode.scanned.copy()
+    for move in np.flatnonzero(episode.trace.scanned)[::7].tolist():
+        scanned = episode.trace.scanned.copy()
         scanned[move] = False
         same_way = move + 1 < episode.moves and episode.commands[move] == episode.commands[move + 1]
         verified = replace(episode, scanned=scanned).verify()
@@ -257,7 +257,7 @@ def test_long_runs_are_no_reason_to_give_up():
 def test_a_run_that_the_limit_cuts_is_looked_at(task, stepwise):
     episode = play(GridWorkspace([[1] * 9]), task=task, particles=1, scan_every=7, max_moves=17, stepwise=stepwise, seed=2)
     assert episode.moves <= 17
-    assert episode.scanned[-1]
+    assert episode.trace.scanned[-1]
     assert episode.verify()
     assert list(episode.frames())[-1][1] == episode.final()[1]
 
@@ -268,17 +268,17 @@ def test_runs_go_on_into_the_unknown_but_not_past_a_turn():
     assert not corridor.scanned[:3].any()
     assert corridor.scanned[3]
     cave = play(open_map("cave:30x20"), particles=9, scan_every=5)
-    pairs = zip(cave.commands, cave.commands[1:], cave.scanned.tolist(), strict=False)
+    pairs = zip(cave.commands, cave.commands[1:], cave.trace.scanned.tolist(), strict=False)
     assert all(scanned or command == following for command, following, scanned in pairs)
     assert len(cave.commands) > 2 * cave.scans
 
 
 def test_films_show_scans(tmp_path):
     episode = play(GridWorkspace(np.ones((6, 40), dtype=bool)), particles=3, scan_every="adaptive")
-    assert not episode.scanned.all()
+    assert not episode.trace.scanned.all()
     film(episode, tmp_path / "film.gif")
     film(episode, tmp_path / "film.mp4")
-    strip = scan_strip(episode.scanned, 0, 42)
+    strip = scan_strip(episode.trace.scanned, 0, 42)
     assert (strip[1, 20] == 255).all()  # before the start
     assert not (strip[1, 21] == 255).any()  # the scan at the start
-    assert [bool((strip[1, 22 + i] < 50).all()) for i in range(15)] == episode.scanned[:15].tolist()
+    assert [bool((strip[1, 22 + i] < 50).all()) for i in range(15)] == episode.trace.scanned[:15].tolist()

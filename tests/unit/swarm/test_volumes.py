@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from PIL import Image
 from scipy import ndimage
+from tests.swarm_runs import run
 
-from shoal import Episode, GridWorkspace, InvalidInputError, open_map, read_map, run, write_map
+from shoal import GridWorkspace, InvalidInputError, open_map, read_map, write_map
 from shoal.cli import run as shoal
-from shoal.swarm.kernels.paths import path_lengths
+from shoal.swarm import SwarmEpisode
+from shoal.swarm.kernels.search.breadth_first import path_lengths
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.generators.vessels3d import grow_tree, murray_radius
 from shoal.views import film
@@ -226,7 +228,7 @@ def test_films_figures_and_data(tmp_path):
     workspace = GridWorkspace(generate("vessels3d:120"), name="tree", spacing=(1.0, 0.5, 2.0))
     episode = run(workspace, particles=10)
     episode.save(tmp_path / "e.npz")
-    assert Episode.load(tmp_path / "e.npz").workspace.spacing == (1.0, 0.5, 2.0)
+    assert SwarmEpisode.load(tmp_path / "e.npz").workspace.spacing == (1.0, 0.5, 2.0)
     for suffix in (".gif", ".mp4", ".html"):
         film(episode, tmp_path / f"film{suffix}")
         assert (tmp_path / f"film{suffix}").stat().st_size > 1000

@@ -8,8 +8,9 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
+from tests.swarm_runs import run
 
-from shoal import GridWorkspace, InvalidInputError, open_map, run
+from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.cli import run as shoal
 from shoal.swarm.noise import Noise, NoisyRig, SeenEpisode, moments
 from shoal.swarm.rigs import DriveLog, drive, replay_log
@@ -125,7 +126,7 @@ def test_a_drive_is_drawn_as_it_was_seen(tmp_path):
     assert (data["seen"], data["truth"], data["goal"]) == (True, False, len(driven.belief.known))
     with pytest.raises(InvalidInputError, match="which its log keeps"):
         seen.save(tmp_path / "episode.npz")
-    seen.frontier[2] += 1
+    seen.trace.frontier[2] += 1
     assert "frontier differs at move 3" in seen.verify().message
 
 

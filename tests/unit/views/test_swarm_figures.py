@@ -11,8 +11,9 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image
+from tests.swarm_runs import run, run_trials
 
-from shoal import GridWorkspace, InvalidInputError, open_map, run, run_trials
+from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.swarm.maps.raster import PALETTE, in_strips
 from shoal.views import film
 from shoal.views.drawing.charts import save_figure
@@ -75,7 +76,7 @@ def test_figures(episode, tmp_path):
     axes = frontier_figure(many).axes[0]
     assert len(axes.lines) == 6  # each trial, and the median
     single = frontier_figure([episode]).axes[0].lines[0].get_ydata()
-    np.testing.assert_array_equal(single, [episode.first_frontier, *episode.frontier])
+    np.testing.assert_array_equal(single, [episode.first_frontier, *episode.trace.frontier])
     with pytest.raises(InvalidInputError, match="at least one"):
         frontier_figure([])
     with pytest.raises(InvalidInputError, match=f"0 to {episode.moves}"):

@@ -73,10 +73,12 @@ class SwarmProblem(Problem):
 
     def play(self, opened: Any, seed: int) -> Values:
         """Play an episode; ``shoal map`` with this seed plays the same one."""
-        from shoal.swarm import run
+        from shoal.swarm.problem import SwarmProblem as Declared
+        from shoal.swarm.run import run
 
-        episode = run(
+        problem = Declared(
             opened, task=self.task, policy=self.policy, particles=self.particles, placement=self.placement, rule=self.rule,
-            seed=seed, max_moves=self.max_moves, scan_every=self.scan_every, scan_cost=self.scan_cost, move_cost=self.move_cost,
+            max_moves=self.max_moves, scan_every=self.scan_every, scan_cost=self.scan_cost, move_cost=self.move_cost,
         )  # fmt: skip
-        return [episode.status, episode.moves, episode.scans, episode.cost, episode.distance]
+        metrics = run(problem, seed=seed).metrics
+        return [metrics[name] for name in self.measures]

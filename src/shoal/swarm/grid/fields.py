@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout, Words
 from shoal.swarm.grid.state import SwarmState
-from shoal.swarm.kernels import moves
+from shoal.swarm.kernels.dynamics import moves
 
 RULE_CODES = {"block": moves.BLOCK, "merge": moves.MERGE, "tilt": moves.TILT}
 

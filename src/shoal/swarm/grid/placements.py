@@ -89,15 +89,15 @@ def uniform(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int6
 @PLACEMENTS.register("flood-fill")
 def flood_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
     """Take the n cells nearest to a random free cell by path length, in breadth-first order."""
-    from shoal.swarm.kernels import flood
+    from shoal.swarm.kernels.search import breadth_first
 
     layout = GridLayout(workspace.shape)
     start = tuple(int(i) for i in workspace.cells[rng.integers(workspace.n_free)])
     free = layout.pack(layout.rim(workspace.free)).ravel()
     queue = np.zeros((n, 2), dtype=np.int32)
-    state = flood.Flood(free, np.zeros_like(free), queue, layout.layers, layout.rows, layout.words[1])
+    state = breadth_first.Flood(free, np.zeros_like(free), queue, layout.layers, layout.rows, layout.words[1])
     layer = start[0] + 1 if workspace.ndim == 3 else 0
-    size = flood.flood(state, layer * layout.rows + start[-2] + 1, start[-1] + 1)
+    size = breadth_first.flood(state, layer * layout.rows + start[-2] + 1, start[-1] + 1)
     if size < n:
         raise InvalidInputError(
             f"flood-fill: expected {n} connected free cells around {start} of {workspace.name}, got {size} (its connected part)"

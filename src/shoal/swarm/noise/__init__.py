@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from shoal.swarm.noise.belief import NoisyBelief
-from shoal.swarm.noise.episode import MapErrors, NoisyEpisode
+from shoal.swarm.noise.map_errors import MapErrors
 from shoal.swarm.noise.model import CONFIDENCE, Noise
 from shoal.swarm.noise.moments import Moment
-from shoal.swarm.noise.plant import NoisyRig
-from shoal.swarm.noise.seen import SeenEpisode
+from shoal.swarm.noise.simulated import NoisyRig
 
-__all__ = ["CONFIDENCE", "MapErrors", "Moment", "Noise", "NoisyBelief", "NoisyEpisode", "NoisyRig", "SeenEpisode"]
+__all__ = ["CONFIDENCE", "MapErrors", "Moment", "Noise", "NoisyBelief", "NoisyRig"]

@@ -9,10 +9,13 @@ from numpy.typing import NDArray
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.commands import encode, letters_of
-from shoal.swarm.kernels import moves, noisy_play
-from shoal.swarm.kernels import noise as kernels
-from shoal.swarm.kernels.search import Search
+from shoal.swarm.grid.trace import Trace
+from shoal.swarm.kernels.dynamics import moves
+from shoal.swarm.kernels.noise import noisy_episode
+from shoal.swarm.kernels.noise import noisy_state as kernels
+from shoal.swarm.kernels.search.frontier_search import Search
 from shoal.swarm.noise.model import CONFIDENCE, PRIOR, Noise, bound_of
+from shoal.swarm.policies.paths import path_to_frontier
 
 PAD = 3  # the rim, and two more cells that are never free
 NEVER = -700.0  # log-odds
@@ -106,7 +109,7 @@ class NoisyBelief:
         self._field = field_of(self.layout)
         self._show(seen)
         kernels.first_belief(self.haze)
-        noisy_play.refresh(self.haze, self._field, self.guard)
+        noisy_episode.refresh(self.haze, self._field, self.guard)
 
     def update(self, command: str, seen: Board) -> int:
         """Take in what was seen after one command; return how many cells are settled for the first time."""
@@ -116,7 +119,7 @@ class NoisyBelief:
     def learn(self, code: np.int8) -> int:
         """Take in what the arrays show as seen after a command; return how many cells are settled for the first time."""
         kernels.learn_hazy(self.haze, code)
-        return int(noisy_play.refresh(self.haze, self._field, self.guard))
+        return int(noisy_episode.refresh(self.haze, self._field, self.guard))
 
     def spread(self, command: str) -> None:
         """Take in a command that no scan follows: particles may have gone on, and no cell is known any better."""
@@ -125,16 +128,16 @@ class NoisyBelief:
     def foretell(self, code: np.int8) -> None:
         """Do what `spread` does, for the code of a command."""
         kernels.spread_hazy(self.haze, code)
-        noisy_play.refresh(self.haze, self._field, self.guard)
+        noisy_episode.refresh(self.haze, self._field, self.guard)
 
-    def play(self, search: Search, rng: Generator, log: noisy_play.Log, *, every: int, limit: int) -> tuple[int, int]:
-        """Play closest-frontier until the log is full; return (moves, status code); see `noisy_play.play_hazy`."""
-        played, status = noisy_play.play_hazy(self.haze, self._field, search, self.guard, rng, log, every, limit)
+    def play(self, search: Search, rng: Generator, trace: Trace, *, every: int, limit: int) -> tuple[int, int]:
+        """Play closest-frontier until the trace is full; return (moves, status code); see `noisy_episode.play_hazy`."""
+        played, status = noisy_episode.play_hazy(self.haze, self._field, search, self.guard, rng, trace, every, limit)
         return int(played), int(status)
 
-    def follow(self, rng: Generator, log: noisy_play.Log) -> None:
-        """Play the commands of the log and fill in its other columns."""
-        noisy_play.follow_hazy(self.haze, self._field, self.guard, rng, log)
+    def follow(self, rng: Generator, trace: Trace) -> None:
+        """Play the commands of the trace and fill in its other columns."""
+        noisy_episode.follow_hazy(self.haze, self._field, self.guard, rng, trace)
 
     def _show(self, seen: Board) -> None:
         inner_of(self.haze.seen, self.layout.shape, rim=1)[...] = seen.mask
@@ -152,20 +155,18 @@ class NoisyBelief:
     @property
     def remaining(self) -> int:
         """Number of frontier cells."""
-        return int(self.guard.memory[noisy_play.REMAINING])
+        return int(self.guard.memory[noisy_episode.REMAINING])
 
     @property
     def finished(self) -> bool:
         """Whether no frontier cell is left that a particle could get to, and none was given up."""
-        from shoal.swarm.engine import path_to_frontier
-
         belief, occupied = self.belief, self.occupied
         return self.undecided == 0 and bool(belief.open) and bool(occupied) and not path_to_frontier(belief, occupied)
 
     @property
     def undecided(self) -> int:
         """Number of cells given up."""
-        return int(self.guard.memory[noisy_play.UNDECIDED])
+        return int(self.guard.memory[noisy_episode.UNDECIDED])
 
     @property
     def occupied(self) -> Board:
@@ -181,11 +182,11 @@ class NoisyBelief:
         )
 
 
-def guard_of(layout: GridLayout) -> noisy_play.Guard:
+def guard_of(layout: GridLayout) -> noisy_episode.Guard:
     """Return the guard of an episode that begins."""
     size = layout.words[0] * layout.words[1]
     memory = np.array([-1, 0, 0, 0, 0, 0], dtype=np.int64)
-    return noisy_play.Guard(np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory)
+    return noisy_episode.Guard(np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory)
 
 
 def field_of(layout: GridLayout) -> moves.Field:

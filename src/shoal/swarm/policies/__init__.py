@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from shoal.registry import Registry, configured
-from shoal.swarm.policies.beam_rollout import BeamRollout
 from shoal.swarm.policies.closest_frontier import ClosestFrontier
-from shoal.swarm.policies.compiled import Compiled
+from shoal.swarm.policies.compiled_policy import Compiled, check_scanning
 from shoal.swarm.policies.depth_first import DepthFirst
 from shoal.swarm.policies.elect_particle import ElectParticle
-from shoal.swarm.policies.greedy_classify import GreedyClassify
 from shoal.swarm.policies.manual import Manual
-from shoal.swarm.policies.offline import Offline
-from shoal.swarm.policies.planner import Budgeted, PlannerPolicy
+from shoal.swarm.policies.planners.beam_rollout import BeamRollout
+from shoal.swarm.policies.planners.greedy_classify import GreedyClassify
+from shoal.swarm.policies.planners.offline import Offline
+from shoal.swarm.policies.planners.rollout import Rollout
+from shoal.swarm.policies.planners.tuning import Budgeted, PlannerPolicy
 from shoal.swarm.policies.protocol import Decision, Policy, View
 from shoal.swarm.policies.random_moves import RandomMoves
-from shoal.swarm.policies.rollout import Rollout
 from shoal.swarm.policies.sweep import Sweep
 
 POLICIES: Registry[type[Policy]] = Registry("policy")
@@ -58,5 +58,6 @@ __all__ = [
     "Rollout",
     "Sweep",
     "View",
+    "check_scanning",
     "make_policy",
 ]

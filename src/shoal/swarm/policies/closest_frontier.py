@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 
 from numpy.random import Generator
 
-from shoal.swarm.policies.compiled import Searching
+from shoal.swarm.policies.compiled_policy import Searching
+from shoal.swarm.policies.paths import path_to_frontier
 from shoal.swarm.policies.protocol import Decision, View
 
 
@@ -25,8 +26,6 @@ class ClosestFrontier(Searching):
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return the path to the nearest frontier cell."""
-        from shoal.swarm.engine import path_to_frontier
-
         path = path_to_frontier(
             view.belief,
             view.occupied,

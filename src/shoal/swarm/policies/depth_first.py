@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 from numpy.random import Generator
 
 from shoal.swarm.grid.commands import letters_of
-from shoal.swarm.policies.compiled import Compiled
-from shoal.swarm.policies.driven import OPPOSITE, step_from
+from shoal.swarm.policies.compiled_policy import Compiled
+from shoal.swarm.policies.paths import OPPOSITE, step_from
 from shoal.swarm.policies.protocol import Decision, View
 
 

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 from numpy.random import Generator
 
 from shoal.swarm.grid.board import Board
-from shoal.swarm.policies.compiled import Searching
-from shoal.swarm.policies.driven import step_from
+from shoal.swarm.policies.compiled_policy import Searching
+from shoal.swarm.policies.paths import route_to_frontier, step_from
 from shoal.swarm.policies.protocol import Decision, View
 
 
@@ -58,8 +58,6 @@ class ElectParticle(Searching):
 
     def _plan(self, view: View, cell: tuple[int, ...]) -> tuple[str, tuple[int, ...]]:
         """Return a path and the cell it starts from: the elected one, or the nearest if that has nothing left to reach."""
-        from shoal.swarm.engine import route_to_frontier
-
         plan, start = "", cell
         for sources in (Board.of_cells(view.occupied.layout, [cell]), view.occupied):
             plan, start = route_to_frontier(

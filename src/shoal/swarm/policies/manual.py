@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.commands import encode
-from shoal.swarm.policies.compiled import Compiled
+from shoal.swarm.policies.compiled_policy import Compiled
 from shoal.swarm.policies.protocol import Decision, View
 
 

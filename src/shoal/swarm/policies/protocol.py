@@ -32,8 +32,8 @@ class View:
         Commands sent so far.
     travelled : int
         Cells travelled by all particles at the last command.
-    done : int
-        Frontier cells that the last command settled.
+    classified : int
+        Frontier cells that the last command classified.
     """
 
     belief: Belief
@@ -42,7 +42,7 @@ class View:
     mapping: bool = True
     moves: int = 0
     travelled: int = 0
-    done: int = 0
+    classified: int = 0
 
 
 @runtime_checkable

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from numpy.random import Generator
 
 from shoal.swarm.grid.commands import letters_of
-from shoal.swarm.policies.compiled import Compiled
+from shoal.swarm.policies.compiled_policy import Compiled
 from shoal.swarm.policies.protocol import Decision, View
 
 

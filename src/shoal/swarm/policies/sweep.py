@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from numpy.random import Generator
 
-from shoal.swarm.policies.compiled import Compiled
+from shoal.swarm.policies.compiled_policy import Compiled
 from shoal.swarm.policies.protocol import Decision, View
 
 
@@ -43,7 +43,7 @@ class Sweep(Compiled):
 
     @staticmethod
     def _noticed(now: _Phase, view: View) -> _Phase:
-        gain = now.gain + view.done
+        gain = now.gain + view.classified
         if now.phase == 0 or now.second:
             return _Phase(now.phase + (view.travelled == 0), False, gain)
         return _Phase(now.phase, True, gain)

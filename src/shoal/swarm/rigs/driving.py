@@ -11,28 +11,30 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.checks import check_integer
+from shoal.episode import Status, Verification
 from shoal.errors import InvalidInputError
 from shoal.files import interruption_held
-from shoal.swarm.episode import STATUSES, Episode, Verification
+from shoal.swarm.episode import REASONS, SwarmEpisode
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.grid.commands import decode, encode
-from shoal.swarm.grid.scans import MOVE_COST, SCAN_COST, ScanRule
+from shoal.swarm.grid.commands import decode
+from shoal.swarm.grid.randomness import trial_rng
+from shoal.swarm.grid.scans import MOVE_COST, SCAN_COST
 from shoal.swarm.grid.state import SwarmState, check_cells
-from shoal.swarm.grid.tasks import Mapping
+from shoal.swarm.grid.trace import Row, Trace
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise.asking import AskedRuns
 from shoal.swarm.noise.model import CONFIDENCE, Noise
-from shoal.swarm.noise.running import check_noisy
-from shoal.swarm.policies import Compiled, Policy, View, make_policy
-from shoal.swarm.policies.compiled import check_scanning
-from shoal.swarm.rigs.course import Course
+from shoal.swarm.policies import POLICIES, Policy, View
+from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.rigs.log import DriveLog, RecordedRig, digest, read_log
 from shoal.swarm.rigs.protocol import Rig
 from shoal.swarm.rigs.remote import LinkCounts
 from shoal.swarm.rigs.tracking import ExactTracker, NoisyTracker
-from shoal.swarm.running import MAX_MOVES, check_numbers, trial_rng
-from shoal.swarm.stepwise import OnMoves, Runs, runs_of
+from shoal.swarm.simulation.deciders import Decider, ReplannedRuns, make_decider
+from shoal.swarm.simulation.loop import OnMoves, closed_loop
+
+MAX_MOVES = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +54,9 @@ class Drive:
         The map at the end.
     cells : ndarray of int64, shape (n, ndim)
         Where the particles are believed to be at the end.
-    episode : Episode or None
-        The run as an episode, in a workspace of the free cells that were found: to film, draw and verify. With noise a
-        `shoal.swarm.noise.SeenEpisode`; None if no free cell was found.
+    episode : SwarmEpisode or None
+        The run as an episode, in a workspace of the free cells that were found: to film, draw and verify. With noise it
+        holds what the scans showed; None if no free cell was found.
     link : LinkCounts or None
         What happened on the line of a remote rig.
     seconds : float
@@ -66,7 +68,7 @@ class Drive:
     scanned: NDArray[np.bool_]
     belief: Belief
     cells: NDArray[np.int64]
-    episode: Episode | None
+    episode: SwarmEpisode | None
     link: LinkCounts | None
     seconds: float
 
@@ -100,7 +102,7 @@ class Drive:
     def sentence(self) -> str:
         """The status for people."""
         rest = "" if self else f"; {len(self.belief.frontier)} frontier cells left"
-        return f"{self.status} after {self.moves} moves: {STATUSES[self.status]}{rest}"
+        return f"{self.status} after {self.moves} moves: {REASONS[Status(self.status)]}{rest}"
 
 
 class Tracker(Protocol):
@@ -113,11 +115,11 @@ class Tracker(Protocol):
     def finished(self) -> bool:
         """Whether nothing is left that could be done."""
 
-    def blind(self, command: str, steps: int, moves: int) -> list[tuple[int, int, int]] | None:
+    def blind(self, command: str, steps: int, moves: int) -> list[Row] | None:
         """Take in ``steps`` equal commands without a scan, as `update`; return None, changing nothing, if a scan is needed."""
 
-    def update(self, command: str, steps: int, cells: NDArray[np.int64], moves: int) -> list[tuple[int, int, int]]:
-        """Take in a scan after ``steps`` equal commands; return (done, frontier, travelled) of each."""
+    def update(self, command: str, steps: int, cells: NDArray[np.int64], moves: int) -> list[Row]:
+        """Take in a scan after ``steps`` equal commands; return (classified, frontier, travelled) of each."""
 
 
 def drive(
@@ -175,37 +177,24 @@ def drive(
     >>> result.status, result.commands, result.episode.verify().ok
     ('complete', 'lururururdldldld', True)
     """
-    chosen, scanning = make_policy(policy), ScanRule.parse(scan_every, scan_cost=scan_cost, move_cost=move_cost)
-    check_numbers(seed=seed, max_moves=max_moves)
+    seed, max_moves = check_integer(seed, what="seed", least=0), check_integer(max_moves, what="max-moves", least=0)
     if not isinstance(rig, Rig):
         raise InvalidInputError(f"rig: expected an object with name, shape, rule, send, observe and stop, got {rig!r}")
-    if isinstance(chosen, Compiled):
-        chosen.check(GridLayout(rig.shape), rig.rule)
-    check_scanning(scanning, chosen, rig.rule)
-    if noise is not None:
-        check_noisy(noise, confidence, rule=rig.rule, task=Mapping(), scanning=scanning)
+    if noise is not None and not isinstance(noise, Noise):
+        raise InvalidInputError(f"noise: expected a Noise, got {noise!r}")
+    asked = SwarmProblem(
+        np.ones(rig.shape, dtype=np.bool_), policy=policy, rule=rig.rule, max_moves=max_moves, scan_every=scan_every,
+        scan_cost=scan_cost, move_cost=move_cost, **({} if not noise else vars(noise) | {"confidence": confidence}),
+    )  # fmt: skip
+    asked.check_policy(GridLayout(rig.shape))
+    chosen, rng = asked.chosen_policy, trial_rng(seed)
 
-    asked = None if noise is None else AskedRuns(chosen, trial_rng(seed), scanning.step)
+    def decider(belief: Belief) -> Decider:
+        if noise is not None:
+            return ReplannedRuns(chosen, rng, every=asked.scanning.step, max_moves=max_moves)
+        return make_decider(asked.scanning, chosen, rule=rig.rule, mapping=True, belief=belief, rng=rng)
 
-    def runs(belief: Belief) -> Runs:
-        return asked or runs_of(scanning, chosen, Mapping(), rig.rule, belief, trial_rng(seed), None)
-
-    def may_skip(move: int) -> bool:
-        return scanning.kind == "adaptive" if asked is None else not asked.due and move < max_moves
-
-    return _driven(
-        rig,
-        runs,
-        may_skip,
-        max_moves,
-        log,
-        on_moves,
-        policy=chosen.name,
-        seed=seed,
-        scanning=scanning,
-        noise=noise,
-        confidence=confidence,
-    )
+    return _driven(rig, decider, asked, log, on_moves, policy=chosen.name, seed=seed, noise=noise)
 
 
 def redrive(rig: RecordedRig) -> Drive:
@@ -217,56 +206,57 @@ def redrive(rig: RecordedRig) -> Drive:
         If they do not fit together.
     """
     header = rig.header
-    about: dict[str, Any] = {"policy": header["policy"], "seed": header["seed"]}
-    about |= {"scanning": ScanRule.parse(header["scan_every"])}
-    if header["noise"] is not None:
-        about |= {"noise": Noise(**header["noise"]), "confidence": header["confidence"]}
-    known = lambda move: move not in rig.scans  # noqa: E731  # as short as what it says
-    return _driven(rig, lambda _belief: _RecordedRuns(rig), known, len(rig.commands), None, None, **about)
+    noise = None if header["noise"] is None else Noise(**header["noise"])
+    name: str = header["policy"]
+    known = name.partition(":")[0] in POLICIES or ":" in name  # of a third party's only the name is in the log
+    asked = SwarmProblem(
+        np.ones(rig.shape, dtype=np.bool_), policy=name if known else "auto", rule=rig.rule, max_moves=len(rig.commands),
+        scan_every=header["scan_every"], **({} if not noise else vars(noise) | {"confidence": header["confidence"]}),
+    )  # fmt: skip
+    return _driven(rig, lambda _belief: _RecordedRuns(rig), asked, None, None, policy=name, seed=header["seed"], noise=noise)
 
 
 def _driven(
     rig: Rig,
-    make_runs: Callable[[Belief], Runs],
-    may_skip: Callable[[int], bool],
-    max_moves: int,
+    make_decider: Callable[[Belief], Decider],
+    asked: SwarmProblem,
     log: DriveLog | None,
     on_moves: OnMoves | None,
     *,
     policy: str,
     seed: int,
-    scanning: ScanRule,
-    noise: Noise | None = None,
-    confidence: float = CONFIDENCE,
+    noise: Noise | None,
 ) -> Drive:
-    began = time.perf_counter()
-    status, course = "interrupted", Course()
+    began, status, trace = time.perf_counter(), Status.INTERRUPTED, Trace.empty(0)
     try:
         first = check_cells(rig.observe(), rig.shape, what="positions")
         tracker: ExactTracker | NoisyTracker
-        tracker = ExactTracker(rig.shape, rig.rule, first) if noise is None else NoisyTracker(rig.shape, first, noise, confidence)
+        if noise is None:
+            tracker = ExactTracker(rig.shape, rig.rule, first)
+        else:
+            tracker = NoisyTracker(rig.shape, first, noise, asked.confidence)
         if log is not None:
-            said = {} if noise is None else {"noise": dict(vars(noise)), "confidence": confidence}
-            log.begin(rig, policy=policy, seed=seed, scan_every=scanning.every, **said)
+            said = {} if noise is None else {"noise": dict(vars(noise)), "confidence": asked.confidence}
+            log.begin(rig, policy=policy, seed=seed, scan_every=asked.scanning.every, **said)
             log.scan(0, first)
-        status = _loop(rig, make_runs(tracker.belief), may_skip, tracker, course, max_moves, log, on_moves)
+        swarm = RigSwarm(rig, tracker, log)
+        trace, status = closed_loop(swarm, make_decider(tracker.belief), max_moves=asked.max_moves, on_moves=on_moves)
     finally:
         try:
             with interruption_held():
                 rig.stop()
         finally:  # even if the rig did not confirm the stop
-            if log is not None and status == "interrupted":
-                log.end(status)
+            if log is not None and status is Status.INTERRUPTED:
+                log.end(str(status))
             elif log is not None:
-                log.end(status, moves=len(course.codes), belief=tracker.belief)
+                log.end(str(status), moves=trace.moves, belief=tracker.belief)
     seconds = time.perf_counter() - began
-    about: dict[str, Any] = {"policy": policy, "seed": seed, "scanning": scanning, "noise": noise, "confidence": confidence}
-    episode = course.episode(rig, tracker, status=status, seconds=seconds, **about)
+    episode = _episode(rig, tracker, asked, trace, status=status, policy=policy, seed=seed, seconds=seconds)
     return Drive(
         policy,
-        status,
-        decode(np.array(course.codes, dtype=np.int8)),
-        np.array(course.scanned, dtype=np.bool_),
+        str(status),
+        decode(trace.commands),
+        trace.scanned,
         tracker.belief,
         tracker.state.cells,
         episode,
@@ -275,14 +265,93 @@ def _driven(
     )
 
 
+def _episode(
+    rig: Rig, tracker: ExactTracker | NoisyTracker, asked: SwarmProblem, trace: Trace, *, status: Status, policy: str, seed: int,
+    seconds: float,
+) -> SwarmEpisode | None:  # fmt: skip
+    """Return the run as an episode in the map that was found; None if no free cell was.
+
+    Without noise every particle moves there as it did. With noise it is what was seen.
+    """
+    free = tracker.belief.open.inner
+    if not free.any():
+        return None
+    start = tuple(map(tuple, tracker.start.tolist())) or None
+    return SwarmEpisode(
+        problem=asked.replaced(map=GridWorkspace(free, name=rig.name), start=start),
+        start=tracker.start,
+        trace=trace,
+        status=status,
+        policy=policy,
+        first_frontier=tracker.first_frontier,
+        seed=seed,
+        seconds=seconds,
+        observations=tuple(tracker.sights) if isinstance(tracker, NoisyTracker) else None,
+    )
+
+
+class RigSwarm:
+    """The particles of a rig, as the closed loop controls them; see `shoal.swarm.simulation.loop.Controlled`.
+
+    Parameters
+    ----------
+    rig : Rig
+    tracker : Tracker
+    log : DriveLog, optional
+    """
+
+    def __init__(self, rig: Rig, tracker: Tracker, log: DriveLog | None) -> None:
+        self._rig, self._tracker, self._log, self._moves = rig, tracker, log, 0
+
+    @property
+    def rule(self) -> str:
+        """The move rule."""
+        return self._rig.rule
+
+    @property
+    def belief(self) -> Belief:
+        """What is known of the map."""
+        return self._tracker.belief
+
+    @property
+    def state(self) -> SwarmState:
+        """Where the particles are, or are believed to be."""
+        return self._tracker.state
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing is left that could be done."""
+        return self._tracker.finished
+
+    def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
+        """Send a run of commands, and observe unless that can tell nothing new."""
+        for step in range(1, steps + 1):
+            if self._log is not None:
+                self._log.command(self._moves + step, command)
+            self._rig.send(command)
+        self._moves += steps
+        rows = None if scan else self._tracker.blind(command, steps, self._moves)
+        if rows is not None:
+            return rows, False
+        cells = check_cells(self._rig.observe(), self._rig.shape, what="positions")
+        if self._log is not None:
+            self._log.scan(self._moves, cells)
+        return self._tracker.update(command, steps, cells, self._moves), True
+
+
 class _RecordedRuns:
     """The runs of a log: equal commands up to the next scan."""
 
     def __init__(self, rig: RecordedRig) -> None:
         self._rig, self._at = rig, 0
 
+    @property
+    def due(self) -> bool:
+        """Whether there was a scan after the last run."""
+        return self._at in self._rig.scans
+
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return the next run; see `Runs`."""
+        """Return the next run; see `Decider`."""
         commands, first = self._rig.commands, self._at
         if first == len(commands):
             return None
@@ -294,46 +363,6 @@ class _RecordedRuns:
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
         """Do not ask: scans are where they were."""
         return True
-
-
-def _loop(
-    rig: Rig,
-    runs: Runs,
-    may_skip: Callable[[int], bool],
-    tracker: Tracker,
-    course: Course,
-    max_moves: int,
-    log: DriveLog | None,
-    on_moves: OnMoves | None,
-) -> str:
-    """Play until nothing is left to do; return the status."""
-    while True:
-        if tracker.belief.complete and tracker.finished:
-            return "complete"
-        if len(course.codes) >= max_moves:
-            return "limit"
-        view = View(tracker.belief, tracker.state.occupied, rig.rule, True, len(course.codes), *course.last)
-        run = runs.next(view, tracker.state, course.idle)
-        if run is None:
-            return "complete" if tracker.finished else "stalled"
-        command, planned = run
-        steps, known = min(planned, max_moves - len(course.codes)), len(tracker.belief.known)
-        for step in range(steps):
-            if log is not None:
-                log.command(len(course.codes) + step + 1, command)
-            rig.send(command)
-        moves = len(course.codes) + steps
-        rows = tracker.blind(command, steps, moves) if may_skip(moves) else None
-        scanned = rows is None
-        if rows is None:
-            cells = check_cells(rig.observe(), rig.shape, what="positions")
-            if log is not None:
-                log.scan(moves, cells)
-            rows = tracker.update(command, steps, cells, moves)
-        course.add(int(encode(command, ndim=len(rig.shape))[0]), rows, scanned=scanned)
-        runs.scan_after(tracker.belief, tracker.state, len(tracker.belief.known) - known)  # told, so that it learns
-        if on_moves is not None:
-            on_moves(moves, len(tracker.belief.frontier))
 
 
 def replay_log(path: str | os.PathLike[str]) -> tuple[Drive, Verification]:

@@ -15,7 +15,7 @@ from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.noise.belief import NoisyBelief
 from shoal.swarm.noise.model import Noise
-from shoal.swarm.stepwise import distance_of_push, settled
+from shoal.swarm.simulation.exact import distance_of_push, newly_classified
 
 NOISY = "if it slips or is seen wrongly, say how often (slip, misplace, miss)"
 
@@ -84,7 +84,9 @@ class ExactTracker:
         for state in states:
             updated = Mapping().update(self.belief, command, self.state.occupied, state.occupied)
             self._check(updated, code, state, moves)
-            rows.append((settled(self.belief, updated), len(updated.frontier), distance_of_push(self.state, state, command)))
+            rows.append(
+                (newly_classified(self.belief, updated), len(updated.frontier), distance_of_push(self.state, state, command))
+            )
             self.state, self.belief = state, updated
         if self.rule == "tilt":  # one command
             return [(sum(row[0] for row in rows), rows[-1][1], sum(row[2] for row in rows))]

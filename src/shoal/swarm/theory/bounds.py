@@ -105,7 +105,7 @@ def lower_bound(
     -----
     Proofs: docs/concepts/planners.md.
     """
-    from shoal.swarm.kernels.reach import FAR, fewest_both_ways, fewest_paid
+    from shoal.swarm.kernels.theory.command_costs import FAR, fewest_both_ways, fewest_paid
 
     cells = check_case(workspace, start, task, targets, rule)
     free, offsets = flat_cells(workspace)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm import Belief, Episode, SwarmState
+from shoal.swarm import Belief, SwarmEpisode, SwarmState
 from shoal.swarm.maps.raster import PALETTE
-from shoal.swarm.noise import NoisyEpisode, SeenEpisode, moments
+from shoal.swarm.noise import moments
 
 WRONG_FREE, WRONG_OBSTACLE = "#d63aa8", "#86126a"
 """Settled wrongly: an obstacle as free, a free cell as obstacle. Told apart from particles with every common colour blindness."""
@@ -62,9 +62,9 @@ PLAIN = CellPalette(
 NOISY = _noisy()
 
 
-def palette_of_cells(episode: Episode) -> CellPalette:
+def palette_of_cells(episode: SwarmEpisode) -> CellPalette:
     """Return the colours for an episode."""
-    return NOISY if isinstance(episode, NoisyEpisode | SeenEpisode) else PLAIN
+    return NOISY if episode.noisy else PLAIN
 
 
 def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
@@ -74,9 +74,9 @@ def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
     return codes
 
 
-def codes_by_move(episode: Episode) -> Iterator[NDArray[np.uint8]]:
+def codes_by_move(episode: SwarmEpisode) -> Iterator[NDArray[np.uint8]]:
     """Yield what each cell looks like at the start and after each move, codes of its palette; uint8, with the rim."""
-    if isinstance(episode, NoisyEpisode | SeenEpisode):
+    if episode.noisy:
         for moment in episode.moments():
             yield np.where(moment.particles, np.uint8(NOISY.particle), moment.looks)
     else:
@@ -84,7 +84,7 @@ def codes_by_move(episode: Episode) -> Iterator[NDArray[np.uint8]]:
             yield codes_of(state, belief)
 
 
-def codes_after(episode: Episode, moves: int) -> NDArray[np.uint8]:
+def codes_after(episode: SwarmEpisode, moves: int) -> NDArray[np.uint8]:
     """Return what each cell looks like after so many moves; uint8, with the rim."""
     if moves == episode.moves and palette_of_cells(episode) is PLAIN:
         return codes_of(*episode.final())  # the whole replay in compiled code

@@ -9,9 +9,8 @@ import numpy as np
 
 from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
-from shoal.swarm import Episode
+from shoal.swarm import SwarmEpisode
 from shoal.swarm.maps.raster import PALETTE, in_strips
-from shoal.swarm.noise import SeenEpisode
 from shoal.views.drawing.charts import MUTED, new_figure, plain_axes, set_title
 from shoal.views.drawing.curves import median_of
 from shoal.views.swarm.cell_colours import NOISY, WRONG_FREE, codes_after, palette_of_cells
@@ -26,14 +25,14 @@ CORNER = 0.6  # radians from which a 3-D map is seen
 _LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obstacle": "obstacle", "unknown": "unknown"}
 
 
-def map_figure(episode: Episode, *, moves: int | None = None) -> Figure:
+def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     """Return the figure of a map: particles, frontier, free cells, obstacles, unknown cells.
 
     Very wide maps are cut into strips, read like lines of text; a 3-D map is seen from a corner, with slices on the right.
 
     Parameters
     ----------
-    episode : Episode
+    episode : SwarmEpisode
     moves : int, optional
         After how many moves; at the end if None.
 
@@ -55,10 +54,10 @@ def map_figure(episode: Episode, *, moves: int | None = None) -> Figure:
     axes = figure.add_subplot()
     axes.imshow(sheet, interpolation="nearest" if max(height, width) < 900 else "antialiased")
     axes.set_axis_off()
-    scans = 1 + int(np.count_nonzero(episode.scanned[:moves]))
-    looked = "" if episode.scanned.all() else f" and {scans} scans"
+    scans = 1 + int(np.count_nonzero(episode.trace.scanned[:moves]))
+    looked = "" if episode.trace.scanned.all() else f" and {scans} scans"
     set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}")
-    _legend(axes, coverage=episode.targets is not None, noisy=palette is NOISY, seen=isinstance(episode, SeenEpisode))
+    _legend(axes, coverage=episode.targets is not None, noisy=palette is NOISY, seen=episode.observations is not None)
     return figure
 
 
@@ -81,7 +80,7 @@ def _legend(axes: Axes, *, coverage: bool, noisy: bool, seen: bool) -> None:
     )  # fmt: skip
 
 
-def frontier_figure(episodes: Episode | Sequence[Episode]) -> Figure:
+def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
     """Return the figure of frontier cells by move, as paper M, Fig. 8: a line an episode, and the median of many.
 
     Raises
@@ -94,7 +93,7 @@ def frontier_figure(episodes: Episode | Sequence[Episode]) -> Figure:
         raise InvalidInputError("frontier figure: expected at least one episode, got none")
     figure = new_figure(6.4, 3.6)
     axes = figure.add_subplot()
-    curves = [np.concatenate([[e.first_frontier], e.frontier]) for e in episodes]
+    curves = [np.concatenate([[e.first_frontier], e.trace.frontier]) for e in episodes]
     many = len(curves) > 1
     for curve in curves[:200]:
         axes.plot(curve, color=PALETTE["frontier"], lw=0.7 if many else 1.8, alpha=0.35 if many else 1.0)
@@ -104,7 +103,7 @@ def frontier_figure(episodes: Episode | Sequence[Episode]) -> Figure:
     first = episodes[0]
     cells = "frontier cells" if first.targets is None else "cells not covered yet"
     axes.set(xlabel="moves", ylabel=cells, xlim=(0, None), ylim=(0, None))
-    set_title(axes, f"{first.workspace.name}: {first.task} by {first.policy}, {first.n_particles} particles")
+    set_title(axes, f"{first.workspace.name}: {first.task} by {first.policy}, {first.particles} particles")
     plain_axes(axes)
     return figure
 

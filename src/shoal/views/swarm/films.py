@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm import Episode
+from shoal.swarm import SwarmEpisode
 from shoal.swarm.maps.raster import PALETTE, in_strips
 from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.swarm.cell_colours import codes_by_move, palette_of_cells
@@ -20,7 +20,7 @@ VOLUME_SIDE = {".gif": 440, ".mp4": 670}  # pixels of the view that turns
 VOLUME_FRAMES = 400  # of a film of one
 
 
-def clip(episode: Episode, suffix: str) -> Clip[int]:
+def clip(episode: SwarmEpisode, suffix: str) -> Clip[int]:
     """Return the film of an episode, for a GIF or H.264; of longer episodes it shows every k-th move."""
     workspace, volume = episode.workspace, episode.workspace.ndim == 3
     side = (VOLUME_SIDE if volume else SIDE)[suffix]
@@ -46,7 +46,7 @@ def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, moves, min(moves + 1, max(2, at_most))).round().astype(np.int64))
 
 
-def film_frames(episode: Episode, shown: NDArray[np.int64], *, side: int = VOLUME_SIDE[".gif"]) -> Iterator[NDArray[np.uint8]]:
+def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64], *, side: int = VOLUME_SIDE[".gif"]) -> Iterator[NDArray[np.uint8]]:
     """Yield the picture after each move in ``shown``; uint8, shape (H, W, 3).
 
     In 2-D it has one pixel a cell; in 3-D it is a view that turns, with ``side`` pixels, and slices.
@@ -64,7 +64,11 @@ def film_frames(episode: Episode, shown: NDArray[np.int64], *, side: int = VOLUM
                 )
             else:
                 picture = in_strips(palette.rgb[codes])
-            yield picture if episode.scanned.all() else np.vstack([picture, scan_strip(episode.scanned, move, picture.shape[1])])
+            yield (
+                picture
+                if episode.trace.scanned.all()
+                else np.vstack([picture, scan_strip(episode.trace.scanned, move, picture.shape[1])])
+            )
 
 
 def scan_strip(scanned: NDArray[np.bool_], move: int, width: int) -> NDArray[np.uint8]:

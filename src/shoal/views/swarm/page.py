@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.swarm import Episode
-from shoal.swarm.noise import NoisyEpisode, SeenEpisode, moments
+from shoal.swarm import SwarmEpisode
+from shoal.swarm.noise import Noise, moments
 from shoal.views.player import render
 from shoal.views.swarm.cell_colours import FRONTIER_TINT
 from shoal.views.swarm.recording import packed_moments
@@ -18,7 +18,7 @@ LARGEST = 2_000_000_000
 """Cells times moves that a page still plays smoothly enough."""
 
 
-def player_page(episode: Episode) -> str:
+def player_page(episode: SwarmEpisode) -> str:
     """Return the HTML page that plays an episode.
 
     Raises
@@ -34,7 +34,7 @@ def player_page(episode: Episode) -> str:
     return render("swarm", page_data(episode))
 
 
-def page_data(episode: Episode) -> dict[str, object]:
+def page_data(episode: SwarmEpisode) -> dict[str, object]:
     """Return what the page is given: the episode, ready for JSON.
 
     Returns
@@ -66,14 +66,14 @@ def page_data(episode: Episode) -> dict[str, object]:
         "spacing": None if episode.workspace.spacing is None else list(episode.workspace.spacing),
         "free": _packed(episode.workspace.free),
         "commands": episode.commands,
-        "scanned": None if episode.scanned.all() else _packed(episode.scanned),
-        "status": episode.status,
+        "scanned": None if episode.trace.scanned.all() else _packed(episode.trace.scanned),
+        "status": str(episode.status),
         "seed": episode.seed,
-        "version": episode.version,
-    } | (_recorded(episode) if isinstance(episode, NoisyEpisode | SeenEpisode) else _simulated(episode))
+        "version": episode.versions["shoal"],
+    } | (_recorded(episode) if episode.noisy else _simulated(episode))
 
 
-def _simulated(episode: Episode) -> dict[str, object]:
+def _simulated(episode: SwarmEpisode) -> dict[str, object]:
     """Return what a page needs to simulate an episode again."""
     flat = np.ravel_multi_index(tuple(episode.start.T), episode.workspace.shape)
     return {
@@ -82,12 +82,13 @@ def _simulated(episode: Episode) -> dict[str, object]:
     }
 
 
-def _recorded(episode: NoisyEpisode | SeenEpisode) -> dict[str, object]:
+def _recorded(episode: SwarmEpisode) -> dict[str, object]:
     """Return what there is to see of an episode with noise, which a page cannot simulate."""
-    if isinstance(episode, SeenEpisode):
+    errors = episode.errors
+    if errors is None:
         seen, truth, goal = True, episode.truth is not None, len(episode.final()[1].known)
     else:
-        seen, truth, goal = False, True, episode.errors.free + episode.errors.walls
+        seen, truth, goal = False, True, errors.free + errors.walls
     return {
         "moments": base64.b64encode(packed_moments(episode.moments())).decode(),
         "looks": {
@@ -97,7 +98,7 @@ def _recorded(episode: NoisyEpisode | SeenEpisode) -> dict[str, object]:
             "wrong": moments.FALSE_FREE,
             "tint": FRONTIER_TINT,
         },
-        "noise": {**vars(episode.noise), "confidence": episode.confidence},
+        "noise": {**vars(episode.problem.noise or Noise()), "confidence": episode.problem.confidence},
         "goal": goal,
         "seen": seen,
         "truth": truth,

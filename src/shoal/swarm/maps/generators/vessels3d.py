@@ -181,7 +181,7 @@ def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: ND
 
 def _trimmed(free: Mask, count: int) -> Mask:
     """Return the ``count`` free cells that are nearest to the inlet by path, without an empty rim: ends of twigs go."""
-    from shoal.swarm.kernels.paths import path_lengths  # needs Numba, which takes long to import
+    from shoal.swarm.kernels.search.breadth_first import path_lengths  # needs Numba, which takes long to import
 
     padded = np.pad(free, 1)
     lowest = int(np.flatnonzero(padded.any(axis=(0, 2)))[-1])

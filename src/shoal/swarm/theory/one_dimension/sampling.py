@@ -113,7 +113,7 @@ def sample(
     for name, value, most in (("cells", line.cells, 2**31 - 1), ("particles, or empty cells", few, MAX_DRAWS)):
         if value > most:
             raise InvalidInputError(f"line: expected at most {most} {name} for Monte Carlo, got {value}")
-    from shoal.swarm.kernels import line as kernels
+    from shoal.swarm.kernels.theory import line_samples as kernels
 
     size = max(1, min(_DRAWS // max(1, few), _CELLS // line.cells))
     starts = range(0, trials, size)

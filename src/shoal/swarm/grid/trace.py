@@ -1,0 +1,115 @@
+"""Trace: what each command of an episode did, one row a command."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.swarm.grid.commands import encode
+
+Row = tuple[int, int, int]
+"""(classified, frontier, travelled) of one command."""
+
+
+class Trace(NamedTuple):
+    """What each command did; every array has one entry a command.
+
+    Parameters
+    ----------
+    commands : ndarray of int8
+        As codes; see `shoal.swarm.grid.commands.decode`.
+    classified : ndarray of int32
+        Cells classified (coverage: covered) by each command.
+    frontier : ndarray of int32
+        Frontier cells after each command.
+    travelled : ndarray of int64
+        Cells travelled at each command, summed over the particles.
+    scanned : ndarray of bool
+        Whether a scan followed each command. There was one more before the first.
+    """
+
+    commands: NDArray[np.int8]
+    classified: NDArray[np.int32]
+    frontier: NDArray[np.int32]
+    travelled: NDArray[np.int64]
+    scanned: NDArray[np.bool_]
+
+    @classmethod
+    def empty(cls, moves: int) -> Trace:
+        """Return a trace with room for so many commands."""
+        return cls(
+            np.zeros(moves, np.int8),
+            np.zeros(moves, np.int32),
+            np.zeros(moves, np.int32),
+            np.zeros(moves, np.int64),
+            np.zeros(moves, np.bool_),
+        )
+
+    @classmethod
+    def joined(cls, pieces: Iterable[Trace]) -> Trace:
+        """Return several traces as one."""
+        columns: list[Any] = [np.concatenate(column) for column in zip(cls.empty(0), *pieces, strict=True)]
+        return cls(*columns)
+
+    def part(self, first: int, stop: int) -> Trace:
+        """Return some of the rows, sharing their memory."""
+        columns: list[Any] = [column[first:stop] for column in self]
+        return Trace(*columns)
+
+    @property
+    def moves(self) -> int:
+        """Number of commands."""
+        return len(self.commands)
+
+    def difference(self, replayed: Trace) -> str | None:
+        """Return where a replay differs from this trace, in one sentence; None if it does not."""
+        for name in self._fields[1:]:
+            mine, theirs = getattr(self, name), getattr(replayed, name)
+            if (mine != theirs).any():
+                move = int(np.argmax(mine != theirs))
+                return f"{name} differs at move {move + 1}: {mine[move]} stored, {theirs[move]} replayed"
+        return None
+
+
+class Recorder:
+    """Builds a trace, one run of equal commands after the other.
+
+    Attributes
+    ----------
+    moves : int
+        Commands so far.
+    idle : int
+        Runs in a row that moved no particle and classified no cell.
+    last : tuple of int
+        (travelled, classified) of the last run.
+    """
+
+    def __init__(self) -> None:
+        self._letters: list[str] = []
+        self._rows: list[Row] = []
+        self._scanned: list[bool] = []
+        self.moves, self.idle, self.last = 0, 0, (0, 0)
+
+    def add(self, command: str, rows: list[Row], *, scanned: bool) -> None:
+        """Take in a run of equal commands, and whether a scan followed it."""
+        self._letters.append(command * len(rows))
+        self._rows += rows
+        self._scanned += [False] * (len(rows) - 1) + [scanned]
+        self.moves += len(rows)
+        self.last = sum(row[2] for row in rows), sum(row[0] for row in rows)
+        self.idle = 0 if any(self.last) else self.idle + 1
+
+    @property
+    def trace(self) -> Trace:
+        """What has been recorded."""
+        columns = np.array(self._rows, dtype=np.int64).reshape(-1, 3)
+        return Trace(
+            commands=encode("".join(self._letters), ndim=3),
+            classified=columns[:, 0].astype(np.int32),
+            frontier=columns[:, 1].astype(np.int32),
+            travelled=columns[:, 2].copy(),
+            scanned=np.array(self._scanned, dtype=np.bool_),
+        )

@@ -1,0 +1,39 @@
+"""One command of any rule, and what it leaves to do."""
+
+from __future__ import annotations
+
+from shoal.jit import kernel
+from shoal.swarm.kernels.dynamics.bits import ZERO, popcount
+from shoal.swarm.kernels.dynamics.moves import TILT, push
+
+
+@kernel
+def cover(field):
+    """Take the occupied cells out of the frontier; return how many that were."""
+    frontier, occupied = field.frontier, field.occupied
+    some = ZERO
+    for i in range(frontier.shape[0]):
+        some |= frontier[i] & occupied[i]
+    covered = 0
+    if some != ZERO:
+        for i in range(frontier.shape[0]):
+            covered += popcount(frontier[i] & occupied[i])
+            frontier[i] &= ~occupied[i]
+    return covered
+
+
+@kernel
+def step(field, command, rule, mapping):
+    """Carry out one command of any rule; return (cells travelled, cells done, change of the frontier count)."""
+    travelled, done, change = 0, 0, 0
+    while True:
+        moved, classified, added = push(field, command, rule)
+        travelled += moved
+        done += classified
+        change += added - classified
+        if not mapping and moved > 0:  # all is known: nothing is classified
+            covered = cover(field)
+            done += covered
+            change -= covered
+        if rule != TILT or moved == 0:  # a tilt is over when nothing moves; its last push finds the walls
+            return travelled, done, change

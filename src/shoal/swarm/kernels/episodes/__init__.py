@@ -1,0 +1,1 @@
+"""Whole episodes without noise: a policy decides, the world moves, the trace is written."""

@@ -1,0 +1,66 @@
+"""Whole episodes of planners; as `play`, in pieces, and wherever it is cut, the episode is the same."""
+
+from __future__ import annotations
+
+from shoal.jit import inlined_kernel, kernel
+from shoal.swarm.kernels.dynamics.bits import popcount
+from shoal.swarm.kernels.dynamics.steps import step
+from shoal.swarm.kernels.episodes.policy_episode import COMPLETE, RUNNING, STALLED
+from shoal.swarm.kernels.planning.planner_state import QUIET, REMAINING, SURPRISE, WHOLE, choose_greedy
+from shoal.swarm.kernels.planning.rollout import choose_rollout
+from shoal.swarm.kernels.prediction.lookahead import copy
+from shoal.swarm.kernels.prediction.occupancy_prior import take_note
+
+GREEDY, ROLLOUT = 6, 7  # as the codes of `play`
+FADING = 8  # moves that find something, over which surprises are remembered
+
+
+@inlined_kernel
+def choose(code, field, mapping, planner):
+    """Return the next command, -1 if there is none."""
+    if code == GREEDY:
+        return choose_greedy(field, planner)
+    return choose_rollout(field, mapping, planner)
+
+
+@kernel
+def note_surprises(field, planner):
+    """Count the cells just found free, and those of them that had been predicted to be walls or not at all."""
+    memory, before, predicted = planner.memory, planner.experience.before, planner.guess.open
+    found, surprises = 0, 0
+    for i in range(before.shape[0]):
+        new = field.open[i] & ~before[i]
+        found += popcount(new)
+        surprises += popcount(new & ~predicted[i])
+    if found > 0:
+        memory[SURPRISE] += (WHOLE * surprises // found - memory[SURPRISE]) // FADING
+
+
+@inlined_kernel
+def heed(field, mapping, planner, command, done):
+    """Let a planner see what its last command did."""
+    memory = planner.memory
+    memory[QUIET] = 0 if done > 0 else memory[QUIET] + 1
+    if mapping and done > 0:
+        take_note(field, planner.experience, command)
+        note_surprises(field, planner)
+
+
+@kernel
+def play_planned(code, field, rule, mapping, planner, trace):
+    """Play until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED)."""
+    memory = planner.memory
+    for move in range(trace.commands.shape[0]):
+        if memory[REMAINING] == 0:
+            return move, COMPLETE
+        command = choose(code, field, mapping, planner)
+        if command < 0:
+            return move, STALLED
+        copy(field.known, planner.experience.before)
+        travelled, done, change = step(field, command, rule, mapping)
+        memory[REMAINING] += change
+        heed(field, mapping, planner, command, done)
+        trace.commands[move], trace.classified[move] = command, done
+        trace.frontier[move], trace.travelled[move] = memory[REMAINING], travelled
+        trace.scanned[move] = True
+    return trace.commands.shape[0], COMPLETE if memory[REMAINING] == 0 else RUNNING

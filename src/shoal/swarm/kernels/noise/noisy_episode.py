@@ -1,0 +1,163 @@
+"""Whole episodes with noise: closest-frontier, planned anew after each scan, and a guard that ends every one of them.
+
+Of each plan so many commands are sent as the scan rule allows, or all if they are fewer; then a scan follows.
+
+A cell that has been settled once counts as progress once, however often belief changes afterwards. If nothing makes progress within
+a budget of moves that depends on the way to the target, the target is given up for good. Each of the two can happen once a cell,
+so every episode ends.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.jit import kernel
+from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, popcount, put
+from shoal.swarm.kernels.noise.noisy_state import learn_hazy, look, move_hazy, settle, spread_hazy
+from shoal.swarm.kernels.search.frontier_search import ahead, nearest
+
+RUNNING, COMPLETE, STALLED = 0, 1, 2
+BUDGET, REMAINING, UNDECIDED, WAKES, AT, LEFT = 0, 1, 2, 3, 4, 5  # entries of Guard.memory
+# UNDECIDED: cells given up. WAKES: see wake. AT: place in the plan. LEFT: commands of it to send before the next scan.
+PATIENCE, TIMES = 50, 5  # the budget for a way of d moves: PATIENCE + TIMES d
+
+
+class Guard(NamedTuple):
+    """What sees to it that an episode ends."""
+
+    settled: NDArray[np.uint64]  # cells that have been settled at some time
+    given_up: NDArray[np.uint64]
+    memory: NDArray[np.int64]  # (6,)
+
+
+@kernel
+def find_frontier(field, given_up):
+    """Fill the frontier with the cells that are not settled, not given up, and beside one settled as free; return how many."""
+    cells, width, size = field.open, field.width, field.open.shape[0]
+    layer = width * field.rows
+    count = 0
+    for i in range(size):
+        beside = (cells[i] << ONE) | (cells[i] >> ONE)
+        if i > 0:
+            beside |= cells[i - 1] >> TOP
+        if i + 1 < size:
+            beside |= cells[i + 1] << TOP
+        if i >= width:
+            beside |= cells[i - width]
+        if i + width < size:
+            beside |= cells[i + width]
+        if field.layers > 1:
+            if i >= layer:
+                beside |= cells[i - layer]
+            if i + layer < size:
+                beside |= cells[i + layer]
+        field.frontier[i] = beside & ~field.known[i] & ~given_up[i]
+        count += popcount(field.frontier[i])
+    return count
+
+
+@kernel
+def refresh(haze, field, guard):
+    """Write the boards of the belief; return how many cells are settled for the first time."""
+    settle(haze, field.open, field.known, field.occupied, field.width)
+    fresh = 0
+    for i in range(field.known.shape[0]):
+        fresh += popcount(field.known[i] & ~guard.settled[i])
+        guard.settled[i] |= field.known[i]
+    guard.memory[REMAINING] = find_frontier(field, guard.given_up)
+    return fresh
+
+
+@kernel
+def wake(field, search, guard):
+    """Plan any command if no cell is settled as free yet, as scans that are often wrong need a few moves to be sure of one."""
+    memory = guard.memory
+    if anybody(field.open) or memory[WAKES] >= PATIENCE:
+        return 0
+    search.plan[0] = memory[WAKES] % search.neighbours.shape[0]
+    memory[WAKES] += 1
+    return 1
+
+
+@kernel
+def anybody(board):
+    """Tell whether a board has a cell."""
+    some = ZERO
+    for word in board:
+        some |= word
+    return some != ZERO
+
+
+@kernel
+def choose(field, search, guard, most):
+    """Plan the way to the nearest frontier cell, giving up those that take too long.
+
+    Return how many commands of it to send before the next scan, at most ``most``; 0 if there is none.
+    """
+    memory = guard.memory
+    if memory[REMAINING] == 0:
+        return wake(field, search, guard)
+    while memory[REMAINING] > 0:
+        length = nearest(field, search, field.occupied)
+        if length == 0:
+            return 0
+        if memory[BUDGET] < 0:
+            memory[BUDGET] = PATIENCE + TIMES * length
+        if memory[BUDGET] > 0:
+            steps = min(length, most)
+            memory[BUDGET] -= steps
+            return steps
+        row, column = search.origin[0], search.origin[1]
+        for i in range(length):
+            row, column = ahead(row, column, search.plan[i], field.rows)
+        put(guard.given_up, field.width, row, column)
+        memory[UNDECIDED] += 1
+        memory[BUDGET] = -1
+        memory[REMAINING] = find_frontier(field, guard.given_up)
+    return 0
+
+
+@kernel
+def play_hazy(haze, field, search, guard, rng, trace, every, limit):
+    """Play until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
+
+    A scan follows at most ``every`` commands, and the last of ``limit``, which is at least the length of the trace.
+    """
+    memory = guard.memory
+    for move in range(trace.commands.shape[0]):
+        if memory[LEFT] == 0:
+            memory[AT], memory[LEFT] = 0, choose(field, search, guard, min(every, limit - move))
+            if memory[LEFT] == 0:
+                return move, COMPLETE if memory[UNDECIDED] == 0 and anybody(field.open) and anybody(field.occupied) else STALLED
+        trace.commands[move] = search.plan[memory[AT]]
+        memory[AT] += 1
+        memory[LEFT] -= 1
+        trace.scanned[move] = memory[LEFT] == 0
+        step_hazy(haze, field, guard, rng, trace, move)
+        if trace.classified[move] > 0:
+            memory[BUDGET] = -1
+    return trace.commands.shape[0], RUNNING
+
+
+@kernel
+def step_hazy(haze, field, guard, rng, trace, move):
+    """Send the command that the trace has for a move, scan if it says so, and fill in the other columns."""
+    command = trace.commands[move]
+    trace.travelled[move] = move_hazy(haze, command, rng)
+    if trace.scanned[move]:
+        look(haze, rng)
+        learn_hazy(haze, command)
+    else:
+        spread_hazy(haze, command)
+    trace.classified[move] = refresh(haze, field, guard)
+    trace.frontier[move] = guard.memory[REMAINING]
+
+
+@kernel
+def follow_hazy(haze, field, guard, rng, trace):
+    """Send the commands of the trace, with its scans, instead of planning: a replay."""
+    for move in range(trace.commands.shape[0]):
+        step_hazy(haze, field, guard, rng, trace, move)

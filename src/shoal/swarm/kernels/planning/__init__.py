@@ -1,0 +1,1 @@
+"""Plans of planners: base policy, beam search, rollouts, annealing."""

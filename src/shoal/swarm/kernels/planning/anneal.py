@@ -1,0 +1,136 @@
+"""A plan for a known map made shorter: parts of it are changed at random, and what is shorter, or hardly longer, is kept.
+
+A change costs only the moves behind it, since states are kept every few moves on the way.
+
+Source: S. Kirkpatrick, C. D. Gelatt and M. P. Vecchi, Optimization by simulated annealing, Science 220 (1983); the changes are
+this project's (docs/concepts/planners.md).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.jit import kernel
+from shoal.swarm.kernels.planning.completion import most
+from shoal.swarm.kernels.planning.frontier_paths import way
+from shoal.swarm.kernels.planning.planner_state import draw
+from shoal.swarm.kernels.prediction.forward_model import FRONTIER, advance, copy_state, count, directions, prospects
+
+LONGEST_CHANGE = 8  # commands put in or taken out at once
+_FINENESS = 1 << 30  # of random numbers between 0 and 1
+
+
+class Course(NamedTuple):
+    """Plans under change, and the states on the way of the present one."""
+
+    plan: NDArray[np.int8]  # the present one
+    trial: NDArray[np.int8]  # it, changed
+    shortest: NDArray[np.int8]  # the shortest so far
+    kept: NDArray[np.uint64]  # (places, boards, words): the state before every so many moves
+    every: int
+
+
+@kernel
+def change(planner, course, length):
+    """Write the present plan, changed, into the trial; return (first move that is new, length).
+
+    At a random place a command is replaced, up to eight equal ones are put in, taken out, or written over what was there, or up
+    to four are replaced by one.
+    """
+    plan, trial = course.plan, course.trial
+    at, kind = draw(planner, np.int64(length)), draw(planner, np.int64(5))
+    command = draw(planner, np.int64(directions(planner.scene)))
+    many = np.int64(1) << draw(planner, np.int64(4))
+    added, taken = np.int64(1), np.int64(1)
+    if kind == 1:
+        added, taken = many, np.int64(0)
+    elif kind == 2:
+        added, taken = np.int64(0), many
+    elif kind == 3:
+        added, taken = many, many
+    elif kind == 4:
+        taken = 1 + draw(planner, np.int64(4))
+    for i in range(at // course.every * course.every, at):
+        trial[i] = plan[i]
+    for i in range(at, at + added):
+        trial[i] = command
+    end = at + added
+    for i in range(at + taken, length):
+        trial[end] = plan[i]
+        end += 1
+    return at, end
+
+
+@kernel
+def finish(planner, state, plan, at, length, limit):
+    """Play a plan in ``state`` from move ``at`` on, and go on greedily until nothing is left, writing the commands behind it.
+
+    Returns (moves of the whole plan, moves imagined); the former is ``limit + 1`` if it takes more than ``limit``.
+    """
+    scene, imagined, begin = planner.scene, np.int64(0), at
+    last = np.int64(plan[at - 1]) if at > 0 else np.int64(-1)
+    left = count(state[FRONTIER])
+    while left > 0:
+        if at >= limit:
+            return limit + 1, imagined + at - begin
+        if at >= length:
+            prospects(scene, state, planner.gains)
+            imagined += 1
+            plan[at] = most(planner.gains, last)
+            length = at + 1
+            if plan[at] < 0:
+                length = at + way(scene, state, planner.planes, plan, at, limit - at)
+                imagined += limit - at
+                if length <= at:
+                    return limit + 1, imagined + at - begin
+        last = np.int64(plan[at])
+        left -= advance(scene, state, last)
+        at += 1
+    return at, imagined + at - begin
+
+
+@kernel
+def keep_states(planner, course, at, length):
+    """Keep the states on the way of the present plan behind the one that is kept next before move ``at``; return the moves."""
+    place = at // course.every
+    copy_state(course.kept[place], planner.state)
+    for i in range(place * course.every, length):
+        if i % course.every == 0:
+            copy_state(planner.state, course.kept[i // course.every])
+        advance(planner.scene, planner.state, np.int64(course.plan[i]))
+    return length - place * course.every
+
+
+@kernel
+def anneal(planner, course, length, fewest, heat, budget):
+    """Change the plan, which begins at ``planner.root``, until so many moves have been imagined.
+
+    A plan longer by x is gone on with by chance exp(-x / heat). Returns the lengths of the present plan and of the shortest, and
+    the moves imagined.
+    """
+    plan, trial, room = course.plan, course.trial, course.plan.shape[0] - 2 * LONGEST_CHANGE
+    copy_state(planner.root, course.kept[0])
+    spent = keep_states(planner, course, np.int64(0), length)
+    while spent < budget and length > 0:
+        at, end = change(planner, course, length)
+        chance = (1.0 + draw(planner, np.int64(_FINENESS))) / _FINENESS
+        limit = min(np.int64(length - heat * math.log(chance)), room)
+        begin = at // course.every * course.every
+        copy_state(course.kept[begin // course.every], planner.state)
+        end, imagined = finish(planner, planner.state, trial, begin, end, limit)
+        spent += imagined
+        if end > limit:
+            continue
+        for i in range(begin, end):
+            plan[i] = trial[i]
+        length = end
+        spent += keep_states(planner, course, begin, length)
+        if length < fewest:
+            fewest = length
+            for i in range(length):
+                course.shortest[i] = plan[i]
+    return length, fewest, spent

@@ -1,0 +1,105 @@
+"""Beam search over imagined commands: the best states of each depth are kept, each once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.jit import kernel
+from shoal.swarm.kernels.planning.frontier_paths import outlook
+from shoal.swarm.kernels.prediction.forward_model import advance, copy_state, digest, prospects
+
+
+class Beam(NamedTuple):
+    """Work space: the states of two depths, which take turns."""
+
+    states: NDArray[np.uint64]  # (2, width, boards, words)
+    plans: NDArray[np.int8]  # (2, width, depth)
+    values: NDArray[np.float64]  # (2, width): cells settled, discounted
+    ranks: NDArray[np.float64]  # (2, width): by which states are chosen
+    marks: NDArray[np.uint64]  # (2, width): hashes
+    child: NDArray[np.uint64]  # a state
+
+
+@kernel
+def place_for(values, marks, size, value, mark):
+    """Return where a child goes: a free place, that of the same state or of the worst if it is better; -1 if nowhere."""
+    for i in range(size):
+        if marks[i] == mark:
+            return i if value > values[i] else -1
+    if size < values.shape[0]:
+        return size
+    worst = 0
+    for i in range(1, size):
+        if values[i] < values[worst]:
+            worst = i
+    return worst if value > values[worst] else -1
+
+
+@kernel
+def lowest_value(values, size):
+    """Return the value that a child has to beat: that of the worst, if all places are taken."""
+    if size < values.shape[0]:
+        return -1.0
+    worst = values[0]
+    for i in range(1, size):
+        worst = min(worst, values[i])
+    return worst
+
+
+@kernel
+def search_beam(scene, root, beam, space, discount, width, depth, weight_ahead, rate, cap):
+    """Search from a state; return (which of the two halves holds the leaves, how many they are, moves imagined).
+
+    States are ranked by the cells settled, discounted, and ``weight_ahead`` times the `outlook` of what is left.
+    """
+    copy_state(root, beam.states[0, 0])
+    beam.values[0, 0], beam.marks[0, 0] = 0.0, digest(root)
+    old, size, weight, imagined = 0, np.int64(1), 1.0, 0
+    gains, child = space.gains, beam.child
+    for level in range(depth):
+        new, count = 1 - old, np.int64(0)
+        ranks, marks = beam.ranks[new, :width], beam.marks[new]
+        for parent in range(size):
+            prospects(scene, beam.states[old, parent], gains)
+            for command in range(gains.shape[0]):
+                value = beam.values[old, parent] + weight * gains[command]
+                if weight_ahead == 0.0 and value <= lowest_value(ranks, count):
+                    continue
+                copy_state(beam.states[old, parent], child)
+                advance(scene, child, np.int64(command))
+                imagined += 1
+                mark = digest(child)
+                if mark == beam.marks[old, parent]:  # nothing has moved
+                    continue
+                rank = value
+                if weight_ahead > 0.0:
+                    rank += weight * weight_ahead * outlook(scene, child, space.planes, rate, cap)
+                    imagined += cap // 2
+                at = place_for(ranks, marks, count, rank, mark)
+                if at < 0:
+                    continue
+                count = max(count, at + 1)
+                copy_state(child, beam.states[new, at])
+                beam.values[new, at], ranks[at], marks[at] = value, rank, mark
+                for i in range(level):
+                    beam.plans[new, at, i] = beam.plans[old, parent, i]
+                beam.plans[new, at, level] = command
+        if count == 0:
+            return old, 0, imagined
+        old, size = new, count
+        weight *= discount
+    return old, size, imagined
+
+
+@kernel
+def take_best(ranks, size):
+    """Return the index of the best leaf, and forget its rank so that the next call returns the next."""
+    best = 0
+    for i in range(1, size):
+        if ranks[i] > ranks[best]:
+            best = i
+    ranks[best] = -1.0
+    return best

@@ -1,0 +1,104 @@
+"""How an imagined plan goes on: one command after the other, or the whole way to the nearest frontier cell if none settles any.
+
+Two manners: greedy takes the command that settles most now; careful takes off for each what it would leave behind, that is frontier
+cells beside a particle now and beside none afterwards. In a corridor careful probes both walls before it steps on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.jit import kernel
+from shoal.swarm.kernels.dynamics.bits import popcount
+from shoal.swarm.kernels.planning.frontier_paths import NEXT, TOO_FAR, WAVE, beside, way
+from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, advance, prospects, push
+from shoal.swarm.kernels.prediction.lookahead import copy
+
+GREEDY, CAREFUL = np.int64(0), np.int64(1)  # typed, since a kernel is compiled anew for each literal argument
+
+
+@kernel
+def most(gains, last):
+    """Return the command that settles most, the last one if it is among them; -1 if none settles anything."""
+    best = last if last >= 0 and gains[last] > 0 else np.int64(-1)
+    for command in range(gains.shape[0]):
+        if gains[command] > (gains[best] if best >= 0 else 0):
+            best = command
+    return best
+
+
+@kernel
+def most_careful(scene, state, gains, moved, planes, last, charge):
+    """Return the command for which cells settled less ``charge`` times cells left behind are most, of those that settle any."""
+    best, best_worth = -1, 0.0
+    at_hand = planes[WAVE]
+    some, only = 0, -1
+    for command in range(gains.shape[0]):
+        if gains[command] > 0:
+            some, only = some + 1, command
+    if some <= 1:
+        return only
+    beside(scene, state[OCCUPIED], state[FRONTIER], at_hand)
+    for turn in range(gains.shape[0]):
+        command = (max(last, 0) + turn) % gains.shape[0]
+        if gains[command] == 0:
+            continue
+        copy(state[OCCUPIED], moved)
+        push(scene, moved, state[FRONTIER], command)
+        worth = gains[command] - charge * left_behind(scene, moved, at_hand, planes[NEXT])
+        if best < 0 or worth > best_worth:
+            best, best_worth = command, worth
+    return best
+
+
+@kernel
+def left_behind(scene, occupied, at_hand, still):
+    """Return how many of the frontier cells that were at hand are neither tried just now nor at hand any more."""
+    beside(scene, occupied, at_hand, still)
+    tried, lost = scene.tried, 0
+    for i in range(still.shape[0]):
+        lost += popcount(at_hand[i] & ~tried[i] & ~still[i])
+    return lost
+
+
+@kernel
+def complete(scene, state, space, plan, length, horizon, discount, manner, charge, worth, expected, best):
+    """Imagine the first ``length`` commands of a plan and then go on by the base policy, writing its commands behind them.
+
+    Changes ``state``. Gives up when the plan cannot be better than ``best`` any more, if a cell settled at once is worth ``worth``
+    moves and about ``expected`` are to be settled. Returns (time, value, length, moves, settled): when the last cell was
+    settled, ``horizon`` if some are left then; the cells settled, discounted; the commands in the plan; how many were imagined;
+    and the cells settled.
+    """
+    value, weight, last, finished, total = 0.0, 1.0, np.int64(-1), 0, 0
+    at = np.int64(0)
+    gains, moved, planes = space.gains, space.ahead, space.planes  # to hand on all of the space takes time
+    while at < horizon:
+        if at >= length:
+            if worth * (value + weight * max(expected - total, 0.0)) - at <= best:
+                return horizon, value, at, at, total
+            prospects(scene, state, gains)
+            if manner == CAREFUL:
+                command = most_careful(scene, state, gains, moved, planes, last, charge)
+            else:
+                command = most(gains, last)
+            if command >= 0:
+                plan[at] = command
+                length = at + 1
+            else:
+                found = way(scene, state, planes, plan, at, horizon - at)
+                if found == TOO_FAR:
+                    return horizon, value, at, at, total
+                if found == 0:
+                    return finished, value, at, at, total
+                length = at + found
+        command = np.int64(plan[at])
+        settled = advance(scene, state, command)
+        at += 1
+        if settled > 0:
+            value += weight * settled
+            total += settled
+            finished = at
+        weight *= discount
+        last = command
+    return horizon, value, min(length, at), at, total

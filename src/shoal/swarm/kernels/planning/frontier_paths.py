@@ -1,0 +1,146 @@
+"""The nearest frontier cell of an imagined state and a straight way to it: dilation, as in `search`, on fewer boards."""
+
+from __future__ import annotations
+
+from shoal.jit import kernel
+from shoal.swarm.kernels.dynamics.bits import ZERO, has, lowest, popcount
+from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, directions
+from shoal.swarm.kernels.search.frontier_search import ahead, dilate, opposite
+
+SEEN, WAVE, NEXT, WITHIN, MOD = 0, 1, 2, 3, 4  # planes: MOD, MOD + 1, MOD + 2 hold distances 0, 1, 2 modulo 3
+PLANES = 7
+TOO_FAR = -1
+
+
+@kernel
+def begin_waves(scene, state, planes):
+    """Set the planes to distance 0 at the particles."""
+    occupied, frontier = state[OCCUPIED], state[FRONTIER]
+    seen, wave, within, near = planes[SEEN], planes[WAVE], planes[WITHIN], planes[MOD]
+    one, two, following = planes[MOD + 1], planes[MOD + 2], planes[NEXT]
+    for i in range(occupied.shape[0]):
+        seen[i] = occupied[i]
+        wave[i] = occupied[i]
+        near[i] = occupied[i]
+    for i in range(occupied.shape[0]):
+        within[i] = scene.ground[i] | frontier[i]
+        one[i] = ZERO
+        two[i] = ZERO
+        following[i] = ZERO
+
+
+@kernel
+def spread(scene, planes, level):
+    """Replace WAVE by the next level, rim included; return the union of its words, one word."""
+    wave, following, within = planes[WAVE], planes[NEXT], planes[WITHIN]
+    seen, mark = planes[SEEN], planes[MOD + level % 3]
+    size, width = wave.shape[0], scene.width
+    reach = width * scene.rows if scene.layers > 1 else width
+    dilate(wave, within, following, reach, size - reach, scene)
+    rim_rows(wave, within, following, reach, scene)
+    some = ZERO
+    for i in range(size):
+        wave[i] = following[i] & ~seen[i]
+        some |= wave[i]
+    for i in range(size):
+        seen[i] |= wave[i]
+        mark[i] |= wave[i]
+    return some
+
+
+@kernel
+def rim_rows(wave, within, following, reach, scene):
+    """Dilate into the outermost rows (layers), where no particle can be but frontier cells may."""
+    end = wave.shape[0] - reach
+    for i in range(reach):
+        following[i] = wave[i + reach] & within[i]
+        following[end + i] = wave[end - reach + i] & within[end + i]
+
+
+@kernel
+def trace(scene, state, planes, index, level, plan, at):
+    """Write the way that ends in word ``index`` of the frontier, reached at ``level``; prefer to go straight."""
+    hits = planes[WAVE, index] & state[FRONTIER, index]
+    row, column = index // scene.width, 64 * (index % scene.width) + lowest(hits)
+    last = 0
+    for distance in range(level - 1, -1, -1):
+        previous = planes[MOD + distance % 3]
+        for turn in range(directions(scene)):
+            command = (last + turn) % directions(scene)
+            r, c = ahead(row, column, opposite(command), scene.rows)
+            if on_board(scene, r, c) and has(previous, scene.width, r, c):
+                row, column, last = r, c, command
+                break
+        plan[at + distance] = last
+
+
+@kernel
+def on_board(scene, row, column):
+    """Tell whether a cell lies within the words of a board."""
+    return row >= 0 and row < scene.layers * scene.rows and column >= 0 and column < 64 * scene.width
+
+
+@kernel
+def way(scene, state, planes, plan, at, limit):
+    """Write the way to a nearest frontier cell into ``plan[at:]``; return its length.
+
+    It is 0 if there is none, TOO_FAR if it has more than ``limit`` moves.
+
+    Of several cells as near it is the first in row-major order.
+    """
+    begin_waves(scene, state, planes)
+    wave, frontier, size = planes[WAVE], state[FRONTIER], state.shape[1]
+    for level in range(1, limit + 1):
+        if spread(scene, planes, level) == ZERO:
+            return 0
+        some = ZERO
+        for i in range(size):
+            some |= wave[i] & frontier[i]
+        if some != ZERO:
+            for i in range(size):
+                if wave[i] & frontier[i] != ZERO:
+                    trace(scene, state, planes, i, level, plan, at)
+                    return level
+    return TOO_FAR
+
+
+@kernel
+def beside(scene, cells, within, out):
+    """Write into ``out`` the cells of ``within`` that have a neighbour in ``cells``, which has none in the rim."""
+    width, layer, size = scene.width, scene.width * scene.rows, cells.shape[0]
+    reach = layer if scene.layers > 1 else width
+    dilate(cells, within, out, reach, size - reach, scene)
+    rim_rows(cells, within, out, reach, scene)
+
+
+@kernel
+def outlook(scene, state, planes, rate, cap):
+    """Return the sum of ``rate ** (distance - 1)`` over the frontier cells, of which none counts as further than ``cap + 1``."""
+    occupied, frontier, ground = state[OCCUPIED], state[FRONTIER], scene.ground
+    wave, following, within = planes[WAVE], planes[NEXT], planes[WITHIN]
+    left, value, weight = 0, 0.0, 1.0
+    for i in range(frontier.shape[0]):
+        wave[i] = occupied[i]
+        within[i] = (ground[i] | frontier[i]) & ~occupied[i]
+        following[i] = ZERO
+        left += popcount(frontier[i])
+    reach = scene.width * scene.rows if scene.layers > 1 else scene.width
+    for _ in range(cap):
+        if left == 0:
+            break
+        dilate(wave, within, following, reach, wave.shape[0] - reach, scene)
+        rim_rows(wave, within, following, reach, scene)
+        some, reached = ZERO, 0
+        for i in range(frontier.shape[0]):
+            new = following[i]
+            some |= new
+            within[i] &= ~new
+            reached += popcount(new & frontier[i])
+            following[i] = new & ground[i]  # nobody goes on from a wall
+        if some == ZERO:
+            break
+        wave, following = following, wave
+        value += weight * reached
+        left -= reached
+        weight *= rate
+    return value + weight * left

@@ -1,0 +1,1 @@
+"""What lies in unknown cells, and what a command would bring there."""

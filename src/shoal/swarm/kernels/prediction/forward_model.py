@@ -1,0 +1,239 @@
+"""Imagined moves: what commands would do in a world as it is predicted, without touching the running episode.
+
+A state is three boards. Both tasks look alike: a cell of the frontier is settled when a particle tries to enter it. In a coverage
+that is the same as entering it, since a frontier cell is free and nobody stands in it; and there is nothing unseen behind it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.jit import kernel
+from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, popcount
+from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, MERGE, RIGHT, UP, segments, stay_left, stay_right
+
+OCCUPIED, FRONTIER, UNSEEN = 0, 1, 2  # boards of a state; unseen: unknown and not on the frontier
+BOARDS = 3
+_MIX, _SPREAD, _HALF = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xFF51AFD7ED558CCD), np.uint64(32)
+
+
+class Scene(NamedTuple):
+    """The predicted world, and work space for moves in it."""
+
+    ground: NDArray[np.uint64]  # a board: the cells taken to be free
+    tried: NDArray[np.uint64]  # a board: frontier cells that the last command tried
+    before: NDArray[np.uint64]  # a board
+    staying: NDArray[np.uint64]  # a board
+    rule: int
+    mapping: bool
+    layers: int
+    rows: int
+    width: int
+
+
+@kernel
+def copy_state(source, target):
+    """Copy the boards of a state."""
+    for board in range(BOARDS):
+        here, there = source[board], target[board]
+        for i in range(here.shape[0]):
+            there[i] = here[i]
+
+
+@kernel
+def take_state(field, state):
+    """Fill a state with what is known of a running episode."""
+    occupied, frontier, unseen = state[OCCUPIED], state[FRONTIER], state[UNSEEN]
+    for i in range(occupied.shape[0]):
+        occupied[i] = field.occupied[i]
+        frontier[i] = field.frontier[i]
+        unseen[i] = ~(field.known[i] | field.frontier[i])
+
+
+@kernel
+def prospects(scene, state, gains):
+    """Write for each command how many frontier cells it would settle."""
+    occupied, frontier, size = state[OCCUPIED], state[FRONTIER], state.shape[1]
+    total = 0
+    ahead, here, wanted = occupied[1:], occupied[: size - 1], frontier[: size - 1]
+    for i in range(size - 1):
+        total += popcount(((here[i] >> ONE) | (ahead[i] << TOP)) & wanted[i])
+    gains[LEFT], total = total, 0
+    wanted = frontier[1:]
+    for i in range(size - 1):
+        total += popcount(((ahead[i] << ONE) | (here[i] >> TOP)) & wanted[i])
+    gains[RIGHT] = total
+    for command in range(UP, gains.shape[0]):
+        if command == RIGHT:
+            continue
+        step = scene.width if command == UP or command == DOWN else scene.width * scene.rows
+        if command == UP or command == IN:
+            sources, targets = occupied[step:], frontier[: size - step]
+        else:
+            sources, targets = occupied[: size - step], frontier[step:]
+        total = 0
+        for i in range(sources.shape[0]):
+            total += popcount(sources[i] & targets[i])
+        gains[command] = total
+
+
+@kernel
+def advance(scene, state, command):
+    """Imagine one command, in place; return how many frontier cells it settles. They are left in ``scene.tried``."""
+    if push(scene, state[OCCUPIED], state[FRONTIER], command) == ZERO:
+        return 0
+    tried, frontier, settled = scene.tried, state[FRONTIER], 0
+    for i in range(tried.shape[0]):
+        settled += popcount(tried[i])
+        frontier[i] &= ~tried[i]
+    if scene.mapping:
+        discover(scene, frontier, state[UNSEEN])
+    return settled
+
+
+@kernel
+def push(scene, occupied, frontier, command):
+    """Move the particles, in place, and note the frontier cells tried; return their union, one word."""
+    if command == LEFT or command == RIGHT:
+        return along(scene, occupied, frontier, command)
+    for i in range(scene.tried.shape[0]):
+        scene.tried[i] = ZERO
+    return across(scene, occupied, frontier, command)
+
+
+@kernel
+def across(scene, occupied, frontier, command):
+    """Move from row to row and note the frontier cells tried; return their union, one word.
+
+    Only who stays is a recurrence from row to row; all else is loops that become vector code.
+    """
+    lines, stride, first, length, ahead = segments(scene, command)
+    some = ZERO
+    for line in range(lines):
+        start = line * stride + first
+        here, there = occupied[start : start + length], occupied[start + ahead : start + ahead + length]
+        free, wanted = scene.ground[start + ahead : start + ahead + length], frontier[start + ahead : start + ahead + length]
+        tried = scene.tried[start + ahead : start + ahead + length]
+        moving = scene.before[:length]
+        for i in range(length):
+            hit = here[i] & wanted[i]
+            tried[i] = hit
+            some |= hit
+        for i in range(length):
+            moving[i] = here[i] & free[i]
+        if scene.rule != MERGE:
+            hold(here, there, moving, ahead)
+        for i in range(length):
+            here[i] &= ~moving[i]
+        for i in range(length):
+            there[i] |= moving[i]
+    return some
+
+
+@kernel
+def hold(here, there, moving, ahead):
+    """Take those out of ``moving`` that are held up by one ahead which stays."""
+    size, step = moving.shape[0], abs(ahead)
+    first = min(step, size)
+    if ahead < 0:
+        for i in range(first):
+            moving[i] &= ~there[i]
+        later, before, blocking = moving[first:], moving[: size - first], there[first:]
+        for i in range(later.shape[0]):
+            later[i] &= ~blocking[i] | before[i]
+        return
+    for i in range(size - first, size):
+        moving[i] &= ~there[i]
+    later, before, blocking = moving[: size - first], moving[first:], there[: size - first]
+    for step in range(later.shape[0]):
+        i = later.shape[0] - 1 - step
+        later[i] &= ~blocking[i] | before[i]
+
+
+@kernel
+def along(scene, occupied, frontier, command):
+    """Move along the rows and note the frontier cells tried; return their union, one word."""
+    tried, before, staying, inner = scene.tried, scene.before, scene.staying, occupied.shape[0] - 1
+    for i in range(inner + 1):
+        before[i] = occupied[i]
+    some = ZERO
+    following, moved, wanted, hit = before[1:], staying[1:], frontier[:inner], tried[:inner]
+    if command == LEFT:
+        stay_left(scene.ground, before, staying, scene.rule)
+        for i in range(inner):
+            occupied[i] = staying[i] | ((before[i] & ~staying[i]) >> ONE) | ((following[i] & ~moved[i]) << TOP)
+        for i in range(inner):
+            hit[i] = ((before[i] >> ONE) | (following[i] << TOP)) & wanted[i]
+            some |= hit[i]
+        occupied[inner] = staying[inner] | ((before[inner] & ~staying[inner]) >> ONE)
+        tried[inner] = (before[inner] >> ONE) & frontier[inner]
+        return some | tried[inner]
+    stay_right(scene.ground, before, staying, scene.rule)
+    occupied[0] = staying[0] | ((before[0] & ~staying[0]) << ONE)
+    tried[0] = (before[0] << ONE) & frontier[0]
+    target, wanted, hit = occupied[1:], frontier[1:], tried[1:]
+    for i in range(inner):
+        target[i] = moved[i] | ((following[i] & ~moved[i]) << ONE) | ((before[i] & ~staying[i]) >> TOP)
+    for i in range(inner):
+        hit[i] = ((following[i] << ONE) | (before[i] >> TOP)) & wanted[i]
+        some |= hit[i]
+    return some | tried[0]
+
+
+@kernel
+def discover(scene, frontier, unseen):
+    """Put the unseen neighbours of the cells just found free on the frontier."""
+    width, layer = scene.width, scene.width * scene.rows
+    for i in range(frontier.shape[0]):
+        found = scene.tried[i] & scene.ground[i]
+        if found == ZERO:
+            continue
+        reveal(frontier, unseen, i, (found << ONE) | (found >> ONE))
+        if found >> TOP != ZERO:
+            reveal(frontier, unseen, i + 1, ONE)
+        if found & ONE != ZERO:
+            reveal(frontier, unseen, i - 1, ONE << TOP)
+        reveal(frontier, unseen, i - width, found)
+        reveal(frontier, unseen, i + width, found)
+        if scene.layers > 1:
+            reveal(frontier, unseen, i - layer, found)
+            reveal(frontier, unseen, i + layer, found)
+
+
+@kernel
+def reveal(frontier, unseen, i, cells):
+    """Put the unseen ones of ``cells`` on one word of the frontier."""
+    new = cells & unseen[i]
+    frontier[i] |= new
+    unseen[i] &= ~new
+
+
+@kernel
+def count(board):
+    """Return the number of cells of a board."""
+    total = 0
+    for i in range(board.shape[0]):
+        total += popcount(board[i])
+    return total
+
+
+@kernel
+def directions(scene):
+    """Return the number of commands."""
+    return 4 if scene.layers == 1 else 6
+
+
+@kernel
+def digest(state):
+    """Return a hash of particles and frontier, as uint64: a sum, which becomes vector code, of words mixed with their places."""
+    value = ZERO
+    for board in range(2):
+        words = state[board]
+        for i in range(words.shape[0]):
+            word = words[i] + np.uint64(i + 7919 * board) * _MIX
+            word = (word ^ (word >> _HALF)) * _SPREAD
+            value += word ^ (word >> _HALF)
+    return value

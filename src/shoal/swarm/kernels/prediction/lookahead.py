@@ -1,0 +1,141 @@
+"""What could be settled by one more scan after a walk through known cells, whose outcome needs none.
+
+As long as no particle tries an unknown cell, a command's outcome follows from what is known. So the swarm may shift, and shift
+again across, to where many particles stand beside unknown cells, and only then try them all at once.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.jit import kernel
+from shoal.swarm.kernels.dynamics.bits import ONE, TOP, popcount
+from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP, Field, move_across, move_along
+
+FIRST_STEPS, SECOND_STEPS = 12, 8  # of the two shifts
+LONGEST_PLAN = FIRST_STEPS + SECOND_STEPS + 1
+FIRST, FIRST_LENGTH, SECOND, SECOND_LENGTH, LAST = 0, 1, 2, 3, 4  # entries of Prospect.best
+
+
+class Prospect(NamedTuple):
+    """Work space of the search."""
+
+    shifted: NDArray[np.uint64]  # a board: the swarm after the first shift
+    twice: NDArray[np.uint64]  # a board: after the second
+    counts: NDArray[np.int32]  # none: how many particles share a cell does not matter
+    best: NDArray[np.int64]  # (5,)
+
+
+@kernel
+def tried(field, occupied, command):
+    """Return how many unknown cells a swarm would try."""
+    known, size = field.known, field.known.shape[0]
+    total = 0
+    if command == LEFT:
+        for i in range(size - 1):
+            total += popcount(((occupied[i] >> ONE) | (occupied[i + 1] << TOP)) & ~known[i])
+        return total
+    if command == RIGHT:
+        known, before = known[1:], occupied[1:]
+        for i in range(size - 1):
+            total += popcount(((before[i] << ONE) | (occupied[i] >> TOP)) & ~known[i])
+        return total
+    ahead = field.width if command in (UP, DOWN) else field.width * field.rows
+    if command in (UP, IN):
+        sources, targets = occupied[ahead:], known[: size - ahead]
+    else:
+        sources, targets = occupied[: size - ahead], known[ahead:]
+    for i in range(sources.shape[0]):
+        total += popcount(sources[i] & ~targets[i])
+    return total
+
+
+@kernel
+def predicted(field, occupied, counts):
+    """Return the field as far as it is known, with the swarm elsewhere: unknown cells, which nobody tries, are walls."""
+    return Field(
+        field.open, occupied, field.open, field.known, field.frontier, field.tried, field.before, field.staying, counts,
+        field.layers, field.rows, field.width,
+    )  # fmt: skip
+
+
+@kernel
+def shift(field, predicted_field, command, rule):
+    """Move the swarm of a predicted field if the outcome is certain; tell whether it moved."""
+    if tried(field, predicted_field.occupied, command) > 0:
+        return False
+    if command == LEFT or command == RIGHT:
+        return move_along(predicted_field, command, rule)[0] > 0
+    return move_across(predicted_field, command, rule)[0] > 0
+
+
+@kernel
+def settle(field, prospect, occupied, prices, steps, rate):
+    """Return the best last command for a shifted swarm, or -1 if none beats ``rate``, and the rate that is best now."""
+    command = -1
+    for last in range(4 if field.layers == 1 else 6):
+        count = tried(field, occupied, last)
+        if count > rate * (prices[0] + prices[1] * (steps + 1)):
+            command, rate = last, count / (prices[0] + prices[1] * (steps + 1))
+    return command, rate
+
+
+@kernel
+def axis(command):
+    """Return 0 for l and r, 1 for u and d, 2 for i and o."""
+    return 2 if command >= IN else command % 2
+
+
+@kernel
+def copy(source, target):
+    """Copy a board."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]
+
+
+@kernel
+def explore(field, rule, prospect, prices, rate):
+    """Look for a walk and a last command that settle more cells per unit of cost than ``rate``; write it, return its rate.
+
+    ``prospect.best`` holds it: a first shift and its length, a second across it and its length, and the last command.
+    """
+    best = prospect.best
+    once = predicted(field, prospect.shifted, prospect.counts)
+    twice = predicted(field, prospect.twice, prospect.counts)
+    directions = 4 if field.layers == 1 else 6
+    for first in range(directions):
+        copy(field.occupied, once.occupied)
+        for length in range(1, FIRST_STEPS + 1):
+            if not shift(field, once, first, rule):
+                break
+            last, rate = settle(field, prospect, once.occupied, prices, length, rate)
+            if last >= 0:
+                best[FIRST], best[FIRST_LENGTH], best[SECOND_LENGTH], best[LAST] = first, length, 0, last
+            for second in range(directions):
+                if axis(first) == axis(second):
+                    continue
+                copy(once.occupied, twice.occupied)
+                for further in range(1, SECOND_STEPS + 1):
+                    if not shift(field, twice, second, rule):
+                        break
+                    last, rate = settle(field, prospect, twice.occupied, prices, length + further, rate)
+                    if last >= 0:
+                        best[FIRST], best[FIRST_LENGTH], best[LAST] = first, length, last
+                        best[SECOND], best[SECOND_LENGTH] = second, further
+    return rate
+
+
+@kernel
+def write_plan(prospect, plan):
+    """Write the walk found as a plan; return its length."""
+    best = prospect.best
+    first, second = best[FIRST_LENGTH], best[SECOND_LENGTH]
+    for i in range(first):
+        plan[i] = best[FIRST]
+    for i in range(second):
+        plan[first + i] = best[SECOND]
+    plan[first + second] = best[LAST]
+    return first + second + 1

@@ -1,0 +1,148 @@
+"""What lies behind the frontier: predicted from how free space has gone on so far in this episode, layer by layer."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.jit import kernel
+from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
+from shoal.swarm.kernels.prediction.occupancy_prior import PAIRS, around, chance, place, steps_of
+
+UNLIKELY = 0.25  # chance below which a cell is taken to be wall before others are looked at
+FEWEST = 4  # cells seen in similar surroundings without which nothing is taken to be wall
+UNDECIDED, WALL, FREE = 0, 1, 2
+NOT_ASKED = -1.0
+
+
+class Guess(NamedTuple):
+    """What is known and predicted; boards."""
+
+    open: NDArray[np.uint64]  # free, or taken to be
+    known: NDArray[np.uint64]  # known, or predicted
+    inner: NDArray[np.uint64]  # all cells but the rim
+    cells: NDArray[np.int64]  # the cells of this layer, as 64 * word + bit
+    following: NDArray[np.int64]  # those of the next one
+    verdicts: NDArray[np.int8]  # on the cells of this layer
+    chances: NDArray[np.float64]  # of each surroundings at each place; NOT_ASKED if nobody has asked yet
+    layers: int
+    rows: int
+    width: int
+
+
+@kernel
+def predict(field, experience, manner, guess, depth, likely, sure):
+    """Fill ``guess.open`` with the cells known to be free and those that one manner of `experience` predicts so, layer by layer."""
+    size = np.int64(0)
+    guess.chances[:] = NOT_ASKED
+    for i in range(field.open.shape[0]):
+        guess.open[i] = field.open[i]
+        guess.known[i] = field.known[i]
+        size = list_cells(guess.cells, size, i, field.frontier[i])
+    for layer in range(depth):
+        # All cells on the way have to be free, so the farther, the surer each of them.
+        needed = max(likely, sure ** (1.0 / (layer + 1.0)))
+        find_walls(guess, experience, manner, size)
+        if not find_free(guess, experience, manner, size, needed):
+            return
+        size = next_layer(guess, size)
+
+
+@kernel
+def list_cells(cells, size, i, word):
+    """Append the cells of one word of a board to a list; return its length."""
+    while word != ZERO:
+        cells[size] = 64 * i + lowest(word)
+        word &= word - ONE
+        size += 1
+    return size
+
+
+@kernel
+def find_walls(guess, experience, manner, size):
+    """Take those cells of the layer as known that are hardly ever free, so that the way between two walls is seen as such."""
+    opened, known, chances, seen = guess.open, guess.known, guess.chances, experience.tallies[1:]
+    directions = 4 if guess.layers == 1 else 6
+    for k in range(size):
+        cell = guess.cells[k]
+        at, places = place(experience, manner, cell)
+        guess.verdicts[k] = UNDECIDED
+        for command in range(directions):
+            step, side = steps_of(guess.rows, guess.width, command)
+            if not is_open(opened, cell - step):
+                continue
+            number = around(opened, known, cell, step, side)
+            if chances[number * places + at] == NOT_ASKED:
+                chances[number * places + at] = chance(experience, manner, number, cell)
+            if chances[number * places + at] < UNLIKELY and seen[number // PAIRS, 0] >= FEWEST:
+                guess.verdicts[k] = WALL
+                break
+    for k in range(size):
+        if guess.verdicts[k] == WALL:
+            mark(known, guess.cells[k])
+
+
+@kernel
+def find_free(guess, experience, manner, size, needed):
+    """Find the cells of the layer that are taken to be free from every side that they can be entered from; tell if any are."""
+    opened, known, inner, chances = guess.open, guess.known, guess.inner, guess.chances
+    directions, some = 4 if guess.layers == 1 else 6, False
+    for k in range(size):
+        cell = guess.cells[k]
+        if guess.verdicts[k] == WALL or not is_open(inner, cell):
+            continue
+        at, places = place(experience, manner, cell)
+        for command in range(directions):
+            step, side = steps_of(guess.rows, guess.width, command)
+            if not is_open(opened, cell - step):
+                continue
+            number = around(opened, known, cell, step, side)
+            if chances[number * places + at] == NOT_ASKED:
+                chances[number * places + at] = chance(experience, manner, number, cell)
+            guess.verdicts[k] = FREE
+            if not chances[number * places + at] > needed:
+                guess.verdicts[k] = UNDECIDED
+                break
+        some |= guess.verdicts[k] == FREE
+    return some
+
+
+@kernel
+def is_open(board, cell):
+    """Tell whether a cell is on a board; beyond it none is."""
+    word = cell >> 6
+    return 0 <= word < board.shape[0] and (board[word] >> np.uint64(cell & 63)) & ONE != ZERO
+
+
+@kernel
+def mark(board, cell):
+    """Add a cell to a board."""
+    board[cell >> 6] |= ONE << np.uint64(cell & 63)
+
+
+@kernel
+def next_layer(guess, size):
+    """Take the layer as known, and go on behind the cells taken to be free; return how many cells the next layer has."""
+    for k in range(size):
+        mark(guess.known, guess.cells[k])
+        if guess.verdicts[k] == FREE:
+            mark(guess.open, guess.cells[k])
+    following, row = np.int64(0), 64 * guess.width
+    for k in range(size):
+        if guess.verdicts[k] != FREE:
+            continue
+        cell = guess.cells[k]  # it is not on the rim, so it has all its neighbours
+        for step in (np.int64(1), row, row * guess.rows):
+            if step == row * guess.rows and guess.layers == 1:
+                continue
+            for near in (cell - step, cell + step):
+                if not (guess.known[near >> 6] >> np.uint64(near & 63)) & ONE:
+                    mark(guess.known, near)  # so that it is listed once
+                    guess.following[following] = near
+                    following += 1
+    for k in range(following):
+        guess.cells[k] = guess.following[k]
+        guess.known[guess.cells[k] >> 6] &= ~(ONE << np.uint64(guess.cells[k] & 63))
+    return following

@@ -1,0 +1,258 @@
+"""Breadth-first search by dilation: the nearest frontier cell and the commands that reach it.
+
+A level of the search is a board; the next level is its dilation within the known-free cells, which costs about as much as a move.
+Since the whole path is played before the next search, planning never costs more than moving. To find the way back only the
+distance modulo 3 of each cell is kept (three boards), so memory does not grow with the length of the path.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.jit import kernel
+from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, has, lowest
+from shoal.swarm.kernels.dynamics.moves import BLOCK_WORDS, DOWN, IN, LEFT, OUT, RIGHT, UP
+
+COLUMN_MAJOR, ROW_MAJOR = 0, 1
+SEEN, GOALS, WAVE, NEXT, MOD = 0, 1, 2, 3, 4  # planes: MOD, MOD + 1, MOD + 2 hold distances 0, 1, 2 modulo 3
+
+
+class Search(NamedTuple):
+    """Work space and options of a search."""
+
+    planes: NDArray[np.uint64]  # (7, words of a board)
+    plan: NDArray[np.int8]  # the commands found, first to last
+    neighbours: NDArray[np.int8]  # the commands in the order in which neighbours are looked at
+    parents: NDArray[np.int8]  # the commands in the order in which their origin is expanded
+    columns: NDArray[np.uint64]  # (words of a row,)
+    origin: NDArray[np.int64]  # row and column of the cell from which the plan starts
+    order: int  # COLUMN_MAJOR or ROW_MAJOR
+
+
+@kernel
+def dilate(words, within, out, first, last, field):
+    """Write into ``out`` the cells of ``within`` that have a neighbour in ``words``; words ``first`` to ``last - 1``.
+
+    Slices that start at 0 spare the loop every test for negative indices; only so does it become vector code.
+    """
+    width = field.width
+    here, left, right = words[first:last], words[first - 1 : last - 1], words[first + 1 : last + 1]
+    above, below = words[first - width : last - width], words[first + width : last + width]
+    allowed, result = within[first:last], out[first:last]
+    for i in range(result.shape[0]):
+        cells = (here[i] << ONE) | (here[i] >> ONE) | (left[i] >> TOP) | (right[i] << TOP)
+        result[i] = (cells | above[i] | below[i]) & allowed[i]
+    if field.layers > 1:
+        layer = width * field.rows
+        above, below = words[first - layer : last - layer], words[first + layer : last + layer]
+        for i in range(result.shape[0]):
+            result[i] |= (above[i] | below[i]) & allowed[i]
+
+
+@kernel
+def meets(one, other):
+    """Tell whether two boards have a cell in common."""
+    common = ZERO
+    for i in range(one.shape[0]):
+        common |= one[i] & other[i]
+    return common != ZERO
+
+
+@kernel
+def start_planes(planes, sources):
+    """Set the planes to distance 0 at the board ``sources``."""
+    seen, wave, near = planes[SEEN], planes[WAVE], planes[MOD]
+    for i in range(sources.shape[0]):
+        seen[i] = sources[i]
+        wave[i] = sources[i]
+        near[i] = sources[i]
+    one, two = planes[MOD + 1], planes[MOD + 2]
+    for i in range(sources.shape[0]):
+        one[i] = ZERO
+        two[i] = ZERO
+
+
+@kernel
+def expand(field, planes, first, last, level):
+    """Replace WAVE by the next level, words ``first`` to ``last - 1`` (it has no others); tell whether it is empty."""
+    dilate(planes[WAVE], field.open, planes[NEXT], first, last, field)
+    wave, following = planes[WAVE, first:last], planes[NEXT, first:last]
+    seen, mark = planes[SEEN, first:last], planes[MOD + level % 3, first:last]
+    some = ZERO
+    for i in range(wave.shape[0]):
+        wave[i] = following[i] & ~seen[i]
+        some |= wave[i]
+    for i in range(wave.shape[0]):
+        seen[i] |= wave[i]
+        mark[i] |= wave[i]
+    return some == ZERO
+
+
+@kernel
+def row_range(words, width, first, last):
+    """Return the first and last row of a board that is not empty, looking at rows ``first`` to ``last``."""
+    while first < last:
+        some = ZERO
+        for k in range(width):
+            some |= words[first * width + k]
+        if some != ZERO:
+            break
+        first += 1
+    while last > first:
+        some = ZERO
+        for k in range(width):
+            some |= words[last * width + k]
+        if some != ZERO:
+            break
+        last -= 1
+    return first, last
+
+
+@kernel
+def common_columns(one, other, columns):
+    """Add to ``columns``, one row of words, the columns in which two boards (or the same rows of them) have a common cell."""
+    width = columns.shape[0]
+    if width < 8:  # a row is too short for vectors: column by column
+        for k in range(width):
+            common = columns[k]
+            for i in range(k, one.shape[0], width):
+                common |= one[i] & other[i]
+            columns[k] = common
+        return
+    for first in range(0, one.shape[0], width):
+        a, b = one[first : first + width], other[first : first + width]
+        for k in range(width):
+            columns[k] |= a[k] & b[k]
+
+
+@kernel
+def first_cell(field, search, one, other):
+    """Return (row, column) of the first common cell of two boards in the order of expansion; there is one.
+
+    Its columns are in ``search.columns``.
+    """
+    width, rows, layers = field.width, field.rows, field.layers
+    if search.order == COLUMN_MAJOR:
+        for k in range(width):
+            common = search.columns[k]
+            if common == ZERO:
+                continue
+            leftmost = common & (~common + ONE)
+            for r in range(rows):
+                for layer in range(layers):
+                    i = (layer * rows + r) * width + k
+                    if one[i] & other[i] & leftmost != ZERO:
+                        return layer * rows + r, 64 * k + lowest(common)
+    for r in range(rows):
+        for k in range(width):
+            common = ZERO
+            for layer in range(layers):
+                i = (layer * rows + r) * width + k
+                common |= one[i] & other[i]
+            if common == ZERO:
+                continue
+            column = 64 * k + lowest(common)
+            for layer in range(layers):
+                row = layer * rows + r
+                if has(one, width, row, column) and has(other, width, row, column):
+                    return row, column
+    return -1, -1
+
+
+@kernel
+def ahead(row, column, command, rows):
+    """Return the cell one step from (row, column)."""
+    if command == LEFT:
+        return row, column - 1
+    if command == RIGHT:
+        return row, column + 1
+    if command == UP:
+        return row - 1, column
+    if command == DOWN:
+        return row + 1, column
+    if command == IN:
+        return row - rows, column
+    return row + rows, column
+
+
+@kernel
+def opposite(command):
+    """Return the command that undoes ``command``."""
+    if command == IN:
+        return OUT
+    if command == OUT:
+        return IN
+    return (command + 2) % 4
+
+
+@kernel
+def trace_back(field, search, row, column, level):
+    """Write the plan that leads from level 0 to the goal cell at ``level`` and on to the frontier; return its length."""
+    plan, width = search.plan, field.width
+    for command in search.neighbours:
+        r, c = ahead(row, column, command, field.rows)
+        if has(field.frontier, width, r, c):
+            plan[level] = command
+            break
+    for distance in range(level - 1, -1, -1):
+        previous = search.planes[MOD + distance % 3]
+        for command in search.parents:
+            r, c = ahead(row, column, opposite(command), field.rows)
+            if has(previous, width, r, c):
+                plan[distance] = command
+                row, column = r, c
+                break
+    search.origin[0], search.origin[1] = row, column
+    return level + 1
+
+
+@kernel
+def find_goals(field, search, sources, first, last):
+    """Fill GOALS with the known-free cells beside the frontier, words ``first`` to ``last - 1``; tell whether one is a source.
+
+    In blocks that fit the cache, so that what was just written is compared with the sources before it leaves.
+    """
+    goals, width = search.planes[GOALS], field.width
+    found = False
+    block = max(1, BLOCK_WORDS // width) * width
+    for start in range(first, last, block):
+        end = min(last, start + block)
+        dilate(field.frontier, field.open, goals, start, end, field)
+        if meets(sources[start:end], goals[start:end]):
+            found = True
+            common_columns(sources[start:end], goals[start:end], search.columns)
+    return found
+
+
+@kernel
+def nearest(field, search, sources):
+    """Search from the board ``sources`` to the nearest frontier cell; write the plan and return its length, 0 if none.
+
+    Ties: at each distance cells are expanded in ``search.order``, their neighbours looked at in ``search.neighbours``.
+    """
+    planes, width = search.planes, field.width
+    goals, wave = planes[GOALS], planes[WAVE]
+    reach = field.rows if field.layers > 1 else 1  # rows from a cell to its farthest neighbour
+    bottom, top = reach, field.layers * field.rows - 1 - reach
+    for k in range(width):
+        search.columns[k] = ZERO
+    level = 0
+    if find_goals(field, search, sources, bottom * width, (top + 1) * width):
+        row, column = first_cell(field, search, sources, goals)
+        return trace_back(field, search, row, column, level)
+    start_planes(planes, sources)
+    low, high = row_range(wave, width, bottom, top)
+    found = False
+    while not found:
+        level += 1
+        low, high = max(bottom, low - reach), min(top, high + reach)
+        if expand(field, planes, low * width, (high + 1) * width, level):
+            return 0
+        low, high = row_range(wave, width, low, high)
+        found = meets(wave[low * width : (high + 1) * width], goals[low * width : (high + 1) * width])
+    common_columns(wave, goals, search.columns)
+    row, column = first_cell(field, search, wave, goals)
+    return trace_back(field, search, row, column, level)

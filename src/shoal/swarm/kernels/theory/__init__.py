@@ -1,0 +1,1 @@
+"""Samples of particles on a line, and the fewest commands of each direction."""

@@ -1,0 +1,72 @@
+"""How many commands of each direction a particle needs to get somewhere: the parts of lower bounds.
+
+Plain arrays of cells, row by row with a rim: cell + offset is the next cell. A wall may be entered (that is how it is probed), but
+nobody goes on from there.
+"""
+
+from __future__ import annotations
+
+from shoal.jit import kernel
+
+FAR = 1 << 30
+
+
+@kernel
+def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, before, stack):
+    """Return the least a + b such that a commands ``back`` and b commands ``forth`` (others at will) reach every wanted cell.
+
+    For each a in turn, b is what the dearest cell needs in commands ``forth`` with at most a of the others.
+    """
+    best = FAR
+    for cell in range(costs.shape[0]):
+        costs[cell] = 0 if particles[cell] else FAR
+    a = 0
+    while a < best:
+        if a > 0:
+            for cell in range(costs.shape[0]):
+                before[cell] = costs[cell]
+            for cell in range(costs.shape[0]):
+                if free[cell] and before[cell] < costs[cell + offsets[back]]:
+                    costs[cell + offsets[back]] = before[cell]
+        fewest_paid(free, offsets, back, forth, costs, stack)
+        most = 0
+        for cell in range(costs.shape[0]):
+            if wanted[cell]:
+                most = max(most, costs[cell])
+        best = min(best, a + most)
+        a += 1
+    return best
+
+
+@kernel
+def fewest_paid(free, offsets, barred, paid, costs, stack):
+    """Lower ``costs``, int64, to the fewest commands ``paid`` with which each cell can be reached, never by one ``barred``.
+
+    ``costs`` holds what each cell costs to begin with, FAR if one cannot begin there. Other commands cost nothing. A ``paid`` of -1
+    means all commands, a ``barred`` of -1 none.
+    """
+    level = 0
+    while True:
+        size, higher = 0, False
+        for cell in range(costs.shape[0]):
+            if costs[cell] == level and free[cell]:
+                stack[size] = cell
+                size += 1
+            elif level < costs[cell] < FAR:
+                higher = True
+        if size == 0 and not higher:
+            return
+        while size > 0:
+            size -= 1
+            cell = stack[size]
+            for command in range(offsets.shape[0]):
+                if command == barred:
+                    continue
+                there = cell + offsets[command]
+                cost = level + (1 if command == paid or paid < 0 else 0)
+                if cost < costs[there]:
+                    costs[there] = cost
+                    if cost == level and free[there]:
+                        stack[size] = there
+                        size += 1
+        level += 1

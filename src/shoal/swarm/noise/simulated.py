@@ -1,0 +1,92 @@
+"""Simulated particles with noise: a rig, and the belief that an episode begins with."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import RigError
+from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.commands import encode
+from shoal.swarm.grid.world import check_start
+from shoal.swarm.kernels.noise import noisy_state
+from shoal.swarm.maps.workspace import GridWorkspace
+from shoal.swarm.noise.belief import NoisyBelief, haze_of, inner_of
+from shoal.swarm.noise.model import CONFIDENCE, Noise
+
+
+class NoisyRig:
+    """Particles of rule block that slip, are seen beside their cell, or are not seen. Each look is another one.
+
+    Parameters
+    ----------
+    workspace : GridWorkspace
+    start : array_like of int, shape (n, ndim)
+    noise : Noise
+    rng : Generator
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> rig = NoisyRig(GridWorkspace([[1, 1, 1]]), [(0, 0)], Noise(miss=0.5), np.random.default_rng(1))
+    >>> rig.send("r")
+    >>> [len(rig.observe()) for _ in range(6)]
+    [1, 0, 1, 0, 0, 1]
+    """
+
+    def __init__(self, workspace: GridWorkspace, start: ArrayLike, noise: Noise, rng: Generator) -> None:
+        self.workspace, self.noise, self.rng = workspace, noise, rng
+        self.haze = truth_of(workspace, check_start(workspace, start), noise, CONFIDENCE)
+        self._stopped = False
+
+    @property
+    def name(self) -> str:
+        """Name of the workspace."""
+        return self.workspace.name
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the workspace."""
+        return self.workspace.shape
+
+    @property
+    def rule(self) -> str:
+        """Rule block."""
+        return "block"
+
+    def send(self, command: str) -> None:
+        """Carry out one command."""
+        if self._stopped:
+            raise RigError("the simulated rig has been stopped")
+        noisy_state.move_hazy(self.haze, encode(command, ndim=self.workspace.ndim)[0], self.rng)
+
+    def observe(self) -> NDArray[np.int64]:
+        """Return cells where something is seen; int64, shape (k, ndim); the rim has row or column -1 and H or W."""
+        noisy_state.look(self.haze, self.rng)
+        return np.argwhere(inner_of(self.haze.seen, self.shape, rim=1)) - 1
+
+    def stop(self) -> None:
+        """Take no further commands."""
+        self._stopped = True
+
+
+def truth_of(workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float) -> noisy_state.Haze:
+    """Return the kernels' arrays of a workspace with particles, of which nothing is known yet."""
+    haze = haze_of(GridLayout(workspace.shape), about, confidence)
+    inner_of(haze.truth, workspace.shape)[...] = workspace.free
+    inner_of(haze.there, workspace.shape)[tuple(start.T)] = True
+    return haze
+
+
+def noisy_belief(
+    workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float, rng: Generator
+) -> NoisyBelief:
+    """Return the belief after the first scan of a simulation; its arrays hold the truth, too."""
+    haze, layout = truth_of(workspace, start, about, confidence), GridLayout(workspace.shape)
+    noisy_state.look(haze, rng)
+    seen = Board(layout, layout.pack(np.array(inner_of(haze.seen, layout.shape, rim=1), dtype=np.bool_)))
+    return NoisyBelief(layout.shape, seen, about, confidence, haze=haze)

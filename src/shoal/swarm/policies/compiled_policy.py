@@ -1,0 +1,83 @@
+"""What the built-in policies share: a number by which kernels know them, and the tie rule."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+from shoal.errors import InvalidInputError
+from shoal.swarm.grid.board import GridLayout
+from shoal.swarm.grid.commands import RULES
+from shoal.swarm.grid.scans import ScanRule
+from shoal.swarm.policies.paths import ORDERS, check_neighbours
+from shoal.swarm.policies.protocol import Policy
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """Base of the built-in policies, which kernels can play whole."""
+
+    kind: ClassVar[str]
+    code: ClassVar[int]  # the constant of shoal.swarm.kernels.episodes.policy_episode
+    rules: ClassVar[frozenset[str]] = frozenset(RULES)
+    dimensions: ClassVar[tuple[int, ...]] = (2, 3)
+    runs: ClassVar[bool] = True  # whether it can do with a scan after several commands
+
+    @property
+    def name(self) -> str:
+        """The registered name, and the options that are not the default."""
+        changed = [f"{f.name}={getattr(self, f.name)}" for f in fields(self) if getattr(self, f.name) != f.default]
+        return self.kind + (":" + ",".join(changed) if changed else "")
+
+    def check(self, layout: GridLayout, rule: str) -> None:
+        """Refuse a rule or a number of dimensions that the policy cannot play.
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        if rule not in self.rules:
+            able = " or ".join(sorted(self.rules))
+            raise InvalidInputError(f"policy {self.kind}: expected rule {able}, got {rule}")
+        if layout.ndim not in self.dimensions:
+            raise InvalidInputError(f"policy {self.kind}: expected a 2-D workspace, got {layout.ndim}-D")
+
+
+@dataclass(frozen=True)
+class Searching(Compiled):
+    """Base of the policies that look for the nearest frontier cell.
+
+    Parameters
+    ----------
+    ties : str
+        "column-major" or "row-major": the order in which the cells of one distance are expanded.
+    neighbours : str
+        The order in which their neighbours are looked at.
+    """
+
+    ties: str = "column-major"
+    neighbours: str = "lurd"
+
+    def __post_init__(self) -> None:
+        if self.ties not in ORDERS:
+            raise InvalidInputError(f"ties: expected {' or '.join(ORDERS)}, got {self.ties!r}")
+        check_neighbours(self.neighbours, 2 if len(self.neighbours) <= 4 else 3)
+
+
+def check_scanning(scanning: ScanRule, policy: Policy, rule: str) -> None:
+    """Refuse a scan rule that a policy or a move rule does not go with.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if scanning.every_move:
+        return
+    if rule == "tilt":
+        raise InvalidInputError(f"scan-every: expected 1 under rule tilt, where each command is a run, got {scanning.every}")
+    if not getattr(policy, "runs", True):
+        raise InvalidInputError(
+            f"scan-every: expected 1 for policy {policy.name}, which has to see its particle after each move, got {scanning.every}"
+        )
+    if scanning.kind == "adaptive" and getattr(policy, "kind", "") != "closest-frontier":
+        raise InvalidInputError(f"scan-every: expected the policy closest-frontier for adaptive, got {policy.name}")

@@ -1,0 +1,129 @@
+"""Shortest paths of particles to the frontier, as the searching policies take them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.commands import decode, encode, letters_of
+from shoal.swarm.grid.fields import new_field
+from shoal.swarm.kernels.search import frontier_search, tilt_search
+
+ORDERS = {"column-major": frontier_search.COLUMN_MAJOR, "row-major": frontier_search.ROW_MAJOR}
+# The cell from which a command comes, in the order in which such cells are expanded; column-major: left, up, in, out, down, right.
+_PARENTS = {"column-major": "rdoiul", "row-major": "droilu"}
+
+
+def check_neighbours(neighbours: str, ndim: int) -> NDArray[np.int8]:
+    """Return the codes of an order of neighbours; "lurd" stands for "lurdio" in 3-D."""
+    text = neighbours + "io" if ndim == 3 and len(neighbours) == 4 else neighbours
+    if sorted(text) != sorted(letters_of(ndim)):
+        raise InvalidInputError(f"neighbours: expected an order of {letters_of(ndim)!r}, got {neighbours!r}")
+    return encode(text, ndim=ndim)
+
+
+def search_of(layout: GridLayout, *, ties: str, neighbours: str, plan_size: int) -> frontier_search.Search:
+    """Return the work space of a frontier search."""
+    if ties not in ORDERS:
+        raise InvalidInputError(f"ties: expected one of {', '.join(ORDERS)}, got {ties!r}")
+    parents = "".join(letter for letter in _PARENTS[ties] if letter in letters_of(layout.ndim))
+    return frontier_search.Search(
+        planes=np.zeros((7, layout.words[0] * layout.words[1]), dtype=np.uint64),
+        plan=np.zeros(plan_size, dtype=np.int8),
+        neighbours=check_neighbours(neighbours, layout.ndim),
+        parents=encode(parents, ndim=layout.ndim),
+        columns=np.zeros(layout.words[1], dtype=np.uint64),
+        origin=np.zeros(2, dtype=np.int64),
+        order=ORDERS[ties],
+    )
+
+
+def slides_of(layout: GridLayout, rule: str) -> tilt_search.Slides:
+    """Return the work space of the tilt search; empty for other rules."""
+    rows, words = layout.words
+    size = rows * words * 64 if rule == "tilt" else 0
+    return tilt_search.Slides(np.zeros(size, np.int64), np.zeros(size, np.int8), np.zeros(size, np.int64))
+
+
+def path_to_frontier(
+    belief: Belief,
+    sources: Board,
+    *,
+    rule: str = "block",
+    mapping: bool = True,
+    ties: str = "column-major",
+    neighbours: str = "lurd",
+) -> str:
+    """Return the shortest commands that bring a particle from ``sources`` onto a frontier cell, "" if none do.
+
+    Breadth-first search through known-free cells. At each distance cells are expanded in the order of ``ties``, their neighbours in
+    the order of ``neighbours``; the first frontier cell met is the target.
+
+    Parameters
+    ----------
+    belief : Belief
+    sources : Board
+        The cells to start from.
+    rule : str
+        Under "tilt" the path is over stop cells and has the fewest tilts.
+    mapping : bool
+        Matters under "tilt" only: whether frontier cells are unknown (mapping) or known to be free (coverage).
+    ties : str
+        "column-major" (leftmost column first, top to bottom) or "row-major".
+    neighbours : str
+        An order of the commands.
+
+    Notes
+    -----
+    Source: paper M, algorithm 3; tie rule: docs/concepts/policies.md.
+
+    Examples
+    --------
+    >>> from shoal.swarm import GridWorkspace, GridWorld, Mapping
+    >>> world = GridWorld(GridWorkspace([[1, 1, 1]]))
+    >>> state = world.initial([(0, 1)])
+    >>> path_to_frontier(Mapping().begin(world, state), state.occupied)
+    'l'
+    """
+    return route_to_frontier(belief, sources, rule=rule, mapping=mapping, ties=ties, neighbours=neighbours)[0]
+
+
+def route_to_frontier(
+    belief: Belief, sources: Board, *, rule: str, mapping: bool, ties: str, neighbours: str
+) -> tuple[str, tuple[int, ...]]:
+    """Return the path of `path_to_frontier` and the cell from which it starts (meaningless under "tilt")."""
+    layout = sources.layout
+    space = search_of(layout, ties=ties, neighbours=neighbours, plan_size=len(belief.open) + 2)
+    field = new_field(
+        layout,
+        occupied=sources.words.ravel(),
+        open=belief.open.words.ravel(),
+        known=belief.known.words.ravel(),
+        frontier=belief.frontier.words.ravel(),
+    )
+    if rule == "tilt":
+        length = tilt_search.nearest_by_tilts(field, space, slides_of(layout, rule), field.occupied, mapping)
+    else:
+        length = frontier_search.nearest(field, space, field.occupied)
+    row, column = (int(i) for i in space.origin)
+    cell = (row // layout.rows - 1, row % layout.rows - 1, column - 1)
+    return decode(space.plan[:length]), cell[3 - layout.ndim :]
+
+
+_STEPS = {"l": (0, 0, -1), "u": (0, -1, 0), "r": (0, 0, 1), "d": (0, 1, 0), "i": (-1, 0, 0), "o": (1, 0, 0)}
+OPPOSITE = {"l": "r", "r": "l", "u": "d", "d": "u", "i": "o", "o": "i"}
+
+
+def step_from(cell: tuple[int, ...], command: str) -> tuple[int, ...]:
+    """Return the cell next to ``cell`` in the direction of ``command``.
+
+    Examples
+    --------
+    >>> step_from((3, 4), "u")
+    (2, 4)
+    """
+    step = _STEPS[command][3 - len(cell) :]
+    return tuple(a + b for a, b in zip(cell, step, strict=True))

@@ -1,0 +1,1 @@
+"""Policies that simulate plans in the predicted world before they send a command."""

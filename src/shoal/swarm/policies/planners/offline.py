@@ -1,0 +1,166 @@
+"""offline: a whole plan for a known map before the first move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.checks import check_integer
+from shoal.errors import InvalidInputError
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.commands import decode
+from shoal.swarm.grid.fields import RULE_CODES, field_of
+from shoal.swarm.grid.randomness import trial_rng
+from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.grid.tasks import Coverage
+from shoal.swarm.grid.trace import Trace
+from shoal.swarm.grid.world import GridWorld, check_start
+from shoal.swarm.kernels.episodes import planner_episode, policy_episode
+from shoal.swarm.kernels.planning import anneal, rollout
+from shoal.swarm.maps.workspace import GridWorkspace
+from shoal.swarm.policies.planners.beam_rollout import BeamRollout
+from shoal.swarm.policies.planners.state import planner_of, seed_of
+from shoal.swarm.policies.planners.tuning import Tuning
+from shoal.swarm.policies.protocol import Decision, View
+
+PLAN_BUDGET = 32_000.0  # simulated moves for each command: nobody waits between two of them
+FIRST_SHARE = 0.25  # of the budget, for the plan that annealing begins with
+HEAT, COOL = 3.0, 0.1  # moves that a worse plan may be longer, at first and at last
+LEAST = 200  # commands that the budget is reckoned for, if a plan has fewer: short ones are cheap
+PIECES = 60  # of annealing, each at one heat; between two of them Python may be interrupted
+PLACES = 64  # states kept on the way of a plan
+
+
+@dataclass(frozen=True)
+class FirstPlan(BeamRollout):
+    """beam-rollout that searches wider; its plan is where annealing begins."""
+
+    kind: ClassVar[str] = "offline"
+    tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(width=24, depth=12, leaves=6, variations=12)
+
+    def settings(self, particles: int) -> tuple[float, ...]:
+        """Return the budget as it is, however many particles there are, and the tuning."""
+        return (self.budget, *self.tuning)
+
+
+@dataclass(frozen=True)
+class Offline:
+    """Send the plan of `plan_coverage`; for coverages alone, since it has to know the map.
+
+    Parameters
+    ----------
+    budget : float
+        Moves that may be imagined for each command of the plan, on average.
+    """
+
+    kind: ClassVar[str] = "offline"
+    budget: float = PLAN_BUDGET
+
+    def __post_init__(self) -> None:
+        if not 0 < self.budget <= 1e12:
+            raise InvalidInputError(f"budget: expected imagined moves a command, above 0 and at most 1e12, got {self.budget:g}")
+
+    @property
+    def name(self) -> str:
+        """The registered name, and the budget if it is not the default."""
+        return self.kind if self.budget == PLAN_BUDGET else f"{self.kind}:budget={self.budget:g}"
+
+    def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
+        """Return the whole plan at the first call, none afterwards."""
+        if memory is not None:
+            return "", memory
+        if view.mapping:
+            raise InvalidInputError("policy offline: expected a task whose map is known, such as coverage, got a mapping")
+        # Particles that share a cell share it for ever, so one for each cell will do.
+        state = SwarmState.of_cells(view.occupied.layout, view.occupied.cells, shared=view.rule == "merge")
+        return plan_from(view.belief, state, view.rule, self.budget, rng), "sent"
+
+
+def plan_coverage(
+    workspace: GridWorkspace,
+    start: ArrayLike,
+    *,
+    targets: NDArray[np.bool_] | None = None,
+    rule: str = "block",
+    budget: float = PLAN_BUDGET,
+    attempts: int = 1,
+    seed: int = 0,
+) -> str:
+    """Return commands that bring some particle onto every free cell, or every target: a plan, as nothing is left to chance.
+
+    The planner beam-rollout with the map itself for a prediction makes a first plan; simulated annealing makes it shorter.
+
+    Parameters
+    ----------
+    workspace : GridWorkspace
+    start : array_like of int, shape (n, ndim)
+        Cells of the particles.
+    targets : ndarray of bool, the shape of the workspace, optional
+        The cells to cover, if not all.
+    rule : str
+        "block" or "merge".
+    budget : float
+        Moves that may be imagined for each command of the plan, on average; of at least 200 commands.
+    attempts : int
+        Plans of which the shortest is returned; each with other random changes.
+    seed : int
+
+    Raises
+    ------
+    InvalidInputError
+        If a target cannot be reached, or an argument does not fit.
+
+    Examples
+    --------
+    >>> plan_coverage(GridWorkspace([[1, 1, 1, 1, 1]]), [(0, 1)])
+    'lrrrr'
+
+    Notes
+    -----
+    Source: docs/concepts/planners.md.
+    """
+    check_integer(attempts, what="attempts", least=1)
+    world = GridWorld(workspace, rule)
+    state = world.initial(check_start(workspace, start, rule=rule))
+    wanted = workspace.free if targets is None else np.asarray(targets, dtype=np.bool_)
+    belief = Coverage().begin(world, state, wanted)
+    plans = [plan_from(belief, state, rule, budget, trial_rng(seed, trial)) for trial in range(attempts)]
+    return min(plans, key=len)
+
+
+def plan_from(belief: Belief, state: SwarmState, rule: str, budget: float, rng: Generator) -> str:
+    """Return commands that cover what is left to cover in a known map."""
+    FirstPlan().check(state.occupied.layout, rule)
+    if belief.complete:
+        return ""
+    mind, first = first_plan(belief, state, rule, budget * FIRST_SHARE, rng)
+    room = 2 * len(first) + 8 * anneal.LONGEST_CHANGE
+    every = max(4, -(-room // PLACES))
+    plan, trial, shortest = (np.zeros(room, dtype=np.int8) for _ in range(3))
+    kept = np.zeros((room // every + 1, *mind.root.shape), dtype=np.uint64)
+    course = anneal.Course(plan, trial, shortest, kept, every)
+    plan[: len(first)] = shortest[: len(first)] = first
+    length = fewest = len(first)
+    rollout.look(field_of(belief.open.words, state, belief), False, mind)
+    whole = budget * (1 - FIRST_SHARE) * max(LEAST, len(first))
+    for heat in np.geomspace(HEAT, COOL, PIECES):
+        length, fewest, _ = anneal.anneal(mind, course, length, fewest, heat, whole / PIECES)
+    return decode(shortest[:fewest])
+
+
+def first_plan(belief: Belief, state: SwarmState, rule: str, budget: float, rng: Generator) -> tuple[Any, NDArray[np.int8]]:
+    """Return the planner that made it, and the commands of a first plan."""
+    policy = FirstPlan(budget=budget)
+    options = policy.settings(len(state.occupied))
+    mind = planner_of(belief.open.layout, belief, rule=rule, mapping=False, seed=seed_of(rng), options=options)
+    field = field_of(belief.open.words, state, belief)  # changed as the plan is played
+    pieces, status = [], policy_episode.RUNNING
+    while status == policy_episode.RUNNING:
+        trace = Trace.empty(256)
+        played, status = planner_episode.play_planned(policy.code, field, RULE_CODES[rule], False, mind, trace)
+        pieces.append(trace.commands[:played])
+    return mind, np.concatenate(pieces)

@@ -1,0 +1,114 @@
+"""What planners remember between two moves, the arrays that their kernels work in, and how long they may think."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import GridLayout
+from shoal.swarm.grid.commands import letters_of
+from shoal.swarm.grid.fields import RULE_CODES
+from shoal.swarm.kernels.planning import beam, frontier_paths, planner_state
+from shoal.swarm.kernels.planning.rollout import SAVINGS
+from shoal.swarm.kernels.prediction import forward_model, occupancy_prediction, occupancy_prior
+
+BEAM_WIDTH, BEAM_DEPTH = 24, 12
+LONGEST_PLAN = 2_000
+FIRST_RATE = 200.0  # simulated moves a millisecond, while nothing is known of the machine
+ADVANCE = 10  # moves whose time may be spent before they are sent: most is to be thought about in the first ones
+
+
+def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, seed: int, options: tuple[float, ...] = ()) -> Any:
+    """Return the memory and the work space of a planner that has not decided anything yet."""
+    size, directions = layout.words[0] * layout.words[1], len(letters_of(layout.ndim))
+    longest = int(np.prod(layout.shape)) + LONGEST_PLAN
+    extents: Any = {"layers": layout.layers, "rows": layout.rows, "width": layout.words[1]}
+
+    def boards(*shape: int) -> Any:
+        return np.zeros((*shape, size), dtype=np.uint64)
+
+    foreseen = occupancy_prediction.Guess(
+        open=boards(),
+        known=boards(),
+        inner=layout.pack(layout.rim(np.ones(layout.shape, dtype=np.bool_))).ravel(),
+        cells=np.zeros(64 * size, dtype=np.int64),
+        following=np.zeros(64 * size, dtype=np.int64),
+        verdicts=np.zeros(64 * size, dtype=np.int8),
+        chances=np.zeros(occupancy_prior.FINE << ((occupancy_prior.MANNERS - 1) * (2 if layout.layers == 1 else 3))),
+        **extents,
+    )
+    memory = np.zeros(planner_state.MEMORY, dtype=np.int64)
+    memory[planner_state.RANDOM] = seed
+    memory[planner_state.REMAINING] = len(belief.frontier)
+    memory[planner_state.SURPRISE] = planner_state.WHOLE // 4 if mapping else 0  # of a known map nothing is a surprise
+    return planner_state.Planner(
+        memory=memory,
+        options=np.array(options, dtype=np.float64),
+        scene=forward_model.Scene(
+            ground=foreseen.open,
+            tried=boards(),
+            before=boards(),
+            staying=boards(),
+            rule=RULE_CODES[rule],
+            mapping=mapping,
+            **extents,
+        ),
+        root=boards(forward_model.BOARDS),
+        state=boards(forward_model.BOARDS),
+        ahead=boards(),
+        planes=boards(frontier_paths.PLANES),
+        gains=np.zeros(directions, dtype=np.int64),
+        incumbent=np.zeros(longest, dtype=np.int8),
+        trial=np.zeros(longest, dtype=np.int8),
+        beam=beam.Beam(
+            states=boards(2, BEAM_WIDTH, forward_model.BOARDS),
+            plans=np.zeros((2, BEAM_WIDTH, BEAM_DEPTH), dtype=np.int8),
+            values=np.zeros((2, BEAM_WIDTH)),
+            ranks=np.zeros((2, BEAM_WIDTH)),
+            marks=np.zeros((2, BEAM_WIDTH), dtype=np.uint64),
+            child=boards(forward_model.BOARDS),
+        ),
+        experience=occupancy_prior.Experience(
+            tallies=np.zeros((occupancy_prior.size_of(layout.layers), 2), dtype=np.int64),
+            losses=np.zeros(occupancy_prior.MANNERS),
+            before=boards(),
+            **extents,
+        ),
+        guess=foreseen,
+    )
+
+
+def seed_of(rng: Generator) -> int:
+    """Draw the seed of a planner's own generator."""
+    return int(rng.integers(1, 2**62))
+
+
+class Pace:
+    """Turns a time for each move into a budget of imagined moves, from what they have taken so far."""
+
+    def __init__(self, milliseconds: float) -> None:
+        self.milliseconds, self.spent, self.imagined, self.moves = milliseconds, 0.0, 0, 0
+
+    @contextmanager
+    def timed(self, mind: Any, moves: int) -> Iterator[None]:
+        """Set the budget for so many moves, and time the block, which plays them."""
+        if not self.milliseconds:
+            yield
+            return
+        rate = self.imagined / self.spent if self.imagined else FIRST_RATE
+        budget = max(1.0, self.milliseconds * rate)
+        mind.options[planner_state.BUDGET] = budget
+        # What earlier moves have saved or overdrawn is known in milliseconds: it replaces what the planner has counted itself.
+        saved = (self.milliseconds * (self.moves + ADVANCE) - self.spent) * rate
+        mind.memory[planner_state.CREDIT] = int(min(SAVINGS * budget, saved))
+        before, began = int(mind.memory[planner_state.IMAGINED]), time.perf_counter()
+        yield
+        self.spent += (time.perf_counter() - began) * 1e3
+        self.imagined += int(mind.memory[planner_state.IMAGINED]) - before
+        self.moves += moves

@@ -1,0 +1,151 @@
+"""run(): one episode of a problem. Built-in policies run whole in compiled code, all others step by step."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from shoal.checks import check_integer
+from shoal.episode import Status
+from shoal.errors import InvalidInputError
+from shoal.swarm.episode import SwarmEpisode
+from shoal.swarm.grid.placements import place
+from shoal.swarm.grid.randomness import noise_rng, trial_rng
+from shoal.swarm.grid.trace import Trace
+from shoal.swarm.grid.world import GridWorld, check_start
+from shoal.swarm.noise.simulated import noisy_belief
+from shoal.swarm.policies import ClosestFrontier, Compiled, PlannerPolicy, RandomMoves
+from shoal.swarm.problem import SwarmProblem
+from shoal.swarm.simulation.compiled import Game, NoisyGame, PlannerGame, SearchGame, compiled_loop, is_compiled, load_kernels
+from shoal.swarm.simulation.deciders import Decider, ReplannedRuns, make_decider
+from shoal.swarm.simulation.exact import ExactSwarm
+from shoal.swarm.simulation.loop import Controlled, OnMoves, closed_loop
+from shoal.swarm.simulation.noisy import NoisySwarm
+from shoal.version import versions
+
+
+def run(
+    problem: SwarmProblem, *, seed: int = 0, trial: int = 0, stepwise: bool = False, on_moves: OnMoves | None = None
+) -> SwarmEpisode:
+    """Play one episode.
+
+    Parameters
+    ----------
+    problem : SwarmProblem
+    seed, trial : int
+        Not negative. The same pair gives the same episode, whatever else runs.
+    stepwise : bool
+        Play a built-in policy step by step, too, as third parties' are; the episode is the same.
+    on_moves : callable, optional
+        Told the progress: (moves so far, frontier cells left).
+
+    Returns
+    -------
+    SwarmEpisode
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        For a problem that cannot be played.
+
+    Examples
+    --------
+    >>> episode = run(SwarmProblem([[1, 1, 1, 1]], particles=4))
+    >>> episode.status, episode.commands
+    (<Status.COMPLETE: 'complete'>, 'ludr')
+    """
+    if not isinstance(problem, SwarmProblem):
+        raise InvalidInputError(f"problem: expected a SwarmProblem, got {type(problem).__name__}")
+    seed, trial = check_integer(seed, what="seed", least=0), check_integer(trial, what="trial", least=0)
+    problem.check_at_place()
+    workspace, rng = problem.place, trial_rng(seed, trial)
+    if problem.start is None:
+        start = place(workspace, problem.particles, problem.placement, rng)
+    else:
+        start = check_start(workspace, problem.start, rule=problem.rule)
+    targets = problem.chosen_task.choose_targets(workspace, rng)
+    if problem.noise is None:
+        trace, status, first, seconds = _without_noise(problem, start, targets, rng, stepwise, on_moves)
+    else:
+        trace, status, first, seconds = _with_noise(problem, start, rng, noise_rng(seed, trial), stepwise, on_moves)
+    return SwarmEpisode(
+        problem=problem.at_place(workspace),
+        start=start,
+        targets=targets,
+        trace=trace,
+        status=status,
+        policy=problem.chosen_policy.name,
+        first_frontier=first,
+        seed=seed,
+        trial=trial,
+        seconds=seconds,
+        versions=versions(),
+    )
+
+
+_Played = tuple[Trace, Status, int, float]
+
+
+def _without_noise(
+    problem: SwarmProblem,
+    start: NDArray[np.int64],
+    targets: NDArray[np.bool_] | None,
+    rng: Generator,
+    stepwise: bool,
+    on_moves: OnMoves | None,
+) -> _Played:
+    policy, task, scanning = problem.chosen_policy, problem.chosen_task, problem.scanning
+    world = GridWorld(problem.place, problem.rule)
+    state = world.initial(start)
+    belief = task.begin(world, state, targets)
+    first, mapping = len(belief.frontier), getattr(task, "mapping", True)
+    if belief.complete:
+        return Trace.empty(0), Status.COMPLETE, first, 0.0
+    # The commands of random-moves are drawn beforehand, one a move, so runs of them are not compiled.
+    compiled = isinstance(policy, Compiled) and is_compiled(task) and (scanning.every_move or not isinstance(policy, RandomMoves))
+    began = time.perf_counter()
+    if not compiled or stepwise:
+        decider = make_decider(scanning, policy, rule=world.rule, mapping=mapping, belief=belief, rng=rng)
+        return *_in_python(ExactSwarm(world, task, state, belief), decider, problem, mapping, on_moves), first, _since(began)
+    load_kernels(planner=isinstance(policy, PlannerPolicy))  # so that it is not counted as time of this episode
+    began = time.perf_counter()
+    options: dict[str, Any] = {"rule": world.rule, "mapping": mapping, "rng": rng}
+    game: Game
+    if isinstance(policy, PlannerPolicy):
+        game = PlannerGame(policy, world.free, state, belief, **options)
+    else:
+        game = SearchGame(policy, world.free, state, belief, **options, n_free=world.workspace.n_free, scanning=scanning)
+    return *compiled_loop(game, problem.max_moves, on_moves), first, _since(began)
+
+
+def _with_noise(
+    problem: SwarmProblem,
+    start: NDArray[np.int64],
+    rng: Generator,
+    luck: Generator,
+    stepwise: bool,
+    on_moves: OnMoves | None,
+) -> _Played:
+    assert problem.noise is not None
+    policy, every = problem.chosen_policy, problem.scanning.step
+    noisy = noisy_belief(problem.place, start, problem.noise, problem.confidence, luck)
+    first, began = noisy.remaining, time.perf_counter()
+    if isinstance(policy, ClosestFrontier) and not stepwise:
+        game = NoisyGame(policy, noisy, luck, every=every)
+        return *compiled_loop(game, problem.max_moves, on_moves), first, _since(began)
+    decider = ReplannedRuns(policy, rng, every=every, max_moves=problem.max_moves)
+    return *_in_python(NoisySwarm(noisy, luck), decider, problem, True, on_moves), first, _since(began)
+
+
+def _in_python(
+    swarm: Controlled, decider: Decider, problem: SwarmProblem, mapping: bool, on_moves: OnMoves | None
+) -> tuple[Trace, Status]:
+    return closed_loop(swarm, decider, max_moves=problem.max_moves, mapping=mapping, on_moves=on_moves)
+
+
+def _since(began: float) -> float:
+    return time.perf_counter() - began

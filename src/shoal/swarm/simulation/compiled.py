@@ -1,0 +1,292 @@
+"""The closed loop in compiled code: the built-in policies, played whole by kernels, equal to the loop in Python move by move."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from shoal.episode import Status
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.commands import encode, letters_of
+from shoal.swarm.grid.fields import RULE_CODES, board_of, empty_boards, field_of, state_of
+from shoal.swarm.grid.scans import EVERY_MOVE, ScanRule
+from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.grid.tasks import Coverage, Mapping, SubsetCoverage
+from shoal.swarm.grid.trace import Trace
+from shoal.swarm.kernels.dynamics import moves
+from shoal.swarm.kernels.episodes import planner_episode, policy_episode, scan_runs
+from shoal.swarm.kernels.planning import planner_state
+from shoal.swarm.kernels.prediction import expected_gain, lookahead
+from shoal.swarm.noise.belief import NoisyBelief
+from shoal.swarm.policies import GreedyClassify, Manual, PlannerPolicy
+from shoal.swarm.policies.paths import search_of, slides_of
+from shoal.swarm.policies.planners.state import Pace, planner_of, seed_of
+
+RUNNING = policy_episode.RUNNING
+STATUSES = {policy_episode.RUNNING: Status.LIMIT, policy_episode.COMPLETE: Status.COMPLETE, policy_episode.STALLED: Status.STALLED}
+KINDS = {"equal": scan_runs.EQUAL, "doubling": scan_runs.DOUBLING, "hyper": scan_runs.HYPER, "adaptive": scan_runs.ADAPTIVE}
+LONGEST_RUN = 500  # that an adaptive policy weighs
+TIMED_PIECE = 8  # moves after which the time taken is looked at
+NOISY_PIECE = 256  # moves with noise between two moments at which progress is shown and Ctrl-C takes effect
+
+
+class Game(Protocol):
+    """A policy at play in compiled code, in pieces as long as the traces that it is given."""
+
+    def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
+        """Fill in the trace until it is full or the episode ends, at most ``limit`` moves from now; return (moves, status code)."""
+
+    @property
+    def remaining(self) -> int:
+        """Number of frontier cells left."""
+
+    @property
+    def largest(self) -> int:
+        """Moves of the longest piece."""
+
+    def cut(self, trace: Trace) -> Status:
+        """Return the status of an episode that was stopped; a run that was cut short is looked at where it ends."""
+
+
+def compiled_loop(
+    game: Game, max_moves: int, on_moves: Any = None, *, scanned: NDArray[np.bool_] | None = None
+) -> tuple[Trace, Status]:
+    """Play in compiled code, in pieces of a fraction of a second; ``scanned`` are the scans of a replay."""
+    room, moves, ended = min(2048, game.largest), 0, RUNNING
+    pieces: list[Trace] = []
+    while moves < max_moves and ended == RUNNING:
+        piece = Trace.empty(min(room, max_moves - moves))
+        if scanned is not None:
+            piece.scanned[:] = scanned[moves : moves + piece.moves]
+        played, ended = game.play_on(piece, max_moves - moves)
+        pieces.append(piece.part(0, played))
+        moves, room = moves + played, min(2 * room, game.largest)
+        if on_moves is not None:
+            on_moves(moves, game.remaining)
+    trace = Trace.joined(pieces)
+    status = STATUSES[ended]
+    if status is Status.LIMIT and scanned is None:
+        status = game.cut(trace)
+    return trace, status
+
+
+class SearchGame:
+    """A policy of the papers at play: those that kernels/episodes knows.
+
+    Parameters
+    ----------
+    policy : Compiled
+    free : Board
+    state : SwarmState
+    belief : Belief
+    rule : str
+    mapping : bool
+    n_free : int
+        Of the workspace.
+    rng : Generator
+    scanning : ScanRule or None
+        None if the traces give the scans: a replay.
+    """
+
+    def __init__(
+        self, policy: Any, free: Board, state: SwarmState, belief: Belief, *, rule: str, mapping: bool, n_free: int,
+        rng: Generator, scanning: ScanRule | None,
+    ) -> None:  # fmt: skip
+        self.code, self.rule, self.mapping, self.rng = policy.code, RULE_CODES[rule], mapping, rng
+        self.layout, self.field = state.occupied.layout, field_of(free.words, state, belief)
+        options = {name: getattr(policy, name) for name in ("ties", "neighbours") if hasattr(policy, name)}
+        plan = getattr(policy, "commands", "")
+        self.mind = policy_state_of(self.layout, n_free, belief, rule=rule, plan=plan, scanning=scanning, **options)
+        self.scout = scout_of(self.layout, scanning)
+        if not belief.complete:
+            choose_driven(policy.code, state, self.mind, rng)
+
+    def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
+        """Play a piece; see `Game`. What is random is drawn here, outside the kernel."""
+        if self.code == policy_episode.RANDOM:
+            trace.commands[:] = self.rng.integers(0, len(self.mind.search.neighbours), size=trace.moves)
+        played, status = policy_episode.play(self.code, self.field, self.rule, self.mapping, self.mind, self.scout, trace)
+        return int(played), int(status)
+
+    @property
+    def remaining(self) -> int:
+        """Number of frontier cells left."""
+        return int(self.mind.memory[policy_episode.REMAINING])
+
+    @property
+    def largest(self) -> int:
+        """Moves of the longest piece: the larger the boards, the slower a move."""
+        return largest_piece(self.field)
+
+    def cut(self, trace: Trace) -> Status:
+        """Look at the end of a run that was cut short, unless its outcome was known beforehand; see `Game`."""
+        known = self.mind.scanning.kind == scan_runs.ADAPTIVE and self.mind.memory[policy_episode.LEARNT] == 0
+        if self.mind.memory[policy_episode.RUN_LEFT] == 0 or known:
+            return Status.LIMIT
+        trace.scanned[-1] = True
+        return Status.LIMIT if self.remaining else Status.COMPLETE
+
+    @property
+    def final(self) -> tuple[SwarmState, Belief]:
+        """State and belief now."""
+        boards = (self.field.open, self.field.known, self.field.frontier)
+        return state_of(self.layout, self.field), Belief(*(board_of(self.layout, words) for words in boards))
+
+
+class PlannerGame:
+    """A planner at play; for the parameters see `SearchGame`."""
+
+    def __init__(
+        self, policy: PlannerPolicy, free: Board, state: SwarmState, belief: Belief, *, rule: str, mapping: bool, rng: Generator
+    ) -> None:
+        seed = 0 if belief.complete else seed_of(rng)
+        self.code, self.rule, self.mapping, self.pace = policy.code, RULE_CODES[rule], mapping, Pace(policy.milliseconds)
+        self.field = field_of(free.words, state, belief)
+        options = policy.settings(len(state.occupied))
+        self.mind = planner_of(belief.open.layout, belief, rule=rule, mapping=mapping, seed=seed, options=options)
+
+    def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
+        """Play a piece; see `Game`."""
+        moves, status, piece = 0, RUNNING, TIMED_PIECE if self.pace.milliseconds else max(1, trace.moves)
+        while moves < trace.moves and status == RUNNING:
+            part = trace.part(moves, moves + piece)
+            with self.pace.timed(self.mind, part.moves):
+                played, status = planner_episode.play_planned(self.code, self.field, self.rule, self.mapping, self.mind, part)
+            moves += int(played)
+        return moves, int(status)
+
+    @property
+    def remaining(self) -> int:
+        """Number of frontier cells left."""
+        return int(self.mind.memory[planner_state.REMAINING])
+
+    @property
+    def largest(self) -> int:
+        """Moves of the longest piece; see `SearchGame`."""
+        return largest_piece(self.field)
+
+    def cut(self, trace: Trace) -> Status:
+        """Return the limit: there is a scan after every move."""
+        return Status.LIMIT
+
+
+class NoisyGame:
+    """closest-frontier at play under noise.
+
+    Parameters
+    ----------
+    policy : ClosestFrontier
+    belief : NoisyBelief
+        With the truth in its arrays.
+    rng : Generator
+        Of the noise.
+    every : int
+        Commands before each scan, at most.
+    """
+
+    largest = NOISY_PIECE
+
+    def __init__(self, policy: Any, belief: NoisyBelief, rng: Generator, *, every: int) -> None:
+        size = int(np.prod(belief.layout.window))
+        self.search = search_of(belief.layout, ties=policy.ties, neighbours=policy.neighbours, plan_size=size)
+        self.belief, self.rng, self.every = belief, rng, every
+
+    def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
+        """Play a piece; see `Game`."""
+        return self.belief.play(self.search, self.rng, trace, every=self.every, limit=limit)
+
+    @property
+    def remaining(self) -> int:
+        """Number of frontier cells left."""
+        return self.belief.remaining
+
+    def cut(self, trace: Trace) -> Status:
+        """Return whether nothing was left to do just then."""
+        return Status.COMPLETE if self.belief.finished else Status.LIMIT
+
+
+def is_compiled(task: Any) -> bool:
+    """Tell whether kernels know a task: subclasses of third parties may update beliefs in another way."""
+    return type(task) in (Mapping, Coverage, SubsetCoverage)
+
+
+def largest_piece(field: moves.Field) -> int:
+    """Return how many moves take about a fraction of a second."""
+    return int(np.clip(2**25 // field.free.size, 64, 2**16))
+
+
+def scanning_of(scanning: ScanRule | None) -> scan_runs.Scanning:
+    """Return a scan rule as kernels know it; without one the log gives the scans."""
+    return scan_runs.Scanning(scan_runs.GIVEN, 1) if scanning is None else scan_runs.Scanning(KINDS[scanning.kind], scanning.step)
+
+
+def scout_of(layout: GridLayout, scanning: ScanRule | None) -> scan_runs.Scout | None:
+    """Return what an adaptive scan rule works in; None for all others."""
+    if scanning is None or KINDS[scanning.kind] != scan_runs.ADAPTIVE:
+        return None
+    words = layout.words[0] * layout.words[1]
+    longest = min(max(layout.window), LONGEST_RUN)
+    boards = [np.zeros(words, dtype=np.uint64) for _ in range(3)]
+    return scan_runs.Scout(
+        survey=expected_gain.Survey(
+            prices=np.array((scanning.scan_cost, scanning.move_cost), dtype=np.float64),
+            tallies=np.zeros((expected_gain.TALLIES, 2), dtype=np.int64),
+            gains=np.zeros((len(letters_of(layout.ndim)), longest + 1), dtype=np.float64),
+            known=boards[0],
+            columns=layout.columns,
+        ),
+        prospect=lookahead.Prospect(boards[1], boards[2], np.zeros((0, 0), np.int32), np.zeros(5, np.int64)),
+    )
+
+
+def policy_state_of(
+    layout: GridLayout,
+    n_free: int,
+    belief: Belief,
+    *,
+    rule: str,
+    ties: str = "column-major",
+    neighbours: str = "lurd",
+    plan: str,
+    scanning: ScanRule | None = EVERY_MOVE,
+) -> policy_episode.Mind:
+    """Return the memory of a built-in policy that has not decided anything yet, or follows ``plan``."""
+    space = search_of(layout, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), lookahead.LONGEST_PLAN))
+    memory = np.zeros(policy_episode.MEMORY, dtype=np.int64)
+    memory[policy_episode.RUN_COMMAND], memory[policy_episode.SCANNED] = -1, 1
+    memory[policy_episode.REMAINING] = len(belief.frontier)
+    if plan:
+        space.plan[: len(plan)] = encode(plan, ndim=layout.ndim)
+        memory[policy_episode.PLAN_LENGTH] = len(plan)
+    single, visited = empty_boards(layout, 2)
+    trail = np.zeros(n_free + 2, dtype=np.int8)
+    return policy_episode.Mind(memory, space, slides_of(layout, rule), single, visited, trail, scanning_of(scanning))
+
+
+def choose_driven(code: int, state: SwarmState, mind: policy_episode.Mind, rng: Generator) -> None:
+    """Choose the particle that a policy drives: elect-particle a random one, depth-first the first; others drive none."""
+    if code not in {policy_episode.ELECT, policy_episode.DEPTH_FIRST}:
+        return
+    layout, cells = state.occupied.layout, state.occupied.cells
+    cell = cells[rng.integers(0, len(cells)) if code == policy_episode.ELECT else 0] + 1
+    layer = int(cell[0]) if layout.ndim == 3 else 0
+    mind.memory[policy_episode.ROW], mind.memory[policy_episode.COLUMN] = layer * layout.rows + cell[-2], cell[-1]
+
+
+@cache
+def load_kernels(*, planner: bool = False) -> None:
+    """Load the kernels of episodes, or compile them if this installation has not yet; takes effect once in a process."""
+    layout = GridLayout((1, 1))
+    here = Board.of_cells(layout, [(0, 0)])
+    state, belief, rng = SwarmState(here), Belief(here, here, here), np.random.default_rng(0)
+    if planner:
+        first = PlannerGame(GreedyClassify(), here, state, belief, rule="block", mapping=True, rng=rng)
+        planner_episode.play_planned(first.code, first.field, first.rule, True, first.mind, Trace.empty(0))
+    else:
+        game = SearchGame(Manual(), here, state, belief, rule="block", mapping=True, n_free=1, rng=rng, scanning=EVERY_MOVE)
+        game.play_on(Trace.empty(0), 0)

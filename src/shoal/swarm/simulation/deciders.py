@@ -1,0 +1,191 @@
+"""Deciders: what turns the commands of a policy into runs of equal commands with a scan at their end."""
+
+from __future__ import annotations
+
+import traceback
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.random import Generator
+
+from shoal.errors import InvalidInputError, ShoalError
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.commands import decode, encode, letters_of
+from shoal.swarm.grid.fields import RULE_CODES, field_of
+from shoal.swarm.grid.scans import ScanRule
+from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.kernels.episodes import policy_episode
+from shoal.swarm.kernels.noise.noisy_episode import PATIENCE as NOISY_PATIENCE
+from shoal.swarm.kernels.noise.noisy_episode import TIMES
+from shoal.swarm.policies.manual import Manual
+from shoal.swarm.policies.protocol import Policy, View
+from shoal.swarm.simulation.compiled import policy_state_of, scout_of
+
+PATIENCE = policy_episode.PATIENCE
+"""So many runs in a row that move no particle and classify no cell: the policy is stopped as stalled."""
+NOISY_TIMES = 20
+"""With noise: a policy is stopped after so many times the moves that closest-frontier may take across all free cells known."""
+
+
+class Decider(Protocol):
+    """What chooses the runs of an episode."""
+
+    @property
+    def due(self) -> bool:
+        """Whether a scan has to follow the last run chosen; else it may be left out where its outcome is known."""
+
+    def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
+        """Return a command and how often to send it, or None if there is nothing left to send."""
+
+    def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
+        """Learn that the last run classified ``learnt`` cells; tell whether a scan was to follow it."""
+
+
+def make_decider(scanning: ScanRule, policy: Policy, *, rule: str, mapping: bool, belief: Belief, rng: Generator) -> Decider:
+    """Return what chooses the runs of a policy under a scan rule, without noise."""
+    if scanning.kind != "adaptive":
+        return PlannedRuns(scanning, policy, rng)
+    options = {name: getattr(policy, name) for name in ("ties", "neighbours")}
+    return AdaptiveRuns(belief, rule=rule, mapping=mapping, scanning=scanning, **options)
+
+
+class PlannedRuns:
+    """Cuts the plans of a policy into runs.
+
+    A run never goes past a turn of the plan. The plan's last stretch leads into the unknown, so a run may go on there.
+    """
+
+    due = True
+
+    def __init__(self, scanning: ScanRule, policy: Policy, rng: Generator) -> None:
+        self.scanning, self.policy, self.rng = scanning, policy, rng
+        self.memory: Any = None
+        self.plan, self.at, self.streak, self.last = "", 0, 0, ""
+
+    def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
+        """Return the next run; see `Decider`."""
+        if self.at >= len(self.plan):
+            (self.plan, self.memory), self.at = decided(self.policy, view, self.memory, self.rng), 0
+            if not self.plan or idle >= PATIENCE:
+                return None
+            encode(self.plan, ndim=view.occupied.layout.ndim)
+        command = self.plan[self.at]
+        steps = 1 if self.scanning.every_move else self._steps(command)
+        self.at += steps
+        return command, steps
+
+    def _steps(self, command: str) -> int:
+        self.streak, self.last = (self.streak + 1 if command == self.last else 0), command
+        rest = self.plan[self.at :]
+        stretch = len(rest) - len(rest.lstrip(command))
+        limit = self.scanning.interval(self.streak)
+        return limit if stretch == len(rest) and not isinstance(self.policy, Manual) else min(limit, stretch)
+
+    def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
+        """Scan after every run; see `Decider`."""
+        return True
+
+
+class AdaptiveRuns:
+    """The adaptive scan rule: kernels choose the runs, the same that compiled episodes use.
+
+    Parameters
+    ----------
+    belief : Belief
+        At the start.
+    rule : str
+    mapping : bool
+    scanning : ScanRule
+    options : ties and neighbours of closest-frontier
+    """
+
+    due = False
+
+    def __init__(self, belief: Belief, *, rule: str, mapping: bool, scanning: ScanRule, **options: str) -> None:
+        layout = belief.open.layout
+        size = int(np.prod(layout.window))
+        self.rule, self.mapping = rule, mapping
+        self.mind = policy_state_of(layout, size, belief, rule=rule, plan="", scanning=scanning, **options)
+        self.scout = scout_of(layout, scanning)
+
+    def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
+        """Return the next run; see `Decider`."""
+        memory, belief = self.mind.memory, view.belief
+        memory[policy_episode.REMAINING], memory[policy_episode.IDLE], memory[policy_episode.RUN_LEFT] = (
+            len(belief.frontier),
+            idle,
+            0,
+        )
+        field = field_of(belief.open.words, state, belief)  # the truth is what is believed: no kernel called here moves there
+        if not policy_episode.begin_run(
+            policy_episode.CLOSEST, field, RULE_CODES[self.rule], self.mapping, self.mind, self.scout, np.int8(0)
+        ):
+            return None
+        return decode(memory[policy_episode.RUN_COMMAND : policy_episode.RUN_COMMAND + 1].astype(np.int8)), int(
+            memory[policy_episode.RUN_LEFT]
+        )
+
+    def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
+        """Scan where something was learnt; see `Decider`."""
+        self.mind.memory[policy_episode.LEARNT] = learnt
+        return bool(policy_episode.end_run(field_of(belief.open.words, state, belief), self.mind, self.scout, False))
+
+
+class ReplannedRuns:
+    """With noise: one command at a time, and a new plan after each scan, as it may change everything.
+
+    A scan is due after ``every`` commands, and where a plan ends. A plan without memory is dropped then. A policy that classifies
+    no new cell for `NOISY_TIMES` times the moves that closest-frontier may take across all free cells known is stopped, so that
+    every episode ends.
+    """
+
+    def __init__(self, policy: Policy, rng: Generator, *, every: int, max_moves: int) -> None:
+        self.policy, self.rng, self.every, self.max_moves = policy, rng, every, max_moves
+        self.unseen, self.due = 0, True
+        self.memory: Any = None
+        self.plan, self.in_vain, self.wakes = "", 0, 0
+
+    def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
+        """Return the next command; see `Decider`."""
+        self.in_vain = 0 if view.classified else self.in_vain + 1
+        if self.in_vain > NOISY_TIMES * (NOISY_PATIENCE + TIMES * len(view.belief.open)):
+            return None
+        if not view.belief.open:  # scans that are often wrong need a few moves to be sure of a first free cell
+            self.wakes, self.unseen, self.due = self.wakes + 1, 0, True
+            letters = letters_of(view.occupied.layout.ndim)
+            return (letters[(self.wakes - 1) % len(letters)], 1) if self.wakes <= NOISY_PATIENCE else None
+        if view.belief.complete:
+            return None
+        if not self.plan:
+            self.plan, self.memory = decided(self.policy, view, self.memory, self.rng)
+            if not self.plan:
+                return None
+            encode(self.plan, ndim=view.occupied.layout.ndim)
+        command, self.plan = self.plan[0], self.plan[1:]
+        self.due = self.unseen + 1 >= self.every or not self.plan
+        self.unseen = 0 if self.due else self.unseen + 1
+        if self.due and self.memory is None:
+            self.plan = ""
+        self.due = self.due or view.moves + 1 >= self.max_moves
+        return command, 1
+
+    def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
+        """Tell whether the scan after the last command was due; see `Decider`."""
+        return self.due
+
+
+def decided(policy: Policy, view: View, memory: Any, rng: Generator) -> tuple[str, Any]:
+    """Ask a policy; say in one sentence what is wrong with an answer, or where its own code failed."""
+    try:
+        answer = policy.decide(view, memory, rng)
+    except ShoalError:
+        raise
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise InvalidInputError(
+            f"policy {policy.name}: its decide failed at {place.filename}, line {place.lineno}: {what}"
+        ) from error
+    if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[0], str):
+        raise InvalidInputError(f"policy {policy.name}: expected decide to return (commands, memory), got {answer!r:.80}")
+    return answer

@@ -1,0 +1,84 @@
+"""A swarm that is simulated without fault, one pure step after another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.scans import states_of_run
+from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.grid.trace import Row
+from shoal.swarm.grid.world import GridWorld
+
+
+class ExactSwarm:
+    """Particles in a world, and a task's belief of them; see `shoal.swarm.simulation.loop.Controlled`.
+
+    Parameters
+    ----------
+    world : GridWorld
+    task : Task
+    state : SwarmState
+    belief : Belief
+        At the start.
+    """
+
+    def __init__(self, world: GridWorld, task: Any, state: SwarmState, belief: Belief) -> None:
+        self.world, self.task, self.state, self.belief = world, task, state, belief
+
+    @property
+    def rule(self) -> str:
+        """The move rule."""
+        return self.world.rule
+
+    @property
+    def finished(self) -> bool:
+        """Whether the frontier is empty."""
+        return self.belief.complete
+
+    def carry_out(self, command: str, steps: int, *, scan: bool = True) -> tuple[list[Row], bool]:
+        """Send a run of commands; see `shoal.swarm.simulation.loop.Controlled`."""
+        rows, stuck = [], False
+        for pushes in self._pushes(command, steps):
+            travelled = classified = 0
+            for after in pushes:
+                still, stuck = stuck, after is self.state
+                if still and stuck:  # nobody has moved at the command before either, which has found the walls
+                    continue
+                travelled += distance_of_push(self.state, after, command)
+                updated = self.task.update(self.belief, command, self.state.occupied, after.occupied)
+                classified += newly_classified(self.belief, updated)
+                self.state, self.belief = after, updated
+            rows.append((classified, len(self.belief.frontier), travelled))
+        return rows, True
+
+    def _pushes(self, command: str, steps: int) -> Iterator[Iterator[SwarmState]]:
+        """Yield for each command of a run the states after its pushes; of a longer run only its end is looked at."""
+        if steps == 1:
+            yield self.world.pushes(self.state, command)
+            return
+        after = self.state
+        for _ in range(steps):
+            before, after = after, self.world.step(after, command)
+            if after == before:  # and so for the rest of the run
+                break
+        for between in states_of_run(self.state, after, command, steps):
+            yield iter([between])
+
+
+def distance_of_push(before: SwarmState, after: SwarmState, command: str) -> int:
+    """Return how many particles moved one cell in a push.
+
+    In a queue the leader stays and the others close up, so particles are told apart by their order: the occupied cells
+    summed along the direction of the command say how far the swarm has moved in all.
+    """
+    axis = {"l": -1, "r": -1, "u": -2, "d": -2, "i": -3, "o": -3}[command]
+    sign = 1 if command in "rdo" else -1
+    return sign * int(after.cells[:, axis].sum() - before.cells[:, axis].sum())
+
+
+def newly_classified(before: Belief, after: Belief) -> int:
+    """Return how many cells a push classified: newly known ones (mapping) or frontier cells covered (coverage)."""
+    learnt = len(after.known) - len(before.known)
+    return learnt if learnt else len(before.frontier - after.frontier)

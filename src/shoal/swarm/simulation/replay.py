@@ -1,0 +1,277 @@
+"""Replays of what was sent: without noise, with the same noise again, and from what the scans of a rig showed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board, GridLayout
+from shoal.swarm.grid.commands import decode
+from shoal.swarm.grid.randomness import noise_rng, trial_rng
+from shoal.swarm.grid.scans import ScanRule
+from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.grid.trace import Recorder, Trace
+from shoal.swarm.grid.world import GridWorld
+from shoal.swarm.kernels.noise import noisy_state as kernels
+from shoal.swarm.maps.workspace import GridWorkspace
+from shoal.swarm.noise.belief import NoisyBelief, inner_of
+from shoal.swarm.noise.model import Noise
+from shoal.swarm.noise.moments import Moment, looks_of
+from shoal.swarm.noise.simulated import noisy_belief
+from shoal.swarm.policies.manual import Manual
+from shoal.swarm.simulation.compiled import SearchGame, compiled_loop, is_compiled
+from shoal.swarm.simulation.exact import ExactSwarm
+
+
+class End(NamedTuple):
+    """What a replay ends with."""
+
+    state: SwarmState
+    belief: Belief
+    trace: Trace
+    first_frontier: int
+
+
+class Replay(Protocol):
+    """An episode played again from its commands and scans."""
+
+    def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
+        """Yield state and belief at the start and after each command."""
+
+    def moments(self) -> Iterator[Moment]:
+        """Yield what there is to see at the start and after each command; of episodes with noise."""
+
+    @property
+    def end(self) -> End:
+        """State and belief at the end, and the trace as replayed."""
+
+    def wrong_scan(self, scanning: ScanRule) -> str | None:
+        """Return what is wrong with the scans, None if they fit the rule."""
+
+
+@dataclass(frozen=True)
+class ExactReplay:
+    """A replay without noise.
+
+    Parameters
+    ----------
+    world : GridWorld
+    task : Task
+    start : ndarray of int64, shape (n, ndim)
+    targets : ndarray of bool, or None
+    trace : Trace
+        Of which commands and scans are taken.
+    """
+
+    world: GridWorld
+    task: Any
+    start: NDArray[np.int64]
+    targets: NDArray[np.bool_] | None
+    trace: Trace
+
+    def _begin(self) -> tuple[SwarmState, Belief]:
+        state = self.world.initial(self.start)
+        return state, self.task.begin(self.world, state, self.targets)
+
+    def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
+        """Yield state and belief at the start and after each command, replayed step by step.
+
+        The belief is that of the last scan, or the newest if all that has happened since was known beforehand.
+        """
+        state, shown = self._begin()
+        swarm = ExactSwarm(self.world, self.task, state, shown)
+        yield state, shown
+        for command, scanned in zip(decode(self.trace.commands), self.trace.scanned.tolist(), strict=True):
+            swarm.carry_out(command, 1)
+            if scanned or swarm.belief.known == shown.known:
+                shown = swarm.belief
+            yield swarm.state, shown
+
+    def moments(self) -> Iterator[Moment]:
+        """Yield nothing: there is no noise."""
+        yield from ()
+
+    @cached_property
+    def end(self) -> End:
+        """See `Replay`. Built-in tasks are replayed in compiled code."""
+        state, belief = self._begin()
+        first = len(belief.frontier)
+        if is_compiled(self.task):
+            game = SearchGame(
+                Manual(decode(self.trace.commands)), self.world.free, state, belief, rule=self.world.rule,
+                mapping=self.task.mapping, n_free=self.world.workspace.n_free, rng=trial_rng(0), scanning=None,
+            )  # fmt: skip
+            trace, _ = compiled_loop(game, self.trace.moves, scanned=self.trace.scanned)
+            return End(*game.final, trace, first)
+        swarm, recorder = ExactSwarm(self.world, self.task, state, belief), Recorder()
+        for command, scanned in zip(decode(self.trace.commands), self.trace.scanned.tolist(), strict=True):
+            recorder.add(command, swarm.carry_out(command, 1)[0], scanned=scanned)
+        return End(swarm.state, swarm.belief, recorder.trace, first)
+
+    def wrong_scan(self, scanning: ScanRule) -> str | None:
+        """Return what is wrong with the scans, None if they fit the rule: no decision may fall between a run and its scan."""
+        commands, scanned = self.trace.commands, self.trace.scanned
+        if scanning.every_move and not scanned.all():
+            return f"no scan after move {int(np.argmin(scanned)) + 1}, although there should be one after every move"
+        unseen = 0  # moves since the last scan that are still to be looked at
+        for move, (code, scan) in enumerate(zip(commands.tolist(), scanned.tolist(), strict=True), start=1):
+            if unseen and code != commands[move - 2]:
+                return f"no scan after move {move - 1}, where the direction changes"
+            if scanning.kind != "adaptive" or unseen or (self.targets is None and self.trace.classified[move - 1] > 0):
+                unseen += 1
+            if scanning.kind == "equal" and unseen > scanning.step:
+                return f"no scan after move {move - 1}, {scanning.step} moves after the one before"
+            unseen = 0 if scan else unseen
+        return f"no scan after the last move, {self.trace.moves}" if unseen else None
+
+
+class _BeliefReplay:
+    """What replays with noise share: they go from belief to belief."""
+
+    trace: Trace
+
+    def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
+        """Yield the belief, which changes in place, and where particles are (of a rig: where they were seen), with the rim."""
+        raise NotImplementedError
+
+    def _truth(self) -> NDArray[np.bool_] | None:
+        raise NotImplementedError
+
+    def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
+        """Yield at the start and after each command where particles are believed to be, and the belief."""
+        for belief, _ in self.beliefs():
+            yield SwarmState(belief.occupied), belief.belief
+
+    def moments(self) -> Iterator[Moment]:
+        """Yield what there is to see at the start and after each command."""
+        free = self._truth()
+        truth = None if free is None else np.pad(free, 1)
+        for belief, particles in self.beliefs():
+            yield Moment(particles, looks_of(belief, truth))
+
+    def wrong_scan(self, scanning: ScanRule) -> str | None:
+        """Return what is wrong with the scans, None if they fit the rule; unlike without noise a plan may turn before its scan."""
+        unseen, most = 0, scanning.step
+        for move, scan in enumerate(self.trace.scanned.tolist(), start=1):
+            unseen = 0 if scan else unseen + 1
+            if unseen == most:
+                return f"no scan after move {move}, {most} moves after the one before"
+        return f"no scan after the last move, {self.trace.moves}" if unseen else None
+
+
+@dataclass(frozen=True)
+class NoisyReplay(_BeliefReplay):
+    """A replay with the same noise again.
+
+    Parameters
+    ----------
+    workspace : GridWorkspace
+    start : ndarray of int64, shape (n, ndim)
+    noise : Noise
+    confidence : float
+    seed, trial : int
+    trace : Trace
+    """
+
+    workspace: GridWorkspace
+    start: NDArray[np.int64]
+    noise: Noise
+    confidence: float
+    seed: int
+    trial: int
+    trace: Trace
+
+    def _begin(self) -> tuple[NoisyBelief, np.random.Generator]:
+        rng = noise_rng(self.seed, self.trial)
+        return noisy_belief(self.workspace, self.start, self.noise, self.confidence, rng), rng
+
+    def _truth(self) -> NDArray[np.bool_]:
+        return self.workspace.free
+
+    def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
+        """Yield the belief, which changes in place, and where particles are."""
+        belief, rng = self._begin()
+        yield belief, self._particles(belief)
+        for code, scanned in zip(self.trace.commands, self.trace.scanned.tolist(), strict=True):
+            kernels.move_hazy(belief.haze, code, rng)
+            if scanned:
+                kernels.look(belief.haze, rng)
+                belief.learn(code)
+            else:
+                belief.foretell(code)
+            yield belief, self._particles(belief)
+
+    def _particles(self, belief: NoisyBelief) -> NDArray[np.bool_]:
+        return np.array(inner_of(belief.haze.there, self.workspace.shape, rim=1), dtype=np.bool_)
+
+    @cached_property
+    def last(self) -> tuple[NoisyBelief, End]:
+        """The belief at the end with its probabilities, and the rest of it."""
+        belief, rng = self._begin()
+        first, trace = belief.remaining, Trace.empty(self.trace.moves)
+        trace.commands[:], trace.scanned[:] = self.trace.commands, self.trace.scanned
+        belief.follow(rng, trace)
+        return belief, End(SwarmState(belief.occupied), belief.belief, trace, first)
+
+    @property
+    def end(self) -> End:
+        """See `Replay`."""
+        return self.last[1]
+
+
+@dataclass(frozen=True)
+class ObservedReplay(_BeliefReplay):
+    """A replay of what the scans of a rig showed.
+
+    Parameters
+    ----------
+    shape : tuple of int
+    noise : Noise
+    confidence : float
+    trace : Trace
+    observations : tuple of ndarray of int64, shape (k, ndim)
+        What each scan showed, that before the first command included.
+    truth : ndarray of bool, or None
+        The free cells, if they are known.
+    """
+
+    shape: tuple[int, ...]
+    noise: Noise
+    confidence: float
+    trace: Trace
+    observations: tuple[NDArray[np.int64], ...]
+    truth: NDArray[np.bool_] | None
+
+    def _truth(self) -> NDArray[np.bool_] | None:
+        return self.truth
+
+    def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
+        """Yield the belief, which changes in place, and where the last scan showed particles."""
+        layout = GridLayout(self.shape)
+        boards = (Board.of_cells(layout, cells) for cells in self.observations)
+        seen = next(boards)
+        belief = NoisyBelief(self.shape, seen, self.noise, self.confidence)
+        yield belief, seen.mask
+        for command, scanned in zip(decode(self.trace.commands), self.trace.scanned.tolist(), strict=True):
+            if scanned:
+                seen = next(boards)
+                belief.update(command, seen)
+            else:
+                belief.spread(command)
+            yield belief, seen.mask
+
+    @cached_property
+    def end(self) -> End:
+        """See `Replay`; what was classified and travelled cannot be told from observations, and is taken as it was."""
+        frontier: list[int] = []
+        belief: Any = None
+        for belief, _ in self.beliefs():
+            frontier.append(belief.remaining)
+        trace = self.trace._replace(frontier=np.array(frontier[1:], dtype=np.int32))
+        return End(SwarmState(belief.occupied), belief.belief, trace, frontier[0])
