@@ -154,7 +154,10 @@ def test_a_particle_that_is_lost_is_found_again():
         ({"noise": SOME, "task": "coverage"}, "noise: expected the task mapping, got coverage"),
         ({"noise": SOME, "scan_every": "doubling"}, "noise: expected scan-every as a number of commands, .* got doubling"),
         ({"noise": SOME, "scan_every": "adaptive"}, "noise: expected scan-every as a number of commands, .* got adaptive"),
-        ({"noise": SOME, "confidence": 0.75}, "confidence: expected a number, at most 0.99999, got 0.75"),
+        (
+            {"noise": SOME, "confidence": 0.75},
+            "confidence: expected a number, above 0.75 and at most 0.99999, got 0.75",
+        ),
         ({"noise": SOME, "confidence": True}, "got True"),
     ],
 )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from shoal.checks import check_integer
 from shoal.cli import options
 from shoal.cli.output import (
     check_outputs,
@@ -85,6 +86,7 @@ def _play(
     check_outputs(out, film)
     with quiet():
         workspace = problem.place
+    check_integer(trials, what="trials", least=1)
     problem.check_at_place()  # before half a minute of compiling
     load_kernels_for(problem)
     whole = isinstance(problem.chosen_policy, Offline)

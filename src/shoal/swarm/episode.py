@@ -234,7 +234,7 @@ class SwarmEpisode(Episode):
         """
         end = self.replay.end
         if end.first_frontier != self.first_frontier:
-            return Verification(False, f"first_frontier: {self.first_frontier} stored, {end.first_frontier} replayed")
+            return Verification(False, f"first_frontier differs: {self.first_frontier} stored, {end.first_frontier} replayed")
         if end.trace.moves != self.moves:
             return Verification(False, f"commands: {self.moves} stored, {end.trace.moves} replayed")
         wrong = self.trace.difference(end.trace) or self.replay.wrong_scan(self.problem.scanning)

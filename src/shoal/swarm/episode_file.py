@@ -106,8 +106,10 @@ def _header(raw: NDArray[Any]) -> dict[str, Any]:
         header = parse_json(raw.tobytes().decode("utf-8"), where="header")
     except UnicodeDecodeError:
         raise InvalidInputError("header: expected text in UTF-8, got other bytes") from None
-    if not isinstance(header, dict) or set(header) != _FIELDS or not isinstance(header["map"], dict):
+    if not isinstance(header, dict) or not isinstance(header.get("map"), dict) or _FIELDS - set(header):
         raise InvalidInputError(f"header: expected the fields {', '.join(sorted(_FIELDS))}, got {shortened(header)}")
+    if set(header) - _FIELDS:
+        raise InvalidInputError(f"header: expected no such field, got {shortened(min(set(header) - _FIELDS))}")
     if header["format"] != FORMAT:
         raise InvalidInputError(f"format: expected {FORMAT}, got {shortened(header['format'])}")
     return header
@@ -137,11 +139,10 @@ def _assembled(arrays: dict[str, NDArray[Any]]) -> tuple[SwarmProblem, dict[str,
 
 def _workspace(about: dict[str, Any], free: NDArray[Any]) -> GridWorkspace:
     shape = about.get("shape")
-    if not isinstance(shape, list) or not all(isinstance(one, int) and one > 0 for one in shape):
-        raise InvalidInputError(f"shape: expected lengths above 0, got {shortened(shape)}")
-    size = int(np.prod(shape, dtype=object))
-    if len(shape) not in (2, 3) or size > MAX_CELLS:
-        raise InvalidInputError(f"shape: expected 2 or 3 lengths of at most {MAX_CELLS} cells in all, got {shape}")
+    whole = isinstance(shape, list) and all(isinstance(one, int) and one > 0 for one in shape)
+    size = int(np.prod(shape, dtype=object)) if whole else 0
+    if not whole or len(shape) not in (2, 3) or size > MAX_CELLS:
+        raise InvalidInputError(f"shape: expected 2 or 3 lengths of at most {MAX_CELLS} cells in all, got {shortened(shape)}")
     spacing = about.get("spacing")
     if spacing is not None:
         if not isinstance(spacing, list):
@@ -155,11 +156,12 @@ def _trace(arrays: dict[str, NDArray[Any]], *, commands: int) -> Trace:
         column = arrays[name]
         if column.ndim != 1 or column.dtype != dtype:
             raise InvalidInputError(f"{name}: expected a column of {np.dtype(dtype)}, got {column.dtype} {column.shape}")
-        if len(column) != len(arrays["commands"]):
-            raise InvalidInputError(f"{name}: expected {len(arrays['commands'])} entries, one a command, got {len(column)}")
     codes = arrays["commands"]
     if len(codes) and not 0 <= int(codes.min()) <= int(codes.max()) < commands:
         raise InvalidInputError(f"commands: expected codes 0 to {commands - 1}, got {codes.min()} to {codes.max()}")
+    for name in _COLUMNS:
+        if len(arrays[name]) != len(codes):
+            raise InvalidInputError(f"{name}: expected {len(codes)} entries, one a command, got {len(arrays[name])}")
     return Trace(**{name: arrays[name] for name in _COLUMNS}, scanned=_mask(arrays["scanned"], (len(codes),), "scanned"))
 
 

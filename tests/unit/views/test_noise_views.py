@@ -12,7 +12,7 @@ from tests.swarm_runs import run
 
 from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.cli import run as shoal
-from shoal.swarm.noise import Noise, NoisyRig, SeenEpisode, moments
+from shoal.swarm.noise import Noise, NoisyRig, moments
 from shoal.swarm.rigs import DriveLog, drive, replay_log
 from shoal.views import film
 from shoal.views.swarm import recording
@@ -110,9 +110,9 @@ def test_a_drive_is_drawn_as_it_was_seen(tmp_path):
     rig = NoisyRig(workspace, workspace.cells[::8], NOISE, np.random.default_rng(2))
     driven = drive(rig, noise=NOISE, scan_every=3, log=log)
     seen = driven.episode
-    assert isinstance(seen, SeenEpisode)
+    assert seen.observations is not None
     assert (seen.commands, seen.scans, seen.moves) == (driven.commands, driven.scans, driven.moves)
-    assert len(seen.sights) == driven.scans
+    assert len(seen.observations) == driven.scans
     assert seen.verify()
     assert seen.final()[1].known == driven.belief.known
     replayed = replay_log(tmp_path / "drive.jsonl")[0].episode
