@@ -153,7 +153,12 @@ class SwarmEpisode(Episode):
         """Why the episode has its status, in one sentence."""
         left = int(self.trace.frontier[-1]) if self.moves else self.first_frontier
         rest = "" if self else f"; {left} frontier cells left"
-        return f"{REASONS[self.status]} after {self.moves} moves{rest}"
+        return f"{REASONS[self.status]}{rest}"
+
+    @property
+    def sentence(self) -> str:
+        """Status, moves and reason for people."""
+        return f"{self.status} after {self.moves} moves: {self.reason}"
 
     @property
     def metrics(self) -> dict[str, Any]:

@@ -139,16 +139,15 @@ def _assembled(arrays: dict[str, NDArray[Any]]) -> tuple[SwarmProblem, dict[str,
 
 def _workspace(about: dict[str, Any], free: NDArray[Any]) -> GridWorkspace:
     shape = about.get("shape")
-    whole = isinstance(shape, list) and all(isinstance(one, int) and one > 0 for one in shape)
-    size = int(np.prod(shape, dtype=object)) if whole else 0
-    if not whole or len(shape) not in (2, 3) or size > MAX_CELLS:
+    sides: list[int] = shape if isinstance(shape, list) and all(isinstance(one, int) and one > 0 for one in shape) else []
+    if len(sides) not in (2, 3) or int(np.prod(sides, dtype=object)) > MAX_CELLS:
         raise InvalidInputError(f"shape: expected 2 or 3 lengths of at most {MAX_CELLS} cells in all, got {shortened(shape)}")
     spacing = about.get("spacing")
     if spacing is not None:
         if not isinstance(spacing, list):
             raise InvalidInputError(f"spacing: expected sizes of a cell, got {shortened(spacing)}")
         spacing = tuple(check_number(one, what="spacing", above=0) for one in spacing)
-    return GridWorkspace(_mask(free, tuple(shape), "free"), name=check_text(about.get("name"), what="map"), spacing=spacing)
+    return GridWorkspace(_mask(free, tuple(sides), "free"), name=check_text(about.get("name"), what="map"), spacing=spacing)
 
 
 def _trace(arrays: dict[str, NDArray[Any]], *, commands: int) -> Trace:
