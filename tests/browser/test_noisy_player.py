@@ -50,7 +50,7 @@ def test_colours_of_cells(open_player):
 
 def test_a_drive_says_that_particles_are_where_they_were_seen(open_player):
     workspace = open_map("maze:9x7")
-    driven = drive(NoisyRig(workspace, workspace.cells[::8], NOISE, np.random.default_rng(2)), noise=NOISE)
+    driven = drive(NoisyRig(workspace, workspace.cells[::8], NOISE, np.random.default_rng(2)), **vars(NOISE))
     page = open_player(page_data(driven.episode))
     assert page.locator("#particleWord").inner_text() == "Seen at the last scan"
     assert page.locator("#wrongRow").is_hidden()

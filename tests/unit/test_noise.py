@@ -178,19 +178,19 @@ def test_a_noisy_plant_is_driven(tmp_path):
     for policy, every in (("closest-frontier", 1), ("elect-particle", 1), ("closest-frontier", 3)):
         log = tmp_path / f"{policy}-{every}.jsonl"
         rig = NoisyRig(workspace, workspace.cells[::9], SOME, rng)
-        driven = drive(rig, policy=policy, noise=SOME, scan_every=every, log=DriveLog(log))
+        driven = drive(rig, policy=policy, **vars(SOME), scan_every=every, log=DriveLog(log))
         assert driven.status == "complete"
-        assert driven.scanned.all() == (every == 1)
+        assert driven.trace.scanned.all() == (every == 1)
         assert sum(driven.compared(workspace).values()) == 0
         result, verified = replay_log(log)
         assert verified, verified.message
         assert result.commands == driven.commands
-        np.testing.assert_array_equal(result.scanned, driven.scanned)
-    cut = drive(NoisyRig(workspace, workspace.cells[::9], SOME, rng), noise=SOME, scan_every=50, max_moves=9)
+        np.testing.assert_array_equal(result.trace.scanned, driven.trace.scanned)
+    cut = drive(NoisyRig(workspace, workspace.cells[::9], SOME, rng), **vars(SOME), scan_every=50, max_moves=9)
     assert cut.status == "limit"
-    assert cut.scanned[-1]
+    assert cut.trace.scanned[-1]
     with pytest.raises(InvalidInputError, match="scan-every as a number of commands"):
-        drive(rig, noise=SOME, scan_every="adaptive")
+        drive(rig, **vars(SOME), scan_every="adaptive")
 
 
 def test_command(tmp_path, capsys):

@@ -15,18 +15,23 @@ import typer
 
 from shoal.checks import check_integer
 from shoal.cli import options
-from shoal.cli.output import check_outputs, check_seed, moves_told, patience, print_json, print_table, say
+from shoal.cli.output import check_outputs, check_seed, moves_told, print_json, print_table, say
+from shoal.cli.problem_options import takes_problem
+from shoal.cli.swarm import load_kernels_for
 from shoal.errors import InvalidInputError
+from shoal.swarm.problem import DRIVEN, SwarmProblem
 
 if TYPE_CHECKING:
+    from shoal.episode import Verification
     from shoal.swarm import GridWorkspace, SwarmEpisode
-    from shoal.swarm.noise import Noise
-    from shoal.swarm.rigs import Drive, RemoteRig, Rig
+    from shoal.swarm.rigs import Drive, Rig
 
 EXAMPLE = "Example: shoal drive maze:9x7 --rig simulated --particles 4 --log drive.jsonl"
 
 
+@takes_problem(SwarmProblem, only=("particles", "placement", "start", "rule", *DRIVEN), map="rig")
 def drive(
+    problem: SwarmProblem,
     map_name: Annotated[
         str | None,
         typer.Argument(
@@ -50,16 +55,7 @@ def drive(
             "--size", metavar="SIZE", help="Refuse a rig that sees another number of cells, such as 40x60.", show_default=False
         ),
     ] = None,
-    particles: options.Particles = 100,
-    policy: options.PolicyName = "closest-frontier",
-    rule: options.Rule = "block",
     seed: options.Seed = 0,
-    max_moves: options.MaxMoves = 1_000_000,
-    scan_every: options.ScanEvery = "1",
-    slip: options.Slip = 0.0,
-    misplace: options.Misplace = 0.0,
-    miss: options.Miss = 0.0,
-    confidence: options.Confidence = 0.99,
     timeout: Annotated[float, typer.Option("--timeout", help="Seconds to wait for an answer before asking again.")] = 5.0,
     patience_: Annotated[float, typer.Option("--patience", help="Seconds without any answer before the rig is given up.")] = 60.0,
     log: Annotated[
@@ -72,74 +68,48 @@ def drive(
 ) -> None:
     """Map what a rig moves in: commands out, positions in. However it ends, by Ctrl-C too, the rig is stopped.
 
-    --particles and --rule are those of a simulated rig; a rig says its own. --slip, --misplace and --miss say how a rig fails,
-    and make a simulated one fail so. The protocol is in docs/concepts/rigs.md.
+    --particles, --placement, --start and --rule are those of a simulated rig; a rig says its own. --slip, --misplace and --miss say
+    how a rig fails, and make a simulated one fail so. The protocol is in docs/concepts/rigs.md.
     """
     from shoal.swarm.maps.open import open_map
-    from shoal.swarm.rigs import DriveLog
-    from shoal.swarm.rigs import drive as drive_rig
+    from shoal.swarm.rigs.driving import drive as drive_rig
+    from shoal.swarm.rigs.log import DriveLog
+    from shoal.swarm.rigs.remote import open_rig
 
     check_outputs(out, film)
     truth = None if map_name is None else open_map(map_name)
     shape = None if size is None else _size(size)
     book = None if log is None else DriveLog(log)
-    noise = _noise(slip, misplace, miss, confidence)
-    problem: dict[str, Any] = noise | {"policy": policy, "seed": seed, "max_moves": max_moves, "scan_every": scan_every}
     with _terminated_as_interrupted():
-        opened = _opened(
-            rig, truth, particles, rule, seed, noise.get("noise"), timeout, patience_, None if book is None else book.event
-        )
+        opened: Any
+        if rig == "simulated":
+            opened = _simulated(truth, problem, seed)
+        else:
+            opened = open_rig(rig, timeout=timeout, patience=patience_, on_event=None if book is None else book.event)
         try:
             _check_shape(opened, shape, truth)
-            with patience("compiling kernels: once after an installation, half a minute ..."):
-                _load_kernels()
-            result = drive_rig(opened, log=book, on_moves=moves_told(opened.name), **problem)
+            load_kernels_for(problem)
+            fields = {name: getattr(problem, name) for name in DRIVEN}
+            result = drive_rig(opened, seed=seed, log=book, on_moves=moves_told(opened.name), **fields)
         finally:
             close: Callable[[], None] = getattr(opened, "close", lambda: None)
             close()
     _report(result, opened, truth, log, out, film, json_, seed=seed)
 
 
-def _noise(slip: float, misplace: float, miss: float, confidence: float) -> dict[str, Any]:
-    """Return the arguments of a drive with noise, none if nothing goes wrong."""
-    from shoal.swarm.problem import SwarmProblem
-
-    noise = SwarmProblem([[1]], slip=slip, misplace=misplace, miss=miss, confidence=confidence).noise
-    return {} if noise is None else {"noise": noise, "confidence": confidence}
-
-
-def _opened(
-    rig: str,
-    truth: GridWorkspace | None,
-    particles: int,
-    rule: str,
-    seed: int,
-    noise: Noise | None,
-    timeout: float,
-    patience_: float,
-    on_event: Any,
-) -> Rig | RemoteRig:
+def _simulated(truth: GridWorkspace | None, problem: SwarmProblem, seed: int) -> Rig:
     from shoal.swarm.grid.placements import place
     from shoal.swarm.grid.randomness import noise_rng, trial_rng
-    from shoal.swarm.rigs import SimulatedRig, open_rig
+    from shoal.swarm.noise.simulated import NoisyRig
+    from shoal.swarm.rigs.simulated import SimulatedRig
 
-    if rig != "simulated":
-        return open_rig(rig, timeout=timeout, patience=patience_, on_event=on_event)
     if truth is None:
         raise InvalidInputError("rig simulated: expected a map to move in, such as vessels:500, got none")
-    check_integer(seed, what="seed", least=0)
-    start = place(truth, particles, "uniform", trial_rng(seed))
-    if noise is not None:
-        from shoal.swarm.noise.simulated import NoisyRig
-
-        return NoisyRig(truth, start, noise, noise_rng(seed, 0))
-    return SimulatedRig(truth, start, rule=rule)
-
-
-def _load_kernels() -> None:
-    from shoal.swarm.simulation.compiled import load_kernels
-
-    load_kernels()
+    rng = trial_rng(check_integer(seed, what="seed", least=0))
+    start = problem.start or place(truth, problem.particles, problem.placement, rng)
+    if problem.noise is not None:
+        return NoisyRig(truth, start, problem.noise, noise_rng(seed))
+    return SimulatedRig(truth, start, rule=problem.rule)
 
 
 def _size(text: str) -> tuple[int, ...]:
@@ -201,7 +171,7 @@ def _report(
     json_: bool,
     *,
     seed: int,
-    verified: tuple[str, str] | None = None,
+    verified: Verification | None = None,
 ) -> None:
     from shoal.cli.swarm import write_outputs
 
@@ -212,58 +182,44 @@ def _report(
     elif out or film:
         say("shoal: no free cell was found: nothing to draw or film")
     if json_:
-        print_json(about if verified is None else about | {"verified": verified[0] == "yes", "message": verified[1]})
+        print_json(about if verified is None else about | {"verified": verified.ok, "message": verified.message})
         return
     size = "x".join(map(str, rig.shape))
     rows = [
         ("rig", f"{rig.name}, {size} cells, {about['particles']} particles, rule {rig.rule}"),
         ("policy", result.policy),
-        ("result", result.sentence),
+        ("result", f"{result.status}: {result.reason}"),
         ("found", f"{about['free_cells']} free cells and {about['obstacles']} wall cells around them"),
         ("scans", str(result.scans)),
     ]
     if result.link is not None:
-        link = result.link
-        rows.append(
-            (
-                "line",
-                f"{link.requests} requests, {link.resent} sent again, {link.damaged} lines damaged, {link.reconnects} cuts mended",
-            )
-        )
+        counts = "{requests} requests, {resent} sent again, {damaged} lines damaged, {reconnects} cuts mended"
+        rows.append(("link", counts.format(**vars(result.link))))
     if truth is not None:
         wrong = about["wrong"]
         rows.append(("compared", f"{wrong['false_free']} walls taken for free, {wrong['false_obstacles']} free cells for walls"))
     if verified is not None:
-        rows.append(("verified", f"{verified[0]}: {verified[1]}"))
+        rows.append(("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
     print_table(
         [*rows, ("time", f"{result.seconds:.2f} s"), *(("written", str(path)) for path in written)], title=f"drive of {rig.name}"
     )
 
 
 def _with_truth(episode: SwarmEpisode, truth: GridWorkspace | None) -> SwarmEpisode:
-    """Return an episode of a drive with noise with the true map, so that it shows what was settled wrongly; others as they are."""
+    """Return an episode of a drive with noise with the true map, so that it shows what was classified wrongly."""
     return replace(episode, truth=truth.free) if episode.observations is not None and truth is not None else episode
 
 
 def replay_drive(log: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:
     """Replay the log of a drive: ``shoal replay LOG.jsonl``."""
-    from shoal.swarm.rigs import read_log, replay_log
+    from shoal.swarm.rigs.driving import replay_log
+    from shoal.swarm.rigs.log import read_log
 
     rig = read_log(log)
-    check_seed(log, seed, rig.header["seed"])
+    check_seed(log, seed, rig.seed)
     result, verified = replay_log(log)
-    about = ("yes" if verified else "NO", verified.message)
-    _report(
-        result,
-        rig,
-        None,
-        None,
-        out if verified else None,
-        film if verified else None,
-        json_,
-        seed=rig.header["seed"],
-        verified=about,
-    )
+    shown = (out, film) if verified else (None, None)
+    _report(result, rig, None, None, *shown, json_, seed=rig.seed, verified=verified)
     if not verified:
         say(f"shoal: {log}: {verified.message}")
         raise typer.Exit(1)

@@ -33,6 +33,12 @@ READING = (
 )  # fmt: skip
 """The fields that say how a map is read."""
 
+DRIVEN = (
+    "policy", "budget", "time_per_move", "max_moves", "scan_every", "scan_cost", "move_cost", "slip", "misplace", "miss",
+    "confidence",
+)  # fmt: skip
+"""The fields that say how a rig is driven; the others are the rig's own."""
+
 NOISE_MEASURES = ("right", "false_free", "false_obstacles", "undecided")
 
 

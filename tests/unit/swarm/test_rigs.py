@@ -21,6 +21,7 @@ from tests.swarm_runs import run
 from shoal import GridWorkspace, InvalidInputError, OutputError, open_map
 from shoal.cli import run as shoal
 from shoal.errors import RigError
+from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.rigs import (
     ConnectionCutError,
     DriveLog,
@@ -97,7 +98,7 @@ def test_a_simulated_plant_is_driven_as_an_episode_is_run(every, rule):
         return
     workspace = open_map("cave:24x18:2")
     episode = run(workspace, particles=9, seed=3, rule=rule, scan_every=every)
-    driven = drive(SimulatedRig(workspace, episode.start, rule=rule), scan_every=every)
+    driven = drive(SimulatedRig(workspace, episode.start, rule=rule), policy="closest-frontier", scan_every=every)
     assert (driven.commands, driven.status) == (episode.commands, episode.status)
     assert driven.episode.trace.difference(episode.trace) is None
     assert driven.episode.verify()
@@ -155,7 +156,7 @@ def test_a_particle_that_slips_is_noticed_where_nothing_is_in_its_way():
 def test_ctrl_c_stops_the_plant_and_ends_the_log(tmp_path):
     rig = Faulty(open_map("maze:9x7"), open_map("maze:9x7").cells[:1], wrong=lambda cells: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
-        drive(rig, log=DriveLog(tmp_path / "log.jsonl"))
+        drive(rig, policy="closest-frontier", log=DriveLog(tmp_path / "log.jsonl"))
     assert rig.stops == 1
     result, verified = replay_log(tmp_path / "log.jsonl")
     assert result.moves == 2
@@ -211,7 +212,7 @@ def test_a_damaged_request_or_answer_is_asked_for_again_and_carried_out_once():
         bad.random.choice = lambda _kinds, kind=kind: kind
         line = bench(workspace, wear=bad.carry)
         rig = RemoteRig(line, timeout=0.02, patience=20)
-        driven = drive(rig)
+        driven = drive(rig, policy="closest-frontier")
         assert driven.episode.workspace == workspace
         assert driven.episode.verify()
         assert bad.damaged > 20
@@ -323,7 +324,7 @@ def test_the_example_maps_through_a_pseudo_terminal_that_is_cut_ten_times_and_da
                 time.sleep(0.01)
             book = DriveLog(log)
             with open_rig(f"serial:{link}", timeout=0.05, patience=30, on_event=book.event) as rig:
-                driven = drive(rig, log=book)
+                driven = drive(rig, policy="closest-frontier", log=book)
         finally:
             process.terminate()
     assert driven.status == "complete"
@@ -349,7 +350,7 @@ def test_tcp(tmp_path):
     bad = example.BadLine(cuts=3, damage=0.0, every=25, seed=0)
     threading.Thread(target=example.serve_tcp, args=(made, port, bad), daemon=True).start()
     with open_rig(f"tcp:127.0.0.1:{port}", timeout=1, patience=20) as rig:
-        driven = drive(rig)
+        driven = drive(rig, policy="closest-frontier")
     assert driven.episode.workspace == workspace
     assert driven.link.reconnects == 3
 
@@ -364,11 +365,13 @@ def test_a_log_replays(tmp_path, every, rule):
         return
     log, workspace = tmp_path / "log.jsonl", open_map("cave:20x14:1")
     start = workspace.cells[:: workspace.n_free // 5]
-    driven = drive(SimulatedRig(workspace, start, rule=rule), scan_every=every, log=DriveLog(log), max_moves=150)
+    driven = drive(
+        SimulatedRig(workspace, start, rule=rule), policy="closest-frontier", scan_every=every, log=DriveLog(log), max_moves=150
+    )
     result, verified = replay_log(log)
     assert verified, verified.message
     assert (result.commands, result.belief) == (driven.commands, driven.belief)
-    np.testing.assert_array_equal(result.scanned, driven.scanned)
+    np.testing.assert_array_equal(result.trace.scanned, driven.trace.scanned)
     whole = log.read_bytes()
     lines = whole.splitlines(keepends=True)
     log.write_bytes(b"".join(lines[: len(lines) // 2]) + b'{"kind":"sc')  # the power failed
@@ -379,7 +382,7 @@ def test_a_log_replays(tmp_path, every, rule):
 
 def test_a_changed_log_is_noticed(tmp_path):
     log = tmp_path / "log.jsonl"
-    drive(SimulatedRig(open_map("maze:9x7"), open_map("maze:9x7").cells[[0, 9]]), log=DriveLog(log))
+    drive(SimulatedRig(open_map("maze:9x7"), open_map("maze:9x7").cells[[0, 9]]), policy="closest-frontier", log=DriveLog(log))
     lines = log.read_text().splitlines()
 
     def changed(at, old, new):
@@ -403,7 +406,7 @@ def test_a_changed_log_is_noticed(tmp_path):
     with pytest.raises(OutputError, match="it is there already"):
         DriveLog(log)
     with pytest.raises(RigError, match="move 1: expected 'l' as it was sent then, got 'r'"):
-        RecordedRig({"rig": "p", "shape": [2, 2], "rule": "block"}, "l", {}, [], None).send("r")
+        RecordedRig("p", (2, 2), SwarmProblem("rig"), "x", 0, "l", {}, [], None).send("r")
 
 
 # ------------------------------------------------------------------------------------------- the command
@@ -481,13 +484,13 @@ def test_a_log_ends_with_the_map_even_if_the_rig_does_not_confirm_the_stop(tmp_p
     ("change", "words"),
     [
         ({"scan_every": "often"}, "line 1: scan-every: expected 1 to"),
-        ({"noise": {"slip": 0.9}, "confidence": 0.99}, "line 1: slip: expected a probability"),
-        ({"noise": {"slip": 0.1}}, "line 1: confidence: expected a probability"),
+        ({"slip": 0.9, "confidence": 0.99}, "line 1: slip: expected a number from 0 to 0.5"),
+        ({"slip": 0.1, "confidence": None}, "line 1: confidence: expected a number"),
     ],
 )
 def test_headers_with_which_no_drive_began(tmp_path, change, words):
-    header = {"kind": "header", "log": "shoal-drive", "format": 1, "version": "1", "rig": "p", "shape": [2, 2], "rule": "block"}
-    header |= {"policy": "x", "seed": 1} | change
+    header = {"kind": "header", "log": "shoal-drive", "format": 1, "version": "1", "rig": "p", "shape": [2, 2], "policy": "x"}
+    header |= {"seed": 1, "problem": {"map": "rig"} | change}
     lines = [header, {"kind": "scan", "move": 0, "cells": [[0, 0]], "time": 0.0}]
     (tmp_path / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     with pytest.raises(InvalidInputError, match=words):

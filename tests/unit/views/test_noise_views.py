@@ -108,7 +108,7 @@ def test_a_drive_is_drawn_as_it_was_seen(tmp_path):
     workspace = open_map("maze:9x7")
     log = DriveLog(tmp_path / "drive.jsonl")
     rig = NoisyRig(workspace, workspace.cells[::8], NOISE, np.random.default_rng(2))
-    driven = drive(rig, noise=NOISE, scan_every=3, log=log)
+    driven = drive(rig, **vars(NOISE), scan_every=3, log=log)
     seen = driven.episode
     assert seen.observations is not None
     assert (seen.commands, seen.scans, seen.moves) == (driven.commands, driven.scans, driven.moves)
@@ -132,7 +132,7 @@ def test_a_drive_is_drawn_as_it_was_seen(tmp_path):
 
 def test_nothing_found_nothing_drawn():
     rig = NoisyRig(GridWorkspace([[1, 1]]), [(0, 0)], Noise(miss=0.5), np.random.default_rng(2))
-    assert drive(rig, noise=Noise(miss=0.5), max_moves=0).episode is None
+    assert drive(rig, miss=0.5, max_moves=0).episode is None
 
 
 def test_commands(tmp_path, capsys):

@@ -6,6 +6,7 @@ import json
 import os
 import time
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,12 +15,12 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, TypeAdapter, ValidationError
 
 from shoal.checks import check_file, parse_json, validation_message
+from shoal.episode import Status
 from shoal.errors import InvalidInputError, OutputError, RigError
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.commands import letters_of
-from shoal.swarm.grid.scans import ScanRule
 from shoal.swarm.grid.state import check_cells
-from shoal.swarm.noise.model import Noise, bound_of
+from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.rigs.protocol import Rig
 from shoal.version import __version__
 
@@ -52,7 +53,7 @@ class DriveLog:
         self._began = 0.0
         self._waiting: list[dict[str, Any]] = []
 
-    def begin(self, rig: Rig, **drive: Any) -> None:
+    def begin(self, rig: Rig, problem: SwarmProblem, *, policy: str, seed: int) -> None:
         """Write the header: what is driven, and how."""
         try:
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
@@ -60,7 +61,8 @@ class DriveLog:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
         self._began = time.monotonic()
         header = {"kind": "header", "log": "shoal-drive", "format": FORMAT, "version": __version__}
-        self._write(header | {"rig": rig.name, "shape": list(rig.shape), "rule": rig.rule} | drive)
+        header |= {"rig": rig.name, "shape": list(rig.shape), "policy": policy, "seed": seed, "problem": problem.to_dict()}
+        self._write(header)
         for entry in self._waiting:
             self._write(entry)
 
@@ -80,14 +82,12 @@ class DriveLog:
         else:
             self._write(entry | {"time": self._time()})
 
-    def end(self, status: str, *, moves: int | None = None, belief: Belief | None = None) -> None:
-        """Write how it ended, and close the file."""
+    def end(self, status: Status, *, moves: int, belief: Belief | None) -> None:
+        """Write how it ended, with the map unless it was interrupted, and close the file."""
         if self._file is None:
             return
-        found: dict[str, Any] = {}
-        if belief is not None:
-            found = {"moves": moves, "free": len(belief.open), "obstacles": len(belief.obstacles), "map": digest(belief)}
-        self._write({"kind": "end", "status": status, **found, "time": self._time()})
+        found = {} if belief is None else {"moves": moves} | digest(belief)
+        self._write({"kind": "end", "status": str(status)} | found | {"time": self._time()})
         self._file.close()
         self._file = None
 
@@ -101,9 +101,13 @@ class DriveLog:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
 
 
-def digest(belief: Belief) -> str:
-    """Return a checksum of what is known of each cell."""
-    return f"{zlib.crc32(belief.states.tobytes()):08x}"
+def digest(belief: Belief) -> dict[str, Any]:
+    """Return what tells a map from others: numbers of cells, and a checksum of what is known of each."""
+    return {
+        "free": len(belief.open),
+        "obstacles": len(belief.obstacles),
+        "map": f"{zlib.crc32(belief.states.tobytes()):08x}",
+    }
 
 
 class _Entry(BaseModel):
@@ -117,12 +121,9 @@ class _Header(_Entry):
     version: str
     rig: str
     shape: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=2, max_length=3)]
-    rule: Literal["block", "merge", "tilt"]
     policy: str
     seed: NonNegativeInt
-    scan_every: str = "1"
-    noise: dict[Literal["slip", "misplace", "miss"], float] | None = None
-    confidence: float | None = None
+    problem: dict[str, Any]
 
 
 class _Command(_Entry):
@@ -160,53 +161,46 @@ _ANY: TypeAdapter[_Header | _Command | _Scan | _Event | _End] = TypeAdapter(
 )
 
 
+@dataclass
 class RecordedRig:
     """A rig that plays back a log: it takes the commands that were sent then, and shows what was seen then.
 
     Parameters
     ----------
-    header : dict
-        Name, shape and rule of the rig, and how it was driven.
+    name : str
+        What the rig called itself.
+    shape : tuple of int
+        The cells that it could see.
+    problem : SwarmProblem
+        How it was driven.
+    policy : str
+        The policy that was played.
+    seed : int
     commands : str
         What was sent and then seen: commands after the last scan are left out.
     scans : dict
         From the number of moves to the cells that were seen then.
     events : list of dict
-        What happened on the line.
+        What happened on the connection.
     ended : dict or None
         The last line; None if the log breaks off before.
     """
 
-    def __init__(
-        self,
-        header: dict[str, Any],
-        commands: str,
-        scans: dict[int, list[list[int]]],
-        events: list[dict[str, Any]],
-        ended: dict[str, Any] | None,
-    ) -> None:
-        self.header, self.commands, self.scans, self.events, self.ended = header, commands, scans, events, ended
-        self._at = 0
-
-    @property
-    def name(self) -> str:
-        """What the rig called itself."""
-        return str(self.header["rig"])
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """The cells that it could see."""
-        return tuple(self.header["shape"])
+    name: str
+    shape: tuple[int, ...]
+    problem: SwarmProblem
+    policy: str
+    seed: int
+    commands: str
+    scans: dict[int, list[list[int]]]
+    events: list[dict[str, Any]]
+    ended: dict[str, Any] | None
+    _at: int = 0
 
     @property
     def rule(self) -> str:
         """Its move rule."""
-        return str(self.header["rule"])
-
-    @property
-    def scanned(self) -> NDArray[np.bool_]:
-        """Whether a scan followed each command."""
-        return np.array([move in self.scans for move in range(1, len(self.commands) + 1)], dtype=np.bool_)
+        return self.problem.rule
 
     def send(self, command: str) -> None:
         """Take the next command of the log.
@@ -246,13 +240,7 @@ def read_log(path: str | os.PathLike[str]) -> RecordedRig:
     if not entries or not isinstance(entries[0], _Header):
         raise InvalidInputError(f"{source}, line 1: expected the header of a log, got {entries[0].kind if entries else 'none'}")
     header = entries[0]
-    try:
-        ScanRule.parse(header.scan_every)
-        if header.noise is not None:
-            Noise(**header.noise)
-            bound_of(header.confidence)
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{source}, line 1: {error}") from None
+    problem = SwarmProblem.from_dict(header.problem, where=f"{source}, line 1")
     commands, scans, events, ended = "", {}, [], None
     shape = tuple(header.shape)
     letters = letters_of(len(shape))
@@ -276,7 +264,8 @@ def read_log(path: str | os.PathLike[str]) -> RecordedRig:
             ended = entry.model_dump()
     if 0 not in scans:
         raise InvalidInputError(f"{source}: expected a scan before the first command, got none")
-    return RecordedRig(header.model_dump(), commands[: max(scans)], scans, events, ended)
+    sent = commands[: max(scans)]
+    return RecordedRig(header.rig, shape, problem, header.policy, header.seed, sent, scans, events, ended)
 
 
 def _entry(line: bytes, where: str) -> _Header | _Command | _Scan | _Event | _End:
