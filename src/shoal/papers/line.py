@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from shoal.lab.statistics import summarise
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
-from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, estimates
-
-if TYPE_CHECKING:
-    from shoal.swarm.theory.one_dimension import Line
+from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table
+from shoal.swarm.theory.one_dimension import Line, sample
+from shoal.views.swarm.theory import gap_distributions, move_distributions
 
 PLACED = 1_000_000  # of the paper's Monte Carlo
 
@@ -27,7 +27,7 @@ def _against(store: Store, sweep: Sweep, wanted: dict[str, tuple[float, float | 
     rows: list[list[Any]] = []
     fits = True
     for measure, (exact, printed) in wanted.items():
-        (row,) = estimates(store, sweep, measure)
+        (row,) = summarise(store, sweep.name, measure)
         found = row.estimate
         assert found is not None  # the sweep is complete
         fits &= abs(found.mean - exact) <= 5 * found.std / found.count**0.5 + 1e-9 if found.count > 1 else True
@@ -39,15 +39,10 @@ def _against(store: Store, sweep: Sweep, wanted: dict[str, tuple[float, float | 
 
 
 def _sampled(line: Line, settings: Settings) -> Any:
-    from shoal.swarm.theory.one_dimension import sample
-
     return sample(line, PLACED // (5 if settings.quick else 1), seed=settings.seed)
 
 
 def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    from shoal.swarm.theory.one_dimension import Line
-    from shoal.views.swarm.theory import gap_distributions
-
     line = Line(1000, 10)
     drawn = _sampled(line, settings)
     first = float(line.first_distribution.mean)
@@ -70,9 +65,6 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    from shoal.swarm.theory.one_dimension import Line
-    from shoal.views.swarm.theory import move_distributions
-
     line = Line(1000, 100)
     drawn = _sampled(line, settings)
     exact = {name: float(getattr(line, name).exact) for name in ("boundary", "coverage")}

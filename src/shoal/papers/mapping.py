@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from shoal.lab.statistics import Row
+from shoal.lab.statistics import Row, summarise
 from shoal.lab.storage.store import Store
-from shoal.lab.sweeps.sweep import Sweep
-from shoal.papers.complex_map import free_cells, note_of, on_complex, slug
+from shoal.lab.sweeps.sweep import Sweep, digest_of
 from shoal.papers.recipe import (
     NO_DATA,
     Outcome,
@@ -19,15 +18,14 @@ from shoal.papers.recipe import (
     counts_of,
     curve_of,
     ends,
-    estimates,
     near,
     published_curve,
     table_of,
 )
-from shoal.views.drawing.curves import Curve, Labels, mean_curves
-
-if TYPE_CHECKING:
-    pass
+from shoal.swarm import SwarmProblem
+from shoal.swarm.run import run
+from shoal.swarm.maps.open import open_map
+from shoal.views.drawing.curves import Curve, Labels, frontier_curves, mean_curves
 
 MAPS = {
     "line:5000": ("linear 1x5000", "closest-frontier-linear-1x5000.csv"),
@@ -38,6 +36,33 @@ POLICIES = ("random-moves", "elect-particle", "closest-frontier")
 PLACEMENTS = ("flood-fill", "region-fill", "uniform")
 TASKS = {"mapping": "mapping", "coverage": "coverage", "subset-coverage": "subset coverage, 10 % of the cells"}
 WITHIN = 0.15  # of the published mean, at every published n
+OTHER_MAP = "the picture of the paper's complex map is not published; this is another one of its kind"
+
+
+def free_cells(name: str) -> int:
+    """Return the number of free cells of a map."""
+    return open_map(name).n_free
+
+
+def slug(name: str) -> str:
+    """Return a map's name as part of the name of a sweep."""
+    plain = "".join(c if c.isascii() and c.isalnum() else "-" for c in name)[:30]
+    return f"{plain}-{digest_of(name)[:6]}"
+
+
+def on_complex(name: str, settings: Settings, **axes: Any) -> Sweep:
+    """Return a sweep on the complex map over numbers of particles, all axes but these paired."""
+    chosen = settings.complex
+    return Sweep(
+        name=f"{name}.{slug(chosen)}", problem={"kind": "swarm", "map": chosen},
+        axes=axes | {"particles": counts_of(free_cells(chosen))},
+        trials=settings.of(100, 20), seed=settings.seed, paired=tuple(axes),
+    )  # fmt: skip
+
+
+def note_of(settings: Settings) -> str:
+    """Return what is to be said of the map."""
+    return f"map {settings.complex}: {OTHER_MAP}" if settings.map is None else f"map {settings.map}, not the paper's"
 
 
 # Fig. 7: four maps, and one dimension
@@ -62,7 +87,7 @@ def _fig7_sweeps(settings: Settings) -> list[Sweep]:
 
 def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     maps, other, one = (
-        estimates(store, sweep, measure) for sweep, measure in zip(sweeps, ("moves", "moves", "coverage"), strict=True)
+        summarise(store, sweep.name, measure) for sweep, measure in zip(sweeps, ("moves", "moves", "coverage"), strict=True)
     )
     curves = [curve_of(label, maps, "particles", published=published_curve(file), map=name) for name, (label, file) in MAPS.items()]
     known = published_curve("complex.csv", points=True, task="mapping", policy="closest-frontier")
@@ -132,11 +157,6 @@ def _fig8_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    from shoal.swarm import SwarmProblem
-    from shoal.swarm.maps.open import open_map
-    from shoal.swarm.run import run
-    from shoal.views.drawing.curves import frontier_curves
-
     sweep = sweeps[0]
     workspace, particles = open_map(settings.complex), sweep.points[0].problem.model_dump()["particles"]
     seeds: dict[str, list[int]] = {}
@@ -148,7 +168,7 @@ def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         episodes = [run(SwarmProblem(workspace, policy=policy, particles=particles), seed=seed) for seed in seeds[policy]]
         groups[policy] = [np.concatenate([[e.first_frontier], e.trace.frontier]) for e in episodes]
         lines += [[policy, k, *_thinned(curve)] for k, curve in enumerate(groups[policy])]
-    rows = estimates(store, sweep, "moves")
+    rows = summarise(store, sweep.name, "moves")
     printed = {"random-moves": 1683, "elect-particle": 578, "closest-frontier": 215}
     table = Table(
         "moves until no frontier is left", ["policy", "ours", "95 % interval", "printed"],
@@ -201,7 +221,7 @@ def _off(table: Table) -> str:
 
 
 def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    rows = estimates(store, sweeps[0], "moves")
+    rows = summarise(store, sweeps[0].name, "moves")
     known = {name: published_curve("complex.csv", points=True, task="mapping", policy=name) for name in POLICIES}
     curves = [curve_of(name, rows, "particles", published=None if settings.map else known[name], policy=name) for name in POLICIES]
     table = _compared(curves, settings)
@@ -217,7 +237,7 @@ def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    rows = estimates(store, sweeps[0], "moves")
+    rows = summarise(store, sweeps[0].name, "moves")
     curves = []
     for task, label in TASKS.items():
         known = published_curve("complex.csv", points=True, task=task, policy="closest-frontier")
@@ -244,7 +264,7 @@ def _positive(curve: Curve) -> Curve:
 
 
 def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    rows = estimates(store, sweeps[0], "moves")
+    rows = summarise(store, sweeps[0].name, "moves")
     known = published_curve("complex.csv", points=True, task="mapping", policy="closest-frontier")
     curves = [
         curve_of(name, rows, "particles", published=None if settings.map or name != "uniform" else known, placement=name)

@@ -14,46 +14,7 @@ from shoal.lab.versions import versions
 from shoal.papers.errata import CHECKS, Erratum
 from shoal.papers.recipe import Result, Table
 
-_STYLE = """
-:root { --ink: #22262c; --muted: #6b7280; --line: #e5e7eb; --blue: #0072b2; --good: #00734f; --bad: #b3470a; --soft: #f7f8fa; }
-* { box-sizing: border-box; }
-body { margin: 0; color: var(--ink); background: #fff; font: 16px/1.5 system-ui, "DejaVu Sans", sans-serif; }
-main { max-width: 56rem; margin: 0 auto; padding: 2rem 1.25rem 5rem; }
-h1 { font-size: 1.9rem; margin: 0 0 .25rem; letter-spacing: -.01em; }
-h2 { font-size: 1.25rem; margin: 0 0 .5rem; }
-p { margin: .5rem 0; max-width: 46rem; }
-.lead, .source, .files { color: var(--muted); }
-nav { columns: 2 20rem; column-gap: 2rem; margin: 1.5rem 0 2.5rem;
-  padding: 1rem 1.25rem; background: var(--soft); border-radius: .5rem; font-size: .92rem; }
-nav a { display: block; break-inside: avoid; padding: .15rem 0 .15rem 1.4rem; text-indent: -1.4rem; color: var(--ink);
-  text-decoration: none; }
-nav .mark { width: 1.4rem; text-indent: 0; }
-nav a:hover, nav a:focus { text-decoration: underline; }
-section { padding: 2rem 0; border-top: 1px solid var(--line); }
-.picture { overflow-x: auto; margin: 1rem 0; }
-.picture img { display: block; width: 100%; min-width: 30rem; height: auto; }
-.mark { display: inline-block; min-width: 1.1em; font-weight: 700; }
-.good { color: var(--good); } .bad { color: var(--bad); }
-.scroll { overflow-x: auto;
-  max-height: 30rem; overflow-y: auto; margin: .75rem 0; border: 1px solid var(--line); border-radius: .4rem; }
-table { border-collapse: collapse; font-size: .85rem; width: 100%; }
-caption { text-align: left; padding: .5rem .7rem; color: var(--muted); font-size: .85rem; }
-th, td { padding: .3rem .7rem; text-align: right; white-space: nowrap;
-  border-top: 1px solid var(--line); font-variant-numeric: tabular-nums; }
-th { background: var(--soft); font-weight: 600; position: sticky; top: 0; }
-th:first-child, td:first-child { text-align: left; }
-h3 { font-size: 1.05rem; margin: 2rem 0 .25rem; }
-article { padding: .9rem 0; border-top: 1px solid var(--line); break-inside: avoid; }
-h4 { font-size: .95rem; margin: 0 0 .4rem; }
-dl { display: grid; grid-template-columns: 1fr 1fr; gap: .6rem 2rem; margin: 0; font-size: .9rem; }
-dt { color: var(--muted); font-size: .8rem; }
-dd { margin: 0; overflow-wrap: anywhere; font-variant-numeric: tabular-nums; }
-@media (max-width: 40rem) { dl { grid-template-columns: 1fr; } }
-details summary { cursor: pointer; color: var(--muted); font-size: .9rem; margin-top: .5rem; }
-.files { font-size: .85rem; overflow-wrap: anywhere; }
-.files a { color: var(--blue); }
-@media print { .scroll { max-height: none; } section { break-inside: avoid; } }
-"""
+_STYLE = Path(__file__).with_suffix(".css")
 _NAMES = {"shoal": "Shoal", "python": "Python", "numpy": "NumPy", "numba": "Numba"}
 _PAPERS = {
     "D": "Mapping and coverage: papers M and D", "M": "Mapping and coverage: papers M and D",
@@ -77,7 +38,7 @@ def write_page(results: Sequence[Result], errata: Sequence[Erratum], path: str |
     parts = [
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
         "<meta name='viewport' content='width=device-width, initial-scale=1'>",
-        f"<title>Shoal: the papers' figures</title><style>{_STYLE}</style></head><body><main>",
+        f"<title>Shoal: the papers' figures</title><style>{_STYLE.read_text(encoding='utf-8')}</style></head><body><main>",
         "<h1>The papers' figures, reproduced</h1>",
         f"<p class='lead'>{held} of {len(results)} figures hold what the papers say of them; "
         f"{shown} of {len(errata)} errata are shown by their checks. "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.lab.statistics import Estimate, Row, summarise
+from shoal.lab.statistics import Estimate, Row
+from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.sweep import Sweep
 from shoal.views.drawing.curves import Curve, Published
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from shoal.lab.storage.store import Store
-    from shoal.lab.sweeps.sweep import Sweep
 
 NO_DATA = "no data are published for this figure"
 COMPLEX = "vessels:5000"
@@ -119,7 +119,6 @@ class Recipe:
     view: Callable[[Store, list[Sweep], Settings], Outcome]
     on_map: bool = False
     also: str = ""
-    published: str = field(default="")
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,8 +192,3 @@ def counts_of(n_free: int, parts: int = 50) -> list[int]:
 def near(x: NDArray[np.float64], mean: NDArray[np.float64], at: float) -> float:
     """Return a curve's value at a number of particles, between its points on logarithmic scales."""
     return float(np.exp(np.interp(np.log(at), np.log(x), np.log(np.maximum(mean, 1e-9)))))
-
-
-def estimates(store: Store, sweep: Sweep, measure: str) -> list[Row]:
-    """Return the means of a measure at the points of a sweep."""
-    return summarise(store, sweep.name, measure)

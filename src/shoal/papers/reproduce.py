@@ -23,6 +23,8 @@ from shoal.papers.page import write_page
 from shoal.papers.recipe import Outcome, Recipe, Result, Settings
 from shoal.papers.steering import recipes as steering
 from shoal.registry import Registry
+from shoal.views.drawing.charts import save_figure
+from shoal.views.drawing.curves import add_note
 
 STORE = "results.sqlite"
 
@@ -106,9 +108,6 @@ def _no_fewer(path: Path, sweep: Sweep) -> Sweep:
 
 
 def _write(folder: Path, recipe: Recipe, outcome: Outcome, sweeps: Sequence[Sweep]) -> tuple[Path, ...]:
-    from shoal.views.drawing.charts import save_figure
-    from shoal.views.drawing.curves import add_note
-
     files = [folder / f"{recipe.name}.png"]
     add_note(outcome.figure, outcome.note)
     save_figure(outcome.figure, files[0])

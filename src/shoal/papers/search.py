@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from shoal.lab.statistics import summarise
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
-from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, curve_of, estimates
+from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, curve_of
 from shoal.search.allocation.expected_time import stay_share
 from shoal.views.drawing.curves import Curve, Labels, Published, mean_curves
 
@@ -23,7 +24,7 @@ def _fig5_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
-    rows = estimates(store, sweeps[0], "planned")
+    rows = summarise(store, sweeps[0].name, "planned")
     found = curve_of("", rows, "robots")
     share = Curve(
         "robots that stay: T$_E$",

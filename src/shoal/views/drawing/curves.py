@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -69,7 +69,6 @@ class Labels:
     y: str
     published: str = "published"
     note: str = ""
-    extra: Mapping[str, str] = field(default_factory=dict)
 
 
 def mean_curves(curves: Sequence[Curve], labels: Labels, *, log_x: bool = False, log_y: bool = True) -> Figure:
@@ -88,7 +87,6 @@ def mean_curves(curves: Sequence[Curve], labels: Labels, *, log_x: bool = False,
         _behind(axes, curve.published, colour)
         axes.fill_between(curve.x, curve.low, curve.high, color=colour, alpha=0.25, lw=0, zorder=3)
         axes.plot(curve.x, curve.mean, color=colour, lw=1.6, zorder=4)
-        _name_at_end(axes, curve, colour)
     axes.set(xlabel=labels.x, ylabel=labels.y, xscale="log" if log_x else "linear", yscale="log" if log_y else "linear")
     _key(axes, curves, labels)
     set_title(axes, labels.title)
@@ -126,10 +124,6 @@ def _behind(axes: Axes, published: Published | None, colour: str) -> None:
 def _above_zero(mean: Numbers, errors: Numbers | None) -> Numbers | None:
     """Return errors down and up, such that a logarithmic axis can show them."""
     return None if errors is None else np.stack([np.minimum(errors, 0.8 * mean), errors])
-
-
-def _name_at_end(axes: Axes, curve: Curve, colour: str) -> None:
-    axes.plot([], [], color=colour, lw=2.4, label=curve.label)
 
 
 def _key(axes: Axes, curves: Sequence[Curve], labels: Labels) -> None:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.search import SearchEpisode
+from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.search.figures import cell_colours
 from shoal.views.search.history import Activity, SearchHistory, rings_of, robot_colour
-
-if TYPE_CHECKING:
-    from shoal.views.drawing.canvas import Canvas
 
 RATE = {".gif": 10, ".mp4": 30}  # frames a second
 HEIGHT = {".gif": 432, ".mp4": 720}
@@ -45,7 +42,6 @@ class SearchFilm:
     """
 
     def __init__(self, episode: SearchEpisode, *, height: int = 720) -> None:
-        from shoal.views.drawing.canvas import Canvas
 
         self.history = SearchHistory(episode)
         left, right, bottom, top = self.history.extent

@@ -21,7 +21,6 @@ ROBOTS = (
     "#0072b2", "#d55e00", "#00805d", "#aa4499", "#946c00", "#2f94d6",
     "#882255", "#5f7a1f", "#d1495b", "#4b3ba6", "#7a4a21", "#138a94",
 )  # fmt: skip
-SEARCHING = ("own", "taken")
 
 
 def robot_colour(robot: int) -> str:

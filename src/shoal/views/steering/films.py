@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import pi, sin
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.steering import SteeringEpisode
+from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.drawing.encoding import LONGEST, Clip
+from shoal.views.steering.camera import Camera
+from shoal.views.steering.panels import Box, DeltaPanel, PlanePanel, SpacePanel
 from shoal.views.steering.trajectories import Moment, Schedule, Trajectory, has_delta, trajectories_of
-
-if TYPE_CHECKING:
-    from shoal.views.drawing.canvas import Canvas
 
 RATE = {".gif": 20, ".mp4": 30}  # frames a second
 HEIGHT = {".gif": 432, ".mp4": 720}
@@ -44,9 +43,6 @@ class SteeringFilm:
     """
 
     def __init__(self, episode: SteeringEpisode, trajectories: list[Trajectory], *, height: int = 720) -> None:
-        from shoal.views.drawing.canvas import Canvas
-        from shoal.views.steering.panels import Box, DeltaPanel, PlanePanel, SpacePanel
-
         self._episode, self._trajectories = episode, trajectories
         pair, space = has_delta(episode), episode.problem.place.dimensions == 3
         self.height, self.width = height, 2 * round(height * (16 / 9 if pair else 4 / 3) / 2)
@@ -133,8 +129,6 @@ class SteeringFilm:
             return
         sent = trajectory.sent * (0.35 + 0.6 * trajectory.length / longest) / trajectory.length
         if len(sent) == 3:
-            from shoal.views.steering.camera import Camera
-
             camera = Camera(np.zeros(3), 1.0, azimuth=turn)
             angles = 2 * pi * np.arange(40) / 40
             seen = camera.project(np.stack([0.9 * np.cos(angles), 0.9 * np.sin(angles), 0 * angles], axis=1))[:, :2]

@@ -12,6 +12,7 @@ from PIL import Image
 from shoal.swarm import GridWorkspace
 from shoal.swarm.maps import raster as states
 from shoal.swarm.maps.raster import PALETTE
+from shoal.views.drawing.canvas import Canvas
 from shoal.views.swarm.cell_colours import PLAIN, CellPalette
 
 ELEVATION = 0.35  # radians above the middle from which is looked
@@ -229,8 +230,6 @@ def sheet(
 @lru_cache(maxsize=16)
 def _written(words: str, width: int, height: int) -> NDArray[np.uint8]:
     """Return a line of words, dark on white; uint8, shape (height, width, 3)."""
-    from shoal.views.drawing.canvas import Canvas
-
     canvas = Canvas(width, height)
     canvas.text((0, 0.72 * height), words, PALETTE["obstacle"], 0.74 * height)
     return canvas.frame()
