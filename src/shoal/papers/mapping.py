@@ -23,8 +23,8 @@ from shoal.papers.recipe import (
     table_of,
 )
 from shoal.swarm import SwarmProblem
-from shoal.swarm.run import run
 from shoal.swarm.maps.open import open_map
+from shoal.swarm.run import run
 from shoal.views.drawing.curves import Curve, Labels, frontier_curves, mean_curves
 
 MAPS = {
