@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 
 def step(positions: list[int], cells: int, direction: int) -> tuple[list[int], bool]:
     """Return where the particles are after one command, and whether one of them ran into the end of the line."""
@@ -35,3 +37,18 @@ def left_then_right(positions: list[int], cells: int) -> tuple[int, int]:
         if met and not boundary:
             boundary = moves
     return boundary, moves
+
+
+def printed_coverage_moves(positions, *, cells):
+    """Return the papers' formula for coverage_moves (paper M, section III.A.2); positions of shape (..., n) are ascending."""
+    p = np.asarray(positions)
+    ends = p[..., 0] + cells - p[..., -1]
+    inner = (np.diff(p) - 1).max(axis=-1) if p.shape[-1] > 1 else np.zeros_like(ends)
+    return p[..., 0] + 1 + np.maximum(ends, inner)
+
+
+def largest_gap(positions, *, cells):
+    """Return the empty cells in the largest of all n + 1 gaps, those at the two ends included."""
+    p = np.asarray(positions)
+    walls = np.zeros_like(p[..., :1])
+    return (np.diff(np.concatenate([walls, p, walls + cells + 1], axis=-1)) - 1).max(axis=-1)

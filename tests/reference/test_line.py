@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.reference.line import left_then_right
+from tests.reference.line import largest_gap, left_then_right, printed_coverage_moves
 
 from shoal.swarm.kernels.theory import line_samples as kernels
-from shoal.swarm.theory.one_dimension import Line, boundary_moves, coverage_moves, largest_gap, printed_coverage_moves, sample
+from shoal.swarm.theory.one_dimension import Line, boundary_moves, coverage_moves, sample
 
 ROOT = Path(__file__).parents[2]
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.properties.strategies import swarms
+from tests.reference.mapping_optimum import MappingOptimum, mapping_optimum
 from tests.reference.small import small_cases
 from tests.swarm_runs import run
 
@@ -19,7 +20,7 @@ from shoal.swarm.kernels.planning import planner_state
 from shoal.swarm.policies import POLICIES, BeamRollout
 from shoal.swarm.policies.planners import state
 from shoal.swarm.theory.bounds import LowerBound, lower_bound
-from shoal.swarm.theory.optima import mapping_optimum, optimum
+from shoal.swarm.theory.optima import SmallWorld, optimum
 
 SMALL: dict[str, float] = {
     "width": 3,
@@ -201,10 +202,9 @@ def test_lower_bounds_are_not_above_the_optimum(seed, merge):
 def knowing_the_map(workspace, start):
     """The fewest commands that classify everything, by breadth-first search over particles and cells classified."""
     from shoal.swarm.theory.bounds import flat_cells, flat_mask
-    from shoal.swarm.theory.optima import _Cells
 
     free, offsets = flat_cells(workspace)
-    world = _Cells(free, offsets, "block")
+    world = SmallWorld(free, offsets, "block")
     around = free.copy()
     for offset in offsets:
         around |= np.roll(free, offset)
@@ -242,7 +242,9 @@ def test_lower_bound_of_the_line():
 
 
 def test_optimal_mappings():
-    assert mapping_optimum((1, 1), [(0, 0)]).worst == 4
+    assert mapping_optimum((1, 1), [(0, 0)]) == MappingOptimum(worst=4.0, mean=4.0, states=16)
+    assert mapping_optimum((1, 2), [(0, 0)]).worst == 7
+    assert mapping_optimum((2, 2), [(0, 0)]) == MappingOptimum(worst=11.0, mean=7.75, states=2240)
     everything = mapping_optimum((1, 3), [(0, 1)], chance_free=1.0)
     assert (
         everything.mean

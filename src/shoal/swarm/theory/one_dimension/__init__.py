@@ -6,7 +6,7 @@ Paper M, section III.A, with its errata: exact values beside the printed formula
 from __future__ import annotations
 
 from shoal.swarm.theory.one_dimension.exact import Distribution, Line, Mean
-from shoal.swarm.theory.one_dimension.positions import boundary_moves, coverage_moves, largest_gap, printed_coverage_moves
+from shoal.swarm.theory.one_dimension.positions import boundary_moves, coverage_moves
 from shoal.swarm.theory.one_dimension.sampling import LineSample, sample
 
 __all__ = [
@@ -16,7 +16,5 @@ __all__ = [
     "Mean",
     "boundary_moves",
     "coverage_moves",
-    "largest_gap",
-    "printed_coverage_moves",
     "sample",
 ]

@@ -87,12 +87,12 @@ def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
 
     Notes
     -----
-    Corrects paper M, section III.A.2, which forgets that the first gap has been narrowed already (`printed_coverage_moves`).
+    Corrects paper M, section III.A.2, which forgets that the first gap has been narrowed already.
 
     Examples
     --------
-    >>> coverage_moves([2, 9], cells=10).tolist(), printed_coverage_moves([2, 9], cells=10).tolist()
-    (7, 9)
+    >>> coverage_moves([2, 9], cells=10).tolist()
+    7
     """
     p = check_positions(positions, cells)
     left = np.minimum(p[..., :1], p - np.arange(1, p.shape[-1] + 1))
@@ -100,35 +100,3 @@ def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
     if p.shape[-1] > 1:
         most = np.maximum(most, (np.diff(p) - 1 - np.diff(left)).max(axis=-1))
     return np.asarray(p[..., 0] + most)
-
-
-def printed_coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
-    """Return the papers' formula for `coverage_moves`: ``2 p_1 + m - p_n + 1 + max(g - (p_1 + m - p_n), 0)``.
-
-    Here g is the number of cells in the largest gap between two particles. Parameters, result and errors are those of
-    `coverage_moves`.
-
-    Notes
-    -----
-    Source: paper M, section III.A.2 (the same in paper D). It is never below the exact value.
-    """
-    p = check_positions(positions, cells)
-    ends = p[..., 0] + cells - p[..., -1]
-    inner = (np.diff(p) - 1).max(axis=-1) if p.shape[-1] > 1 else np.zeros_like(ends)
-    return np.asarray(p[..., 0] + 1 + np.maximum(ends, inner))
-
-
-def largest_gap(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
-    """Return the empty cells in the largest of all n + 1 gaps, those at the two ends included.
-
-    Parameters, result and errors are those of `boundary_moves`.
-
-    Examples
-    --------
-    >>> largest_gap([4, 6], cells=8).tolist()
-    3
-    """
-    p = check_positions(positions, cells)
-    walls = [(0, 0)] * (p.ndim - 1)
-    fenced = np.pad(p, [*walls, (1, 1)], constant_values=((0, cells + 1),) if p.ndim == 1 else [*walls, (0, cells + 1)])
-    return np.asarray((np.diff(fenced) - 1).max(axis=-1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shoal.swarm.theory.scan_schedules.bounds import Bracket, least_simultaneous_ratio, theorem_rate, worst_of_both
+from shoal.swarm.theory.scan_schedules.bounds import Bracket, least_simultaneous_ratio, worst_of_both
 from shoal.swarm.theory.scan_schedules.optimal import OptimalSchedule, optimal_schedule
 from shoal.swarm.theory.scan_schedules.schedules import (
     Cost,
@@ -32,6 +32,5 @@ __all__ = [
     "check_prices",
     "least_simultaneous_ratio",
     "optimal_schedule",
-    "theorem_rate",
     "worst_of_both",
 ]

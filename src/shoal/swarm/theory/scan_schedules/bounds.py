@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import count
-from math import log
 
 from shoal.swarm.theory.scan_schedules.optimal import least_worst
 from shoal.swarm.theory.scan_schedules.schedules import Custom, Schedule, check_distance
@@ -81,8 +80,3 @@ def worst_of_both(schedule: Schedule, max_distance: int) -> Fraction:
     """
     moves = schedule.worst(scan_cost=0, move_cost=1, max_distance=max_distance).ratio
     return max(moves, schedule.cost(max_distance).scan_ratio)
-
-
-def theorem_rate(distance: int) -> float:
-    """Return log D / log log D, the rate of theorem 1; the distance is 3 or more."""
-    return log(distance) / log(log(distance))
