@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from shoal.checks import shortened
 from shoal.cli import options
 from shoal.cli.output import check_folder, patience, print_json, print_table, say
 from shoal.errors import InvalidInputError, MissingExtraError
@@ -43,14 +44,18 @@ def demo(
         from shoal.cli.steering import demo_steer
 
         demo_steer(out, seed=seed, json_=json_)
-        return
-    if what == "search":
+    elif what == "search":
         from shoal.cli.search import demo_search
 
         demo_search(out, seed=seed, json_=json_)
-        return
-    if what != "vessels":
-        raise InvalidInputError(f"demo: expected 'steer', 'search' or nothing, got {what[:80]!r}")
+    elif what == "vessels":
+        _demo_vessels(out, particles=particles, seed=seed, json_=json_)
+    else:
+        raise InvalidInputError(f"demo: expected 'steer', 'search' or nothing, got {shortened(what)}")
+
+
+def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
+    """Map the vessels of an eye."""
     from PIL import Image
 
     from shoal.cli.swarm import summary, write_outputs

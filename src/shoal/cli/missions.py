@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -112,12 +111,11 @@ def check(
 
 
 def _write(result: MissionCheck, out: Path) -> list[Path]:
-    from shoal.files import atomic
+    from shoal.files import write_json
     from shoal.search.missions.files import UNCOVERED
 
     written = [out / "check.json"]
-    with atomic(written[0]) as temporary:
-        temporary.write_text(json.dumps(result.report(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(written[0], result.report())
     if result.coverage is not None:
         written.append(out / UNCOVERED)
         result.write_uncovered(written[1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
@@ -13,6 +12,7 @@ import typer
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table, say
 from shoal.errors import InvalidInputError
+from shoal.files import write_json
 
 if TYPE_CHECKING:
     from shoal.lab import Store
@@ -35,14 +35,6 @@ def check_table(out: Path) -> None:
     if out.suffix not in SUFFIXES:
         raise InvalidInputError(f"{out}: expected the suffix {' or '.join(SUFFIXES)}, got {out.suffix!r}")
     check_folder(out.parent)
-
-
-def write_json(path: Path, result: dict[str, Any]) -> None:
-    """Write one JSON object."""
-    from shoal.files import atomic
-
-    with atomic(path) as temporary:
-        temporary.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def summary(

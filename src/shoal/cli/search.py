@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -146,14 +145,13 @@ def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | No
     """Write what --out and --film ask for; return the files."""
     written: list[Path] = []
     if out is not None:
-        from shoal.files import atomic
+        from shoal.files import write_json
         from shoal.views import figure, save_figure
 
         save_figure(figure(episode), out / "region.png")
         save_figure(figure(episode, kind="timeline"), out / "timeline.png")
         episode.save(out / "episode.json")
-        with atomic(out / "summary.json") as temporary:
-            temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        write_json(out / "summary.json", result)
         written += [out / name for name in ("region.png", "timeline.png", "episode.json", "summary.json")]
     return written + write_films(episode, film)
 

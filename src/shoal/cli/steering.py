@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -86,13 +85,12 @@ def _write_plan(episode: SteeringEpisode, result: dict[str, Any], out: Path | No
     """Write what --out and --film ask for; return the files."""
     written: list[Path] = []
     if out is not None:
-        from shoal.files import atomic
+        from shoal.files import write_json
         from shoal.views import figure, save_figure
 
         save_figure(figure(episode), out / "plan.png")
         episode.save(out / "episode.json")
-        with atomic(out / "summary.json") as temporary:
-            temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        write_json(out / "summary.json", result)
         written += [out / name for name in ("plan.png", "episode.json", "summary.json")]
     return written + write_films(episode, film)
 
@@ -151,13 +149,12 @@ def reach(
     }
     written = []
     if out is not None:
-        from shoal.files import atomic
+        from shoal.files import write_json
         from shoal.views.drawing.charts import save_figure
         from shoal.views.steering.figures import reach_figure
 
         save_figure(reach_figure(sets), out / "reach.png")
-        with atomic(out / "summary.json") as temporary:
-            temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        write_json(out / "summary.json", result)
         written = [out / "reach.png", out / "summary.json"]
     if json_:
         print_json(result)

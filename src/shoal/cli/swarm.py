@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import statistics
 from contextlib import nullcontext
 from pathlib import Path
@@ -211,7 +210,7 @@ def write_outputs(episodes: list[SwarmEpisode], result: dict[str, Any], out: Pat
     """Write what --out and --film ask for; return the files."""
     written: list[Path] = []
     if out is not None:
-        from shoal.files import atomic
+        from shoal.files import write_json
         from shoal.views import figure, save_figure
 
         save_figure(figure(episodes[0]), out / "map.png")
@@ -226,8 +225,7 @@ def write_outputs(episodes: list[SwarmEpisode], result: dict[str, Any], out: Pat
                 advance(done)
         if kept:
             written.append(out / names[0] if len(names) == 1 else out / "episodes")
-        with atomic(out / "summary.json") as temporary:
-            temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        write_json(out / "summary.json", result)
         written.append(out / "summary.json")
     return written + write_films(episodes[0], film)
 

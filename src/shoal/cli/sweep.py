@@ -14,8 +14,9 @@ import typer
 
 from shoal.cli import options, results
 from shoal.cli.output import check_folder, patience, print_json, print_table, quiet, say, warnings_said
-from shoal.cli.results import StoreFile, Unused, check_table, write_json
+from shoal.cli.results import StoreFile, Unused, check_table
 from shoal.errors import InvalidInputError
+from shoal.files import write_json
 
 if TYPE_CHECKING:
     from rich.table import Table

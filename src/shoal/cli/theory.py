@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from itertools import islice
 from pathlib import Path
@@ -105,13 +104,12 @@ def _means(row: dict[str, Any]) -> str:
 
 
 def _write(out: Path, figures: dict[str, Figure], result: dict[str, Any]) -> list[Path]:
-    from shoal.files import atomic
+    from shoal.files import write_json
     from shoal.views.drawing.charts import save_figure
 
     for name, figure in figures.items():
         save_figure(figure, out / name)
-    with atomic(out / "summary.json") as temporary:
-        temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    write_json(out / "summary.json", result)
     return [*(out / name for name in figures), out / "summary.json"]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -103,7 +102,7 @@ def _shown(value: Any) -> str:
 
 
 def _write_tour(made: Tour, result: dict[str, Any], out: Path) -> list[Path]:
-    from shoal.files import atomic
+    from shoal.files import atomic, write_json
     from shoal.views.drawing.charts import save_figure
     from shoal.views.search.tours import tour_figure
 
@@ -112,6 +111,5 @@ def _write_tour(made: Tour, result: dict[str, Any], out: Path) -> list[Path]:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("layer", "row", "col")[3 - len(made.shape) :])
         writer.writerows(made.cells.tolist())
-    with atomic(out / FILES[2]) as temporary:
-        temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    write_json(out / FILES[2], result)
     return [out / name for name in FILES]

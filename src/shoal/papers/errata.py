@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from shoal.files import atomic
+from shoal.files import write_text
 
 RECORD = Path(__file__).with_suffix(".json")
 CHECKS = Path(__file__).parents[3] / "docs" / "errata" / "__init__.py"
@@ -68,6 +68,4 @@ def recorded() -> list[Erratum]:
 
 def record(errata: Sequence[Erratum]) -> None:
     """Write what the checks found."""
-    with atomic(RECORD) as temporary:
-        text = json.dumps([asdict(one) for one in errata], indent=1, ensure_ascii=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_text(RECORD, json.dumps([asdict(one) for one in errata], indent=1, ensure_ascii=False) + "\n")

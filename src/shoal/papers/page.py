@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from shoal.files import atomic
+from shoal.files import write_text
 from shoal.lab.versions import versions
 from shoal.papers.errata import CHECKS, Erratum
 from shoal.papers.recipe import Result, Table
@@ -48,8 +48,7 @@ def write_page(results: Sequence[Result], errata: Sequence[Erratum], path: str |
         _errata(errata),
         "</main></body></html>",
     ]
-    with atomic(target) as temporary:
-        temporary.write_text("\n".join(parts), encoding="utf-8")
+    write_text(target, "\n".join(parts))
     return target
 
 

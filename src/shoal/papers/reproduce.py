@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from shoal.errors import InvalidInputError
-from shoal.files import atomic
+from shoal.files import atomic, write_json
 from shoal.lab.coordinator import OnProgress, run_sweep
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
@@ -124,8 +123,7 @@ def _write(folder: Path, recipe: Recipe, outcome: Outcome, sweeps: Sequence[Swee
         "tables": [table.title for table in outcome.tables],
     }  # fmt: skip
     files.append(folder / f"{recipe.name}.json")
-    with atomic(files[-1]) as temporary:
-        temporary.write_text(json.dumps(summary, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(files[-1], summary)
     return tuple(files)
 
 

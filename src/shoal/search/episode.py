@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.checks import check_bool, check_integer, check_number, parse_json, read_text, shortened
 from shoal.episode import Episode, Status, Verification
 from shoal.errors import InvalidInputError
-from shoal.files import atomic
+from shoal.files import write_json
 from shoal.search.allocation.plan import SearchPlan, plan_search, read_points
 from shoal.search.cells.routing import Route
 from shoal.search.problem import SearchProblem
@@ -335,8 +334,7 @@ class SearchEpisode(Episode):
             "simulated": self.simulated,
             "trace": self.trace.to_dict(),
         }
-        with atomic(target) as temporary:
-            temporary.write_text(json.dumps(told, allow_nan=False) + "\n", encoding="utf-8")
+        write_json(target, told, indent=None)
 
     def _self_contained(self) -> SearchProblem:
         """Return the problem without a file outside of it."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from shoal.checks import check_choice, check_integer, check_number, check_text, parse_json, read_text, shortened
 from shoal.episode import Episode, Status, Verification
 from shoal.errors import InvalidInputError, ShoalError
-from shoal.files import atomic
+from shoal.files import write_json
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.simulation.apparatus import replay
 from shoal.steering.workspaces.convex_geometry import Points
@@ -158,8 +157,7 @@ class SteeringEpisode(Episode):
             "states": self.states.tolist(), "order": self.order.tolist(), "versions": dict(self.versions),
         }  # fmt: skip
         data = {name: made[name] if name in made else getattr(self, name) for name in _STORED}
-        with atomic(target) as temporary:
-            temporary.write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8")
+        write_json(target, data, indent=None)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> SteeringEpisode:

@@ -18,11 +18,13 @@ from shoal.views.drawing.charts import save_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from shoal.episode import Episode
+
 
 __all__ = ["figure", "film", "save_figure"]
 
 
-def figure(episode: Any, *, kind: str | None = None, **options: Any) -> Figure:
+def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **options: Any) -> Figure:
     """Return the figure of an episode.
 
     Parameters
@@ -48,7 +50,7 @@ def figure(episode: Any, *, kind: str | None = None, **options: Any) -> Figure:
     return drawn
 
 
-def film(episode: Any, path: str | os.PathLike[str], *, on_frame: Callable[[int, int], None] | None = None) -> None:
+def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[int, int], None] | None = None) -> None:
     """Write a film of an episode of any part; the suffix says which kind.
 
     Parameters

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from shoal.errors import InvalidInputError
-from shoal.files import atomic
+from shoal.files import write_json
 from shoal.search.missions.files import FORMATS, format_of
 from shoal.search.missions.findings import Finding, Sheet
 from shoal.search.missions.lint import examine
@@ -94,8 +94,7 @@ class MissionCheck:
             shape = part if self.region.frame is None else shapely.transform(part, self.region.frame.to_degrees)
             geometry = json.loads(shapely.to_geojson(shapely.orient_polygons(shape)))
             features.append({"type": "Feature", "properties": {"area_m2": part.area}, "geometry": geometry})
-        with atomic(path) as temporary:
-            temporary.write_text(json.dumps({"type": "FeatureCollection", "features": features}) + "\n", encoding="utf-8")
+        write_json(path, {"type": "FeatureCollection", "features": features}, indent=None)
 
 
 def check_missions(
