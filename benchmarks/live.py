@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shoal.search import Course, allocate, make_tour
+from shoal.search import TourCost, allocate, make_tour
 from shoal.search.live import run_live
 from shoal.search.protocol.robot import Brief
 from shoal.search.simulation.faults import Crash
@@ -32,17 +32,17 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     os.environ.update([MARK.split("=")])  # those who start later have it
-    course = Course(make_tour("hilbert-rectangle", (options.side, options.side)))
+    tour_cost = TourCost(make_tour("hilbert-rectangle", (options.side, options.side)))
     complete, most, startups = 0, 0, []
     for run in range(options.seed, options.seed + options.runs):
         rng = np.random.default_rng(run)
-        starts = rng.integers(0, len(course), ROBOTS)
-        possible = allocate(course, starts).makespan
+        starts = rng.integers(0, len(tour_cost), ROBOTS)
+        possible = allocate(tour_cost, starts).makespan
         times = rng.uniform(0.0, possible, KILLED)
         kill = [Crash(int(robot), float(time)) for robot, time in zip(rng.permutation(ROBOTS)[:KILLED] + 1, times, strict=True)]
         descriptors = len(os.listdir("/proc/self/fd"))
         seen = run_live(
-            Brief(course, hello=HELLO * options.speed),
+            Brief(tour_cost, hello=HELLO * options.speed),
             starts.tolist(),
             loss=LOSS,
             kill=kill,
@@ -58,7 +58,7 @@ def main() -> int:
         print(
             f"run {run}: {'complete' if whole else 'NOT COMPLETE'}, {100 * seen.covered:.1f} % searched, "
             f"{len(seen.killed)} killed, {len(seen.declared)} declared, the last at {last:.0f} "
-            f"(alone {course.whole:.0f}, all alive {possible:.0f}), {seen.lost} of {seen.heard} messages lost, "
+            f"(alone {tour_cost.whole:.0f}, all alive {possible:.0f}), {seen.lost} of {seen.heard} messages lost, "
             f"{seen.seconds:.1f} s, {seen.channel}, left behind: {stray}",
             flush=True,
         )

@@ -11,10 +11,10 @@ import time
 
 import numpy as np
 
-from shoal.search import Course, allocate, make_tour, plan_search
+from shoal.search import TourCost, allocate, make_tour, plan_search
 from shoal.search.allocation.expected_time import expected_time, stay_share
 
-METHODS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
+ALLOCATORS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
 SPECIFIED = {  # spec/search.md, section 3
     (16, "random"): (0.177, 0.129, 0.113, 0.097, 0.077),
     (32, "random"): (0.183, 0.134, 0.116, 0.099, 0.064),
@@ -31,7 +31,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     print(f"T/T_UB of {ROBOTS} robots on a Moore tour, mean of {options.trials} starts (in brackets: as specified)")
-    print(f"{'':<20}" + "".join(f"{method:>20}" for method in METHODS) + f"{'bound':>8}")
+    print(f"{'':<20}" + "".join(f"{allocator:>20}" for allocator in ALLOCATORS) + f"{'bound':>8}")
     for side in (16, 32, 64):
         for layout in ("random", "clustered", "line"):
             table_row(side, layout, options.trials, options.seed)
@@ -50,19 +50,19 @@ def starts_of(side: int, layout: str, rng: np.random.Generator) -> np.ndarray:
     return np.column_stack([np.round(np.linspace(0, side - 1, ROBOTS)).astype(int), np.zeros(ROBOTS, dtype=int)])
 
 
-def share(course: Course, side: int, layout: str, method: str, trials: int, seed: int) -> float:
+def share(tour_cost: TourCost, side: int, layout: str, allocator: str, trials: int, seed: int) -> float:
     rng = np.random.default_rng(seed)
     rounds = 1 if layout == "line" else trials
-    starts = [course.tour.position[tuple(starts_of(side, layout, rng).T)] for _ in range(rounds)]
-    return float(np.mean([allocate(course, start, method=method).makespan for start in starts])) / len(course)
+    starts = [tour_cost.tour.position[tuple(starts_of(side, layout, rng).T)] for _ in range(rounds)]
+    return float(np.mean([allocate(tour_cost, start, allocator=allocator).makespan for start in starts])) / len(tour_cost)
 
 
 def table_row(side: int, layout: str, trials: int, seed: int) -> None:
-    course = Course(make_tour("moore", (side, side)))
-    said = SPECIFIED.get((side, layout), (None,) * len(METHODS))
+    tour_cost = TourCost(make_tour("moore", (side, side)))
+    said = SPECIFIED.get((side, layout), (None,) * len(ALLOCATORS))
     words = ""
-    for method, figure in zip(METHODS, said, strict=True):
-        measured = share(course, side, layout, method, trials, seed)
+    for allocator, figure in zip(ALLOCATORS, said, strict=True):
+        measured = share(tour_cost, side, layout, allocator, trials, seed)
         words += f"{measured:>12.3f} " + (f"({figure:.3f})" if figure else " " * 7)
     print(f"{side * side:>5} {layout:<14}{words}{1 / ROBOTS:>8.3f}", flush=True)
 
@@ -70,8 +70,8 @@ def table_row(side: int, layout: str, trials: int, seed: int) -> None:
 def turns(trials: int, seed: int) -> None:
     print("\nA turn costs one cell; 4096 cells, hop:", end=" ")
     for name, figure in (("comb", 0.061), ("hilbert", 0.097)):
-        course = Course(make_tour(name, (64, 64)), turn_cost=1.0)
-        print(f"{name} {share(course, 64, 'random', 'hop', trials, seed):.3f} ({figure})", end="  ", flush=True)
+        tour_cost = TourCost(make_tour(name, (64, 64)), turn_cost=1.0)
+        print(f"{name} {share(tour_cost, 64, 'random', 'hop', trials, seed):.3f} ({figure})", end="  ", flush=True)
     print()
 
 
@@ -97,7 +97,7 @@ def plans() -> None:
         taken = time.perf_counter() - began
         found = plan.allocation
         print(
-            f"  {len(plan.course):>7} cells, {robots:>4} robots, {starts:<6} {1000 * taken:>9.1f} ms   "
+            f"  {len(plan.tour_cost):>7} cells, {robots:>4} robots, {starts:<6} {1000 * taken:>9.1f} ms   "
             f"makespan {found.makespan:.1f} cells, {found.makespan / found.lower_bound:.3f} of the bound",
             flush=True,
         )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shoal.errors import InvalidInputError
-from shoal.search import Course, allocate, make_tour
+from shoal.search import TourCost, allocate, make_tour
 from shoal.search.allocation.expected_time import expected_time, stay_share
 
 TRIALS = 4000
@@ -63,8 +63,8 @@ def test_whole_cells_are_hardly_slower():
 
 
 def test_it_is_the_time_of_the_allocation():
-    course, rng = Course(make_tour("moore", (16, 16))), np.random.default_rng(5)
-    times = [allocate(course, rng.integers(256, size=12), method="stay").makespan for _ in range(200)]
+    tour_cost, rng = TourCost(make_tour("moore", (16, 16))), np.random.default_rng(5)
+    times = [allocate(tour_cost, rng.integers(256, size=12), allocator="stay").makespan for _ in range(200)]
     same = np.random.default_rng(5)
     again = [same.integers(256, size=12) for _ in range(200)]
     longest = [max(np.diff(np.append(np.sort(row), row.min() + 256))) for row in again]

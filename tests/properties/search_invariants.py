@@ -38,7 +38,7 @@ class Checker:
     def __call__(self, world: World, number: int) -> None:
         """Check what the last event, of that robot, may have broken."""
         vehicle = world.vehicles[number]
-        n = len(self.scenario.brief.course)
+        n = len(self.scenario.brief.tour_cost)
         if number in world.declared and number not in self.liars and self.scenario.reach(number) & ~world.covered:
             self._fail(world, number, "declared the search complete before it was")
         if not (0 <= vehicle.place < n and (vehicle.going is None or 0 <= vehicle.going < n)):
@@ -79,8 +79,8 @@ def check_outcome(scenario: Scenario, outcome: Outcome) -> None:
     InvariantError
         Unless, with at least one robot that does not fail and has the energy, all cells that such ones can reach were searched,
         each such robot has declared the search complete, and that was done by the time in which each of them would have done it
-        alone, where none of them was kept waiting before a cell, is slow, had to recharge or met an obstacle. With ``fold``, and
-        as many robots that never fail or lie, each cell was searched by so many.
+        alone, where none of them was kept waiting before a cell, is slow, had to recharge or met an obstacle. With a ``multiplicity``,
+        and as many robots that never fail or lie, each cell was searched by so many.
     """
     failing = {fault.robot for fault in scenario.faults if isinstance(fault, Crash | Pause | Slow | Battery | Liar)}
     good = [number for number in outcome.vehicles if number not in failing]

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from shoal.search.allocation.tour_cost import Course
-from shoal.search.cells.distances import CellWays
+from shoal.search.allocation.tour_cost import TourCost
+from shoal.search.cells.distances import CellDistances
 from shoal.search.protocol.robot import Brief
 from shoal.search.simulation.faults import Battery, Crash, Fault, Liar, Pause, Slow, WrongPosition
 from shoal.search.simulation.network import Network, network_of
@@ -17,7 +17,7 @@ from shoal.search.simulation.world import Scenario
 from shoal.search.tours import make_tour
 
 TOURS = ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree", "open-hilbert")
-METHODS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
+ALLOCATORS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
 _STEPWISE = 0.3  # share of scenarios in which robots go from cell to cell and meet obstacles
 _LARGEST = 10  # rows and columns
 _MOST_ROBOTS = 30
@@ -33,16 +33,16 @@ def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
     """
     rng = np.random.default_rng(seed)
     tour = make_tour(str(rng.choice(TOURS)), random_mask(rng))
-    ways = CellWays(tour) if rng.random() < _STEPWISE else None
-    course = Course(tour, turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])), ways=ways, reckoned=wide)
-    n, m = len(course), int(rng.integers(1, _MOST_ROBOTS + 1) if rng.random() < 0.1 else min(rng.geometric(0.18), _MOST_ROBOTS))
-    whole = course.whole
-    fold = int(rng.choice([1, 1, 1, 2, 3]))
+    distances = CellDistances(tour) if rng.random() < _STEPWISE else None
+    tour_cost = TourCost(tour, turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])), distances=distances, reckoned=wide)
+    n, m = len(tour_cost), int(rng.integers(1, _MOST_ROBOTS + 1) if rng.random() < 0.1 else min(rng.geometric(0.18), _MOST_ROBOTS))
+    whole = tour_cost.whole
+    multiplicity = int(rng.choice([1, 1, 1, 2, 3]))
     energy = float(rng.choice([inf, inf, inf, 1.0])) * (whole / 2 + 3 * _LARGEST)
     brief = Brief(
-        course,
-        str(rng.choice(METHODS)),
-        fold=fold,
+        tour_cost,
+        str(rng.choice(ALLOCATORS)),
+        multiplicity=multiplicity,
         hello=float(rng.choice([0.5, 1.0, 3.0])),
         beat=float(rng.choice([1.0, 2.0, 4.0, 6.0])),
         energy=energy,
@@ -55,11 +55,11 @@ def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
         starts,
         rates,
         network=random_network(rng, whole),
-        faults=random_faults(rng, m, whole, liars=fold - 1, energy=energy, lost=ways is None),
+        faults=random_faults(rng, m, whole, liars=multiplicity - 1, energy=energy, lost=distances is None),
         targets=tuple(int(cell) for cell in rng.integers(0, n, size=rng.integers(0, 4))),
         detection=float(rng.choice([1.0, 0.8])),
         false_alarm=float(rng.choice([0.0, 0.02])),
-        obstacles=() if ways is None else random_obstacles(rng, n, starts),
+        obstacles=() if distances is None else random_obstacles(rng, n, starts),
         widths=tuple(int(width) for width in np.random.default_rng([seed, 1]).choice([1, 1, 3, 5], size=m)) if wide else (),
         seed=seed,
     )

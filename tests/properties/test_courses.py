@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shoal.search.allocation.tour_cost import Course
-from shoal.search.cells.distances import CellWays
+from shoal.search.allocation.tour_cost import TourCost
+from shoal.search.cells.distances import CellDistances
 from shoal.search.tours import make_tour
 from shoal.search.tours.bitset import bits_of
 
@@ -19,7 +19,7 @@ SHAPES = {"hilbert": (8, 8), "moore": (4, 4), "hilbert-rectangle": (1, 10), "com
 
 def a_course(name, turn_cost, *, stepwise):
     tour = make_tour(name, SHAPES[name])
-    return Course(tour, turn_cost=turn_cost, ways=CellWays(tour) if stepwise else None)
+    return TourCost(tour, turn_cost=turn_cost, distances=CellDistances(tour) if stepwise else None)
 
 
 @settings(max_examples=200, deadline=None)
@@ -31,23 +31,23 @@ def a_course(name, turn_cost, *, stepwise):
     data=st.data(),
 )
 def test_a_jump_costs_no_more_than_searching_what_lies_between(name, turn_cost, stepwise, fresh, data):
-    course = a_course(name, turn_cost, stepwise=stepwise)
-    n = len(course)
+    tour_cost = a_course(name, turn_cost, stepwise=stepwise)
+    n = len(tour_cost)
     here, count = data.draw(st.integers(0, n - 1)), data.draw(st.integers(1, 4) | st.integers(1, n - 1))
     step = data.draw(st.sampled_from([1, -1])) if stepwise else 1
     stops = [(here + step * k) % n for k in range(count + 1)]
-    each = sum(1.0 + course.way(one, other, fresh=fresh and one == here) for one, other in pairwise(stops))
-    assert 1.0 + course.way(here, stops[-1], fresh=fresh) <= each + 1e-9
+    each = sum(1.0 + tour_cost.way(one, other, fresh=fresh and one == here) for one, other in pairwise(stops))
+    assert 1.0 + tour_cost.way(here, stops[-1], fresh=fresh) <= each + 1e-9
 
 
 @settings(max_examples=60, deadline=None)
 @given(name=st.sampled_from(sorted(SHAPES)), turn_cost=st.sampled_from([0.0, 1.0]), data=st.data())
 def test_the_cells_of_a_way_are_neighbours_none_is_closed_and_none_cheaper_is_missed(name, turn_cost, data):
-    course = a_course(name, turn_cost, stepwise=True)
-    numbers = st.integers(0, len(course) - 1)
+    tour_cost = a_course(name, turn_cost, stepwise=True)
+    numbers = st.integers(0, len(tour_cost) - 1)
     here, cell, closed = data.draw(numbers), data.draw(numbers), data.draw(st.sets(numbers, max_size=6))
     bits = bits_of(closed - {here, cell})
-    cost, through = course.way(here, cell, closed=bits), course.through(here, cell, closed=bits)
+    cost, through = tour_cost.way(here, cell, closed=bits), tour_cost.through(here, cell, closed=bits)
     if here == cell:
         assert cost == 0
         assert through == ()
@@ -57,13 +57,13 @@ def test_the_cells_of_a_way_are_neighbours_none_is_closed_and_none_cheaper_is_mi
         return
     assert through[-1] == cell
     assert not bits & bits_of(through)
-    length = sum(course.length(one, other) for one, other in pairwise((here, *through)))
+    length = sum(tour_cost.length(one, other) for one, other in pairwise((here, *through)))
     # Each turn on the way is paid at most once, and one is paid for a way of its own.
     assert length - 1 - 1e-9 <= cost <= length - 1 + turn_cost * max(len(through), 1) + 1e-9
 
 
 def test_cells_searched_on_a_straight_way_are_no_turn():
     tour = make_tour("hilbert-rectangle", (1, 10))
-    course = Course(tour, turn_cost=1.0, ways=CellWays(tour))
-    assert course.way(5, 8) == pytest.approx(2.0)
-    assert course.through(5, 8) == (6, 7, 8)
+    tour_cost = TourCost(tour, turn_cost=1.0, distances=CellDistances(tour))
+    assert tour_cost.way(5, 8) == pytest.approx(2.0)
+    assert tour_cost.through(5, 8) == (6, 7, 8)

@@ -53,7 +53,7 @@ def test_every_format_keeps_a_mission(tmp_path_factory, mission):
         assert (ours.name, ours.kind, ours.geographic) == (mission.name, mission.kind, True)
         assert (ours.speed, ours.altitude) == pytest.approx((mission.speed, mission.altitude), abs=1e-8)
         assert ours.vehicle == mission.vehicle or path.suffix == ".waypoints"  # which does not say
-    assert not {finding.rule for finding in lint(folder) if finding.severity == "error"}
+    assert not {diagnostic.rule for diagnostic in lint(folder) if diagnostic.severity == "error"}
 
 
 @given(missions(geographic=False))
@@ -152,10 +152,10 @@ def test_damaged_files_are_refused_in_one_sentence_or_read(tmp_path_factory, nam
         content = content or bytearray(b" ")
     path = tmp_path_factory.getbasetemp() / f"damaged{form.suffix}"
     path.write_bytes(bytes(content))
-    findings = lint(path)
+    diagnostics = lint(path)
     said = complaint(path)
     assert "\n" not in said
-    assert not said or any(finding.severity == "error" for finding in findings)
+    assert not said or any(diagnostic.severity == "error" for diagnostic in diagnostics)
 
 
 def complaint(path):

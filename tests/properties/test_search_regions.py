@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.reference.regions import COUNTIES, county, random_polygon, swept
 
 from shoal.errors import InvalidInputError
-from shoal.search import GroundPaths, cells_of, open_region, region_of
+from shoal.search import RegionPaths, cells_of, open_region, region_of
 
 
 @settings(max_examples=25)
@@ -31,7 +31,7 @@ def test_cells_are_where_the_region_is(seed):
     region = region_of(random_polygon(rng))
     grid = cells_of(region, float(rng.uniform(20, 90)))
     for cell in grid.cells[rng.integers(0, grid.n_cells, 20)]:
-        assert region.contains(grid.stands(cell)).all()
+        assert region.contains(grid.viewpoints_in(cell)).all()
         box = shapely.box(*(grid.point(cell) - grid.size / 2), *(grid.point(cell) + grid.size / 2))
         assert box.intersection(region.area).area > 0
     inside = grid.waypoints()
@@ -45,8 +45,8 @@ def test_ways_between_any_two_places(seed):
     rng = np.random.default_rng(seed)
     region = region_of(max(shapely.get_parts(random_polygon(rng)), key=shapely.area))
     grid = cells_of(region, 40)
-    paths = GroundPaths(grid)
-    places = grid.stand_points[rng.integers(0, len(grid.stand_points), 12)]
+    paths = RegionPaths(grid)
+    places = grid.viewpoints[rng.integers(0, len(grid.viewpoints), 12)]
     route = paths.legs(places)
     assert np.array_equal(route.points[route.stops], places)
     lines = shapely.linestrings(np.stack([route.points[:-1], route.points[1:]], axis=1))

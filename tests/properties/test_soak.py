@@ -24,7 +24,7 @@ CHUNKS = 20
 def play(seed, *, wide=False):
     scenario = random_scenario(seed, wide=wide)
     world = World(scenario, check=Checker(scenario))
-    outcome = world.run(until=60 * scenario.brief.course.whole * scenario.brief.fold + 1000)
+    outcome = world.run(until=60 * scenario.brief.tour_cost.whole * scenario.brief.multiplicity + 1000)
     check_outcome(scenario, outcome)
     return scenario, outcome
 
@@ -49,7 +49,7 @@ def test_scenarios_are_of_all_kinds():
     assert {len(scenario.starts) for scenario in scenarios} >= {1, 2, 5, 10}
     assert any(not scenario.network.media for scenario in scenarios)
     assert any(scenario.brief.energy < inf for scenario in scenarios)
-    assert {scenario.brief.fold for scenario in scenarios} == {1, 2, 3}
+    assert {scenario.brief.multiplicity for scenario in scenarios} == {1, 2, 3}
 
 
 def test_the_same_seed_gives_the_same_trace():
@@ -119,7 +119,7 @@ def test_bug_5_an_empty_battery_goes_on(monkeypatch):
 
 
 def test_bug_6_waits_for_ever_for_a_live_robot(monkeypatch):
-    monkeypatch.setattr(robots, "cost_of_all", lambda course, wanted, here, fresh, closed=0: -inf)
+    monkeypatch.setattr(robots, "cost_of_all", lambda tour_cost, wanted, here, fresh, closed=0: -inf)
     assert found_within(200)
 
 
@@ -130,11 +130,11 @@ def test_liars_are_outvoted():
         scenario = random_scenario(seed)
         if len(scenario.starts) < 3:
             continue
-        brief = robots.Brief(scenario.brief.course, scenario.brief.method, fold=2)
+        brief = robots.Brief(scenario.brief.tour_cost, scenario.brief.allocator, multiplicity=2)
         lying = worlds.Scenario(brief, scenario.starts, faults=(Liar(1),), seed=seed)
         world = World(lying, check=Checker(lying))
         check_outcome(lying, world.run(until=1e5))
-        single = worlds.Scenario(robots.Brief(brief.course, brief.method), scenario.starts, faults=(Liar(1),), seed=seed)
+        single = worlds.Scenario(robots.Brief(brief.tour_cost, brief.allocator), scenario.starts, faults=(Liar(1),), seed=seed)
         outcome = World(single).run(until=1e5)
         believed += any(when < outcome.covered_at for when in outcome.declared.values())
     assert believed > 2
@@ -149,7 +149,7 @@ def test_who_declares_is_right_and_complete():
 
 def test_crashes_and_pauses_do_what_they_say():
     scenario = random_scenario(2)
-    faulty = worlds.Scenario(robots.Brief(scenario.brief.course), (0, 0, 0), faults=(Crash(1, 3.0), Pause(2, 2.0, 30.0)), seed=1)
+    faulty = worlds.Scenario(robots.Brief(scenario.brief.tour_cost), (0, 0, 0), faults=(Crash(1, 3.0), Pause(2, 2.0, 30.0)), seed=1)
     outcome = World(faulty).run(until=1e4)
     assert outcome.vehicles[1].states[-1] == (3.0, "dead")
     assert all(when <= 3.0 for when, _ in outcome.vehicles[1].visits)

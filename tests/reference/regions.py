@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from shapely.affinity import scale, translate
 
-from shoal.search import CellGrid, Coverage, GroundPaths, Route, SearchRegion, cells_of, coverage_check, region_of
+from shoal.search import CellGrid, Coverage, RegionPaths, Route, SearchRegion, cells_of, coverage_check, region_of
 
 COUNTIES = (  # islands, fjords, capes, river borders, one with holes in it
     ("AK", "Sitka"), ("NC", "Dare"), ("MD", "Dorchester"), ("LA", "Plaquemines"), ("ME", "Hancock"),
@@ -52,11 +52,11 @@ def back_and_forth(grid: CellGrid) -> Route:
     labels = grid.components[tuple(cells.T)]
     along = np.where(cells[:, 0] % 2 == 0, cells[:, 1], -cells[:, 1])
     cells = cells[np.lexsort((along, cells[:, 0], labels))]
-    return GroundPaths(grid, transit=True).route(cells)
+    return RegionPaths(grid, transit=True).route(cells)
 
 
 def swept(region: SearchRegion, footprint: float) -> tuple[Coverage, int]:
-    """Sweep a region; return what the independent check says of it, and the number of cells."""
+    """Arc a region; return what the independent check says of it, and the number of cells."""
     grid = cells_of(region, footprint)
     route = back_and_forth(grid)
     return coverage_check(region, np.split(route.points, np.flatnonzero(route.transit) + 1), footprint), grid.n_cells

@@ -7,7 +7,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 import pytest
 
-from shoal.search import Course, Sweep, allocate, make_tour
+from shoal.search import Arc, TourCost, allocate, make_tour
 from shoal.search.allocation.allocate import work_time
 
 
@@ -27,10 +27,10 @@ def instances(seed, count):
     rng = np.random.default_rng(seed)
     for _ in range(count):
         shape = [(2, 4), (2, 3), (2, 5), (4, 2)][rng.integers(4)]
-        course = Course(make_tour("hilbert-rectangle", shape))  # every step is one cell, the closing one, too
+        tour_cost = TourCost(make_tour("hilbert-rectangle", shape))  # every step is one cell, the closing one, too
         m = int(rng.integers(1, 4))
-        starts = np.sort(rng.integers(0, len(course), size=m))
-        yield course, starts, m
+        starts = np.sort(rng.integers(0, len(tour_cost), size=m))
+        yield tour_cost, starts, m
 
 
 def turned_to(borders, turn, m):
@@ -39,15 +39,15 @@ def turned_to(borders, turn, m):
 
 
 def test_stay_is_what_the_paper_says():
-    for course, starts, m in instances(1, 60):
-        n = len(course)
+    for tour_cost, starts, m in instances(1, 60):
+        n = len(tour_cost)
         gaps = [(starts[(k + 1) % m] - starts[k]) % n or (n if len(set(starts)) == 1 and k == m - 1 else 0) for k in range(m)]
-        assert allocate(course, starts, method="stay").makespan == max(gaps)
+        assert allocate(tour_cost, starts, allocator="stay").makespan == max(gaps)
 
 
 def test_individual_shift_is_the_best_of_all():
-    for course, starts, m in instances(2, 40):
-        n = len(course)
+    for tour_cost, starts, m in instances(2, 40):
+        n = len(tour_cost)
         best = np.inf
         for borders in all_borders(n, m):
             for turn in range(m):
@@ -56,36 +56,36 @@ def test_individual_shift_is_the_best_of_all():
                     along(start, low, n) + high - low if high > low else 0 for start, (low, high) in zip(starts, arcs, strict=True)
                 ]
                 best = min(best, max(times))
-        found = allocate(course, starts, method="individual-shift")
+        found = allocate(tour_cost, starts, allocator="individual-shift")
         assert found.makespan <= best + 1e-6  # less where a straight way is shorter than the tour
 
 
 @pytest.mark.parametrize(("method", "slack"), [("hop", 1.0), ("two-way", 2.0)])
-def test_hop_and_two_way_come_near_the_best_of_all(method, slack):
+def test_hop_and_two_way_come_near_the_best_of_all(allocator, slack):
     excess = []
-    for course, starts, m in instances(3, 30):
-        n, best = len(course), np.inf
+    for tour_cost, starts, m in instances(3, 30):
+        n, best = len(tour_cost), np.inf
         for borders in all_borders(n, m):
-            for turn in range(m) if method == "hop" else (0,):
+            for turn in range(m) if allocator == "hop" else (0,):
                 worst = 0.0
                 for start, (low, high) in zip(starts, turned_to(borders, turn, m), strict=True):
                     if high > low:
-                        worst = max(worst, least(course, int(start), low, high, method))
+                        worst = max(worst, least(tour_cost, int(start), low, high, allocator))
                 best = min(best, worst)
-        found = allocate(course, starts, method=method)
-        assert found.makespan >= best - 1e-9 or method == "two-way"
+        found = allocate(tour_cost, starts, allocator=allocator)
+        assert found.makespan >= best - 1e-9 or allocator == "two-way"
         excess.append(found.makespan - best)
     assert max(excess) <= slack
     assert np.mean(excess) <= 0.3 * slack
 
 
-def least(course, start, low, high, method):
+def least(tour_cost, start, low, high, allocator):
     """Return how soon a robot can have searched an arc: straight to its beginning, or both ways from inside."""
-    n, place = len(course), course.points[start]
-    works = [[Sweep(low % n, high - low)]]
+    n, place = len(tour_cost), tour_cost.points[start]
+    works = [[Arc(low % n, high - low)]]
     at = start if low <= start else start + n
-    if method == "two-way" and low < at < high:
+    if allocator == "two-way" and low < at < high:
         behind, ahead = at - low, high - at
-        works.append([Sweep(start, behind + 1, -1), Sweep((start + 1) % n, ahead - 1)])
-        works.append([Sweep(start, ahead), Sweep((start - 1) % n, behind, -1)])
-    return min(work_time(course, [sweep for sweep in work if sweep.count], place) for work in works)
+        works.append([Arc(start, behind + 1, -1), Arc((start + 1) % n, ahead - 1)])
+        works.append([Arc(start, ahead), Arc((start - 1) % n, behind, -1)])
+    return min(work_time(tour_cost, [arc for arc in work if arc.count], place) for work in works)

@@ -128,15 +128,15 @@ for name in ("hilbert", "hilbert-rectangle"):
 
 ALLOCATIONS = """
 import numpy as np
-from shoal.search import Course, allocate, make_tour
+from shoal.search import TourCost, allocate, make_tour
 rng = np.random.default_rng(6)
 for number in range(12):
-    course = Course(make_tour("comb", (4, 3 + number)), turn_cost=0.5 * (number % 2))
+    tour = TourCost(make_tour("comb", (4, 3 + number)), turn_cost=0.5 * (number % 2))
     m = 1 + number % 4
-    starts = rng.integers(0, len(course), size=m)
+    starts = rng.integers(0, len(tour), size=m)
     rates = rng.uniform(0.5, 2, size=m) if number % 3 == 0 else None
     for method in ("stay", "common-shift", "individual-shift", "two-way", "hop"):
-        found = allocate(course, starts, method=method, rates=rates)
+        found = allocate(tour, starts, method=method, rates=rates)
         print(number, method, found.sweeps, found.times.round(6).tolist())
 """
 

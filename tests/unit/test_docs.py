@@ -41,7 +41,7 @@ MODULES = [
     "search.allocation.arcs",
     "search.missions.checking",
     "search.missions.files",
-    "search.missions.findings",
+    "search.missions.diagnostics",
     "search.missions.lint",
     "search.missions.mission",
     "search.tours",

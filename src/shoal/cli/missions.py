@@ -15,11 +15,11 @@ from shoal.cli.problem_options import help_of, parsed
 from shoal.search.problem import SearchProblem
 
 if TYPE_CHECKING:
-    from shoal.search.missions import Finding, MissionCheck
+    from shoal.search.missions import Diagnostic, MissionCheck
 
 CHECK_EXAMPLE = "Example: shoal missions check missions field.json --footprint 20"
 
-_SHOWN = 3  # findings of one kind in one file
+_SHOWN = 3  # diagnostics of one kind in one file
 
 app = typer.Typer(no_args_is_help=True, help="Look over mission files.")
 
@@ -134,8 +134,8 @@ def _print(result: MissionCheck, written: list[Path]) -> None:
             ("not seen", f"{seen.uncovered_m2:.6g} m²"),
             ("outside", f"{seen.outside_m:.6g} m of {seen.length_m:.6g} m"),
         ]
-    rows.append(("mistakes", f"{len(result.errors)}, and {len(result.findings) - len(result.errors)} warnings"))
-    rows += [(finding.severity, text) for finding, text in _shown(result.findings)]
+    rows.append(("mistakes", f"{len(result.errors)}, and {len(result.diagnostics) - len(result.errors)} warnings"))
+    rows += [(diagnostic.severity, text) for diagnostic, text in _shown(result.diagnostics)]
     rows += [("written", str(path)) for path in written]
     print_table(rows, title="mission check")
 
@@ -146,17 +146,17 @@ def _footprint(sides: float | tuple[float, ...] | None) -> str:
     return f"footprints of {', '.join(f'{side:g}' for side in sides)} m"
 
 
-def _shown(findings: tuple[Finding, ...]) -> list[tuple[Finding, str]]:
-    """Return the findings worth a line: of each kind in each file the first few, and how many more."""
-    totals = Counter((finding.file, finding.rule) for finding in findings)
+def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
+    """Return the diagnostics worth a line: of each kind in each file the first few, and how many more."""
+    totals = Counter((diagnostic.file, diagnostic.rule) for diagnostic in diagnostics)
     so_far: Counter[tuple[str, str]] = Counter()
     lines = []
-    for finding in findings:
-        key = (finding.file, finding.rule)
+    for diagnostic in diagnostics:
+        key = (diagnostic.file, diagnostic.rule)
         so_far[key] += 1
-        place = f"{finding.file}{', ' * bool(finding.place)}{finding.place}"
+        place = f"{diagnostic.file}{', ' * bool(diagnostic.place)}{diagnostic.place}"
         if so_far[key] <= _SHOWN:
-            lines.append((finding, f"{place}: {finding.sentence}"))
+            lines.append((diagnostic, f"{place}: {diagnostic.sentence}"))
         elif so_far[key] == _SHOWN + 1:
-            lines.append((finding, f"{finding.file}: {totals[key] - _SHOWN} more like it"))
+            lines.append((diagnostic, f"{diagnostic.file}: {totals[key] - _SHOWN} more like it"))
     return lines

@@ -9,11 +9,11 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from shoal.search.allocation.allocate import Allocation, Sweep, allocate
+    from shoal.search.allocation.allocate import Allocation, Arc, allocate
     from shoal.search.allocation.plan import SearchPlan, plan_search
-    from shoal.search.allocation.tour_cost import Course
+    from shoal.search.allocation.tour_cost import TourCost
     from shoal.search.cells.grid import CellGrid, cells_of
-    from shoal.search.cells.routing import GroundPaths, Route, merge_collinear
+    from shoal.search.cells.routing import RegionPaths, Route, merge_collinear
     from shoal.search.episode import SearchEpisode
     from shoal.search.problem import SearchProblem
     from shoal.search.regions.builder import open_region
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from shoal.search.tours.codec import hilbert_decode, hilbert_encode, moore_decode, moore_encode
 
 _HOMES = {
-    "allocation.allocate": ("Allocation", "Sweep", "allocate"),
+    "allocation.allocate": ("Allocation", "Arc", "allocate"),
     "allocation.plan": ("SearchPlan", "plan_search"),
-    "allocation.tour_cost": ("Course",),
+    "allocation.tour_cost": ("TourCost",),
     "cells.grid": ("CellGrid", "cells_of"),
-    "cells.routing": ("GroundPaths", "Route", "merge_collinear"),
+    "cells.routing": ("RegionPaths", "Route", "merge_collinear"),
     "episode": ("SearchEpisode",),
     "problem": ("SearchProblem",),
     "regions.builder": ("open_region",),
@@ -43,19 +43,19 @@ _HOMES = {
 
 __all__ = [
     "Allocation",
+    "Arc",
     "CellGrid",
-    "Course",
     "Coverage",
-    "GroundPaths",
     "LocalFrame",
+    "RegionPaths",
     "RobotLog",
     "Route",
     "SearchEpisode",
     "SearchPlan",
     "SearchProblem",
     "SearchRegion",
-    "Sweep",
     "Tour",
+    "TourCost",
     "TourMaker",
     "TourMetrics",
     "Trace",

@@ -56,20 +56,20 @@ def prepare(problem: SearchProblem, seed: int) -> tuple[SearchPlan, Scenario]:
     )
     size = plan.grid.size
     brief = Brief(
-        plan.course,
-        plan.allocation.method,
-        fold=problem.multiplicity,
+        plan.tour_cost,
+        plan.allocation.allocator,
+        multiplicity=problem.multiplicity,
         energy=inf if problem.energy is None else problem.energy / size,
         recharge=problem.recharge * problem.speed / size,
     )
-    free = np.setdiff1d(np.arange(len(plan.course)), plan.starts)
+    free = np.setdiff1d(np.arange(len(plan.tour_cost)), plan.starts)
     scenario = Scenario(
         brief,
         tuple(int(start) for start in plan.starts),
         tuple(float(rate) for rate in plan.rates),
         network=network_of(problem.network, loss=problem.loss),
         faults=problem.faults + _crashes(problem, plan, seed),
-        targets=_cells_of(plan, problem.targets, "targets", np.arange(len(plan.course)), [seed, 1]),
+        targets=_cells_of(plan, problem.targets, "targets", np.arange(len(plan.tour_cost)), [seed, 1]),
         detection=problem.detection,
         false_alarm=problem.false_alarm,
         obstacles=_cells_of(plan, problem.obstacles, "obstacles", free, [seed, 2]),
@@ -216,7 +216,7 @@ class SearchEpisode(Episode):
     @cached_property
     def _first_searched(self) -> NDArray[np.float64]:
         """When each cell that some robot can reach was first searched by one that does not lie; infinite if never."""
-        first = np.full(len(self.plan.course), inf)
+        first = np.full(len(self.plan.tour_cost), inf)
         for number, (log, seen) in enumerate(zip(self.trace.robots, self.seen, strict=True), start=1):
             for cells, moment in zip(seen, log.times.tolist(), strict=True):
                 first[cells] = np.minimum(first[cells], inf if number in self.liars else moment)
@@ -245,7 +245,7 @@ class SearchEpisode(Episode):
     @property
     def unreachable(self) -> int:
         """How many cells without an obstacle no robot could reach."""
-        return len(self.plan.course) - (self.scenario.blocked | self.scenario.goal).bit_count()
+        return len(self.plan.tour_cost) - (self.scenario.blocked | self.scenario.goal).bit_count()
 
     def report(self) -> dict[str, Any]:
         """Return the JSON object of ``shoal search``."""
@@ -256,7 +256,7 @@ class SearchEpisode(Episode):
             "region": {"name": grid.region.name, "cells": grid.n_cells, "area_m2": grid.region.area_m2, "cell_m": grid.size},
             "robots": len(trace.robots),
             "tour": self.plan.tour.name,
-            "allocation": allocation.method,
+            "allocation": allocation.allocator,
             "makespan_cells": None if self.makespan is None else trace.covered_at,
             "makespan_s": self.makespan,
             "planned_cells": allocation.makespan,
@@ -290,7 +290,7 @@ class SearchEpisode(Episode):
         }
 
     def _told(self, finding: Finding) -> dict[str, Any]:
-        point, frame = self.plan.course.points[finding.cell] * self.plan.grid.size, self.plan.grid.region.frame
+        point, frame = self.plan.tour_cost.points[finding.cell] * self.plan.grid.size, self.plan.grid.region.frame
         told: dict[str, Any] = {"x": float(point[0]), "y": float(point[1])}
         if frame is not None:
             told |= dict(zip(("longitude", "latitude"), frame.to_degrees(point[None])[0].tolist(), strict=True))
@@ -346,7 +346,7 @@ class SearchEpisode(Episode):
             changes["starts"] = plan.places
         for name, cells in (("targets", self.scenario.targets), ("obstacles", self.scenario.obstacles)):
             if isinstance(getattr(problem, name), str):
-                changes[name] = plan.course.points[list(cells)] * plan.grid.size
+                changes[name] = plan.tour_cost.points[list(cells)] * plan.grid.size
         return problem.replaced(**changes)
 
     @classmethod
@@ -370,7 +370,7 @@ class SearchEpisode(Episode):
                 problem=problem,
                 plan=plan,
                 scenario=scenario,
-                trace=Trace.from_dict(told["trace"], robots=problem.robots, cells=len(plan.course)),
+                trace=Trace.from_dict(told["trace"], robots=problem.robots, cells=len(plan.tour_cost)),
                 simulated=check_bool(told["simulated"], what="simulated"),
                 seed=seed,
                 seconds=check_number(told["seconds"], what="seconds"),

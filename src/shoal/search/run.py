@@ -40,13 +40,13 @@ def run(problem: SearchProblem, *, seed: int = 0) -> SearchEpisode:
     began = time.perf_counter()
     seed = check_integer(seed, what="seed", least=0)
     plan, scenario = prepare(problem, seed)
-    brief, cells, robots = scenario.brief, len(plan.course), problem.robots
+    brief, cells, robots = scenario.brief, len(plan.tour_cost), problem.robots
     simulated = problem.live is None and (cells * robots <= SIMULATED if problem.simulate is None else problem.simulate)
     if problem.live is not None:
         scenario, trace = live_trace(scenario, live=problem.live, loss=problem.loss)
     elif simulated:
         trace = simulated_trace(plan, scenario)
-    elif scenario.faults or scenario.network.media or brief.fold > 1 or brief.energy < inf or plan.course.stepwise:
+    elif scenario.faults or scenario.network.media or brief.multiplicity > 1 or brief.energy < inf or plan.tour_cost.stepwise:
         raise InvalidInputError(
             f"search: expected at most {SIMULATED} cells times robots for loss, networks, faults, energy, multiplicity and "
             f"obstacles, which are simulated, got {cells} times {robots}; ask for the simulation to have it anyway"

@@ -1,4 +1,4 @@
-"""Cells, places to stand, ways inside, and the check of what was seen."""
+"""Cells, viewpoints, ways inside, and the check of what was seen."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import shapely
 from tests.reference.regions import back_and_forth
 
 from shoal.errors import InvalidInputError
-from shoal.search import GroundPaths, cells_of, coverage_check, merge_collinear, open_region, region_of
+from shoal.search import RegionPaths, cells_of, coverage_check, merge_collinear, open_region, region_of
 
 
 def length(way):
@@ -25,7 +25,7 @@ def test_a_square_of_whole_cells():
     assert grid.mask.shape == (10, 10)
     assert grid.mask.all()
     assert grid.corner == (0, 100)
-    assert np.array_equal(grid.stand_points, grid.centers())
+    assert np.array_equal(grid.viewpoints, grid.centers())
     assert grid.waypoint((0, 0)).tolist() == grid.point((0, 0)).tolist() == [5, 95]
     assert grid.cell_of([(0, 0), (100, 100), (34.9, 50.1)]).tolist() == [[9, 0], [0, 9], [4, 3]]
     assert grid.doors_east.all()
@@ -38,8 +38,8 @@ def test_a_third_of_a_metre_has_no_cells_by_rounding():
 
 def test_a_footprint_larger_than_the_region_is_one_cell():
     grid = cells_of(open_region("circle:3"), 100)
-    assert (grid.shape, len(grid.stand_points)) == ((1, 1), 1)
-    assert grid.region.contains(grid.stand_points).all()
+    assert (grid.shape, len(grid.viewpoints)) == ((1, 1), 1)
+    assert grid.region.contains(grid.viewpoints).all()
 
 
 def test_smaller_cells_stand_nearer():
@@ -51,10 +51,10 @@ def test_a_corner_whose_cell_has_its_centre_outside():
     triangle = region_of(shapely.Polygon([(0, 0), (30, 0), (0, 30)]))
     grid = cells_of(triangle, 10)
     assert grid.n_cells == 6
-    assert triangle.contains(grid.stand_points).all()
+    assert triangle.contains(grid.viewpoints).all()
     assert np.allclose(grid.waypoint((1, 1)), [15, 15])
     ell = region_of(shapely.Polygon([(0, 0), (30, 0), (30, 2), (2, 2), (2, 30), (0, 30)]))
-    assert coverage_check(ell, [[p] for p in cells_of(ell, 10).stand_points], 10).covered_fraction == pytest.approx(1, abs=1e-9)
+    assert coverage_check(ell, [[p] for p in cells_of(ell, 10).viewpoints], 10).covered_fraction == pytest.approx(1, abs=1e-9)
 
 
 def test_a_wall_through_a_cell_gives_its_far_side_to_a_neighbour():
@@ -62,14 +62,14 @@ def test_a_wall_through_a_cell_gives_its_far_side_to_a_neighbour():
     wall = shapely.box(12, 5, 13, 300)
     region = region_of(shapely.box(0, 0, 30, 300), no_go=wall)
     grid = cells_of(region, 10)
-    assert grid.stands((10, 0)).tolist()[0] == [5, 195]
-    assert len(grid.stands((10, 0))) == 2
-    assert grid.stands((10, 0))[1][0] == pytest.approx(12)
+    assert grid.viewpoints_in((10, 0)).tolist()[0] == [5, 195]
+    assert len(grid.viewpoints_in((10, 0))) == 2
+    assert grid.viewpoints_in((10, 0))[1][0] == pytest.approx(12)
     assert grid.waypoint((10, 1)).tolist() == [15, 195]
     assert not grid.doors_east[10, 0]
     assert grid.doors_east[10, 1]
     assert grid.doors_south[:-2].all()
-    assert GroundPaths(grid).route([(10, 0)]).length == pytest.approx(7)
+    assert RegionPaths(grid).route([(10, 0)]).length == pytest.approx(7)
 
 
 def test_parts_and_what_is_left_in_a_cell_of_another_part():
@@ -77,11 +77,11 @@ def test_parts_and_what_is_left_in_a_cell_of_another_part():
     grid = cells_of(region, 10)
     assert len(region.parts) == 2
     assert set(np.unique(grid.components)) == {0}
-    assert len(grid.stands((0, 0))) == 2
-    route = GroundPaths(grid, transit=True).route([(0, 0), (0, 1)])
+    assert len(grid.viewpoints_in((0, 0))) == 2
+    route = RegionPaths(grid, transit=True).route([(0, 0), (0, 1)])
     assert route.transit.tolist() == [True, True]
     with pytest.raises(InvalidInputError, match="expected two places in one part of the region"):
-        GroundPaths(grid).route([(0, 0), (0, 1)])
+        RegionPaths(grid).route([(0, 0), (0, 1)])
     apart = cells_of(region_of(shapely.MultiPolygon([shapely.box(0, 0, 40, 40), shapely.box(60, 0, 80, 20)])), 10)
     assert apart.components[-1].tolist() == [0, 0, 0, 0, -1, -1, 1, 1]
 
@@ -96,14 +96,14 @@ def test_many_cells_on_a_fine_border_stay_few_shapes():
 
 
 def test_straight_where_it_can_be():
-    paths = GroundPaths(cells_of(open_region("square:100"), 10))
+    paths = RegionPaths(cells_of(open_region("square:100"), 10))
     assert paths.leg((0, 0), (100, 100)).tolist() == [[0, 0], [100, 100]]
     assert paths.leg((0, 0), (100, 0)).tolist() == [[0, 0], [100, 0]]  # along the border
 
 
 def test_shortest_around_a_corner():
     yard = region_of(shapely.box(0, 0, 100, 100), no_go=shapely.box(40, 0, 60, 70))
-    paths = GroundPaths(cells_of(yard, 10))
+    paths = RegionPaths(cells_of(yard, 10))
     way = paths.leg((30, 60), (70, 60))
     assert way.tolist() == [[30, 60], [40, 70], [60, 70], [70, 60]]
     assert length(paths.leg((10, 0), (90, 0))) == pytest.approx(2 * np.hypot(30, 70) + 20)
@@ -111,7 +111,7 @@ def test_shortest_around_a_corner():
 
 def test_the_shorter_side_of_a_hole():
     yard = region_of(shapely.box(0, 0, 200, 100), no_go=shapely.box(50, 10, 150, 95))
-    way = GroundPaths(cells_of(yard, 10)).leg((45, 50), (155, 50))
+    way = RegionPaths(cells_of(yard, 10)).leg((45, 50), (155, 50))
     assert way[1:-1].tolist() == [[50, 10], [150, 10]]
 
 
@@ -125,7 +125,7 @@ def spiral(turns, *, gap=10.0):
 
 def test_far_through_a_winding_corridor():
     region, ends, along = spiral(6)
-    way = GroundPaths(cells_of(region, 6)).leg(*ends)
+    way = RegionPaths(cells_of(region, 6)).leg(*ends)
     assert coverage_check(region, [way], 6).legs_outside == 0
     assert 0.85 * along < length(way) < along
 
@@ -133,16 +133,16 @@ def test_far_through_a_winding_corridor():
 def test_route_visits_all_places_in_order():
     region, _, _ = spiral(2)
     grid = cells_of(region, 6)
-    route = GroundPaths(grid).route(grid.cells)
-    assert np.array_equal(route.points[route.stops], grid.stand_points)
+    route = RegionPaths(grid).route(grid.cells)
+    assert np.array_equal(route.points[route.stops], grid.viewpoints)
     assert coverage_check(region, [route.points], 6).legs_outside == 0
     assert length(route.waypoints()) == pytest.approx(route.length)
 
 
 def test_one_stop_and_none():
     grid = cells_of(open_region("square:20"), 10)
-    assert GroundPaths(grid).route([(0, 0)]).points.tolist() == [[5, 15]]
-    assert GroundPaths(grid).route(np.zeros((0, 2), dtype=int)).points.shape == (0, 2)
+    assert RegionPaths(grid).route([(0, 0)]).points.tolist() == [[5, 15]]
+    assert RegionPaths(grid).route(np.zeros((0, 2), dtype=int)).points.shape == (0, 2)
 
 
 def test_merge_collinear_keeps_the_way_back():
@@ -169,8 +169,8 @@ def test_the_check_finds_a_missing_cell():
 def test_the_check_agrees_with_one_union():
     grid = cells_of(region_of(open_region("ring:200x60").area), 9)
     rng = np.random.default_rng(3)
-    stops = grid.stand_points[rng.permutation(len(grid.stand_points))[:300]]
-    way = GroundPaths(grid).legs(stops).points
+    stops = grid.viewpoints[rng.permutation(len(grid.viewpoints))[:300]]
+    way = RegionPaths(grid).legs(stops).points
     legs = [
         shapely.MultiPoint([p + d for p in leg for d in ((-4.5, -4.5), (4.5, -4.5), (4.5, 4.5), (-4.5, 4.5))])
         for leg in pairwise(way)

@@ -12,11 +12,11 @@ from tests.search_episodes import search
 
 from shoal.cli import run
 from shoal.errors import InvalidInputError
-from shoal.search import Course, SearchEpisode, cells_of, coverage_check, make_tour, open_region, plan_search
-from shoal.search.allocation.viewpoint_selection import gain_of, stops_of
-from shoal.search.cells.footprint import MaskSight, RegionSight, cell_side, widths_of
+from shoal.search import SearchEpisode, TourCost, cells_of, coverage_check, make_tour, open_region, plan_search
+from shoal.search.allocation.viewpoint_selection import gain_of, select_viewpoints
+from shoal.search.cells.footprint import MaskFootprint, RegionFootprint, cell_side, widths_of
 from shoal.search.missions import check_missions
-from shoal.search.protocol.messages import Beacon, Sign, decode, encode
+from shoal.search.protocol.messages import Beacon, Heartbeat, decode, encode
 from shoal.search.simulation.faults import Crash, Liar
 from shoal.search.simulation.world import World
 from shoal.search.tours.bitset import at_least, bits_of
@@ -43,21 +43,21 @@ def test_a_robot_that_claims_what_it_does_not_see_is_found(monkeypatch):
 def test_what_is_behind_a_wall_is_not_seen():
     walled = open_region("rectangle:50x50", no_go=[[(19, 0), (21, 0), (21, 45), (19, 45)]])
     plan = plan_search(walled, robots=1, footprint=10)
-    sight = RegionSight(plan.grid, plan.tour)
+    footprint = RegionFootprint(plan.grid, plan.tour)
     middle, beyond = (int(plan.tour.position[3, col]) for col in (1, 2))
-    seen = sight.seen(middle, 3).tolist()
+    seen = footprint.seen(middle, 3).tolist()
     assert middle in seen
     assert beyond not in seen
     assert len(seen) == 6
     open_tour = make_tour("comb", (6, 6))
-    assert len(MaskSight(open_tour).seen(int(open_tour.position[3, 3]), 3)) == 9
+    assert len(MaskFootprint(open_tour).seen(int(open_tour.position[3, 3]), 3)) == 9
 
 
 def test_in_a_ring_the_cells_on_a_curved_border_are_seen_from_beside():
     grid = cells_of(open_region("ring:30x20"), 2)
     tour = make_tour("spanning-tree", grid.mask)
-    sight = RegionSight(grid, tour)
-    assert np.mean([len(sight.seen(cell, 3)) for cell in range(len(tour))]) > 7
+    footprint = RegionFootprint(grid, tour)
+    assert np.mean([len(footprint.seen(cell, 3)) for cell in range(len(tour))]) > 7
 
 
 @pytest.mark.parametrize("region", ["ring:40x25", "rectangle:80x46"])
@@ -69,7 +69,7 @@ def test_from_where_robots_stop_everything_is_seen(region, tour):
     places, sides = [], []
     for robot, side in enumerate(TEAM):
         for stop in index[plan.stops(robot)]:
-            own = plan.grid.stand_points[plan.grid.stand_starts[stop] : plan.grid.stand_starts[stop + 1]]
+            own = plan.grid.viewpoints[plan.grid.viewpoint_starts[stop] : plan.grid.viewpoint_starts[stop + 1]]
             places += [[point] for point in own]
             sides += [side] * len(own)
     assert coverage_check(plan.grid.region, places, sides).covered_fraction > 0.9999999
@@ -116,20 +116,20 @@ def test_sizes_of_cells_and_widths():
 
 @pytest.mark.parametrize("tour", ["comb", "spanning-tree", "hilbert-rectangle"])
 def test_gains(tour):
-    course = Course(make_tour(tour, (24, 24)))
-    assert 1.7 < gain_of(course, 3) < 3
-    assert 2.5 < gain_of(course, 5) < 5
-    stops, cost = stops_of(course, 5, np.arange(200))
-    assert set(range(200)) <= {int(cell) for stop in stops for cell in course.seen(int(stop), 5)}
+    tour_cost = TourCost(make_tour(tour, (24, 24)))
+    assert 1.7 < gain_of(tour_cost, 3) < 3
+    assert 2.5 < gain_of(tour_cost, 5) < 5
+    stops, cost = select_viewpoints(tour_cost, 5, np.arange(200))
+    assert set(range(200)) <= {int(cell) for stop in stops for cell in tour_cost.seen(int(stop), 5)}
     assert cost < 120
 
 
 def test_beacons_tell_the_width_if_there_is_one():
-    wide = Beacon(1, (Sign(1, 0, 5, 1.0, "searching", 3), Sign(2, 0, 5, 1.0, "searching")), ())
+    wide = Beacon(1, (Heartbeat(1, 0, 5, 1.0, "searching", 3), Heartbeat(2, 0, 5, 1.0, "searching")), ())
     assert decode(encode(wide)) == wide
     assert encode(wide).count(b"width") == 1
     with pytest.raises(InvalidInputError, match="expected a beacon of version 1"):
-        decode(encode(Beacon(1, (Sign(1, 0, 5, 1.0, "searching", 4),), ())))
+        decode(encode(Beacon(1, (Heartbeat(1, 0, 5, 1.0, "searching", 4),), ())))
 
 
 def test_missions_are_checked_with_each_robots_own_footprint(tmp_path, monkeypatch, capsys):

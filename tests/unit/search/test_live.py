@@ -18,20 +18,20 @@ from zlib import crc32
 import pytest
 
 from shoal.errors import InvalidInputError, ShoalError
-from shoal.search import Course, make_tour
-from shoal.search.cells.distances import CellWays
+from shoal.search import TourCost, make_tour
+from shoal.search.cells.distances import CellDistances
 from shoal.search.live import LiveEvent, LiveOutcome, cell_locks, process, process_pool, radio, run_live, supervisor
 from shoal.search.live.outcome import covered_share, searched_by
 from shoal.search.live.vehicle import Vehicle
 from shoal.search.protocol.events import Begin, Declare, Heard, Wake
-from shoal.search.protocol.messages import Beacon, Sign, decode, encode
+from shoal.search.protocol.messages import Beacon, Heartbeat, decode, encode
 from shoal.search.protocol.robot import Brief, Robot, advance
 from shoal.search.simulation.faults import Crash, Pause
 
 
 def brief_of(rows: int, columns: int, **options: object) -> Brief:
     """Return a brief that needs nothing compiled: the processes are ready sooner."""
-    return Brief(Course(make_tour("hilbert-rectangle", (rows, columns))), **{"method": "stay", **options})
+    return Brief(TourCost(make_tour("hilbert-rectangle", (rows, columns))), **{"method": "stay", **options})
 
 
 def left_over(ids: list[int]) -> list[int]:
@@ -146,7 +146,7 @@ def test_a_robot_finds_things_and_goes_home_in_between():
     assert [event.cell for event in outcome.events if event.found] == [5]
     assert sorted(seen, key=lambda event: event.time) == list(outcome.events)
     assert seen[-1].kind == "declared"
-    home = tuple(brief.course.points[0])
+    home = tuple(brief.tour_cost.points[0])
     assert [event.place for event in outcome.events if event.kind == "recharged"] == [home] * 3
 
 
@@ -154,7 +154,7 @@ def test_obstacles_are_met_and_told_of():
     """Two robots, one of them with a wide footprint; neither knows of the wall, which leaves one cell behind it out of reach."""
     tour = make_tour("hilbert-rectangle", (5, 6))
     wall = [int(tour.position[row, col]) for row, col in ((0, 1), (1, 1), (1, 0), (3, 3))]
-    brief = Brief(Course(tour, ways=CellWays(tour)), "stay", hello=8.0)
+    brief = Brief(TourCost(tour, distances=CellDistances(tour)), "stay", hello=8.0)
     starts = [int(tour.position[4, 0]), int(tour.position[4, 5])]
     outcome = run_live(brief, starts, obstacles=wall, widths=[1, 3], loss=0.2, speed=100.0)
     assert outcome.complete
@@ -167,7 +167,7 @@ def test_obstacles_are_met_and_told_of():
             assert not {event.cell, *event.through} & set(wall)
     assert any(len(event.around) > 2 for event in outcome.events if event.robot == 2)
     assert nobody_shared_a_cell(outcome)
-    with pytest.raises(InvalidInputError, match="expected a course with ways from cell to cell"):
+    with pytest.raises(InvalidInputError, match="expected a tour with ways from cell to cell"):
         run_live(brief_of(3, 4), [0], obstacles=[2])
 
 
@@ -214,7 +214,7 @@ def test_an_exception_of_the_caller_leaves_nothing_behind():
 SCRIPT = """
     import sys
     from pathlib import Path
-    from shoal.search import Course, make_tour
+    from shoal.search import TourCost, make_tour
     from shoal.search.live import run_live
     from shoal.search.protocol.robot import Brief
 
@@ -223,7 +223,7 @@ SCRIPT = """
             print("searched", flush=True)
 
     if __name__ == "__main__":
-        run_live(Brief(Course(make_tour("moore", (16, 16))), "stay"), [0, 64, 128], speed=4.0, on_event=show)
+        run_live(Brief(TourCost(make_tour("moore", (16, 16))), "stay"), [0, 64, 128], speed=4.0, on_event=show)
 """
 
 
@@ -254,7 +254,7 @@ def test_a_process_that_cannot_start_is_named(monkeypatch):
 def test_a_robot_whose_radio_fails_is_named():
     """The port is none."""
     task = supervisor.LiveTask(brief_of(3, 4), (0,), (1.0,), 10.0, "multicast", -1, 0.0, 0, frozenset())
-    with process_pool.Fleet(task) as robots, pytest.raises(ShoalError, match=r"robot 1: .*OverflowError"):
+    with process_pool.ProcessPool(task) as robots, pytest.raises(ShoalError, match=r"robot 1: .*OverflowError"):
         robots.wait_ready(60.0)
     assert children() == set()
 
@@ -262,7 +262,7 @@ def test_a_robot_whose_radio_fails_is_named():
 def test_a_robot_that_fails_later_is_named_and_the_others_go_on():
     """The speed of the second one is none: it fails when it wants to drive."""
     task = supervisor.LiveTask(brief_of(3, 4), (0, 6), (1.0, "fast"), 100.0, "unicast", 0, 0.0, 0, frozenset())
-    with process_pool.Fleet(task) as robots:
+    with process_pool.ProcessPool(task) as robots:
         robots.wait_ready(60.0)
         outcome = supervisor._Watch(robots, task, None, 0.0).run([], 60.0)
     assert list(outcome.failed) == [2]
@@ -370,7 +370,7 @@ def test_a_damaged_message_is_lost_and_orders_may_end():
 def test_cells_that_there_are_not_do_not_keep_a_robot_from_being_done():
     brief = brief_of(2, 2)
     robot, _ = advance(Robot(1, brief, 0), Begin(0.0))
-    strange = Beacon(2, (Sign(2, 1, 0, 1.0, "searching"),), ((2, 0b11111),), ((9, 1),))
+    strange = Beacon(2, (Heartbeat(2, 1, 0, 1.0, "searching"),), ((2, 0b11111),), ((9, 1),))
     robot, _ = advance(robot, Heard(0.5, strange))
     assert robot.found == {}
     robot, actions = advance(robot, Wake(1.0))
@@ -379,6 +379,6 @@ def test_cells_that_there_are_not_do_not_keep_a_robot_from_being_done():
 
 @pytest.mark.parametrize("word", ["-1", "0x1", "1_0", " 1", ""])
 def test_only_plain_hexadecimal_digits_are_bits(word):
-    data = encode(Beacon(2, (Sign(2, 1, 0, 1.0, "searching"),), ((2, 0xABC),)))[8:].replace(b"abc", word.encode())
+    data = encode(Beacon(2, (Heartbeat(2, 1, 0, 1.0, "searching"),), ((2, 0xABC),)))[8:].replace(b"abc", word.encode())
     with pytest.raises(InvalidInputError, match="beacon: expected"):
         decode(f"{crc32(data):08x}".encode() + data)

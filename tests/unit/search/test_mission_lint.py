@@ -275,13 +275,13 @@ def test_planted_mistakes_are_found(rule, suffix, plant, place, others, tmp_path
     assert lint(tmp_path, region, vehicle="px4") == []
     plant(tmp_path, suffix)
     found = lint(tmp_path, region, vehicle="px4")
-    assert {finding.rule for finding in found} - {*others} == {rule}, found
-    finding = next(finding for finding in found if finding.rule == rule)
-    assert finding.place.startswith(place), finding
-    assert finding.severity == RULES[rule].severity
-    assert finding.sentence.startswith("expected ")
-    assert "got " in finding.sentence
-    assert f"{finding.file}, {finding.place}: " in str(finding) or not finding.place
+    assert {diagnostic.rule for diagnostic in found} - {*others} == {rule}, found
+    diagnostic = next(diagnostic for diagnostic in found if diagnostic.rule == rule)
+    assert diagnostic.place.startswith(place), diagnostic
+    assert diagnostic.severity == RULES[rule].severity
+    assert diagnostic.sentence.startswith("expected ")
+    assert "got " in diagnostic.sentence
+    assert f"{diagnostic.file}, {diagnostic.place}: " in str(diagnostic) or not diagnostic.place
     if RULES[rule].fatal and plant is not every_axis:
         with pytest.raises(InvalidInputError, match="expected"):
             read_mission(tmp_path / f"robot-01{suffix}")
@@ -295,8 +295,8 @@ def test_every_rule_is_planted():
 def test_axes_swapped_against_other_robots(tmp_path):
     missions = [mission(robot=number) for number in (1, 2, 3)]
     write_missions([*missions, mission(robot=4, waypoints=[p[::-1] for p in LANES], home=HOME[::-1])], tmp_path, formats=["plan"])
-    (finding,) = lint(tmp_path)
-    assert (finding.file, finding.place, finding.rule) == ("robot-04.plan", "home", "axes-swapped")
+    (diagnostic,) = lint(tmp_path)
+    assert (diagnostic.file, diagnostic.place, diagnostic.rule) == ("robot-04.plan", "home", "axes-swapped")
 
 
 def test_transit_between_parts(tmp_path):
@@ -304,19 +304,19 @@ def test_transit_between_parts(tmp_path):
     squares = [[[[w, 47.4], [w + 0.001, 47.4], [w + 0.001, 47.401], [w, 47.401], [w, 47.4]]] for w in (8.5, 8.502)]
     path.write_text(json.dumps({"type": "MultiPolygon", "coordinates": squares}))
     write_missions([mission(waypoints=[(8.5005, 47.4005), (8.5025, 47.4005)], home=(8.5005, 47.4005))], tmp_path, formats=["plan"])
-    (finding,) = lint(tmp_path / "robot-01.plan", open_region(path))
-    assert (finding.rule, finding.severity, finding.place) == ("transit", "warning", "item 4")
+    (diagnostic,) = lint(tmp_path / "robot-01.plan", open_region(path))
+    assert (diagnostic.rule, diagnostic.severity, diagnostic.place) == ("transit", "warning", "item 4")
 
 
 def test_caps(tmp_path):
     many = mission(waypoints=extra_waypoints(697))
     write_missions([many], tmp_path, formats=["wpl"])
-    assert [finding.rule for finding in lint(tmp_path)] == ["cap-ardupilot"]
-    assert [finding.rule for finding in lint(tmp_path, vehicle="ardupilot")] == ["cap"]
-    assert [finding.rule for finding in lint(tmp_path, cap=250)] == ["cap"]
+    assert [diagnostic.rule for diagnostic in lint(tmp_path)] == ["cap-ardupilot"]
+    assert [diagnostic.rule for diagnostic in lint(tmp_path, vehicle="ardupilot")] == ["cap"]
+    assert [diagnostic.rule for diagnostic in lint(tmp_path, cap=250)] == ["cap"]
     assert lint(tmp_path, cap=701) == []
     write_missions([replace(many, vehicle="ardupilot")], tmp_path, formats=["plan"])
-    assert [finding.rule for finding in lint(tmp_path)] == ["cap"]
+    assert [diagnostic.rule for diagnostic in lint(tmp_path)] == ["cap"]
     write_missions([mission(waypoints=extra_waypoints(696), vehicle="ardupilot")], tmp_path, formats=["plan", "wpl"])
     assert lint(tmp_path) == []
 

@@ -13,7 +13,7 @@ from tests.unit.search.test_mission_lint import FIELD
 
 from shoal.cli import run
 from shoal.errors import InvalidInputError, OutputError, UnknownNameError
-from shoal.search import GroundPaths, LocalFrame, cells_of, open_region
+from shoal.search import LocalFrame, RegionPaths, cells_of, open_region
 from shoal.search.missions import (
     FORMATS,
     Format,
@@ -35,7 +35,7 @@ def swept(region, footprint, **options):
     grid = cells_of(region, footprint)
     rows = [grid.cells[grid.cells[:, 0] == row] for row in range(grid.shape[0])]
     cells = np.vstack([row if k % 2 == 0 else row[::-1] for k, row in enumerate(rows)])
-    paths = GroundPaths(grid)
+    paths = RegionPaths(grid)
     missions = []
     for robot, half in enumerate(np.array_split(cells, 2), start=1):
         missions += missions_of(paths.route(half).points, region.frame, robot=robot, **options)
@@ -114,7 +114,7 @@ def test_ways_home_around_obstacles():
     """A rover's ways from home and back stay in the region, and count for battery and memory."""
     region = open_region("ring:60x40")
     grid = cells_of(region, 10)
-    paths = GroundPaths(grid)
+    paths = RegionPaths(grid)
     order = grid.cells[np.argsort(np.arctan2(*grid.waypoints().T[::-1]), kind="stable")]
     call = {"home": (50.0, 0.0), "kind": "rover", "max_length": 600.0, "cap": 250}
     missions = missions_of(paths.route(order).points, None, ways=paths.leg, **call)
@@ -261,7 +261,7 @@ def test_check_sees_what_was_planned(field, tmp_path):
     assert len(mission_files(tmp_path)) == len(paths)
     for name in FORMATS:
         result = check_missions(tmp_path, region, 20, format=name)
-        assert not result.findings
+        assert not result.diagnostics
         assert result.coverage.covered_fraction > 0.99999
         assert result.coverage.outside_m == 0
         assert len(result.files) == len(missions)
@@ -292,7 +292,7 @@ def test_check_of_files_that_cannot_be_read(field, tmp_path):
     result = check_missions(tmp_path, region, 20)
     assert result.files == ("robot-02.kml",)
     assert 0.4 < result.coverage.covered_fraction < 0.6
-    assert [finding.rule for finding in result.errors] == ["no-home"]
+    assert [diagnostic.rule for diagnostic in result.errors] == ["no-home"]
 
 
 def test_check_in_metres(tmp_path):

@@ -346,7 +346,10 @@ def test_layers_that_are_none(tmp_path):
             "at most 4000000 cells, got 50000 times 50000 .*needs about 25 m or more",
         ),
         (lambda: cells_of(open_region("square:50"), 1e-300), "at most 4000000 cells"),
-        (lambda: cells_of(open_region("square:50"), 10).stands((5, 0)), r"expected cells of the region, got \(5, 0\) at place 1"),
+        (
+            lambda: cells_of(open_region("square:50"), 10).viewpoints_in((5, 0)),
+            r"expected cells of the region, got \(5, 0\) at place 1",
+        ),
         (lambda: coverage_check(open_region("square:5"), [], -1), "footprint: expected a length above 0"),
         (lambda: coverage_check(open_region("square:5"), [[(0, np.inf)]], 1), "route 1: expected finite numbers"),
         (lambda: LocalFrame(0, 95), "latitude within ±89.9 degrees, got 95"),

@@ -1,4 +1,4 @@
-"""Allocation, course, networks, faults, the robot, and whole searches."""
+"""Allocation, tour, networks, faults, the robot, and whole searches."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from tests.properties.search_invariants import Checker, check_outcome
 from tests.search_episodes import search
 
 from shoal.errors import InvalidInputError, UnknownNameError
-from shoal.search import Course, SearchEpisode, Sweep, allocate, make_tour, open_region, plan_search
+from shoal.search import Arc, SearchEpisode, TourCost, allocate, make_tour, open_region, plan_search
 from shoal.search.allocation.partition import cost_of_all
-from shoal.search.cells.distances import CellWays
+from shoal.search.cells.distances import CellDistances
 from shoal.search.live.trace import takeovers_of
 from shoal.search.protocol.events import Begin, Blocked, Declare, Go, Heard, Send, Sensed, Wake, WakeAt
-from shoal.search.protocol.messages import Beacon, Sign, decode, encode
+from shoal.search.protocol.messages import Beacon, Heartbeat, decode, encode
 from shoal.search.protocol.robot import Brief, Robot, advance
 from shoal.search.simulation.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, check_faults
 from shoal.search.simulation.network import Network, network_of
@@ -26,61 +26,61 @@ from shoal.search.simulation.trace import RobotLog
 from shoal.search.simulation.world import Scenario, World
 from shoal.search.tours.bitset import at_least, cells_of, next_in, run, runs, turned
 
-METHODS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
+ALLOCATORS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
 
 
 def searched(allocation, n):
     seen = np.zeros(n, dtype=int)
-    for sweeps in allocation.sweeps:
-        for sweep in sweeps:
-            seen[(sweep.first + sweep.step * np.arange(sweep.count)) % n] += 1
+    for arcs in allocation.arcs:
+        for arc in arcs:
+            seen[(arc.first + arc.step * np.arange(arc.count)) % n] += 1
     return seen
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ALLOCATORS)
 @pytest.mark.parametrize("layout", ["random", "clustered", "line", "one cell", "unequal"])
-def test_every_cell_is_allotted_once(method, layout):
+def test_every_cell_is_allotted_once(allocator, layout):
     rng = np.random.default_rng(3)
     for _ in range(8):
         shape = tuple(int(side) for side in rng.integers(1, 14, size=2))
-        course = Course(make_tour("hilbert-rectangle", shape), turn_cost=float(rng.choice([0, 1])))
-        n, m = len(course), int(rng.integers(1, 25))
+        tour_cost = TourCost(make_tour("hilbert-rectangle", shape), turn_cost=float(rng.choice([0, 1])))
+        n, m = len(tour_cost), int(rng.integers(1, 25))
         if layout == "random" or layout == "unequal":
             starts = rng.integers(0, n, size=m)
         elif layout == "clustered":
             starts = (rng.integers(n) + rng.integers(0, 5, size=m)) % n
         elif layout == "line":
-            starts = course.tour.position[np.arange(m) % shape[0], 0]
+            starts = tour_cost.tour.position[np.arange(m) % shape[0], 0]
         else:
             starts = np.full(m, rng.integers(n))
         rates = rng.uniform(0.3, 3, size=m) if layout == "unequal" else None
-        found = allocate(course, starts, method=method, rates=rates)
+        found = allocate(tour_cost, starts, allocator=allocator, rates=rates)
         assert_array_equal(searched(found, n), 1)
         assert found.makespan >= found.lower_bound - 1e-9
 
 
 def test_allocations_get_better():
-    course = Course(make_tour("moore", (32, 32)))
+    tour_cost = TourCost(make_tour("moore", (32, 32)))
     rng = np.random.default_rng(5)
-    means = {method: [] for method in METHODS}
+    means = {allocator: [] for allocator in ALLOCATORS}
     for _ in range(30):
         starts = rng.integers(0, 1024, size=20)
-        for method in METHODS:
-            means[method].append(allocate(course, starts, method=method).makespan / 1024)
-    mean = {method: np.mean(values) for method, values in means.items()}
+        for allocator in ALLOCATORS:
+            means[allocator].append(allocate(tour_cost, starts, allocator=allocator).makespan / 1024)
+    mean = {allocator: np.mean(values) for allocator, values in means.items()}
     assert mean["hop"] < mean["two-way"] < mean["individual-shift"] < mean["stay"]
     assert mean["common-shift"] < mean["stay"]
     assert mean["hop"] < 0.064 + 0.003  # the specification's
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_more_robots_than_cells(method):
+@pytest.mark.parametrize("method", ALLOCATORS)
+def test_more_robots_than_cells(allocator):
     rng = np.random.default_rng(22)
     for _ in range(60):
-        course = Course(make_tour("hilbert-rectangle", (int(rng.integers(1, 4)), int(rng.integers(1, 5)))))
-        n, m = len(course), int(rng.integers(1, 40))
+        tour_cost = TourCost(make_tour("hilbert-rectangle", (int(rng.integers(1, 4)), int(rng.integers(1, 5)))))
+        n, m = len(tour_cost), int(rng.integers(1, 40))
         starts = (rng.integers(n) + rng.integers(0, 3, size=m)) % n
-        found = allocate(course, starts, method=method)
+        found = allocate(tour_cost, starts, allocator=allocator)
         assert_array_equal(searched(found, n), 1)
         assert found.makespan >= found.lower_bound
 
@@ -90,33 +90,33 @@ def test_leaving_a_cell_out_never_costs_more():
     rng = np.random.default_rng(23)
     for number in range(60):
         tour = make_tour(("comb", "hilbert", "spanning-tree")[number % 3], (5, 4))
-        course = Course(tour, turn_cost=float(rng.choice([0, 0.5, 2])))
+        tour_cost = TourCost(tour, turn_cost=float(rng.choice([0, 0.5, 2])))
         wanted, here, fresh = int(rng.integers(1, 1 << 20)), int(rng.integers(20)), bool(rng.integers(2))
-        whole = cost_of_all(course, wanted, here, fresh)
+        whole = cost_of_all(tour_cost, wanted, here, fresh)
         for cell in cells_of(wanted):
-            assert cost_of_all(course, wanted & ~(1 << cell), here, fresh) <= whole + 1e-9
+            assert cost_of_all(tour_cost, wanted & ~(1 << cell), here, fresh) <= whole + 1e-9
 
 
 def test_stay_is_the_largest_gap():
-    course = Course(make_tour("moore", (8, 8)))
-    found = allocate(course, [3, 10, 50], method="stay")
+    tour_cost = TourCost(make_tour("moore", (8, 8)))
+    found = allocate(tour_cost, [3, 10, 50], allocator="stay")
     assert found.times.tolist() == [7, 40, 17]
-    assert found.sweeps[1] == (Sweep(10, 40),)
-    double = allocate(course, [10, 10, 50], method="stay")
-    assert [len(sweeps) for sweeps in double.sweeps] == [0, 1, 1]  # of two in a cell one is in reserve
+    assert found.arcs[1] == (Arc(10, 40),)
+    double = allocate(tour_cost, [10, 10, 50], allocator="stay")
+    assert [len(arcs) for arcs in double.arcs] == [0, 1, 1]  # of two in a cell one is in reserve
 
 
 def test_faster_robots_search_more():
-    course = Course(make_tour("moore", (16, 16)))
-    found = allocate(course, [0, 64, 128, 192], method="hop", rates=[1, 1, 1, 3])
-    counts = [sum(sweep.count for sweep in sweeps) for sweeps in found.sweeps]
+    tour_cost = TourCost(make_tour("moore", (16, 16)))
+    found = allocate(tour_cost, [0, 64, 128, 192], allocator="hop", rates=[1, 1, 1, 3])
+    counts = [sum(arc.count for arc in arcs) for arcs in found.arcs]
     assert counts[3] > 2 * max(counts[:3])
     assert found.lower_bound == pytest.approx(256 / 6)
     assert found.makespan < 1.35 * found.lower_bound
 
 
 def test_turns_cost():
-    straight, bent = Course(make_tour("comb", (8, 8))), Course(make_tour("comb", (8, 8)), turn_cost=1.0)
+    straight, bent = TourCost(make_tour("comb", (8, 8))), TourCost(make_tour("comb", (8, 8)), turn_cost=1.0)
     assert straight.whole == 64
     assert bent.whole == 64 + bent.turns.sum()
     assert bent.turns.sum() == make_tour("comb", (8, 8)).metrics().turns
@@ -130,8 +130,8 @@ def test_turns_cost():
         (lambda c: allocate(c, [1.5]), "starts"),
         (lambda c: allocate(c, [1], rates=[0]), "rates: expected 1 speeds above 0"),
         (lambda c: allocate(c, [1, 2], places=[[0, 0]]), "places: expected shape"),
-        (lambda c: Course(c.tour, turn_cost=-1), "turn cost"),
-        (lambda c: Course(c.tour, np.zeros((3, 2))), "points: expected finite numbers of shape"),
+        (lambda c: TourCost(c.tour, turn_cost=-1), "turn cost"),
+        (lambda c: TourCost(c.tour, np.zeros((3, 2))), "points: expected finite numbers of shape"),
         (lambda c: Scenario(Brief(c), ()), "starts: expected one or more cells"),
         (lambda c: Scenario(Brief(c), (0,), (0.0,)), "rates: expected 1 speeds"),
         (lambda c: Scenario(Brief(c), (0,), faults=(Crash(2, 1.0),)), "fault: expected a robot from 1 to 1"),
@@ -157,13 +157,13 @@ def test_turns_cost():
 )
 def test_bad_input_is_refused_in_a_sentence(call, words):
     with pytest.raises(InvalidInputError, match=words) as caught:
-        call(Course(make_tour("moore", (4, 4))))
+        call(TourCost(make_tour("moore", (4, 4))))
     assert "\n" not in str(caught.value)
 
 
 def test_unknown_names_are_refused():
     with pytest.raises(UnknownNameError, match="hop"):
-        allocate(Course(make_tour("moore", (4, 4))), [0], method="hopp")
+        allocate(TourCost(make_tour("moore", (4, 4))), [0], allocator="hopp")
 
 
 def test_bits_against_sets():
@@ -183,13 +183,15 @@ def test_bits_against_sets():
         sets = [int(rng.integers(0, 1 << min(n, 60))) for _ in range(4)]
         for k in (1, 2, 3):
             assert set(cells_of(at_least(sets, k))) == {c for c in range(n) if sum(one >> c & 1 for one in sets) >= k}
-        for sweep in (Sweep(first, max(count, 1)), Sweep(first, max(count, 1), -1)):
-            way = [(first + sweep.step * k) % n for k in range(sweep.count)]
-            assert sweep.next_of(bits, n) == next((cell for cell in way if cell in cells), None)
+        for arc in (Arc(first, max(count, 1)), Arc(first, max(count, 1), -1)):
+            way = [(first + arc.step * k) % n for k in range(arc.count)]
+            assert arc.next_of(bits, n) == next((cell for cell in way if cell in cells), None)
 
 
 def test_messages_come_back_and_damage_is_noticed():
-    beacon = Beacon(3, (Sign(3, 9, 4, 1.5, "waiting"), Sign(1, 2, 7, 1.0, "searching")), ((3, 0b1011), (1, 1 << 200)), ((5, 2),))
+    beacon = Beacon(
+        3, (Heartbeat(3, 9, 4, 1.5, "waiting"), Heartbeat(1, 2, 7, 1.0, "searching")), ((3, 0b1011), (1, 1 << 200)), ((5, 2),)
+    )
     data = encode(beacon)
     assert decode(data) == beacon
     for place in range(len(data)):
@@ -200,24 +202,24 @@ def test_messages_come_back_and_damage_is_noticed():
 
 
 def test_a_robot_alone_searches_everything_in_the_time_of_one_round():
-    course = Course(make_tour("moore", (8, 8)))
-    outcome = World(Scenario(Brief(course), (5,))).run()
+    tour_cost = TourCost(make_tour("moore", (8, 8)))
+    outcome = World(Scenario(Brief(tour_cost), (5,))).run()
     assert outcome.covered_at == 65.0  # one for listening
     assert outcome.declared == {1: 65.0}
 
 
 def test_a_step_of_the_robot_does_not_change_its_state():
-    robot = Robot(1, Brief(Course(make_tour("moore", (4, 4)))), start=2)
+    robot = Robot(1, Brief(TourCost(make_tour("moore", (4, 4)))), start=2)
     before = dict(robot.__dict__)
-    for event in (Begin(0.0), Heard(0.0, Beacon(2, (Sign(2, 1, 9, 1.0, "listening"),), ((2, 1),))), Wake(1.0)):
+    for event in (Begin(0.0), Heard(0.0, Beacon(2, (Heartbeat(2, 1, 9, 1.0, "listening"),), ((2, 1),))), Wake(1.0)):
         advance(robot, event)
         assert robot.__dict__ == before
 
 
 def test_a_robot_takes_over_from_a_silent_one():
-    course = Course(make_tour("moore", (4, 4)))
-    robot, _ = advance(Robot(1, Brief(course, "stay"), start=0), Begin(0.0))
-    robot, _ = advance(robot, Heard(0.5, Beacon(2, (Sign(2, 1, 2, 1.0, "listening"),), ())))
+    tour_cost = TourCost(make_tour("moore", (4, 4)))
+    robot, _ = advance(Robot(1, Brief(tour_cost, "stay"), start=0), Begin(0.0))
+    robot, _ = advance(robot, Heard(0.5, Beacon(2, (Heartbeat(2, 1, 2, 1.0, "listening"),), ())))
     robot, actions = advance(robot, Wake(1.0))
     assert Go(0) in actions
     robot, actions = advance(robot, Sensed(2.0, 0))
@@ -227,8 +229,8 @@ def test_a_robot_takes_over_from_a_silent_one():
 
 
 def test_a_blocked_robot_goes_elsewhere_and_comes_back():
-    course = Course(make_tour("moore", (2, 2)))
-    robot, _ = advance(Robot(1, Brief(course), start=0), Begin(0.0))
+    tour_cost = TourCost(make_tour("moore", (2, 2)))
+    robot, _ = advance(Robot(1, Brief(tour_cost), start=0), Begin(0.0))
     robot, actions = advance(robot, Wake(1.0))
     assert actions[0] == Go(0)
     robot, actions = advance(robot, Blocked(3.0, 0))
@@ -255,7 +257,7 @@ def test_a_search_from_plan_to_file(tmp_path):
     assert json.loads(json.dumps(report)) == report
     assert report["routes"][1]["status"] == "dead"
     told = {(finding["x"], finding["y"]) for finding in report["findings"]}
-    assert {tuple((episode.plan.course.points[cell] * 10).tolist()) for cell in episode.scenario.targets} <= told
+    assert {tuple((episode.plan.tour_cost.points[cell] * 10).tolist()) for cell in episode.scenario.targets} <= told
     path = tmp_path / "episode.json"
     episode.save(path)
     again = SearchEpisode.load(path)
@@ -323,19 +325,19 @@ def test_a_plan_without_a_simulation():
 
 
 def test_nothing_is_lost_on_a_perfect_network():
-    course = Course(make_tour("moore", (8, 8)))
-    outcome = World(Scenario(Brief(course), (0, 20, 40), network=Network())).run()
+    tour_cost = TourCost(make_tour("moore", (8, 8)))
+    outcome = World(Scenario(Brief(tour_cost), (0, 20, 40), network=Network())).run()
     assert outcome.lost == 0
     assert outcome.takeovers == 0
     assert outcome.covered_at < inf
 
 
-def corridor(obstacles, *, starts=(0,), fold=1, **more):
+def corridor(obstacles, *, starts=(0,), multiplicity=1, **more):
     """Return a scenario in which robots go from cell to cell: rows of 5, a comb tour, (row, col) as numbers on it."""
     tour = make_tour("comb", (4, 5))
-    course = Course(tour, ways=CellWays(tour))
+    tour_cost = TourCost(tour, distances=CellDistances(tour))
     cells = tuple(int(tour.position[cell]) for cell in obstacles)
-    return tour, Scenario(Brief(course, fold=fold), starts, obstacles=cells, **more)
+    return tour, Scenario(Brief(tour_cost, multiplicity=multiplicity), starts, obstacles=cells, **more)
 
 
 def test_an_obstacle_is_met_told_and_gone_round():
@@ -363,16 +365,16 @@ def test_what_is_walled_in_is_left_out_and_not_declared_searched():
 
 def test_nobody_cuts_the_corner_of_an_obstacle():
     tour, scenario = corridor([(1, 1), (2, 2)], starts=(0,))
-    ways = scenario.brief.course.ways
+    distances = scenario.brief.tour_cost.distances
     here, cell = int(tour.position[1, 2]), int(tour.position[2, 1])
     assert scenario.obstacle_on(here, (cell,)) == (int(tour.position[1, 1]), 0)
-    assert ways.length(here, cell) == pytest.approx(2**0.5)
-    assert ways.length(here, cell, scenario.blocked) > 2
+    assert distances.length(here, cell) == pytest.approx(2**0.5)
+    assert distances.length(here, cell, scenario.blocked) > 2
 
 
 def test_a_robot_with_little_energy_comes_home_round_obstacles():
     tour = make_tour("comb", (4, 5))
-    brief = Brief(Course(tour, ways=CellWays(tour)), energy=24.0, recharge=2.0)
+    brief = Brief(TourCost(tour, distances=CellDistances(tour)), energy=24.0, recharge=2.0)
     scenario = Scenario(brief, (0,), obstacles=(int(tour.position[1, 2]), int(tour.position[2, 2])))
     outcome = World(scenario, check=Checker(scenario)).run(until=1e4)
     check_outcome(scenario, outcome)
@@ -392,9 +394,9 @@ def test_a_robot_with_little_energy_comes_home_round_obstacles():
 def test_bad_obstacles(more, message):
     tour = make_tour("comb", (4, 5))
     with pytest.raises(InvalidInputError, match=message):
-        Scenario(Brief(Course(tour, ways=CellWays(tour))), (0,), **more)
+        Scenario(Brief(TourCost(tour, distances=CellDistances(tour))), (0,), **more)
     with pytest.raises(InvalidInputError, match="ways from cell to cell"):
-        Scenario(Brief(Course(tour)), (0,), obstacles=(3,))
+        Scenario(Brief(TourCost(tour)), (0,), obstacles=(3,))
 
 
 def test_a_search_with_obstacles_is_saved_and_verified(tmp_path):
@@ -426,22 +428,22 @@ def test_no_way_home_leads_through_obstacles(seed):
 def test_parts_are_shared_by_the_ways_that_robots_go():
     yard = open_region("rectangle:200x100", no_go=[[(99, 0), (101, 0), (101, 90), (99, 90)]])
     plan = plan_search(yard, robots=6, footprint=10, starts="clustered", seed=1)
-    straight = Course(plan.tour, plan.course.points, steps=plan.course.steps, ways=plan.course.ways)
+    straight = TourCost(plan.tour, plan.tour_cost.points, steps=plan.tour_cost.steps, distances=plan.tour_cost.distances)
     found = {}
-    for course in (plan.course, straight):
-        given = allocate(course, plan.starts, places=plan.places / 10)
-        found[course] = max(
-            plan.route(robot, plan.numbers(sweeps)[:1]).length / 10 + course.search_cost(sweeps[0].first, sweeps[0].count)
-            for robot, sweeps in enumerate(given.sweeps)
-            if sweeps
+    for tour_cost in (plan.tour_cost, straight):
+        given = allocate(tour_cost, plan.starts, places=plan.places / 10)
+        found[tour_cost] = max(
+            plan.route(robot, plan.numbers(arcs)[:1]).length / 10 + tour_cost.search_cost(arcs[0].first, arcs[0].count)
+            for robot, arcs in enumerate(given.arcs)
+            if arcs
         )
-    assert found[plan.course] == pytest.approx(plan.allocation.makespan, rel=0.02)  # what is planned is what it takes
-    assert found[plan.course] < 0.98 * found[straight]
+    assert found[plan.tour_cost] == pytest.approx(plan.allocation.makespan, rel=0.02)  # what is planned is what it takes
+    assert found[plan.tour_cost] < 0.98 * found[straight]
 
 
 def test_two_robots_share_the_part_of_a_dead_one():
     tour = make_tour("moore", (8, 8))
-    scenario = Scenario(Brief(Course(tour), "stay"), (0, 20, 21), faults=(Crash(1, 0.0),))
+    scenario = Scenario(Brief(TourCost(tour), "stay"), (0, 20, 21), faults=(Crash(1, 0.0),))
     outcome = World(scenario, check=Checker(scenario)).run(until=1e4)
     check_outcome(scenario, outcome)
     whose = {number: {cell for _, cell in vehicle.visits} for number, vehicle in outcome.vehicles.items()}
@@ -452,15 +454,15 @@ def test_two_robots_share_the_part_of_a_dead_one():
 def test_ways_round_a_hole_are_as_long_as_those_that_robots_take():
     plan = plan_search("ring:200x150", robots=2, footprint=10)
     rng = np.random.default_rng(5)
-    for here, cell in rng.integers(0, len(plan.course), size=(25, 2)).tolist():
-        ends = plan.course.points[[here, cell]] * plan.grid.size
+    for here, cell in rng.integers(0, len(plan.tour_cost), size=(25, 2)).tolist():
+        ends = plan.tour_cost.points[[here, cell]] * plan.grid.size
         exact = plan.paths.legs(ends).length / plan.grid.size
-        assert exact - 1e-9 <= plan.course.length(here, cell) <= 1.06 * exact + 1e-9
+        assert exact - 1e-9 <= plan.tour_cost.length(here, cell) <= 1.06 * exact + 1e-9
 
 
 def test_takeovers_of_live_robots_are_counted_from_what_they_searched():
     tour = make_tour("moore", (4, 4))
-    scenario = Scenario(Brief(Course(tour), "stay"), (0, 4, 10))
+    scenario = Scenario(Brief(TourCost(tour), "stay"), (0, 4, 10))
     rows = (
         [(1.0, 0), (2.0, 1)],
         [(1.0, k) for k in range(4, 10)],

@@ -111,7 +111,7 @@ def test_robots_go_home_to_recharge():
         speeds = np.hypot(*np.diff(trajectory.points, axis=0).T) / np.maximum(np.diff(trajectory.times), 1e-12) / 10
         assert speeds.max() < 1 + 1e-6
         for time, cell in zip(log.times, log.cells, strict=True):
-            np.testing.assert_allclose(trajectory.at(time), found.episode.plan.course.points[cell] * 10, atol=1e-6)
+            np.testing.assert_allclose(trajectory.at(time), found.episode.plan.tour_cost.points[cell] * 10, atol=1e-6)
 
 
 def test_first_searched_is_what_the_logs_tell(history):

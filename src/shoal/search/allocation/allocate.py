@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.errors import InvalidInputError
-from shoal.search.allocation.allocators import METHODS, Indices, Team
-from shoal.search.allocation.arcs import Sweep, numbers_of, way_to, work_time
-from shoal.search.allocation.tour_cost import Course, Floats
-from shoal.search.allocation.viewpoint_selection import gain_of, stops_of
+from shoal.search.allocation.allocators import ALLOCATORS, Indices, Team
+from shoal.search.allocation.arcs import Arc, numbers_of, way_to, work_time
+from shoal.search.allocation.tour_cost import Floats, TourCost
+from shoal.search.allocation.viewpoint_selection import gain_of, select_viewpoints
 from shoal.search.cells.footprint import check_widths
 
-__all__ = ["Allocation", "Sweep", "allocate", "sweeps_of", "work_time"]
+__all__ = ["Allocation", "Arc", "allocate", "arcs_of", "work_time"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,17 +24,17 @@ class Allocation:
 
     Parameters
     ----------
-    method : str
-    sweeps : tuple of tuple of Sweep
-        By robot, in the order of its work; no sweeps for a robot in reserve.
+    allocator : str
+    arcs : tuple of tuple of Arc
+        By robot, in the order of its work; no arcs for a robot in reserve.
     times : ndarray of float64, shape (m,)
         When each robot is done, the way to its first cell included; in the time that speed 1 takes for a cell.
     lower_bound : float
         No allocation is done earlier: the number of cells over the sum of the speeds, each times the width of the footprint.
     """
 
-    method: str
-    sweeps: tuple[tuple[Sweep, ...], ...]
+    allocator: str
+    arcs: tuple[tuple[Arc, ...], ...]
     times: Floats
     lower_bound: float
 
@@ -45,10 +45,10 @@ class Allocation:
 
 
 def allocate(
-    course: Course,
+    tour_cost: TourCost,
     starts: ArrayLike,
     *,
-    method: str = "hop",
+    allocator: str = "hop",
     rates: ArrayLike | None = None,
     places: ArrayLike | None = None,
     widths: ArrayLike | None = None,
@@ -57,17 +57,17 @@ def allocate(
 
     Parameters
     ----------
-    course : Course
+    tour_cost : TourCost
     starts : array_like of int, shape (m,)
         The number on the tour of the cell in which each robot starts, m at least 1; several may start in one.
-    method : str
+    allocator : str
         "stay": each robot searches from its start to the next robot's (paper H). "common-shift": all move along the tour first,
         none farther than a common way, then search. "individual-shift": each moves along the tour as far as suits it. "two-way":
         each searches what lies behind and ahead of it. "hop": each goes straight to the beginning of an arc.
     rates : array_like of float, shape (m,), optional
         How fast each robot moves and searches; 1 if not given.
     places : array_like of float, shape (m, d), optional
-        Where the robots are, as `Course.points`; in the middles of their cells if not given.
+        Where the robots are, as `TourCost.points`; in the middles of their cells if not given.
     widths : array_like of int, shape (m,), optional
         How many cells wide the footprint of each is, odd; 1 if not given. A part is weighed by how fast such a robot searches along
         this tour (`gain_of`), ways to it by how fast it moves.
@@ -84,44 +84,46 @@ def allocate(
     Examples
     --------
     >>> from shoal.search import make_tour
-    >>> course = Course(make_tour("moore", (8, 8)))
-    >>> allocate(course, [0, 1, 2, 3], method="stay").makespan
+    >>> tour_cost = TourCost(make_tour("moore", (8, 8)))
+    >>> allocate(tour_cost, [0, 1, 2, 3], allocator="stay").makespan
     61.0
-    >>> allocate(course, [0, 1, 2, 3], method="hop").makespan < 24
+    >>> allocate(tour_cost, [0, 1, 2, 3], allocator="hop").makespan < 24
     True
     """
-    team, order = _team(course, starts, rates, places, widths)
-    sweeps = _shared(course, method, team, order)
+    team, order = _team(tour_cost, starts, rates, places, widths)
+    arcs = _shared(tour_cost, allocator, team, order)
     back = np.argsort(order)
     speeds, at, numbers = team.rates[back], team.places[back], team.starts[back]
     wide = np.ones(len(back), dtype=np.int64) if widths is None else np.asarray(widths)
     times = np.array(
         [
-            _time(course, work, place, int(start) if len(team.far) else None, int(width))
-            for work, place, start, width in zip(sweeps, at, numbers, wide, strict=True)
+            _time(tour_cost, work, place, int(start) if len(team.far) else None, int(width))
+            for work, place, start, width in zip(arcs, at, numbers, wide, strict=True)
         ]
     )
-    return Allocation(method, sweeps, times / speeds, len(course) / float((speeds * wide).sum()))
+    return Allocation(allocator, arcs, times / speeds, len(tour_cost) / float((speeds * wide).sum()))
 
 
-def sweeps_of(course: Course, method: str, starts: ArrayLike, rates: ArrayLike, widths: ArrayLike) -> tuple[tuple[Sweep, ...], ...]:
-    """Return the sweeps of `allocate` without the times."""
-    return _shared(course, method, *_team(course, starts, rates, None, widths))
+def arcs_of(
+    tour_cost: TourCost, allocator: str, starts: ArrayLike, rates: ArrayLike, widths: ArrayLike
+) -> tuple[tuple[Arc, ...], ...]:
+    """Return the arcs of `allocate` without the times."""
+    return _shared(tour_cost, allocator, *_team(tour_cost, starts, rates, None, widths))
 
 
-def _shared(course: Course, method: str, team: Team, order: Indices) -> tuple[tuple[Sweep, ...], ...]:
-    found = METHODS.get(method)(course, team)
-    sweeps: list[tuple[Sweep, ...]] = [()] * len(order)
+def _shared(tour_cost: TourCost, allocator: str, team: Team, order: Indices) -> tuple[tuple[Arc, ...], ...]:
+    found = ALLOCATORS.get(allocator)(tour_cost, team)
+    arcs: list[tuple[Arc, ...]] = [()] * len(order)
     for robot, work in zip(order, found, strict=True):
-        sweeps[robot] = tuple(sweep for sweep in work if sweep.count > 0)
-    return tuple(sweeps)
+        arcs[robot] = tuple(arc for arc in work if arc.count > 0)
+    return tuple(arcs)
 
 
 def _team(
-    course: Course, starts: ArrayLike, rates: ArrayLike | None, places: ArrayLike | None, widths: ArrayLike | None
+    tour_cost: TourCost, starts: ArrayLike, rates: ArrayLike | None, places: ArrayLike | None, widths: ArrayLike | None
 ) -> tuple[Team, Indices]:
     """Return the checked robots in the order of their starts, and that order."""
-    n = len(course)
+    n = len(tour_cost)
     first = np.asarray(starts)
     if first.ndim != 1 or not len(first) or first.dtype.kind not in "iu" or (first < 0).any() or (first >= n).any():
         raise InvalidInputError(f"starts: expected one or more numbers of cells from 0 to {n - 1}, got {first.tolist()!r:.200}")
@@ -129,20 +131,20 @@ def _team(
     speeds = np.ones(len(first)) if rates is None else np.asarray(rates, dtype=np.float64)
     if speeds.shape != first.shape or not (np.isfinite(speeds) & (speeds > 0)).all():
         raise InvalidInputError(f"rates: expected {len(first)} speeds above 0, got {speeds.tolist()!r:.200}")
-    at = course.points[first] if places is None else np.asarray(places, dtype=np.float64)
-    if at.shape != (len(first), course.points.shape[1]):
-        raise InvalidInputError(f"places: expected shape ({len(first)}, {course.points.shape[1]}), got {at.shape}")
+    at = tour_cost.points[first] if places is None else np.asarray(places, dtype=np.float64)
+    if at.shape != (len(first), tour_cost.points.shape[1]):
+        raise InvalidInputError(f"places: expected shape ({len(first)}, {tour_cost.points.shape[1]}), got {at.shape}")
     wide = np.ones(len(first), dtype=np.int64) if widths is None else np.asarray(widths)
-    check_widths(wide, len(first), course.tour)
+    check_widths(wide, len(first), tour_cost.tour)
     order = np.argsort(first, kind="stable")  # of several in a cell the last one goes on
-    gains = np.array([gain_of(course, int(width)) for width in wide])
-    return Team(first[order], speeds[order], at[order], gains[order], course.far(first[order])), order
+    gains = np.array([gain_of(tour_cost, int(width)) for width in wide])
+    return Team(first[order], speeds[order], at[order], gains[order], tour_cost.far(first[order])), order
 
 
-def _time(course: Course, work: Sequence[Sweep], place: Floats, start: int | None, width: int) -> float:
-    """Return what sweeps cost a robot."""
+def _time(tour_cost: TourCost, work: Sequence[Arc], place: Floats, start: int | None, width: int) -> float:
+    """Return what arcs cost a robot."""
     if width == 1 or not work:
-        return work_time(course, work, place, start)
-    cells = numbers_of(work, len(course))
-    stops, cost = stops_of(course, width, cells)
-    return cost + way_to(course, int(stops[0]), place, start)
+        return work_time(tour_cost, work, place, start)
+    cells = numbers_of(work, len(tour_cost))
+    stops, cost = select_viewpoints(tour_cost, width, cells)
+    return cost + way_to(tour_cost, int(stops[0]), place, start)

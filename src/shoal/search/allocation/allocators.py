@@ -1,4 +1,4 @@
-"""The ways to share a tour: each gives the sweeps of robots that lie round it in the order of their starts."""
+"""The ways to share a tour: each gives the arcs of robots that lie round it in the order of their starts."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.registry import Registry
-from shoal.search.allocation.arcs import Sweep, work_time
-from shoal.search.allocation.tour_cost import Course, Floats
+from shoal.search.allocation.arcs import Arc, work_time
+from shoal.search.allocation.tour_cost import Floats, TourCost
 from shoal.search.kernels import shares
 
 Indices = NDArray[np.int64]
@@ -32,7 +32,7 @@ class Team:
     rates : ndarray of float64, shape (m,)
         How fast each moves.
     places : ndarray of float64, shape (m, d)
-        Where each is, as `Course.points`.
+        Where each is, as `TourCost.points`.
     gains : ndarray of float64, shape (m,)
         How many times as fast each searches as one that sees a cell and moves like it.
     far : ndarray of float64, shape (m, N) or (0, 0)
@@ -51,119 +51,121 @@ class Team:
         return self.rates * self.gains
 
 
-Method = Callable[[Course, Team], list[list[Sweep]]]
-METHODS: Registry[Method] = Registry("allocation")
+Allocator = Callable[[TourCost, Team], list[list[Arc]]]
+ALLOCATORS: Registry[Allocator] = Registry("allocation")
 
 
-@METHODS.register("stay")
-def stay(course: Course, team: Team) -> list[list[Sweep]]:
+@ALLOCATORS.register("stay")
+def stay(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     """From the start to the next one's."""
-    gaps = np.diff(np.append(team.starts, team.starts[0] + len(course)))
-    return [[Sweep(int(first), int(count))] for first, count in zip(team.starts, gaps, strict=True)]
+    gaps = np.diff(np.append(team.starts, team.starts[0] + len(tour_cost)))
+    return [[Arc(int(first), int(count))] for first, count in zip(team.starts, gaps, strict=True)]
 
 
-@METHODS.register("common-shift")
-def common_shift(course: Course, team: Team) -> list[list[Sweep]]:
+@ALLOCATORS.register("common-shift")
+def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     """All go as far as D at the most, and then search G: the least D + G; speeds are those of the slowest."""
     starts = team.starts
-    n, m = len(course), len(starts)
-    at = course.ahead[np.concatenate([starts, starts + n])]
+    n, m = len(tour_cost), len(starts)
+    at = tour_cost.ahead[np.concatenate([starts, starts + n])]
     ways = np.array([(at[k : k + m] - at[:m]).max() for k in range(1, m)])  # the largest sum of k gaps
-    share = course.whole / m
+    share = tour_cost.whole / m
     counts = np.arange(1, m)
 
     def gap(shift: float) -> float:
-        return max(share, float(((ways - 2 * shift) / counts).max())) if m > 1 else course.whole
+        return max(share, float(((ways - 2 * shift) / counts).max())) if m > 1 else tour_cost.whole
 
-    low, high = 0.0, course.whole
+    low, high = 0.0, tour_cost.whole
     for _ in range(100):  # D + G is convex in D
         one, other = low + (high - low) / 3, high - (high - low) / 3
         low, high = (low, other) if one + gap(one) <= other + gap(other) else (one, high)
-    shift, arc = low, gap(low)
+    shift, span = low, gap(low)
     # The foremost borders that the limits allow: s + D, and G after the border before.
-    rounds = np.concatenate([at[:m] - course.whole, at]) + shift
-    fronts = np.minimum.accumulate(rounds - arc * np.arange(3 * m)) + arc * np.arange(3 * m)
-    borders = np.searchsorted(course.ahead, fronts[m : 2 * m] + course.whole + 1e-6, side="right") - 1
-    return _arcs(np.append(borders, borders[0] + n))
+    rounds = np.concatenate([at[:m] - tour_cost.whole, at]) + shift
+    fronts = np.minimum.accumulate(rounds - span * np.arange(3 * m)) + span * np.arange(3 * m)
+    borders = np.searchsorted(tour_cost.ahead, fronts[m : 2 * m] + tour_cost.whole + 1e-6, side="right") - 1
+    return _arcs_between(np.append(borders, borders[0] + n))
 
 
-@METHODS.register("individual-shift")
-def individual_shift(course: Course, team: Team) -> list[list[Sweep]]:
+@ALLOCATORS.register("individual-shift")
+def individual_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     """Each goes along the tour to the beginning of its cells."""
-    return _arcs(_bisected(0, course, team))
+    return _arcs_between(_bisected(0, tour_cost, team))
 
 
-@METHODS.register("two-way")
-def two_way(course: Course, team: Team) -> list[list[Sweep]]:
+@ALLOCATORS.register("two-way")
+def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     """Each begins with the shorter part of its cells, behind it or ahead, and comes back for the other."""
-    n = len(course)
-    borders = _bisected(1, course, team)
+    n = len(tour_cost)
+    borders = _bisected(1, tour_cost, team)
     found = []
     for start, low, high in zip(team.starts + n, borders[:-1], borders[1:], strict=True):
         if not low <= start < high:
-            found.append([Sweep(int(low % n), int(high - low))])
+            found.append([Arc(int(low % n), int(high - low))])
             continue
-        back = [Sweep(int(start % n), int(start - low + 1), -1), Sweep(int((start + 1) % n), int(high - start - 1))]
-        forth = [Sweep(int(start % n), int(high - start)), Sweep(int((start - 1) % n), int(start - low), -1)]
-        place = course.points[start % n]
-        found.append(min(back, forth, key=lambda work: work_time(course, [one for one in work if one.count], place)))
+        back = [Arc(int(start % n), int(start - low + 1), -1), Arc(int((start + 1) % n), int(high - start - 1))]
+        forth = [Arc(int(start % n), int(high - start)), Arc(int((start - 1) % n), int(start - low), -1)]
+        place = tour_cost.points[start % n]
+        found.append(min(back, forth, key=lambda work: work_time(tour_cost, [one for one in work if one.count], place)))
     return found
 
 
-@METHODS.register("hop")
-def hop(course: Course, team: Team) -> list[list[Sweep]]:
+@ALLOCATORS.register("hop")
+def hop(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     """Each goes straight to an arc, the order kept round the tour; who has farther to go searches less."""
-    n, m = len(course), len(team.starts)
-    rates, ways = team.rates, (course.points, team.places, team.far)
+    n, m = len(tour_cost), len(team.starts)
+    rates, ways = team.rates, (tour_cost.points, team.places, team.far)
     rows = min(4 * _STRIDES, max(8, _TRIALS // m))
     firsts = np.unique(np.linspace(0, min(n, int(2 * n / m)) - 1, rows).astype(np.int64)) if m > 1 else team.starts
     latest = np.empty((len(firsts), m))
-    shares.hop_costs(course.ahead, *ways, rates, team.gains, firsts, latest)
+    shares.hop_costs(tour_cost.ahead, *ways, rates, team.gains, firsts, latest)
     best, borders, chosen = np.inf, np.arange(m + 1), 0
     for number in np.argsort(latest, axis=None, kind="stable")[:_CANDIDATES]:
         row, turn = np.unravel_index(int(number), latest.shape)
         low, high = n / float(team.powers.sum()), float(min(latest[row, turn], best)) + 1.0
         trial = np.empty(m + 1, dtype=np.int64)
         while best == np.inf:  # with fewer cells than robots no equal arcs are whole cells
-            if shares.hop_pass(course.ahead, *ways, rates, team.gains, high, firsts[row], turn, trial):
+            if shares.hop_pass(tour_cost.ahead, *ways, rates, team.gains, high, firsts[row], turn, trial):
                 best, borders, chosen = high, np.minimum(trial, firsts[row] + n), int(turn)
             high *= 2
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
-            done = shares.hop_pass(course.ahead, *ways, rates, team.gains, middle, firsts[row], turn, trial)
+            done = shares.hop_pass(tour_cost.ahead, *ways, rates, team.gains, middle, firsts[row], turn, trial)
             if done and middle < best:
                 best, borders, chosen = middle, np.minimum(trial, firsts[row] + n), int(turn)
             low, high = (low, middle) if done else (middle, high)
             if high - low < 1e-3:
                 break
-    arcs = _arcs(borders)
+    arcs = _arcs_between(borders)
     return [arcs[(robot - chosen) % m] for robot in range(m)]
 
 
-def _arcs(borders: Indices) -> list[list[Sweep]]:
+def _arcs_between(borders: Indices) -> list[list[Arc]]:
     n = int(borders[-1] - borders[0])
-    return [[Sweep(int(low % n), int(high - low))] for low, high in pairwise(borders)]
+    return [[Arc(int(low % n), int(high - low))] for low, high in pairwise(borders)]
 
 
-def _passed(kind: int, course: Course, team: Team, time: float, borders: Indices) -> bool:
-    reach = min(len(course), int(time * team.powers[0]) + 1)
+def _passed(kind: int, tour_cost: TourCost, team: Team, time: float, borders: Indices) -> bool:
+    reach = min(len(tour_cost), int(time * team.powers[0]) + 1)
     stride = max(1, reach // _STRIDES)
     robots = (team.starts, team.rates, team.gains)
-    return bool(shares.best_start(kind, course.ahead, course.points, team.far, *robots, len(course), time, stride, borders))
+    return bool(
+        shares.best_start(kind, tour_cost.ahead, tour_cost.points, team.far, *robots, len(tour_cost), time, stride, borders)
+    )
 
 
-def _bisected(kind: int, course: Course, team: Team) -> Indices:
+def _bisected(kind: int, tour_cost: TourCost, team: Team) -> Indices:
     """Return the borders of the least time in which a pass succeeds, int64, shape (m + 1,)."""
-    n, starts = len(course), team.starts
+    n, starts = len(tour_cost), team.starts
     best = np.append(starts, starts[0] + n) + n  # as they stay
-    gaps = np.diff(course.ahead[best]) / team.powers
+    gaps = np.diff(tour_cost.ahead[best]) / team.powers
     low, high = n / float(team.powers.sum()), float(gaps.max())
     trial = np.empty(len(starts) + 1, dtype=np.int64)
     for _ in range(_HALVINGS):
         if high - low < 1e-3:
             break
         middle = (low + high) / 2
-        if _passed(kind, course, team, middle, trial):
+        if _passed(kind, tour_cost, team, middle, trial):
             best, high = np.minimum(trial, trial[0] + n), middle
         else:
             low = middle

@@ -48,8 +48,8 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
 
     Notes
     -----
-    Paper H, p. 8: T_UB is the time of one robot, T_LB = T_UB/m. The time is that of ``allocate(..., method="stay")``: robots move
-    to the middles of their cells, so that stretches are whole cells, and of several robots in a cell only one goes on.
+    Paper H, p. 8: T_UB is the time of one robot, T_LB = T_UB/m. The time is that of ``allocate(..., allocator="stay")``: robots
+    move to the middles of their cells, so that stretches are whole cells, and of several robots in a cell only one goes on.
 
     `stay_share` is the limit of many cells. With 64 cells and 50 robots, where most share a cell with another, the mean is 0.6 %
     above it, counted exactly (``tests/golden/test_search_figures.py``). With more robots than cells it is far above: no stretch is

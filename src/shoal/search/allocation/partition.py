@@ -6,44 +6,44 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
-from shoal.search.allocation.allocate import Sweep, sweeps_of
-from shoal.search.allocation.tour_cost import Course
+from shoal.search.allocation.allocate import Arc, arcs_of
+from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.tours.bitset import run, runs
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one robot is to search: its sweeps, and the same cells as bits; none for one in reserve. It begins at ``first``."""
+    """What one robot is to search: its arcs, and the same cells as bits; none for one in reserve. It begins at ``first``."""
 
     robot: int
     first: int
-    sweeps: tuple[Sweep, ...]
+    arcs: tuple[Arc, ...]
     bits: int
 
 
 @lru_cache(maxsize=256)
-def parts_of(course: Course, method: str, robots: tuple[tuple[int, int, float, int], ...]) -> tuple[Part, ...]:
+def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int, float, int], ...]) -> tuple[Part, ...]:
     """Return the parts of all robots in the order of the tour, those in reserve where they start.
 
     Parameters
     ----------
-    course : Course
-    method : str
+    tour_cost : TourCost
+    allocator : str
     robots : tuple of (number, start, rate, width)
         In the order of the numbers, so that all robots compute the same.
     """
-    n = len(course)
+    n = len(tour_cost)
     _, starts, rates, widths = zip(*robots, strict=True)
     parts = []
-    for (number, start, *_), sweeps in zip(robots, sweeps_of(course, method, starts, rates, widths), strict=True):
+    for (number, start, *_), arcs in zip(robots, arcs_of(tour_cost, allocator, starts, rates, widths), strict=True):
         bits, lows = 0, []
-        for sweep in sweeps:
-            low = sweep.first if sweep.step > 0 else (sweep.first - sweep.count + 1) % n
-            bits |= run(low, sweep.count, n)
-        # Two sweeps meet at the start; the part begins where nothing of it comes before.
+        for arc in arcs:
+            low = arc.first if arc.step > 0 else (arc.first - arc.count + 1) % n
+            bits |= run(low, arc.count, n)
+        # Two arcs meet at the start; the part begins where nothing of it comes before.
         lows = [first for first, _ in runs(bits, start, n) if not bits >> ((first - 1) % n) & 1]
         first = lows[0] if lows else start
-        parts.append((first, bool(bits), number, Part(number, first, sweeps, bits)))
+        parts.append((first, bool(bits), number, Part(number, first, arcs, bits)))
     return tuple(part for *_, part in sorted(parts, key=lambda entry: entry[:3]))
 
 
@@ -59,11 +59,11 @@ def previous_in(parts: tuple[Part, ...], index: int, live: Callable[[int], bool]
     return found
 
 
-def cost_of_all(course: Course, wanted: int, here: int, fresh: bool, closed: int = 0) -> float:
+def cost_of_all(tour_cost: TourCost, wanted: int, here: int, fresh: bool, closed: int = 0) -> float:
     """Return what it costs to search all cells of a set, as bits, round the tour from ``here`` on, ``closed`` ones left out."""
-    total, n = 0.0, len(course)
+    total, n = 0.0, len(tour_cost)
     for first, count in runs(wanted, here, n):
-        total += course.way(here, first, fresh=fresh, closed=closed)
-        total += course.search_cost(first, count)
+        total += tour_cost.way(here, first, fresh=fresh, closed=closed)
+        total += tour_cost.search_cost(first, count)
         here, fresh = (first + count - 1) % n, False
     return total

@@ -14,14 +14,14 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.search.allocation.allocate import Allocation, Sweep, allocate
+from shoal.search.allocation.allocate import Allocation, Arc, allocate
 from shoal.search.allocation.arcs import numbers_of
-from shoal.search.allocation.tour_cost import Course
-from shoal.search.allocation.viewpoint_selection import stops_of
-from shoal.search.cells.distances import CellWays, RegionWays, Ways
-from shoal.search.cells.footprint import RegionSight, cell_side, widths_of
+from shoal.search.allocation.tour_cost import TourCost
+from shoal.search.allocation.viewpoint_selection import select_viewpoints
+from shoal.search.cells.distances import CellDistances, Distances, RegionDistances
+from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
 from shoal.search.cells.grid import CellGrid, cells_of
-from shoal.search.cells.routing import GroundPaths, Route
+from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.regions.builder import open_region
 from shoal.search.regions.coverage import check_footprints
 from shoal.search.regions.formats.text import check_file, read_text
@@ -41,7 +41,7 @@ class SearchPlan:
     Parameters
     ----------
     grid : CellGrid
-    course : Course
+    tour_cost : TourCost
         The tour with its costs; lengths in sides of a cell.
     places : ndarray of float64, shape (m, 2)
         Where the robots start, metres.
@@ -57,7 +57,7 @@ class SearchPlan:
     """
 
     grid: CellGrid
-    course: Course
+    tour_cost: TourCost
     places: Points
     starts: NDArray[np.int64]
     rates: NDArray[np.float64]
@@ -68,32 +68,32 @@ class SearchPlan:
     @property
     def tour(self) -> Tour:
         """The tour."""
-        return self.course.tour
+        return self.tour_cost.tour
 
     @cached_property
-    def paths(self) -> GroundPaths:
+    def paths(self) -> RegionPaths:
         """Ways inside the region."""
-        return GroundPaths(self.grid, transit=self.transit)
+        return RegionPaths(self.grid, transit=self.transit)
 
     @cached_property
     def widths(self) -> NDArray[np.int64]:
         """How many cells wide each footprint counts, int64, shape (m,)."""
         return widths_of(self.footprints, self.grid.size)
 
-    def numbers(self, sweeps: Sequence[Sweep]) -> NDArray[np.int64]:
-        """Return the cells of sweeps in the order of the visit, as numbers on the tour; int64, shape (k,)."""
-        return numbers_of(sweeps, len(self.course))
+    def numbers(self, arcs: Sequence[Arc]) -> NDArray[np.int64]:
+        """Return the cells of arcs in the order of the visit, as numbers on the tour; int64, shape (k,)."""
+        return numbers_of(arcs, len(self.tour_cost))
 
     def stops(self, robot: int) -> NDArray[np.int64]:
         """Return where a robot, counted from 0, stops to see its part, as numbers on the tour; int64, shape (k,)."""
-        cells = self.numbers(self.allocation.sweeps[robot])
+        cells = self.numbers(self.allocation.arcs[robot])
         width = int(self.widths[robot])
-        return cells if width == 1 or not len(cells) else stops_of(self.course, width, cells)[0]
+        return cells if width == 1 or not len(cells) else select_viewpoints(self.tour_cost, width, cells)[0]
 
     def seen(self, robot: int, stops: ArrayLike) -> list[NDArray[np.int64]]:
         """Return the cells that a robot, counted from 0, sees from each stop, as numbers on the tour."""
         width = int(self.widths[robot])
-        return [self.course.seen(int(stop), width) for stop in np.asarray(stops)]
+        return [self.tour_cost.seen(int(stop), width) for stop in np.asarray(stops)]
 
     def route(self, robot: int, numbers: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> Route:
         """Return the way of a robot from its start through cells given by their numbers on the tour.
@@ -117,10 +117,10 @@ class SearchPlan:
     def _route_round(self, robot: int, numbers: NDArray[np.int64], detours: Sequence[Sequence[int]]) -> Route:
         grid = self.grid
         index = grid.ordinals(self.tour.cells)
-        begins, ends = grid.stand_starts[index], grid.stand_starts[index + 1]
+        begins, ends = grid.viewpoint_starts[index], grid.viewpoint_starts[index + 1]
         stops = [self.places[robot][None]]
         for cell, passed in zip(numbers.tolist(), detours, strict=True):
-            stops += [grid.stand_points[begins[list(passed)]], grid.stand_points[begins[cell] : ends[cell]]]
+            stops += [grid.viewpoints[begins[list(passed)]], grid.viewpoints[begins[cell] : ends[cell]]]
         return self.paths.legs(np.concatenate(stops))
 
 
@@ -175,7 +175,7 @@ def plan_search(
     Examples
     --------
     >>> plan = plan_search("square:100", robots=4, footprint=10, seed=1)
-    >>> len(plan.course), plan.allocation.lower_bound
+    >>> len(plan.tour_cost), plan.allocation.lower_bound
     (100, 25.0)
     """
     if isinstance(robots, bool) or not isinstance(robots, int | np.integer) or robots < 1:
@@ -195,12 +195,12 @@ def plan_search(
     made = make_tour(tour, grid.mask)
     if stepwise and len(area.parts) > 1:
         raise InvalidInputError(f"obstacles: expected a region of one part, as robots go round them, got {len(area.parts)}")
-    course = _course(made, GroundPaths(grid, transit=transit), turn_cost, stepwise=stepwise)
+    tour_cost = _tour_cost(made, RegionPaths(grid, transit=transit), turn_cost, stepwise=stepwise)
     places = start_points(grid, starts, robots, np.random.default_rng(seed))
     numbers = made.position[tuple(grid.cell_of(places).T)]
     widths = widths_of(footprints, grid.size)
-    given = allocate(course, numbers, method=allocation, rates=speeds, places=places / grid.size, widths=widths)
-    return SearchPlan(grid, course, places, numbers, speeds, given, footprints, transit)
+    given = allocate(tour_cost, numbers, allocator=allocation, rates=speeds, places=places / grid.size, widths=widths)
+    return SearchPlan(grid, tour_cost, places, numbers, speeds, given, footprints, transit)
 
 
 def _rates(rates: ArrayLike | None, robots: int) -> NDArray[np.float64]:
@@ -214,26 +214,26 @@ def _rates(rates: ArrayLike | None, robots: int) -> NDArray[np.float64]:
     return speeds
 
 
-def _course(tour: Tour, paths: GroundPaths, turn_cost: float, *, stepwise: bool) -> Course:
+def _tour_cost(tour: Tour, paths: RegionPaths, turn_cost: float, *, stepwise: bool) -> TourCost:
     """Return a tour with the lengths of its ways inside the region."""
     grid = paths.grid
     index = grid.ordinals(tour.cells)
-    firsts = grid.stand_points[grid.stand_starts[index]]
+    firsts = grid.viewpoints[grid.viewpoint_starts[index]]
     whole = paths.route(np.concatenate([tour.cells, tour.cells[:1]]))
     far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(whole.points, axis=0).T))])[whole.stops]
-    begins = np.concatenate([[0], np.cumsum(np.diff(grid.stand_starts)[index])])
+    begins = np.concatenate([[0], np.cumsum(np.diff(grid.viewpoint_starts)[index])])
     steps = np.diff(far[begins])
-    ways: Ways | None = None
+    distances: Distances | None = None
     if stepwise or not _is_convex(grid.region.area):
-        cellwise = CellWays(tour, doors_east=grid.doors_east, doors_south=grid.doors_south, steps=steps / grid.size)
-        ways = cellwise if stepwise else RegionWays(paths, tour, cellwise)
-    return Course(
+        cellwise = CellDistances(tour, doors_east=grid.doors_east, doors_south=grid.doors_south, steps=steps / grid.size)
+        distances = cellwise if stepwise else RegionDistances(paths, tour, cellwise)
+    return TourCost(
         tour,
         firsts / grid.size,
         turn_cost=turn_cost,
         steps=steps / grid.size,
-        ways=ways,
-        sight=RegionSight(grid, tour),
+        distances=distances,
+        footprint=RegionFootprint(grid, tour),
         reckoned=True,
     )
 
@@ -252,19 +252,19 @@ def start_points(grid: CellGrid, starts: str | ArrayLike | os.PathLike[str], rob
         if len(points) != robots:
             raise InvalidInputError(f"starts: expected {robots} points, one a robot, got {len(points)}")
         return points
-    stands = grid.waypoints()
+    viewpoints_in = grid.waypoints()
     if starts == "random":
-        return np.asarray(stands[rng.integers(0, len(stands), size=robots)])
+        return np.asarray(viewpoints_in[rng.integers(0, len(viewpoints_in), size=robots)])
     if starts == "clustered":
-        middle = stands[rng.integers(len(stands))]
-        spread = max(_CLUSTER * max(np.ptp(stands, axis=0)), grid.size)
+        middle = viewpoints_in[rng.integers(len(viewpoints_in))]
+        spread = max(_CLUSTER * max(np.ptp(viewpoints_in, axis=0)), grid.size)
         wanted = middle + rng.normal(0, spread, size=(robots, 2))
     else:
-        low, high = stands.min(axis=0), stands.max(axis=0)
+        low, high = viewpoints_in.min(axis=0), viewpoints_in.max(axis=0)
         wanted = np.column_stack([np.full(robots, low[0]), np.linspace(low[1], high[1], robots)])
     import shapely
 
-    return np.asarray(stands[shapely.STRtree(shapely.points(stands)).nearest(shapely.points(wanted))])
+    return np.asarray(viewpoints_in[shapely.STRtree(shapely.points(viewpoints_in)).nearest(shapely.points(wanted))])
 
 
 def read_points(path: Path, region: SearchRegion, *, what: str, count: int | None = None) -> Points:

@@ -1,4 +1,4 @@
-"""Course: a tour with what it costs a robot to search along it."""
+"""TourCost: a tour with what it costs a robot to search along it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.search.cells.distances import CellWays, Ways
-from shoal.search.cells.footprint import MaskSight, Numbers, Sight
+from shoal.search.cells.distances import CellDistances, Distances
+from shoal.search.cells.footprint import Footprint, MaskFootprint, Numbers
 from shoal.search.tours import Tour
 
 Floats = NDArray[np.float64]
@@ -20,7 +20,7 @@ _RECKONED = 1_000_000  # cells times robots: ways between more are taken as stra
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class TourCost:
     """A tour as robots pay for it, in cells: the time in which a robot of speed 1 searches one cell and goes on to its neighbour.
 
     Parameters
@@ -33,9 +33,9 @@ class Course:
         What a change of direction costs, in cells.
     steps : array_like of float64, shape (N,), optional
         The length of the way from each cell to the next, where it is not the straight one; the last back to the first cell.
-    ways : Ways, optional
+    distances : Distances, optional
         How far it is between any two cells; straight if not given.
-    sight : Sight, optional
+    footprint : Footprint, optional
         What is seen from a cell with a footprint of several cells; all that is not behind what is no cell if not given.
     reckoned : bool
         Whether `allocate` asks the ways for the lengths of all that it compares; straight ones do otherwise.
@@ -49,8 +49,8 @@ class Course:
     points: Floats = None  # type: ignore[assignment]  # settled below
     turn_cost: float = 0.0
     steps: Floats = None  # type: ignore[assignment]  # settled below
-    ways: Ways | None = None
-    sight: Sight = None  # type: ignore[assignment]  # settled below
+    distances: Distances | None = None
+    footprint: Footprint = None  # type: ignore[assignment]  # settled below
     reckoned: bool = False
 
     def __post_init__(self) -> None:
@@ -68,15 +68,15 @@ class Course:
             raise InvalidInputError(f"steps: expected {len(cells)} lengths, 0 or more, got shape {steps.shape}")
         if self.stepwise:
             steps = np.maximum(steps, self._lengths())
-        if self.sight is None:
-            object.__setattr__(self, "sight", MaskSight(self.tour))
+        if self.footprint is None:
+            object.__setattr__(self, "sight", MaskFootprint(self.tour))
         object.__setattr__(self, "points", given)
         object.__setattr__(self, "steps", steps.astype(np.float64))
 
     def _lengths(self) -> Floats:
         """Return how far it is from cell to cell from each to the next on the tour; 0 where there is no way."""
         n = len(self.tour)
-        found = [0.0 if self.ways is None else self.ways.length(cell, (cell + 1) % n) for cell in range(n)]
+        found = [0.0 if self.distances is None else self.distances.length(cell, (cell + 1) % n) for cell in range(n)]
         return np.where(np.isfinite(found), found, 0.0)
 
     def __len__(self) -> int:
@@ -90,9 +90,9 @@ class Course:
     @cached_property
     def turns(self) -> Floats:
         """By how many changes of direction a robot pays at each cell: 0 or 1; float64, shape (N,)."""
-        ways = np.roll(self.points, -1, axis=0) - self.points
-        ways /= np.maximum(np.linalg.norm(ways, axis=1), 1e-12)[:, None]
-        return np.asarray(np.linalg.norm(ways - np.roll(ways, 1, axis=0), axis=1) > 1e-9, dtype=np.float64)
+        distances = np.roll(self.points, -1, axis=0) - self.points
+        distances /= np.maximum(np.linalg.norm(distances, axis=1), 1e-12)[:, None]
+        return np.asarray(np.linalg.norm(distances - np.roll(distances, 1, axis=0), axis=1) > 1e-9, dtype=np.float64)
 
     @cached_property
     def costs(self) -> Floats:
@@ -130,7 +130,7 @@ class Course:
     @property
     def stepwise(self) -> bool:
         """Whether robots go from cell to cell and find obstacles on the way."""
-        return self.ways is not None and self.ways.stepwise
+        return self.distances is not None and self.distances.stepwise
 
     def way(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> float:
         """Return what it costs, beyond the one cell, to come from a cell to another to search it: directly or along the tour.
@@ -155,10 +155,10 @@ class Course:
 
     def through(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> tuple[int, ...]:
         """Return the cells that a robot enters on the way that `way` reckons with; none unless it goes from cell to cell."""
-        if not isinstance(self.ways, CellWays) or here == cell:
+        if not isinstance(self.distances, CellDistances) or here == cell:
             return ()
-        ways, along = self.ways, self._stepwise_way(here, cell, 0.0 if fresh else 1.0, closed)[1]
-        return tuple(passed for one, other in pairwise(along) for passed in ways.cells(one, other, closed))
+        distances, along = self.distances, self._stepwise_way(here, cell, 0.0 if fresh else 1.0, closed)[1]
+        return tuple(passed for one, other in pairwise(along) for passed in distances.cells(one, other, closed))
 
     def _stepwise_way(self, here: int, cell: int, free: float, closed: int) -> tuple[float, list[int]]:
         """Return what the cheapest way costs, and from where to where it leads: directly, or along the tour where that is open.
@@ -186,20 +186,20 @@ class Course:
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
         """Return the length of the way between two cells given by their numbers on the tour, in sides of a cell."""
-        return self.between(here, cell) if self.ways is None else self.ways.length(here, cell, closed)
+        return self.between(here, cell) if self.distances is None else self.distances.length(here, cell, closed)
 
     def seen(self, cell: int, width: int) -> Numbers:
         """Return the cells that a robot sees from one with a footprint of so many cells' width, as numbers on the tour, rising."""
-        return self.sight.seen(cell, width)
+        return self.footprint.seen(cell, width)
 
     def far(self, starts: NDArray[np.int64]) -> Floats:
         """Return how far it is from some cells to all; float64, shape (m, N), or (0, 0) where ways are taken as straight.
 
         They are where nothing is in the way, unless ``reckoned``, and for more than a million cells times robots.
         """
-        if self.ways is None or not self.reckoned or len(starts) * self.n > _RECKONED:
+        if self.distances is None or not self.reckoned or len(starts) * self.n > _RECKONED:
             return np.zeros((0, 0))
-        return np.array([self.ways.lengths(int(start)) for start in starts])
+        return np.array([self.distances.lengths(int(start)) for start in starts])
 
     @cached_property
     def _levels(self) -> list[float]:

@@ -12,7 +12,7 @@ from functools import lru_cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.search.allocation.tour_cost import Course
+from shoal.search.allocation.tour_cost import TourCost
 
 Flags = NDArray[np.bool_]
 _EDGE = 0.15  # of a new cell: what one beside the footprint is worth that is done, or none
@@ -21,12 +21,14 @@ _STRETCHES = (1 / 7, 3 / 7, 5 / 7)  # of the tour: where these begin
 _TRIED = 12  # stops whose way is looked up
 
 
-def best_stop(course: Course, width: int, here: int, wanted: Flags, aim: int, cost: Callable[[int], float], shut: int = 0) -> int:
+def best_viewpoint(
+    tour_cost: TourCost, width: int, here: int, wanted: Flags, aim: int, cost: Callable[[int], float], shut: int = 0
+) -> int:
     """Return the cell from which a robot sees most for what it costs to go there; it sees something that is wanted.
 
     Parameters
     ----------
-    course : Course
+    tour_cost : TourCost
         Over a tour in a plane.
     width : int
         Of the footprint, in cells, odd.
@@ -42,14 +44,14 @@ def best_stop(course: Course, width: int, here: int, wanted: Flags, aim: int, co
         Cells, as bits, in which it cannot stop now.
     """
     for middle, reach in ((here, width), (aim, width // 2)):
-        stop = _best_around(course, width, here, middle, reach, wanted, cost, shut)
+        stop = _best_around(tour_cost, width, here, middle, reach, wanted, cost, shut)
         if stop is not None:
             return stop
     return aim
 
 
 def _best_around(
-    course: Course,
+    tour_cost: TourCost,
     width: int,
     here: int,
     middle: int,
@@ -59,8 +61,8 @@ def _best_around(
     shut: int,
 ) -> int | None:
     """Return the best stop at most so many rows and columns away from a cell; None if nothing is seen from any."""
-    position, rim = course.tour.position, width // 2 + 1
-    window = _window(position, course.tour.cells[middle].tolist(), reach + rim)
+    position, rim = tour_cost.tour.position, width // 2 + 1
+    window = _window(position, tour_cost.tour.cells[middle].tolist(), reach + rim)
     inner = window[rim:-rim, rim:-rim]
     asked = np.where(window >= 0, wanted[window], False)
     new = _sums(asked[1:-1, 1:-1], width)  # were nothing in the way
@@ -69,7 +71,7 @@ def _best_around(
         return None
     stops = inner[usable]
     bonus = _EDGE * ((width + 2) ** 2 - _sums(asked, width + 2)[usable])
-    places = course.points[stops] - course.points[here]
+    places = tour_cost.points[stops] - tour_cost.points[here]
     hoped = (new[usable] + bonus) / np.maximum(np.sqrt((places * places).sum(axis=1)), 1.0)
     best, chosen, tried = 0.0, None, 0
     for k in np.lexsort((stops, -hoped)):
@@ -78,7 +80,7 @@ def _best_around(
         stop = int(stops[k])
         if shut >> stop & 1:
             continue
-        sees, away = int(np.count_nonzero(wanted[course.seen(stop, width)])), cost(stop)
+        sees, away = int(np.count_nonzero(wanted[tour_cost.seen(stop, width)])), cost(stop)
         tried += 1
         if sees and (worth := (sees + float(bonus[k])) / away) > best:
             best, chosen = worth, stop
@@ -103,38 +105,40 @@ def _sums(flags: Flags, side: int) -> NDArray[np.int64]:
     return total[side:, side:] - total[:-side, side:] - total[side:, :-side] + total[:-side, :-side]
 
 
-def stops_of(course: Course, width: int, cells: NDArray[np.int64], here: int | None = None) -> tuple[NDArray[np.int64], float]:
+def select_viewpoints(
+    tour_cost: TourCost, width: int, cells: NDArray[np.int64], here: int | None = None
+) -> tuple[NDArray[np.int64], float]:
     """Return where a robot stops to see some cells, as numbers on the tour, and what that costs it from the first stop on.
 
     Parameters
     ----------
-    course : Course
+    tour_cost : TourCost
     width : int
     cells : ndarray of int64, shape (k,)
         As numbers on the tour, in the order in which a robot searches them that sees one cell; k at least 1.
     here : int, optional
         Where it comes from; the first of the cells if not given.
     """
-    wanted = np.zeros(len(course), dtype=np.bool_)
+    wanted = np.zeros(len(tour_cost), dtype=np.bool_)
     wanted[cells] = True
     at, total, fresh = int(cells[0]) if here is None else here, 0.0, True
     found: list[int] = []
     for aim in cells.tolist():
         while wanted[aim]:
-            stop = best_stop(course, width, at, wanted, aim, partial(_cost, course, at, fresh))
-            total += _cost(course, at, fresh, stop) if found else 1.0
-            wanted[course.seen(stop, width)] = False
+            stop = best_viewpoint(tour_cost, width, at, wanted, aim, partial(_cost, tour_cost, at, fresh))
+            total += _cost(tour_cost, at, fresh, stop) if found else 1.0
+            wanted[tour_cost.seen(stop, width)] = False
             found.append(stop)
             at, fresh = stop, False
     return np.array(found, dtype=np.int64), total
 
 
-def _cost(course: Course, here: int, fresh: bool, stop: int) -> float:
-    return 1.0 + course.way(here, stop, fresh=fresh)
+def _cost(tour_cost: TourCost, here: int, fresh: bool, stop: int) -> float:
+    return 1.0 + tour_cost.way(here, stop, fresh=fresh)
 
 
 @lru_cache(maxsize=256)
-def gain_of(course: Course, width: int) -> float:
+def gain_of(tour_cost: TourCost, width: int) -> float:
     """Return how many times as fast as one that sees a cell a robot searches a part of a tour, at least 1.
 
     Measured on a few stretches of the tour, which every robot can do for itself.
@@ -142,17 +146,17 @@ def gain_of(course: Course, width: int) -> float:
     Examples
     --------
     >>> from shoal.search.tours import make_tour
-    >>> course = Course(make_tour("moore", (32, 32)))
-    >>> gain_of(course, 1), 2 < gain_of(course, 3) < 3
+    >>> tour_cost = TourCost(make_tour("moore", (32, 32)))
+    >>> gain_of(tour_cost, 1), 2 < gain_of(tour_cost, 3) < 3
     (1.0, True)
     """
-    n = len(course)
+    n = len(tour_cost)
     count = min(max(n // 4, 1), _MEASURED * width * width)
     if width == 1 or count == 1:
         return 1.0
     alone = seeing = 0.0
     for share in _STRETCHES:
         first = int(share * n)
-        alone += course.search_cost(first, count)
-        seeing += stops_of(course, width, (first + np.arange(count)) % n)[1]
+        alone += tour_cost.search_cost(first, count)
+        seeing += select_viewpoints(tour_cost, width, (first + np.arange(count)) % n)[1]
     return float(np.clip(alone / seeing, 1.0, width))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.search.cells.routing import GroundPaths, length_of
+from shoal.search.cells.routing import RegionPaths, length_of
 from shoal.search.cells.visibility_graph import inside, pulled
 from shoal.search.tours import Tour
 from shoal.search.tours.bitset import array_to_bits, bits_of, bits_to_array
@@ -19,8 +19,8 @@ _KEPT = 1 << 22  # distances that are remembered
 _DIAGONAL = float(np.sqrt(2))
 
 
-class Ways(Protocol):
-    """What a `Course` asks of the ground."""
+class Distances(Protocol):
+    """What a `TourCost` asks of the ground."""
 
     @property
     def stepwise(self) -> bool:
@@ -36,7 +36,7 @@ class Ways(Protocol):
         """Return about how far it is from a cell to all, in sides of a cell; finite; float64, shape (N,)."""
 
 
-class CellWays:
+class CellDistances:
     """Ways from cell to neighbouring cell, also across a corner where both cells beside it are open.
 
     Parameters
@@ -59,7 +59,7 @@ class CellWays:
     --------
     >>> from shoal.search.tours import make_tour
     >>> tour = make_tour("comb", (3, 3))
-    >>> ways = CellWays(tour)
+    >>> ways = CellDistances(tour)
     >>> here, cell = int(tour.position[0, 0]), int(tour.position[0, 2])
     >>> ways.length(here, cell), round(ways.length(here, cell, closed=1 << int(tour.position[0, 1])), 3)
     (2.0, 4.0)
@@ -180,25 +180,25 @@ class CellWays:
         return coo_array((np.concatenate([away, away]), ends), shape=(self._n, self._n)).tocsr()
 
 
-class RegionWays:
+class RegionDistances:
     """Ways inside a region: straight where that stays inside, else from cell to cell, pulled tight.
 
-    The way that a robot then takes (`GroundPaths.leg`) is at most that long; in a ring it is shorter by a twentieth at most.
+    The way that a robot then takes (`RegionPaths.leg`) is at most that long; in a ring it is shorter by a twentieth at most.
 
     Parameters
     ----------
-    paths : GroundPaths
+    paths : RegionPaths
     tour : Tour
-    cells : CellWays
+    cells : CellDistances
         Of the same tour.
     """
 
     stepwise = False
 
-    def __init__(self, paths: GroundPaths, tour: Tour, cells: CellWays) -> None:
+    def __init__(self, paths: RegionPaths, tour: Tour, cells: CellDistances) -> None:
         grid = paths.grid
         self._paths, self._cells, self._size = paths, cells, grid.size
-        self._places = grid.stand_points[grid.stand_starts[grid.ordinals(tour.cells)]]
+        self._places = grid.viewpoints[grid.viewpoint_starts[grid.ordinals(tour.cells)]]
         self._rows_cols = tour.cells.astype(np.float64)
         self._known: dict[tuple[int, int], float] = {}
         self._steps: dict[tuple[int, int], NDArray[np.float64]] = {}

@@ -25,14 +25,14 @@ WIDEST = 99  # cells: a wider footprint counts as that
 _PARTS = (1, 3, 5)  # into how many cells' widths a footprint may be cut to choose the size of cells
 
 
-class Sight(Protocol):
-    """What a `Course` asks about sensors."""
+class Footprint(Protocol):
+    """What a `TourCost` asks about sensors."""
 
     def seen(self, cell: int, width: int) -> Numbers:
         """Return what a robot sees that stands in a cell, as numbers on the tour, rising; the cell itself is one of them."""
 
 
-class MaskSight:
+class MaskFootprint:
     """Sight over the cells of a tour, of any number of dimensions: what is no cell hides what is behind it.
 
     Parameters
@@ -42,7 +42,7 @@ class MaskSight:
     Examples
     --------
     >>> from shoal.search.tours import make_tour
-    >>> MaskSight(make_tour("comb", (2, 5))).seen(0, 3).tolist()
+    >>> MaskFootprint(make_tour("comb", (2, 5))).seen(0, 3).tolist()
     [0, 1, 8, 9]
     """
 
@@ -79,7 +79,7 @@ class MaskSight:
         return bool((self._position[tuple(slice(low, high + 1) for low, high in ends.T.tolist())] >= 0).all())
 
 
-class RegionSight(MaskSight):
+class RegionFootprint(MaskFootprint):
     """Sight inside a region: a robot does not see what is behind a wall, but what it sees of the region may go round a corner.
 
     Parameters
@@ -100,13 +100,13 @@ class RegionSight(MaskSight):
         return self._grid.ordinals(self._cells)
 
     @cached_property
-    def _stands(self) -> NDArray[np.float64]:
-        return np.asarray(self._grid.stand_points[self._grid.stand_starts[self._index]])
+    def _viewpoints(self) -> NDArray[np.float64]:
+        return np.asarray(self._grid.viewpoints[self._grid.viewpoint_starts[self._index]])
 
     @cached_property
     def _single(self) -> NDArray[np.bool_]:
         """Which cells are only their own piece, seen from one place."""
-        return np.asarray(np.diff(self._grid.stand_starts)[self._index] == 1)
+        return np.asarray(np.diff(self._grid.viewpoint_starts)[self._index] == 1)
 
     @cached_property
     def _whole(self) -> NDArray[np.bool_]:
@@ -125,8 +125,8 @@ class RegionSight(MaskSight):
         import shapely
 
         if not self._single[other]:
-            return False  # it has places to stand of its own, for what cannot be seen from one
-        piece, place = self._piece(other), self._stands[cell]
+            return False  # it has viewpoints of its own, for what cannot be seen from one
+        piece, place = self._piece(other), self._viewpoints[cell]
         bounds = np.array(piece.bounds).reshape(2, 2)
         if (np.abs(bounds - place) > self._half + _HAIR * self._grid.size).any():
             return False

@@ -1,4 +1,4 @@
-"""A region as square cells no larger than a footprint, with places to stand that see all of it from inside."""
+"""A region as square cells no larger than a footprint, with viewpoints that see all of it from inside."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.search.cells.clipping import Clipped, Lattice, clip
-from shoal.search.cells.portals import Gates, gates_of
-from shoal.search.cells.viewpoints import stands_of
+from shoal.search.cells.portals import Portals, portals_of
+from shoal.search.cells.viewpoints import viewpoints_of
 from shoal.search.regions.outline_checks import Points, check_points
 from shoal.search.regions.region import SearchRegion
 
@@ -38,12 +38,12 @@ class CellGrid:
         Where the cells are.
     clipped : Clipped
         Which of them are whole, and the pieces of the others.
-    stand_points : ndarray of float64, shape (k, 2)
+    viewpoints : ndarray of float64, shape (k, 2)
         Places to stand, metres, in the order of the cells (row by row) and of the visit.
-    stand_starts : ndarray of int64, shape (cells + 1,)
+    viewpoint_starts : ndarray of int64, shape (cells + 1,)
         Where the places of each cell begin.
     own : ndarray of int64, shape (H, W)
-        The number of each cell's own piece as in `Gates`; -1 where there is no cell.
+        The number of each cell's own piece as in `Portals`; -1 where there is no cell.
     """
 
     region: SearchRegion
@@ -51,9 +51,9 @@ class CellGrid:
     mask: NDArray[np.bool_]
     lattice: Lattice
     clipped: Clipped
-    gates: Gates
-    stand_points: Points
-    stand_starts: NDArray[np.int64]
+    portals: Portals
+    viewpoints: Points
+    viewpoint_starts: NDArray[np.int64]
     own: NDArray[np.int64]
 
     @property
@@ -74,7 +74,7 @@ class CellGrid:
     @property
     def n_cells(self) -> int:
         """How many cells hold some of the region."""
-        return len(self.stand_starts) - 1
+        return len(self.viewpoint_starts) - 1
 
     @cached_property
     def cells(self) -> NDArray[np.int64]:
@@ -92,8 +92,8 @@ class CellGrid:
         return self.lattice.centers(*self.cells.T)
 
     def waypoints(self) -> Points:
-        """Return the first place to stand in each cell, in the order of `cells`; float64, shape (n_cells, 2)."""
-        return np.asarray(self.stand_points[self.stand_starts[:-1]])
+        """Return the first viewpoint in each cell, in the order of `cells`; float64, shape (n_cells, 2)."""
+        return np.asarray(self.viewpoints[self.viewpoint_starts[:-1]])
 
     def ordinals(self, cells: ArrayLike) -> NDArray[np.int64]:
         """Return the place of each cell among `cells`; int64, shape (n,).
@@ -113,14 +113,14 @@ class CellGrid:
             raise InvalidInputError(f"cells: expected cells of the region, got {tuple(array[index].tolist())} at place {index + 1}")
         return np.asarray(self._ordinal[tuple(array.T)])
 
-    def stands(self, cell: tuple[int, int]) -> Points:
-        """Return the places to stand for one cell, in the order of the visit; float64, shape (k, 2), k >= 1."""
+    def viewpoints_in(self, cell: tuple[int, int]) -> Points:
+        """Return the viewpoints for one cell, in the order of the visit; float64, shape (k, 2), k >= 1."""
         index = int(self.ordinals(np.array([cell]))[0])
-        return np.asarray(self.stand_points[self.stand_starts[index] : self.stand_starts[index + 1]])
+        return np.asarray(self.viewpoints[self.viewpoint_starts[index] : self.viewpoint_starts[index + 1]])
 
     def waypoint(self, cell: tuple[int, int]) -> Points:
-        """Return the first place to stand for one cell: its centre if that is inside; float64, shape (2,)."""
-        return np.asarray(self.stands(cell)[0])
+        """Return the first viewpoint for one cell: its centre if that is inside; float64, shape (2,)."""
+        return np.asarray(self.viewpoints_in(cell)[0])
 
     def point(self, cell: tuple[int, int]) -> Points:
         """Return the centre of any cell of the lattice, inside the region or not; float64, shape (2,)."""
@@ -171,7 +171,7 @@ class CellGrid:
         height, width = self.shape
         whole = self.clipped.whole
         doors = whole[: height - down, : width - right] & whole[down:, right:]
-        n, pairs = len(self.clipped.pieces), self.gates.pairs
+        n, pairs = len(self.clipped.pieces), self.portals.pairs
         number = np.minimum(pairs, n - 1)
         flat = np.where(pairs < n, self.clipped.rows[number] * width + self.clipped.cols[number], pairs - n)
         both = (self.own.ravel()[flat] == pairs).all(axis=1) & (flat[:, 1] - flat[:, 0] == down * width + right)
@@ -181,7 +181,7 @@ class CellGrid:
 
     def __repr__(self) -> str:
         height, width = self.shape
-        return f"<CellGrid {height}x{width}, {self.n_cells} cells of {self.size:g} m, {len(self.stand_points)} places to stand>"
+        return f"<CellGrid {height}x{width}, {self.n_cells} cells of {self.size:g} m, {len(self.viewpoints)} viewpoints>"
 
 
 def cells_of(region: SearchRegion, footprint: float, *, size: float | None = None) -> CellGrid:
@@ -210,8 +210,8 @@ def cells_of(region: SearchRegion, footprint: float, *, size: float | None = Non
     >>> from shoal.search import open_region
     >>> grid = cells_of(open_region("rectangle:40x20"), 10)
     >>> grid
-    <CellGrid 2x4, 8 cells of 10 m, 8 places to stand>
-    >>> grid.stands((0, 0)).tolist()
+    <CellGrid 2x4, 8 cells of 10 m, 8 viewpoints>
+    >>> grid.viewpoints_in((0, 0)).tolist()
     [[5.0, 15.0]]
     >>> grid.cell_of([(39.0, 1.0)]).tolist()
     [[1, 3]]
@@ -222,7 +222,7 @@ def cells_of(region: SearchRegion, footprint: float, *, size: float | None = Non
         raise InvalidInputError(f"cell size: expected at most the footprint, {side:g} m, got {step:g} m")
     lattice = _lattice(region, step)
     clipped = clip(region.area, lattice)
-    gates = gates_of(clipped, lattice)
+    portals = portals_of(clipped, lattice)
     mask = clipped.whole.copy()
     mask[clipped.rows, clipped.cols] = True
     if not mask.any():
@@ -230,10 +230,10 @@ def cells_of(region: SearchRegion, footprint: float, *, size: float | None = Non
             f"region {region.name!r}: expected some area in cells of {step:g} m, got {region.area_m2:g} m2, which is below rounding"
         )
     own = _own_pieces(clipped)
-    points, index = stands_of(clipped.pieces, lattice.centers(clipped.rows, clipped.cols), footprint=side, size=step)
-    adopted = _adopted(clipped, gates, own)
-    stand_points, starts = _in_order(clipped, lattice, mask, points, index, adopted)
-    return CellGrid(region, side, mask, lattice, clipped, gates, stand_points, starts, own)
+    points, index = viewpoints_of(clipped.pieces, lattice.centers(clipped.rows, clipped.cols), footprint=side, size=step)
+    adopted = _adopted(clipped, portals, own)
+    viewpoints, starts = _in_order(clipped, lattice, mask, points, index, adopted)
+    return CellGrid(region, side, mask, lattice, clipped, portals, viewpoints, starts, own)
 
 
 def _length(what: str, value: float) -> float:
@@ -269,8 +269,8 @@ def _own_pieces(clipped: Clipped) -> NDArray[np.int64]:
     return own
 
 
-def _adopted(clipped: Clipped, gates: Gates, own: NDArray[np.int64]) -> dict[int, list[int]]:
-    """Give each piece that is no cell's own to the cell whose own piece is the fewest gates away; by the flat index of the cell.
+def _adopted(clipped: Clipped, portals: Portals, own: NDArray[np.int64]) -> dict[int, list[int]]:
+    """Give each piece that is no cell's own to the cell whose own piece is the fewest portals away; by the flat index of the cell.
 
     A piece from which no own piece can be reached stays with its cell.
     """
@@ -280,15 +280,15 @@ def _adopted(clipped: Clipped, gates: Gates, own: NDArray[np.int64]) -> dict[int
     if not orphans:
         return {}
     beside: dict[int, list[tuple[float, int]]] = defaultdict(list)
-    for (one, other), gate in zip(gates.pairs.tolist(), gates.widths.tolist(), strict=True):
+    for (one, other), portal in zip(portals.pairs.tolist(), portals.widths.tolist(), strict=True):
         if one in orphans or other in orphans:
-            beside[one].append((-gate, other))
-            beside[other].append((-gate, one))
+            beside[one].append((-portal, other))
+            beside[other].append((-portal, one))
 
     def cell(piece: int) -> int:
         return int(clipped.rows[piece] * width + clipped.cols[piece]) if piece < n else piece - n
 
-    # From all own pieces at once, wide gates first; a piece found is entered with the cell that it was found from.
+    # From all own pieces at once, wide portals first; a piece found is entered with the cell that it was found from.
     adopters: dict[int, int] = {}
     queue = deque((piece, cell(piece)) for piece in sorted(beside) if piece not in orphans)
     while queue:
@@ -311,7 +311,7 @@ def _in_order(
     index: NDArray[np.int64],
     adopted: dict[int, list[int]],
 ) -> tuple[Points, NDArray[np.int64]]:
-    """Return the places to stand of all cells, and where those of each cell begin."""
+    """Return the viewpoints of all cells, and where those of each cell begin."""
     width = mask.shape[1]
     starts = np.searchsorted(index, np.arange(len(clipped.pieces) + 1))
     special: dict[int, list[Points]] = {}

@@ -1,4 +1,4 @@
-"""The pieces of cells as a graph: from one to another through the gates between them."""
+"""The pieces of cells as a graph: from one to another through the portals between them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shoal.search.cells.grid import CellGrid
 from shoal.search.regions.outline_checks import Points
 
 
-class Passages:
+class PortalGraph:
     """Which pieces of a grid lead to which.
 
     Parameters
@@ -28,7 +28,7 @@ class Passages:
     def through(self, start: Points, end: Points) -> Points | None:
         """Return the points where a way of the fewest pieces goes from one to the next, with both ends; shape (k, 2).
 
-        Between two of them it stays in one piece. None if rounding hid a gate.
+        Between two of them it stays in one piece. None if rounding hid a portal.
         """
         from scipy.sparse.csgraph import breadth_first_order
 
@@ -44,7 +44,7 @@ class Passages:
 
     @cached_property
     def _numbers(self) -> NDArray[np.int64]:
-        """The number of each node's piece, ascending; see `shoal.search.cells.portals.Gates`."""
+        """The number of each node's piece, ascending; see `shoal.search.cells.portals.Portals`."""
         return np.concatenate([np.arange(self._n), self._n + np.flatnonzero(self.grid.clipped.whole)])
 
     @cached_property
@@ -56,7 +56,7 @@ class Passages:
         right, down = whole[:, :-1] & whole[:, 1:], whole[:-1] & whole[1:]
         pairs = np.concatenate(
             [
-                self.grid.gates.pairs,
+                self.grid.portals.pairs,
                 np.stack([flat[:, :-1][right], flat[:, 1:][right]], axis=1),
                 np.stack([flat[:-1][down], flat[1:][down]], axis=1),
             ]
@@ -66,11 +66,11 @@ class Passages:
 
     @cached_property
     def _gates(self) -> dict[tuple[int, int], Points]:
-        """The middle of the widest gate between two nodes."""
-        gates = self.grid.gates
-        order = np.argsort(gates.widths, kind="stable")  # the widest last
-        nodes = np.sort(np.searchsorted(self._numbers, gates.pairs[order]), axis=1)
-        return {(one, other): gates.middles[k] for (one, other), k in zip(nodes.tolist(), order.tolist(), strict=True)}
+        """The middle of the widest portal between two nodes."""
+        portals = self.grid.portals
+        order = np.argsort(portals.widths, kind="stable")  # the widest last
+        nodes = np.sort(np.searchsorted(self._numbers, portals.pairs[order]), axis=1)
+        return {(one, other): portals.middles[k] for (one, other), k in zip(nodes.tolist(), order.tolist(), strict=True)}
 
     def _gate(self, one: int, other: int) -> Points:
         known = self._gates.get((min(one, other), max(one, other)))

@@ -16,7 +16,7 @@ _ON_LINE = 1e-8  # of a cell: how far rounding may take a corner from a grid lin
 
 
 @dataclass(frozen=True, eq=False)
-class Gates:
+class Portals:
     """Gates between pieces on the border, and from them to whole cells.
 
     A piece is named by its number in `Clipped`; a whole cell by n + its flat index, n the number of pieces.
@@ -25,7 +25,7 @@ class Gates:
     ----------
     pairs : ndarray of int64, shape (g, 2)
     middles : ndarray of float64, shape (g, 2)
-        The middle of each gate, metres.
+        The middle of each portal, metres.
     widths : ndarray of float64, shape (g,)
         Metres.
     """
@@ -35,11 +35,11 @@ class Gates:
     widths: NDArray[np.float64]
 
 
-def gates_of(clipped: Clipped, lattice: Lattice) -> Gates:
-    """Find all gates that lead to or from a piece on the border."""
-    found = [gate for axis in (0, 1) for gate in _matched(_stretches(clipped, lattice, axis), clipped, lattice, axis)]
-    pairs = np.array([gate[:2] for gate in found], dtype=np.int64).reshape(-1, 2)
-    return Gates(pairs, np.array([gate[2:4] for gate in found]).reshape(-1, 2), np.array([gate[4] for gate in found]))
+def portals_of(clipped: Clipped, lattice: Lattice) -> Portals:
+    """Find all portals that lead to or from a piece on the border."""
+    found = [portal for axis in (0, 1) for portal in _matched(_stretches(clipped, lattice, axis), clipped, lattice, axis)]
+    pairs = np.array([portal[:2] for portal in found], dtype=np.int64).reshape(-1, 2)
+    return Portals(pairs, np.array([portal[2:4] for portal in found]).reshape(-1, 2), np.array([portal[4] for portal in found]))
 
 
 Stretch = tuple[int, int, int, int, float, float]  # row, column of the cell after the line; before 0 or after 1; piece; from, to

@@ -1,4 +1,4 @@
-"""Ways between places to stand that never leave the region."""
+"""Ways between viewpoints that never leave the region."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.search.cells.grid import CellGrid
-from shoal.search.cells.portal_graph import Passages
+from shoal.search.cells.portal_graph import PortalGraph
 from shoal.search.cells.visibility_graph import Corners, around, inside, inward_corners, merge_collinear, pulled
 from shoal.search.regions.outline_checks import Points, text_of
 
 _MARGINS = (1.0, 4.0, 16.0)  # cells around a leg within which corners are looked at
 _MOST_CORNERS = 1000
 
-__all__ = ["GroundPaths", "Route", "length_of", "merge_collinear"]
+__all__ = ["RegionPaths", "Route", "length_of", "merge_collinear"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Route:
         return merge_collinear(self.points)
 
 
-class GroundPaths:
+class RegionPaths:
     """Ways inside the region of a grid. All of them hold its border within `shoal.search.regions.region.TOUCH`.
 
     Parameters
@@ -62,7 +62,7 @@ class GroundPaths:
     --------
     >>> from shoal.search import cells_of, open_region
     >>> grid = cells_of(open_region("ring:50x40"), 10)
-    >>> way = GroundPaths(grid).leg((45.0, 0.0), (-45.0, 0.0))
+    >>> way = RegionPaths(grid).leg((45.0, 0.0), (-45.0, 0.0))
     >>> bool(grid.region.contains(way).all()), round(float(np.hypot(*np.diff(way, axis=0).T).sum()), 1)
     (True, 128.8)
     """
@@ -100,7 +100,7 @@ class GroundPaths:
         return self._joined(points, np.zeros(max(0, len(points) - 1), dtype=np.bool_))
 
     def route(self, cells: ArrayLike) -> Route:
-        """Return the way through all places to stand of some cells, one cell after another.
+        """Return the way through all viewpoints of some cells, one cell after another.
 
         Parameters
         ----------
@@ -113,16 +113,16 @@ class GroundPaths:
         """
         grid = self.grid
         index = grid.ordinals(np.asarray(cells).reshape(-1, 2))
-        counts = grid.stand_starts[index + 1] - grid.stand_starts[index]
+        counts = grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]
         begins = np.cumsum(counts) - counts
-        visit = np.arange(int(counts.sum())) - np.repeat(begins, counts) + np.repeat(grid.stand_starts[index], counts)
+        visit = np.arange(int(counts.sum())) - np.repeat(begins, counts) + np.repeat(grid.viewpoint_starts[index], counts)
         # From the centre of a whole cell to that of the next there is nothing to look at.
         array = grid.cells[index]
         plain = grid.clipped.whole[tuple(array.T)] & (counts == 1)
         close = np.abs(np.diff(array, axis=0)).sum(axis=1) <= 1
         known = np.zeros(max(0, len(visit) - 1), dtype=np.bool_)
         known[begins[1:] - 1] = plain[:-1] & plain[1:] & close
-        return self._joined(grid.stand_points[visit], known)
+        return self._joined(grid.viewpoints[visit], known)
 
     def _joined(self, stops: Points, known: NDArray[np.bool_]) -> Route:
         """Join stops by ways; some legs are known to be straight."""
@@ -187,9 +187,9 @@ class GroundPaths:
         return int(np.argmin(shapely.distance(np.array(parts, dtype=object), shapely.points(point)))) if len(parts) > 1 else 0
 
     def _far(self, start: Points, end: Points) -> Points:
-        """Return a way through the gates between pieces, pulled tight; by all corners if rounding hid a gate."""
+        """Return a way through the portals between pieces, pulled tight; by all corners if rounding hid a portal."""
         region = self.grid.region
-        stops = self._passages.through(start, end)
+        stops = self._portal_graph.through(start, end)
         if stops is None:
             return self._by_corners(start, end, self._corners)
         way = pulled(region, self._within_pieces(stops))
@@ -201,7 +201,7 @@ class GroundPaths:
         return way
 
     def _within_pieces(self, stops: Points) -> Points:
-        """Return the way through gates: between two of them it stays in one piece of a cell."""
+        """Return the way through portals: between two of them it stays in one piece of a cell."""
         straight = inside(self.grid.region, stops[:-1], stops[1:])
         legs = [stops[:1]]
         for k, free in enumerate(straight.tolist()):
@@ -230,8 +230,8 @@ class GroundPaths:
         return self._corners[KDTree(bends).query(self._corners.points)[0] <= self.grid.size]
 
     @cached_property
-    def _passages(self) -> Passages:
-        return Passages(self.grid)
+    def _portal_graph(self) -> PortalGraph:
+        return PortalGraph(self.grid)
 
 
 def length_of(way: Points) -> float:

@@ -13,7 +13,7 @@ from shoal.search.regions.outline_checks import Points
 _HAIR = 1e-9  # of a footprint
 
 
-def stands_of(pieces: Any, centers: Points, *, footprint: float, size: float) -> tuple[Points, NDArray[np.int64]]:
+def viewpoints_of(pieces: Any, centers: Points, *, footprint: float, size: float) -> tuple[Points, NDArray[np.int64]]:
     """Return places in pieces of cells from which their whole area is seen.
 
     A piece that holds the centre of its cell is seen from there. Another is seen from its point nearest to the centre among those
@@ -38,7 +38,7 @@ def stands_of(pieces: Any, centers: Points, *, footprint: float, size: float) ->
 
     from_center = shapely.intersects_xy(pieces, centers[:, 0], centers[:, 1])
     found = [
-        centers[k : k + 1] if easy else _stands(pieces[k], centers[k], footprint, SPECK * size * size)
+        centers[k : k + 1] if easy else _viewpoints(pieces[k], centers[k], footprint, SPECK * size * size)
         for k, easy in enumerate(from_center.tolist())
     ]
     counts = [len(points) for points in found]
@@ -46,7 +46,7 @@ def stands_of(pieces: Any, centers: Points, *, footprint: float, size: float) ->
     return points, np.repeat(np.arange(len(found)), counts)
 
 
-def _stands(piece: Any, center: Points, footprint: float, speck: float) -> Points:
+def _viewpoints(piece: Any, center: Points, footprint: float, speck: float) -> Points:
     import shapely
 
     chosen: list[Points] = []

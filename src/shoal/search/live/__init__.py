@@ -1,7 +1,7 @@
 """Live search: each robot is a process of its own with a radio of its own. Nobody leads them.
 
-`running` starts the processes (`fleet`), kills some, and writes down what they report (`outcome`). In each `process` a `pilot`
-joins the pure robot (`shoal.search.protocol.robot`) to a `radio`, a `vehicle` and its `presence` on the ground.
+`supervisor` starts the processes (`pool`), kills some, and writes down what they report (`outcome`). In each `process` an `agent`
+joins the pure robot (`shoal.search.protocol.robot`) to a `radio`, a `vehicle` and its `cell_locks` on the ground.
 """
 
 from __future__ import annotations

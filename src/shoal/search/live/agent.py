@@ -1,4 +1,4 @@
-"""The pilot: joins the pure robot to a radio, a vehicle and the ground that it stands on."""
+"""The agent: joins the pure robot to a radio, a vehicle and the ground that it stands on."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Halt:
     at: int
 
 
-class Pilot:
+class Agent:
     """What runs in a robot's process.
 
     Parameters
@@ -137,7 +137,7 @@ class Pilot:
     def _act(self, action: Action) -> None:
         match action:
             case Go(cell, through):
-                obstacle, free = first_obstacle(self.task.brief.course, self.task.blocked, self.robot.cell, through)
+                obstacle, free = first_obstacle(self.task.brief.tour_cost, self.task.blocked, self.robot.cell, through)
                 if obstacle is None:
                     self._set_out(action, cell)
                 else:
@@ -163,17 +163,17 @@ class Pilot:
     # The vehicle.
 
     def _stops_of(self, cell: int) -> tuple[float, ...]:
-        return tuple(float(x) for x in self.task.brief.course.points[cell])
+        return tuple(float(x) for x in self.task.brief.tour_cost.points[cell])
 
     def _set_out(self, aim: Go, cell: int) -> None:
         """Begin a leg; what it costs is what the robot reckons with, unless it stands before a cell instead of in one."""
-        course = self.task.brief.course
+        tour_cost = self.task.brief.tour_cost
         if aim.through:
             length = self.robot.cost
         elif self._cell is None:
-            length = max(dist(self.vehicle.place, self._stops_of(cell)), 1.0) + course.turn_cost
+            length = max(dist(self.vehicle.place, self._stops_of(cell)), 1.0) + tour_cost.turn_cost
         else:
-            length = step_cost(course, self._cell, cell, self.robot.fresh)
+            length = step_cost(tour_cost, self._cell, cell, self.robot.fresh)
         way = length - 1.0 if self.robot.fresh and self._cell is not None else length
         self._drive_to(aim, cell, way, length)
         if length > 1.0 + 1e-12:
@@ -196,8 +196,8 @@ class Pilot:
         self._leave()
 
     def _length_of(self, through: tuple[int, ...]) -> float:
-        course = self.task.brief.course
-        return sum(course.length(one, other) for one, other in pairwise((self.robot.cell, *through)))
+        tour_cost = self.task.brief.tour_cost
+        return sum(tour_cost.length(one, other) for one, other in pairwise((self.robot.cell, *through)))
 
     def _drive_to(self, aim: Go | GoHome | Halt, cell: int, way: float, length: float) -> None:
         self.vehicle = replace(self.vehicle, time=self.now).sent(self._stops_of(cell), way=way, length=length)

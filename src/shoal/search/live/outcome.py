@@ -25,7 +25,7 @@ class LiveEvent:
     found : bool
         Whether something was found in the cell.
     place : tuple of float
-        Where the robot is, as `Course.points`; empty if it is not the robot that tells.
+        Where the robot is, as `TourCost.points`; empty if it is not the robot that tells.
     reason : str
     through : tuple of int
         The cells that a robot has passed since it last searched one, where it goes from cell to cell.

@@ -18,11 +18,11 @@ import traceback
 from random import Random
 from typing import Any
 
-from shoal.search.allocation.partition import parts_of
-from shoal.search.live.agent import Pilot
+from shoal.search.allocation.partition import partition
+from shoal.search.live.agent import Agent
 from shoal.search.live.radio import Radio
 from shoal.search.live.task import LiveTask
-from shoal.search.protocol.messages import Beacon, Sign, decode, encode
+from shoal.search.protocol.messages import Beacon, Heartbeat, decode, encode
 
 _STARTER = 0  # standard input
 
@@ -57,8 +57,8 @@ def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
 
 def _warm(task: LiveTask) -> None:
     """Do once what takes long the first time."""
-    parts_of(task.brief.course, task.brief.method, ((1, task.starts[0], 1.0, 1),))
-    decode(encode(Beacon(1, (Sign(1, 0, 0, 1.0, "listening"),), ())))
+    partition(task.brief.tour_cost, task.brief.allocator, ((1, task.starts[0], 1.0, 1),))
+    decode(encode(Beacon(1, (Heartbeat(1, 0, 0, 1.0, "listening"),), ())))
 
 
 def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> int:
@@ -74,7 +74,7 @@ def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> 
         if word is None:
             return 1
         radio.tell(word["ports"])
-        pilot = Pilot(task, task.robot(number), radio, ground=file, lifeline=orders, epoch=word["epoch"], tell=tell)
+        pilot = Agent(task, task.robot(number), radio, ground=file, lifeline=orders, epoch=word["epoch"], tell=tell)
         return 0 if pilot.run() else 1
     except BrokenPipeError:
         return 1

@@ -1,4 +1,4 @@
-"""The fleet: the processes of all robots, from their start to their end, whatever happens."""
+"""The process pool: the processes of all robots, from their start to their end, whatever happens."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Member:
     rest: bytes = b""
 
 
-class Fleet:
+class ProcessPool:
     """The processes of all robots; at the end of a ``with`` statement none of them is left.
 
     Parameters
@@ -68,7 +68,7 @@ class Fleet:
         self._task = task
         self._stack = ExitStack()
 
-    def __enter__(self) -> Fleet:
+    def __enter__(self) -> ProcessPool:
         with ExitStack() as stack:
             self._errors = stack.enter_context(tempfile.TemporaryFile())
             self._selector = stack.enter_context(selectors.DefaultSelector())

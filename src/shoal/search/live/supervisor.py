@@ -10,12 +10,12 @@ from math import inf
 from typing import Any, Literal
 
 from shoal.errors import InvalidInputError
-from shoal.search.allocation.partition import parts_of
+from shoal.search.allocation.partition import partition
 from shoal.search.live.outcome import LiveEvent, LiveOutcome, covered_share
-from shoal.search.live.process_pool import Fleet, Member, Report
+from shoal.search.live.process_pool import Member, ProcessPool, Report
 from shoal.search.live.radio import LARGEST, Channel, reserve
 from shoal.search.live.task import LiveTask
-from shoal.search.protocol.messages import Beacon, Sign, encode
+from shoal.search.protocol.messages import Beacon, Heartbeat, encode
 from shoal.search.protocol.robot import Brief
 from shoal.search.simulation.faults import Crash
 from shoal.search.simulation.network import network_of
@@ -61,7 +61,7 @@ def run_live(
     targets : sequence of int
         Cells with something to find.
     obstacles : sequence of int
-        Cells that cannot be entered, as robots find out when they come to them; on a course with ways from cell to cell.
+        Cells that cannot be entered, as robots find out when they come to them; on a tour with ways from cell to cell.
     widths : sequence of int
         How many cells wide the footprint of each robot is, odd; 1 if not given.
     speed : float
@@ -90,9 +90,9 @@ def run_live(
 
     Examples
     --------
-    >>> from shoal.search import Course, make_tour
+    >>> from shoal.search import TourCost, make_tour
     >>> from shoal.search.protocol.robot import Brief
-    >>> outcome = run_live(Brief(Course(make_tour("moore", (4, 4)))), [0, 8], speed=50.0)
+    >>> outcome = run_live(Brief(TourCost(make_tour("moore", (4, 4)))), [0, 8], speed=50.0)
     >>> outcome.complete, outcome.covered, sorted(outcome.declared)
     (True, 1.0, [1, 2])
     """
@@ -108,9 +108,9 @@ def run_live(
     )
     _check(brief, speed=speed, kill=kill, targets=targets, port=port)
     _check_size(scenario, len(targets))
-    parts_of(brief.course, brief.method, ((1, starts[0], 1.0, 1),))  # compiled once, not by each process
+    partition(brief.tour_cost, brief.allocator, ((1, starts[0], 1.0, 1),))  # compiled once, not by each process
     if timeout is None:
-        timeout = _SLACK[0] + _SLACK[1] * brief.course.whole / min(scenario.rates) / speed
+        timeout = _SLACK[0] + _SLACK[1] * brief.tour_cost.whole / min(scenario.rates) / speed
     with ExitStack() as stack:
         used, port = _reserved(channel, port, stack)
         task = LiveTask(
@@ -127,9 +127,9 @@ def run_live(
             scenario.widths,
         )
         began = time.monotonic()
-        with Fleet(task) as fleet:
-            fleet.wait_ready(_STARTUP)
-            return _Watch(fleet, task, on_event, time.monotonic() - began).run(kill, timeout)
+        with ProcessPool(task) as pool:
+            pool.wait_ready(_STARTUP)
+            return _Watch(pool, task, on_event, time.monotonic() - began).run(kill, timeout)
 
 
 def _check(brief: Brief, *, speed: float, kill: Sequence[Crash], targets: Sequence[int], port: int) -> None:
@@ -140,8 +140,8 @@ def _check(brief: Brief, *, speed: float, kill: Sequence[Crash], targets: Sequen
     for crash in kill:
         if not isinstance(crash, Crash) or not 0 <= crash.time < inf:
             raise InvalidInputError(f"kill: expected crashes at times from 0 on, got {crash}")
-    if any(not 0 <= cell < len(brief.course) for cell in targets):
-        raise InvalidInputError(f"targets: expected cells from 0 to {len(brief.course) - 1}, got {list(targets)!r:.200}")
+    if any(not 0 <= cell < len(brief.tour_cost) for cell in targets):
+        raise InvalidInputError(f"targets: expected cells from 0 to {len(brief.tour_cost) - 1}, got {list(targets)!r:.200}")
     if not 0 <= port <= 65_535:
         raise InvalidInputError(f"port: expected a number from 1 to 65535, or 0 for a free one, got {port!r}")
 
@@ -149,11 +149,13 @@ def _check(brief: Brief, *, speed: float, kill: Sequence[Crash], targets: Sequen
 def _check_size(scenario: Scenario, targets: int) -> None:
     """Refuse a search whose beacons would be larger than a datagram."""
     brief, robots = scenario.brief, len(scenario.starts)
-    cells = len(brief.course)
-    signs = tuple(Sign(number, 10**9, cells, 1 / 3, "listening", scenario.widths[number - 1]) for number in range(1, robots + 1))
+    cells = len(brief.tour_cost)
+    heartbeats = tuple(
+        Heartbeat(number, 10**9, cells, 1 / 3, "listening", scenario.widths[number - 1]) for number in range(1, robots + 1)
+    )
     searched = tuple((number, brief.everything) for number in range(1, robots + 1))
     found = tuple((cells + cell, 2 << robots) for cell in range(targets))
-    size = len(encode(Beacon(robots, signs, searched, found, searched if scenario.obstacles else ())))
+    size = len(encode(Beacon(robots, heartbeats, searched, found, searched if scenario.obstacles else ())))
     if size > LARGEST:
         raise InvalidInputError(
             f"live search: expected beacons of at most {LARGEST} bytes, got {size} for {cells} cells and {robots} robots"
@@ -177,8 +179,8 @@ def _reserved(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:
 class _Watch:
     """Looks on while the robots search: only kills and writes down."""
 
-    def __init__(self, fleet: Fleet, task: LiveTask, on_event: Callable[[LiveEvent], None] | None, startup: float) -> None:
-        self._fleet, self._task, self._on_event, self._startup = fleet, task, on_event, startup
+    def __init__(self, pool: ProcessPool, task: LiveTask, on_event: Callable[[LiveEvent], None] | None, startup: float) -> None:
+        self._pool, self._task, self._on_event, self._startup = pool, task, on_event, startup
         self._events: list[LiveEvent] = []
         self._epoch = time.monotonic() + _AHEAD
 
@@ -188,25 +190,25 @@ class _Watch:
 
     def run(self, kill: Sequence[Crash], timeout: float) -> LiveOutcome:
         """Watch until all processes have ended, or the time is over."""
-        fleet, speed = self._fleet, self._task.speed
-        fleet.begin(self._epoch)
+        pool, speed = self._pool, self._task.speed
+        pool.begin(self._epoch)
         due = sorted(kill, key=lambda crash: crash.time)
         last = timeout * speed
-        while fleet.running and self._now < last:
-            fleet.collect((min([last, *(crash.time for crash in due[:1])]) - self._now) / speed, self._take)
+        while pool.running and self._now < last:
+            pool.collect((min([last, *(crash.time for crash in due[:1])]) - self._now) / speed, self._take)
             while due and due[0].time <= self._now:
-                fleet.collect(0.0, self._take)  # it may have ended by itself
+                pool.collect(0.0, self._take)  # it may have ended by itself
                 self._kill(due.pop(0).robot, "killed")
         seconds = self._now / speed
-        timed_out = bool(fleet.running)
-        for number in fleet.members:
+        timed_out = bool(pool.running)
+        for number in pool.members:
             self._kill(number, "stopped")
-        while fleet.running:
-            fleet.collect(1.0, self._take)
+        while pool.running:
+            pool.collect(1.0, self._take)
         return self._outcome(seconds, timed_out)
 
     def _kill(self, number: int, kind: str) -> None:
-        if self._fleet.kill(number):
+        if self._pool.kill(number):
             self._note(LiveEvent(self._now, number, kind))
 
     def _take(self, member: Member, report: Report) -> None:
@@ -220,7 +222,7 @@ class _Watch:
             self._on_event(event)
 
     def _outcome(self, seconds: float, timed_out: bool) -> LiveOutcome:
-        members = self._fleet.members
+        members = self._pool.members
         times: dict[str, dict[int, float]] = {"declared": {}, "killed": {}, "stopped": {}}
         failed = {}
         for event in self._events:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from shoal.search.cells.distances import CellWays
+from shoal.search.cells.distances import CellDistances
 from shoal.search.live.radio import Channel
 from shoal.search.protocol.robot import Brief, Robot
 
@@ -54,15 +54,15 @@ class LiveTask:
 
     def seen(self, width: int, cell: int) -> tuple[int, ...]:
         """Return the cells that are seen from one with a footprint of so many cells' width, without itself."""
-        return tuple(one for one in self.brief.course.seen(cell, width).tolist() if one != cell) if width > 1 else ()
+        return tuple(one for one in self.brief.tour_cost.seen(cell, width).tolist() if one != cell) if width > 1 else ()
 
     @property
     def goal(self) -> int:
         """The cells, as bits, that some robot can reach."""
-        ways = self.brief.course.ways
-        if not isinstance(ways, CellWays):
+        distances = self.brief.tour_cost.distances
+        if not isinstance(distances, CellDistances):
             return self.brief.everything
         found = 0
         for start in self.starts:
-            found |= ways.reach(start, self.blocked)
+            found |= distances.reach(start, self.blocked)
         return found

@@ -9,7 +9,7 @@ from math import inf
 import numpy as np
 
 from shoal.errors import InvalidInputError
-from shoal.search.allocation.partition import parts_of
+from shoal.search.allocation.partition import partition
 from shoal.search.live.outcome import LiveEvent
 from shoal.search.live.supervisor import run_live
 from shoal.search.simulation.faults import Crash
@@ -81,7 +81,7 @@ def takeovers_of(scenario: Scenario, logs: list[RobotLog]) -> int:
     brief = scenario.brief
     numbers = range(1, len(logs) + 1)
     robots = tuple(zip(numbers, scenario.starts, scenario.rates, scenario.widths, strict=True))
-    parts = parts_of(brief.course, brief.method, robots)
+    parts = partition(brief.tour_cost, brief.allocator, robots)
     deaths = [next((time for time, state in log.states if state == "dead"), inf) for log in logs]
     count = 0
     for number, log in zip(numbers, logs, strict=True):

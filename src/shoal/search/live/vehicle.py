@@ -18,7 +18,7 @@ class Vehicle:
     time : float
         When it was here; all times are those that a robot of speed 1 takes for a cell.
     origin, goal : tuple of float
-        From where it goes to where, as `Course.points`.
+        From where it goes to where, as `TourCost.points`.
     way : float
         The length of the way, in cells; longer than the straight line if it leads round a corner.
     length : float

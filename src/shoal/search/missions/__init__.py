@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from shoal.search.missions.checking import MissionCheck, check_missions
+from shoal.search.missions.diagnostics import RULES, Diagnostic, Rule
 from shoal.search.missions.files import FORMATS, Format, mission_files, read_mission, write_missions
-from shoal.search.missions.findings import RULES, Finding, Rule
 from shoal.search.missions.lint import lint
 from shoal.search.missions.mission import CAPS, Mission, missions_of
 
@@ -12,7 +12,7 @@ __all__ = [
     "CAPS",
     "FORMATS",
     "RULES",
-    "Finding",
+    "Diagnostic",
     "Format",
     "Mission",
     "MissionCheck",

@@ -13,8 +13,8 @@ import numpy as np
 
 from shoal.errors import InvalidInputError
 from shoal.files import write_json
+from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import FORMATS, format_of
-from shoal.search.missions.findings import Finding, Sheet
 from shoal.search.missions.lint import examine
 from shoal.search.missions.rules import ROUNDING, metres_of
 from shoal.search.regions.coverage import Coverage, coverage_check
@@ -32,7 +32,7 @@ class MissionCheck:
         The format whose files were flown.
     files : tuple of str
         Those that were flown: all of the format that can be read.
-    findings : tuple of Finding
+    diagnostics : tuple of Diagnostic
         Of all mission files in the folder.
     coverage : Coverage or None
         None if no footprint was given.
@@ -44,15 +44,15 @@ class MissionCheck:
     region: SearchRegion
     format: str
     files: tuple[str, ...]
-    findings: tuple[Finding, ...]
+    diagnostics: tuple[Diagnostic, ...]
     coverage: Coverage | None
     n_waypoints: int
     footprint: float | tuple[float, ...] | None
 
     @property
-    def errors(self) -> tuple[Finding, ...]:
-        """The findings that are no warnings."""
-        return tuple(finding for finding in self.findings if finding.severity == "error")
+    def errors(self) -> tuple[Diagnostic, ...]:
+        """The diagnostics that are no warnings."""
+        return tuple(diagnostic for diagnostic in self.diagnostics if diagnostic.severity == "error")
 
     def report(self) -> dict[str, Any]:
         """Return all of it for JSON, without shapes."""
@@ -69,8 +69,8 @@ class MissionCheck:
             "uncovered_m2": None if seen is None else seen.uncovered_m2,
             "outside_m": None if seen is None else seen.outside_m,
             "errors": len(self.errors),
-            "warnings": len(self.findings) - len(self.errors),
-            "findings": [finding.report() for finding in self.findings],
+            "warnings": len(self.diagnostics) - len(self.errors),
+            "diagnostics": [diagnostic.report() for diagnostic in self.diagnostics],
         }
 
     def write_uncovered(self, path: str | os.PathLike[str]) -> None:
@@ -144,13 +144,13 @@ def check_missions(
     coverage = None
     if footprint is not None:
         ways = [metres_of(sheet, region)[1:] for sheet in flown]
-        ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region, and among the findings
+        ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region, and among the diagnostics
         coverage = coverage_check(region, ways, _footprints(flown, footprint), tolerance=ROUNDING)
     return MissionCheck(
         region=region,
         format=chosen,
         files=tuple(sheet.file for sheet in flown),
-        findings=tuple(finding for sheet in sheets for finding in sheet.findings),
+        diagnostics=tuple(diagnostic for sheet in sheets for diagnostic in sheet.diagnostics),
         coverage=coverage,
         n_waypoints=sum(len(sheet.points) for sheet in flown),
         footprint=tuple(footprint) if isinstance(footprint, Sequence) else footprint,

@@ -12,7 +12,7 @@ from pathlib import Path
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
 from shoal.registry import Registry
-from shoal.search.missions.findings import RULES, Sheet
+from shoal.search.missions.diagnostics import RULES, Sheet
 from shoal.search.missions.formats import geojson, gpx, kml, plan, table, wpl
 from shoal.search.missions.mission import ALTITUDES, SPEEDS, Mission
 from shoal.search.missions.rules import check_coordinates
@@ -33,7 +33,7 @@ class Format:
     write : callable
         Takes a `Mission`, returns the text of a file.
     scan : callable
-        Takes the text of a file and a `shoal.search.missions.findings.Sheet`, which it fills.
+        Takes the text of a file and a `shoal.search.missions.diagnostics.Sheet`, which it fills.
     metres : bool
         Whether it can hold missions in metres.
     """
@@ -179,9 +179,9 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
         In one sentence, with the place in the file.
     """
     sheet = open_sheet(path)
-    for finding in sheet.findings:
-        if RULES[finding.rule].fatal:
-            raise InvalidInputError(f"{path}{', ' * bool(finding.place)}{finding.place}: {finding.sentence}")
+    for diagnostic in sheet.diagnostics:
+        if RULES[diagnostic.rule].fatal:
+            raise InvalidInputError(f"{path}{', ' * bool(diagnostic.place)}{diagnostic.place}: {diagnostic.sentence}")
     assert sheet.home is not None
     kind = sheet.kind or "multirotor"
     altitude = sheet.altitudes[0] if sheet.altitudes else ALTITUDES[kind]

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from shoal.errors import InvalidInputError
+from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import mission_files, open_sheet
-from shoal.search.missions.findings import Finding, Sheet
 from shoal.search.missions.mission import CAPS
 from shoal.search.missions.rules import check_elsewhere, check_place, check_sense
 from shoal.search.regions.region import SearchRegion
@@ -25,7 +25,7 @@ def lint(
     *,
     cap: int | None = None,
     vehicle: str | None = None,
-) -> list[Finding]:
+) -> list[Diagnostic]:
     """Return what is wrong with a mission file, or with those of a folder, one by one and together.
 
     Parameters
@@ -41,7 +41,7 @@ def lint(
 
     Returns
     -------
-    list of Finding
+    list of Diagnostic
         Empty if all is well. `shoal.search.missions.RULES` lists what is looked for.
 
     Raises
@@ -49,13 +49,13 @@ def lint(
     InvalidInputError
         If there is no mission file, or region and mission are not both in degrees or both in metres.
     """
-    return [finding for sheet in examine(source, region, cap=cap, vehicle=vehicle) for finding in sheet.findings]
+    return [diagnostic for sheet in examine(source, region, cap=cap, vehicle=vehicle) for diagnostic in sheet.diagnostics]
 
 
 def examine(
     source: str | os.PathLike[str], region: SearchRegion | None = None, *, cap: int | None = None, vehicle: str | None = None
 ) -> list[Sheet]:
-    """Return what each mission file says, with all findings; as `lint`."""
+    """Return what each mission file says, with all diagnostics; as `lint`."""
     if vehicle is not None and vehicle not in CAPS:
         raise InvalidInputError(f"vehicle: expected 'px4' or 'ardupilot', got {vehicle!r}")
     if cap is not None and (isinstance(cap, bool) or cap < 1):

@@ -157,7 +157,7 @@ def missions_of(
         Metres: points no farther than this from a straight leg are left out of it. 0 leaves out only what lies exactly on it.
     ways : callable, optional
         ``ways(start, end)`` returns the way between home and a point of the route, shape (n, 2), both included, such as
-        `shoal.search.GroundPaths.leg`; its bends become waypoints. Straight if not given.
+        `shoal.search.RegionPaths.leg`; its bends become waypoints. Straight if not given.
 
     Raises
     ------

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.search.missions.findings import Sheet
+from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.mission import CAPS, OVERHEAD
 from shoal.search.regions.outline_checks import Points, text_of
 from shoal.search.regions.projection import REACH

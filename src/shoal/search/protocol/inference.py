@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import log
 
-from shoal.search.allocation.tour_cost import Course
-from shoal.search.cells.distances import CellWays
+from shoal.search.allocation.tour_cost import TourCost
+from shoal.search.cells.distances import CellDistances
 from shoal.search.protocol.state import Robot
 from shoal.search.tours.bitset import at_least
 
@@ -13,30 +13,30 @@ _SURE = 0.01  # a live robot is taken for dead by as large a share of silences
 _BEATS = (3.0, 40.0)  # silences that are always and never taken for death
 
 
-def step_cost(course: Course, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
+def step_cost(tour_cost: TourCost, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
     """Return what it costs to go from a cell to another and search it; ``fresh`` if the first one was not searched just now."""
-    return 1.0 + course.way(here, cell, fresh=fresh, closed=closed)
+    return 1.0 + tour_cost.way(here, cell, fresh=fresh, closed=closed)
 
 
 def obstacles(robot: Robot) -> int:
     """Return the cells, as bits, that it takes for obstructed: what it has found itself, and what enough others say."""
     if not robot.closed:
         return 0
-    return robot.closed.get(robot.number, 0) | at_least(list(robot.closed.values()), robot.brief.fold)
+    return robot.closed.get(robot.number, 0) | at_least(list(robot.closed.values()), robot.brief.multiplicity)
 
 
 def reachable(robot: Robot, time: float) -> tuple[int, int]:
     """Return the cells, as bits, that it can reach, and those that it or another one that it takes for alive can."""
-    ways, n = robot.brief.course.ways, len(robot.brief.course)
-    if not isinstance(ways, CellWays):
+    distances, n = robot.brief.tour_cost.distances, len(robot.brief.tour_cost)
+    if not isinstance(distances, CellDistances):
         return robot.brief.everything, robot.brief.everything
     closed = obstacles(robot)
-    own = anyone = ways.reach(robot.cell, closed)
+    own = anyone = distances.reach(robot.cell, closed)
     if not _waits_for_others(robot, time):
         return own, own
     for number, peer in robot.peers.items():
         if is_live(robot, number, time):
-            anyone |= ways.reach(peer.sign.start % n, closed)
+            anyone |= distances.reach(peer.heartbeat.start % n, closed)
     return own, anyone
 
 
@@ -54,8 +54,8 @@ def is_live(robot: Robot, number: int, time: float) -> bool:
 
 
 def _waits_for_others(robot: Robot, time: float) -> bool:
-    """Tell whether it still hopes for what only others can do; with ``fold`` two might hope for one another for ever."""
-    return robot.brief.fold == 1 or time < 3 * robot.deadline
+    """Tell whether it still hopes for what only others can do; with ``multiplicity`` two might hope for one another for ever."""
+    return robot.brief.multiplicity == 1 or time < 3 * robot.deadline
 
 
 def settled(robot: Robot, time: float) -> int:
@@ -64,22 +64,22 @@ def settled(robot: Robot, time: float) -> int:
     if robot.closed:
         seen = {number: seen.get(number, 0) | robot.closed.get(number, 0) for number in {*seen, *robot.closed}}
     everyone = list(seen.values())
-    if robot.brief.fold == 1:
+    if robot.brief.multiplicity == 1:
         return at_least(everyone, 1)
     mine = seen.get(robot.number, 0)
-    ways, n = robot.brief.course.ways, len(robot.brief.course)
+    distances, n = robot.brief.tour_cost.distances, len(robot.brief.tour_cost)
     for number, peer in robot.peers.items():  # what all live ones have searched cannot be searched by more
         if is_live(robot, number, time) and _waits_for_others(robot, time):
             theirs = seen.get(number, 0)
-            if isinstance(ways, CellWays):
-                theirs |= ~ways.reach(peer.sign.start % n, obstacles(robot))
+            if isinstance(distances, CellDistances):
+                theirs |= ~distances.reach(peer.heartbeat.start % n, obstacles(robot))
             mine &= theirs
-    return at_least(everyone, robot.brief.fold) | mine
+    return at_least(everyone, robot.brief.multiplicity) | mine
 
 
 def known_free(robot: Robot) -> int:
     """Return the cells, as bits, that it knows to be free of obstacles: it or another one that sees no farther has been there."""
-    wide = {number for number, peer in robot.peers.items() if peer.sign.width > 1}
+    wide = {number for number, peer in robot.peers.items() if peer.heartbeat.width > 1}
     if robot.width > 1:
         wide.add(robot.number)
     return robot.passed | at_least([cells for number, cells in robot.searched.items() if number not in wide], 1)

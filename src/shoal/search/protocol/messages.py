@@ -17,8 +17,8 @@ Status = Literal["listening", "searching", "waiting", "complete"]
 
 
 @dataclass(frozen=True, slots=True)
-class Sign:
-    """The latest sign of life of a robot: its number, how many beacons it had sent, where it started, its speed and its status.
+class Heartbeat:
+    """The latest heartbeat of a robot: its number, how many beacons it had sent, where it started, its speed and its status.
 
     Besides, how many cells wide its footprint is.
     """
@@ -38,7 +38,7 @@ class Beacon:
     Parameters
     ----------
     sender : int
-    signs : tuple of Sign
+    heartbeats : tuple of Heartbeat
         Of the sender, first, and of all others that it has heard of, from themselves or from others.
     searched : tuple of (int, int)
         By robot, the cells that it says it has searched, as bits.
@@ -49,7 +49,7 @@ class Beacon:
     """
 
     sender: int
-    signs: tuple[Sign, ...]
+    heartbeats: tuple[Heartbeat, ...]
     searched: tuple[tuple[int, int], ...]
     found: tuple[tuple[int, int], ...] = ()
     closed: tuple[tuple[int, int], ...] = ()
@@ -59,8 +59,8 @@ Width = Annotated[int, Field(ge=1, le=WIDEST), AfterValidator(check_odd)]
 Bits = Annotated[str, StringConstraints(pattern="^[0-9a-f]+$")]
 
 
-class SignForm(BaseModel):
-    """A sign of life on the wire."""
+class HeartbeatForm(BaseModel):
+    """A heartbeat on the wire."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -79,7 +79,7 @@ class BeaconForm(BaseModel):
 
     version: Literal[1]
     sender: NonNegativeInt
-    signs: list[SignForm]
+    heartbeats: list[HeartbeatForm]
     searched: dict[NonNegativeInt, Bits]
     found: dict[NonNegativeInt, Bits]
     closed: dict[NonNegativeInt, Bits] = {}
@@ -90,13 +90,13 @@ def encode(beacon: Beacon) -> bytes:
 
     Examples
     --------
-    >>> decode(encode(Beacon(1, (Sign(1, 0, 5, 1.0, "listening"),), ((1, 0b100000),)))).searched
+    >>> decode(encode(Beacon(1, (Heartbeat(1, 0, 5, 1.0, "listening"),), ((1, 0b100000),)))).searched
     ((1, 32),)
     """
     body: dict[str, Any] = {
         "version": VERSION,
         "sender": beacon.sender,
-        "signs": [_told(sign) for sign in beacon.signs],
+        "heartbeats": [_told(heartbeat) for heartbeat in beacon.heartbeats],
         "searched": {robot: f"{bits:x}" for robot, bits in beacon.searched},
         "found": {cell: f"{bits:x}" for cell, bits in beacon.found},
     }
@@ -106,9 +106,9 @@ def encode(beacon: Beacon) -> bytes:
     return f"{crc32(text):08x}".encode() + text
 
 
-def _told(sign: Sign) -> dict[str, Any]:
-    told = {name: getattr(sign, name) for name in SignForm.model_fields}
-    if sign.width == 1:
+def _told(heartbeat: Heartbeat) -> dict[str, Any]:
+    told = {name: getattr(heartbeat, name) for name in HeartbeatForm.model_fields}
+    if heartbeat.width == 1:
         del told["width"]
     return told
 
@@ -130,5 +130,8 @@ def decode(data: bytes) -> Beacon:
         closed = tuple((robot, int(bits, 16)) for robot, bits in form.closed.items())
     except (ValidationError, ValueError) as error:
         raise InvalidInputError(f"beacon: expected a beacon of version {VERSION}, got {str(error).splitlines()[0]}") from None
-    signs = tuple(Sign(sign.robot, sign.count, sign.start, sign.rate, sign.status, sign.width) for sign in form.signs)
-    return Beacon(form.sender, signs, searched, found, closed)
+    heartbeats = tuple(
+        Heartbeat(heartbeat.robot, heartbeat.count, heartbeat.start, heartbeat.rate, heartbeat.status, heartbeat.width)
+        for heartbeat in form.heartbeats
+    )
+    return Beacon(form.sender, heartbeats, searched, found, closed)

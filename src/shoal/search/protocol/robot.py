@@ -8,7 +8,7 @@ work it waits, but never longer than would let it search all that it does not kn
 round alone. So whatever is lost or dies, one robot that lives searches everything in that time (paper H, p. 4 to 7: "As long as at
 least one robot remains alive, the search should complete").
 
-On a course with ways from cell to cell it may come upon a cell that cannot be entered. It tells the others, all go round, and what
+On a tour with ways from cell to cell it may come upon a cell that cannot be entered. It tells the others, all go round, and what
 no robot can reach then is left out.
 """
 
@@ -17,10 +17,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import inf
 
-from shoal.search.allocation.allocate import Sweep
-from shoal.search.allocation.partition import cost_of_all, parts_of, previous_in
-from shoal.search.allocation.viewpoint_selection import best_stop
-from shoal.search.cells.distances import CellWays
+from shoal.search.allocation.allocate import Arc
+from shoal.search.allocation.partition import cost_of_all, partition, previous_in
+from shoal.search.allocation.viewpoint_selection import best_viewpoint
+from shoal.search.cells.distances import CellDistances
 from shoal.search.protocol.events import (
     Action,
     Begin,
@@ -37,7 +37,7 @@ from shoal.search.protocol.events import (
     WakeAt,
 )
 from shoal.search.protocol.inference import is_live, known_free, obstacles, patience, reachable, settled, step_cost
-from shoal.search.protocol.messages import Beacon, Sign
+from shoal.search.protocol.messages import Beacon, Heartbeat
 from shoal.search.protocol.state import Brief, Peer, Robot
 from shoal.search.protocol.transitions import LOOK, blocked, obstructed, sensed
 from shoal.search.tours.bitset import bits_of, bits_to_array, last_in, next_in
@@ -52,9 +52,9 @@ def advance(robot: Robot, event: Event) -> tuple[Robot, list[Action]]:
 
     Examples
     --------
-    >>> from shoal.search import Course, make_tour
+    >>> from shoal.search import TourCost, make_tour
     >>> from shoal.search.protocol.events import Begin, Wake
-    >>> brief = Brief(Course(make_tour("moore", (2, 2))))
+    >>> brief = Brief(TourCost(make_tour("moore", (2, 2))))
     >>> robot, actions = advance(Robot(7, brief, start=3), Begin(0.0))
     >>> robot.status, [type(action).__name__ for action in actions]
     ('listening', ['Send', 'WakeAt'])
@@ -101,10 +101,10 @@ def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
     robot = robot.but(count=robot.count + 1, next_beat=time + pause)
     if robot.status == "complete":
         robot = robot.but(lingering=robot.lingering - 1)
-    own = Sign(robot.number, robot.count, robot.start, robot.rate, robot.status, robot.width)
-    signs = (own, *(peer.sign for peer in robot.peers.values()))
+    own = Heartbeat(robot.number, robot.count, robot.start, robot.rate, robot.status, robot.width)
+    heartbeats = (own, *(peer.heartbeat for peer in robot.peers.values()))
     closed = tuple(robot.closed.items())
-    actions.append(Send(Beacon(robot.number, signs, tuple(robot.searched.items()), tuple(robot.found.items()), closed)))
+    actions.append(Send(Beacon(robot.number, heartbeats, tuple(robot.searched.items()), tuple(robot.found.items()), closed)))
     return robot
 
 
@@ -112,18 +112,18 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
     """Return the state with all that a beacon tells."""
     peers, lost, got = dict(robot.peers), robot.lost, robot.got
     number = robot.number
-    for sign in beacon.signs:
-        known = peers.get(sign.robot)
-        if (known is not None and known.sign.count >= sign.count) or sign.robot == number:
+    for heartbeat in beacon.heartbeats:
+        known = peers.get(heartbeat.robot)
+        if (known is not None and known.heartbeat.count >= heartbeat.count) or heartbeat.robot == number:
             continue
-        if sign.robot == beacon.sender and known is not None:
-            lost, got = lost + sign.count - known.sign.count - 1, got + 1
-        peers[sign.robot] = Peer(sign, time)
+        if heartbeat.robot == beacon.sender and known is not None:
+            lost, got = lost + heartbeat.count - known.heartbeat.count - 1, got + 1
+        peers[heartbeat.robot] = Peer(heartbeat, time)
     searched = _told(robot, robot.searched, beacon.searched)
     closed = _told(robot, robot.closed, beacon.closed) if beacon.closed else robot.closed
     found = robot.found
     for cell, witnesses in beacon.found:
-        if cell < len(robot.brief.course) and witnesses & ~found.get(cell, 0):
+        if cell < len(robot.brief.tour_cost) and witnesses & ~found.get(cell, 0):
             found = {**found, cell: found.get(cell, 0) | witnesses}
     return robot.but(peers=peers, lost=lost, got=got, searched=searched, found=found, closed=closed)
 
@@ -141,10 +141,10 @@ def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], .
 
 def _allotted(robot: Robot, time: float) -> Robot:
     """Allot the tour to all robots heard of, if that leaves enough time to search all the rest alone."""
-    brief, n = robot.brief, len(robot.brief.course)
+    brief, n = robot.brief, len(robot.brief.tour_cost)
     known = {robot.number: (robot.start, robot.rate, robot.width)}
-    known |= {number: (peer.sign.start % n, peer.sign.rate, peer.sign.width) for number, peer in robot.peers.items()}
-    parts = parts_of(brief.course, brief.method, tuple((number, *known[number]) for number in sorted(known)))
+    known |= {number: (peer.heartbeat.start % n, peer.heartbeat.rate, peer.heartbeat.width) for number, peer in robot.peers.items()}
+    parts = partition(brief.tour_cost, brief.allocator, tuple((number, *known[number]) for number in sorted(known)))
     own = next(index for index, part in enumerate(parts) if part.robot == robot.number)
     allotted = robot.but(parts=parts, own=own, status="searching", allotted_to=len(known))
     last = time + _alone(allotted) / robot.rate
@@ -155,23 +155,23 @@ def _allotted(robot: Robot, time: float) -> Robot:
 
 def _alone(robot: Robot) -> float:
     """Return what it costs to search its own part, and then all the rest."""
-    course = robot.brief.course
+    tour_cost = robot.brief.tour_cost
     rest = reachable(robot, -inf)[0] & ~(settled(robot, -inf) | robot.mine)
     closed = obstacles(robot)
     cost, here, fresh = 0.0, robot.cell, robot.fresh
-    for sweep in _sweeps(robot):
-        while (cell := sweep.next_of(rest, len(course))) is not None:
-            cost += step_cost(course, here, cell, fresh, closed)
+    for arc in _arcs_to_search(robot):
+        while (cell := arc.next_of(rest, len(tour_cost))) is not None:
+            cost += step_cost(tour_cost, here, cell, fresh, closed)
             here, fresh, rest = cell, False, rest & ~(1 << cell)
-    return cost + cost_of_all(course, rest, here, fresh, closed)
+    return cost + cost_of_all(tour_cost, rest, here, fresh, closed)
 
 
-def _sweeps(robot: Robot) -> list[Sweep]:
+def _arcs_to_search(robot: Robot) -> list[Arc]:
     """Return its own work, and where cells are searched by several robots that of those ahead, too."""
     return [
-        sweep
-        for ahead in range(min(robot.brief.fold, len(robot.parts)))
-        for sweep in robot.parts[(robot.own + ahead) % len(robot.parts)].sweeps
+        arc
+        for ahead in range(min(robot.brief.multiplicity, len(robot.parts)))
+        for arc in robot.parts[(robot.own + ahead) % len(robot.parts)].arcs
     ]
 
 
@@ -203,34 +203,36 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
 
     What is in time is reckoned as if it saw a cell only, so that it never waits for more than it can do.
     """
-    course, n, closed = robot.brief.course, len(robot.brief.course), obstacles(robot)
+    tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     part = next(part for part in robot.parts if part.bits >> cell & 1)
 
     def cost(stop: int) -> float:
-        return step_cost(course, robot.cell, stop, robot.fresh, closed)
+        return step_cost(tour_cost, robot.cell, stop, robot.fresh, closed)
 
     shut = (robot.avoided if time < robot.avoided_until else 0) | robot.brief.everything & ~own | closed
-    stop = best_stop(course, robot.width, robot.cell, bits_to_array(wanted & part.bits, n), cell, cost, shut)
-    left = wanted & ~bits_of(course.seen(stop, robot.width).tolist())
-    need = cost(stop) + cost_of_all(course, left, stop, False, closed)
+    stop = best_viewpoint(tour_cost, robot.width, robot.cell, bits_to_array(wanted & part.bits, n), cell, cost, shut)
+    left = wanted & ~bits_of(tour_cost.seen(stop, robot.width).tolist())
+    need = cost(stop) + cost_of_all(tour_cost, left, stop, False, closed)
     return stop if time + need / robot.rate <= robot.deadline else cell
 
 
 def _on_the_way(robot: Robot, cell: int) -> tuple[Robot, Action, float]:
     """Go to a cell, or home if the energy would not last for both."""
-    course, ways = robot.brief.course, robot.brief.course.ways
+    tour_cost, distances = robot.brief.tour_cost, robot.brief.tour_cost.distances
     through: tuple[int, ...] = ()
     home: tuple[int, ...] = ()
-    if isinstance(ways, CellWays):
+    if isinstance(distances, CellDistances):
         closed = obstacles(robot)
-        cost = step_cost(course, robot.cell, cell, robot.fresh, closed)
-        through = course.through(robot.cell, cell, fresh=robot.fresh, closed=closed)
+        cost = step_cost(tour_cost, robot.cell, cell, robot.fresh, closed)
+        through = tour_cost.through(robot.cell, cell, fresh=robot.fresh, closed=closed)
         unsure = robot.brief.everything & ~known_free(robot)
-        home = ways.cells(robot.cell, robot.start, unsure)
-        need = 2 * cost + LOOK + ways.length(robot.cell, robot.start, unsure)  # it may have to come back by the way that it went
+        home = distances.cells(robot.cell, robot.start, unsure)
+        need = (
+            2 * cost + LOOK + distances.length(robot.cell, robot.start, unsure)
+        )  # it may have to come back by the way that it went
     else:
-        cost = step_cost(course, robot.cell, cell, robot.fresh)
-        need = cost + (course.length(cell, robot.start) if robot.left < inf else 0.0)
+        cost = step_cost(tour_cost, robot.cell, cell, robot.fresh)
+        need = cost + (tour_cost.length(cell, robot.start) if robot.left < inf else 0.0)
     if need > robot.left and robot.left < robot.brief.energy:
         return robot.but(status="searching", target=-1), GoHome(home), inf
     return robot.but(status="searching", target=cell, through=through, cost=cost), Go(cell, through), inf
@@ -238,8 +240,8 @@ def _on_the_way(robot: Robot, cell: int) -> tuple[Robot, Action, float]:
 
 def _own_cell(robot: Robot, wanted: int) -> int | None:
     """Return the next cell of its own work."""
-    for sweep in _sweeps(robot):
-        cell = sweep.next_of(wanted, len(robot.brief.course))
+    for arc in _arcs_to_search(robot):
+        cell = arc.next_of(wanted, len(robot.brief.tour_cost))
         if cell is not None:
             return int(cell)
     return None
@@ -248,7 +250,7 @@ def _own_cell(robot: Robot, wanted: int) -> int | None:
 def _comes(robot: Robot, number: int, own: int, time: float) -> bool:
     """Tell whether another robot lives and can reach what this one can."""
     peer = robot.peers.get(number)
-    return is_live(robot, number, time) and (peer is None or bool(own >> peer.sign.start % len(robot.brief.course) & 1))
+    return is_live(robot, number, time) and (peer is None or bool(own >> peer.heartbeat.start % len(robot.brief.tour_cost) & 1))
 
 
 def _last_left(robot: Robot, wanted: int, own: int, time: float) -> int | None:
@@ -256,8 +258,8 @@ def _last_left(robot: Robot, wanted: int, own: int, time: float) -> int | None:
 
     None if then it could not search all the rest alone in time.
     """
-    course, n = robot.brief.course, len(robot.brief.course)
-    if robot.brief.fold > 1:
+    tour_cost, n = robot.brief.tour_cost, len(robot.brief.tour_cost)
+    if robot.brief.multiplicity > 1:
         return None
     for back in range(1, len(robot.parts)):
         part = robot.parts[robot.own - back]
@@ -267,27 +269,27 @@ def _last_left(robot: Robot, wanted: int, own: int, time: float) -> int | None:
             continue
         cell = last_in(part.bits & wanted, part.first, n)
         closed = obstacles(robot)
-        need = step_cost(course, robot.cell, cell, robot.fresh, closed)
-        need += cost_of_all(course, wanted & ~(1 << cell), cell, False, closed)
+        need = step_cost(tour_cost, robot.cell, cell, robot.fresh, closed)
+        need += cost_of_all(tour_cost, wanted & ~(1 << cell), cell, False, closed)
         return cell if time + need / robot.rate <= robot.deadline else None
     return None
 
 
 def _left_cell(robot: Robot, wanted: int, time: float) -> tuple[int | None, float]:
     """Return the next cell that others have left, or until when to wait for them."""
-    course = robot.brief.course
+    tour_cost = robot.brief.tour_cost
     left, own = 0, reachable(robot, time)[0]
     for index, part in enumerate(robot.parts):
         if part.bits & wanted:
-            takers = previous_in(robot.parts, index, lambda number: _comes(robot, number, own, time), robot.brief.fold)
+            takers = previous_in(robot.parts, index, lambda number: _comes(robot, number, own, time), robot.brief.multiplicity)
             if robot.number in takers:
                 left |= part.bits & wanted
     if left:
-        return next_in(left, robot.cell, len(course)), inf
+        return next_in(left, robot.cell, len(tour_cost)), inf
     if (cell := _last_left(robot, wanted, own, time)) is not None:
         return cell, inf
-    last = robot.deadline - cost_of_all(course, wanted, robot.cell, robot.fresh, obstacles(robot)) / robot.rate
+    last = robot.deadline - cost_of_all(tour_cost, wanted, robot.cell, robot.fresh, obstacles(robot)) / robot.rate
     if wanted and time >= last - 1e-9:
-        return next_in(wanted, robot.cell, len(course)), inf
+        return next_in(wanted, robot.cell, len(tour_cost)), inf
     silences = [peer.heard + patience(robot) + 1e-6 for peer in robot.peers.values()]
     return None, min([last if wanted else inf, *(moment for moment in silences if moment > time)], default=inf)

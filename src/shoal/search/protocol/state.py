@@ -8,8 +8,8 @@ from math import inf
 from typing import Any
 
 from shoal.search.allocation.partition import Part
-from shoal.search.allocation.tour_cost import Course
-from shoal.search.protocol.messages import Sign, Status
+from shoal.search.allocation.tour_cost import TourCost
+from shoal.search.protocol.messages import Heartbeat, Status
 
 _LINGER = 12  # beacons that a robot sends when all is done
 
@@ -20,10 +20,10 @@ class Brief:
 
     Parameters
     ----------
-    course : Course
-    method : str
+    tour_cost : TourCost
+    allocator : str
         How the tour is allotted; see `allocate`.
-    fold : int
+    multiplicity : int
         How many robots must search each cell.
     hello : float
         How long robots listen before they go; all times are those that a robot of speed 1 takes for a cell.
@@ -35,9 +35,9 @@ class Brief:
         How long that takes.
     """
 
-    course: Course
-    method: str = "hop"
-    fold: int = 1
+    tour_cost: TourCost
+    allocator: str = "hop"
+    multiplicity: int = 1
     hello: float = 1.0
     beat: float = 1.0
     energy: float = inf
@@ -46,14 +46,14 @@ class Brief:
     @property
     def everything(self) -> int:
         """All cells, as bits."""
-        return (1 << len(self.course)) - 1
+        return (1 << len(self.tour_cost)) - 1
 
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """What a robot knows of another one: its latest sign of life, and when it came."""
+    """What a robot knows of another one: its latest heartbeat, and when it came."""
 
-    sign: Sign
+    heartbeat: Heartbeat
     heard: float
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shoal.search.cells.distances import CellWays
+from shoal.search.cells.distances import CellDistances
 from shoal.search.protocol.events import Sensed
 from shoal.search.protocol.state import Robot
 from shoal.search.tours.bitset import bits_of
@@ -14,7 +14,7 @@ LOOK = 1.0  # cells: what it costs to come up to an obstacle from the middle of 
 def sensed(robot: Robot, event: Sensed) -> Robot:
     """Stand where it has searched: what it sees from there is done."""
     cell, found = event.cell, robot.found
-    seen = 1 << cell if robot.width == 1 else bits_of(robot.brief.course.seen(cell, robot.width).tolist())
+    seen = 1 << cell if robot.width == 1 else bits_of(robot.brief.tour_cost.seen(cell, robot.width).tolist())
     searched = {**robot.searched, robot.number: robot.mine | seen}
     for one in (*((cell,) if event.found else ()), *event.beside):
         found = {**found, one: found.get(one, 0) | 1 << robot.number}
@@ -32,9 +32,9 @@ def blocked(robot: Robot, cell: int, time: float) -> Robot:
 
 def obstructed(robot: Robot, cell: int, at: int) -> Robot:
     """Stand before an obstacle, and tell of it."""
-    course = robot.brief.course
+    tour_cost = robot.brief.tour_cost
     way = robot.through[: robot.through.index(at) + 1] if at in robot.through else ()
-    left = robot.left - course.length(robot.cell, at) - LOOK
+    left = robot.left - tour_cost.length(robot.cell, at) - LOOK
     closed = {**robot.closed, robot.number: robot.closed.get(robot.number, 0) | 1 << cell}
     free, fresh = passed(robot, way), robot.fresh or at != robot.cell
     return robot.but(target=None, through=(), cell=at, fresh=fresh, closed=closed, passed=free, left=left)
@@ -42,5 +42,5 @@ def obstructed(robot: Robot, cell: int, at: int) -> Robot:
 
 def passed(robot: Robot, way: tuple[int, ...]) -> int:
     """Return the cells, as bits, that it knows to be free because it came by, after some more."""
-    ways = robot.brief.course.ways
-    return robot.passed | ways.crossed(robot.cell, way) if way and isinstance(ways, CellWays) else robot.passed
+    distances = robot.brief.tour_cost.distances
+    return robot.passed | distances.crossed(robot.cell, way) if way and isinstance(distances, CellDistances) else robot.passed

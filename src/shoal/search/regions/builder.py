@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from shoal.errors import InvalidInputError
-from shoal.search.regions.builtin import is_named, named_region
+from shoal.search.regions.builtin import builtin_region, is_builtin
 from shoal.search.regions.formats import read_outlines
 from shoal.search.regions.outline_checks import (
     Outline,
@@ -71,16 +71,16 @@ def open_region(
     if not isinstance(text, str):
         raise InvalidInputError(f"region: expected a name or the path of a file, got {source!r}")
     extra = _several(no_go)
-    if is_named(text) and not os.path.exists(text):
+    if is_builtin(text) and not os.path.exists(text):
         if layer is not None:
             raise InvalidInputError(f"layer: expected it only with a GeoPackage, got {layer!r} with the region {text!r}")
-        return assembled(named_region(text), extra, name=text, across_zones=across_zones)
+        return build_region(builtin_region(text), extra, name=text, across_zones=across_zones)
     found = read_outlines(text, layer=layer)
     name = os.path.splitext(os.path.basename(text))[0].encode("utf-8", "replace").decode()
-    return assembled(found, extra, name=name, across_zones=across_zones)
+    return build_region(found, extra, name=name, across_zones=across_zones)
 
 
-def assembled(found: Outlines, extra: Sequence[Any], *, name: str, across_zones: bool) -> SearchRegion:
+def build_region(found: Outlines, extra: Sequence[Any], *, name: str, across_zones: bool) -> SearchRegion:
     """Return the region of some outlines, less the no-go zones among them and those given beside.
 
     Raises

@@ -16,7 +16,7 @@ _CORNERS = 360  # of the polygon that stands for a circle
 Shape = Callable[[str, list[float]], list[Points]]
 
 
-def named_region(text: str) -> Outlines:
+def builtin_region(text: str) -> Outlines:
     """Return the outline of a region called ``square:SIDE`` or alike; see `shoal.search.open_region`.
 
     Raises
@@ -44,7 +44,7 @@ def named_region(text: str) -> Outlines:
     return Outlines((Outline(rings[0], tuple(rings[1:])),), f"region {text!r}", geographic=False)
 
 
-def is_named(text: str) -> bool:
+def is_builtin(text: str) -> bool:
     """Tell whether a text looks like the name of a region rather than of a file."""
     return re.fullmatch(r"\w+(:[\w.+-]*)?", text) is not None and not re.search(r"\.[A-Za-z]\w*$", text)
 

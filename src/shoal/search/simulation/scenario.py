@@ -10,8 +10,8 @@ from math import inf
 import numpy as np
 
 from shoal.errors import InvalidInputError
-from shoal.search.allocation.tour_cost import Course
-from shoal.search.cells.distances import CellWays
+from shoal.search.allocation.tour_cost import TourCost
+from shoal.search.cells.distances import CellDistances
 from shoal.search.cells.footprint import check_widths
 from shoal.search.protocol.robot import Brief
 from shoal.search.simulation.faults import Fault, WrongPosition
@@ -19,12 +19,12 @@ from shoal.search.simulation.network import Network
 from shoal.search.tours.bitset import bits_of
 
 
-def first_obstacle(course: Course, blocked: int, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
+def first_obstacle(tour_cost: TourCost, blocked: int, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
     """Return the first of some cells, as bits, that is in the way, None if none is, and how many cells of the way are before it."""
-    ways = course.ways
-    if blocked and isinstance(ways, CellWays):
+    distances = tour_cost.distances
+    if blocked and isinstance(distances, CellDistances):
         for index, (one, other) in enumerate(pairwise((here, *through))):
-            for cell in (other, *ways.beside(one, other)):
+            for cell in (other, *distances.beside(one, other)):
                 if blocked >> cell & 1:
                     return cell, index
     return None, len(through)
@@ -50,7 +50,7 @@ class Scenario:
     false_alarm : float
         Probability that it finds something where nothing is.
     obstacles : tuple of int
-        Cells that cannot be entered, which robots find out when they come to them; on courses with ways from cell to cell.
+        Cells that cannot be entered, which robots find out when they come to them; on tours with ways from cell to cell.
     widths : tuple of int
         How many cells wide the footprint of each robot is, odd.
     seed : int
@@ -69,7 +69,7 @@ class Scenario:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        m, n = len(self.starts), len(self.brief.course)
+        m, n = len(self.starts), len(self.brief.tour_cost)
         if not m or any(not 0 <= start < n for start in self.starts):
             raise InvalidInputError(f"starts: expected one or more cells from 0 to {n - 1}, got {list(self.starts)!r:.200}")
         if not self.rates:
@@ -78,21 +78,21 @@ class Scenario:
             raise InvalidInputError(f"rates: expected {m} speeds above 0, got {list(self.rates)!r:.200}")
         if not self.widths:
             object.__setattr__(self, "widths", (1,) * m)
-        check_widths(np.asarray(self.widths), m, self.brief.course.tour)
+        check_widths(np.asarray(self.widths), m, self.brief.tour_cost.tour)
         for fault in self.faults:
             if not 1 <= fault.robot <= m:
                 raise InvalidInputError(f"fault: expected a robot from 1 to {m}, got {fault}")
         self._check_obstacles(n)
 
     def _check_obstacles(self, n: int) -> None:
-        if self.obstacles and not self.brief.course.stepwise:
-            raise InvalidInputError("obstacles: expected a course with ways from cell to cell, got one with straight ways")
+        if self.obstacles and not self.brief.tour_cost.stepwise:
+            raise InvalidInputError("obstacles: expected a tour with ways from cell to cell, got one with straight ways")
         if any(not 0 <= cell < n for cell in self.obstacles):
             raise InvalidInputError(f"obstacles: expected cells from 0 to {n - 1}, got {list(self.obstacles)!r:.200}")
         for number, start in enumerate(self.starts, start=1):
             if start in self.obstacles:
                 raise InvalidInputError(f"obstacles: expected none where a robot starts, got cell {start}, of robot {number}")
-        if self.brief.course.stepwise and any(isinstance(fault, WrongPosition) for fault in self.faults):
+        if self.brief.tour_cost.stepwise and any(isinstance(fault, WrongPosition) for fault in self.faults):
             raise InvalidInputError("fault: expected no wrong positions where robots go from cell to cell")
 
     @cached_property
@@ -102,7 +102,7 @@ class Scenario:
 
     def obstacle_on(self, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
         """Return the first obstacle that a robot meets on a way, and how many cells of the way are before it."""
-        return first_obstacle(self.brief.course, self.blocked, here, through)
+        return first_obstacle(self.brief.tour_cost, self.blocked, here, through)
 
     @cached_property
     def goal(self) -> int:
@@ -115,11 +115,11 @@ class Scenario:
     def seen(self, number: int, cell: int) -> int:
         """Return the cells, as bits, that a robot sees from one."""
         width = self.widths[number - 1]
-        return 1 << cell if width == 1 else bits_of(self.brief.course.seen(cell, width).tolist())
+        return 1 << cell if width == 1 else bits_of(self.brief.tour_cost.seen(cell, width).tolist())
 
     def reach(self, number: int) -> int:
         """Return the cells, as bits, that a robot can reach."""
-        ways = self.brief.course.ways
-        if not isinstance(ways, CellWays):
+        distances = self.brief.tour_cost.distances
+        if not isinstance(distances, CellDistances):
             return self.brief.everything
-        return ways.reach(self.starts[number - 1], self.blocked)
+        return distances.reach(self.starts[number - 1], self.blocked)

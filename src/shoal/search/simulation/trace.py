@@ -148,13 +148,13 @@ def _log_from(data: Any, what: str, n: int) -> RobotLog:
 
 def planned_trace(plan: SearchPlan) -> Trace:
     """Return what robots do if all goes well; nothing is simulated."""
-    logs, course = [], plan.course
+    logs, tour_cost = [], plan.tour_cost
     covered_at = 0.0
-    for robot in range(len(plan.allocation.sweeps)):
+    for robot in range(len(plan.allocation.arcs)):
         cells = plan.stops(robot)
         times = np.zeros(0)
         if len(cells):
-            steps = np.array([1.0 + course.way(here, cell) for here, cell in pairwise(cells.tolist())])
+            steps = np.array([1.0 + tour_cost.way(here, cell) for here, cell in pairwise(cells.tolist())])
             first = plan.route(robot, cells[:1]).length / plan.grid.size + 1.0
             times = np.cumsum(np.concatenate([[first], steps])) / plan.rates[robot]
         ends = float(times[-1]) if len(times) else 0.0
@@ -165,7 +165,7 @@ def planned_trace(plan: SearchPlan) -> Trace:
 
 def simulated_trace(plan: SearchPlan, scenario: Scenario) -> Trace:
     """Return what the simulation of a scenario comes to."""
-    outcome = World(scenario).run(until=_HORIZON * plan.course.whole * scenario.brief.fold + 1000.0)
+    outcome = World(scenario).run(until=_HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0)
     logs = tuple(
         RobotLog(
             cells=np.array([cell for _, cell in vehicle.visits], dtype=np.int64),

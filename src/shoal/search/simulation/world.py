@@ -143,7 +143,7 @@ class World:
             if fault.robot != number:
                 continue
             if isinstance(fault, WrongPosition):
-                believed = (start + fault.off) % len(brief.course)
+                believed = (start + fault.off) % len(brief.tour_cost)
                 body.robot = Robot(number, brief, believed, rate, width)
             elif isinstance(fault, Battery):
                 body.energy = fault.energy
@@ -312,11 +312,11 @@ class World:
 
     def _length(self, here: int, through: tuple[int, ...]) -> float:
         """Return the length of a way by some cells."""
-        course = self.scenario.brief.course
-        return sum(course.length(one, other) for one, other in pairwise((here, *through)))
+        tour_cost = self.scenario.brief.tour_cost
+        return sum(tour_cost.length(one, other) for one, other in pairwise((here, *through)))
 
     def _go(self, vehicle: Vehicle, cell: int, through: tuple[int, ...]) -> None:
-        robot, course = vehicle.robot, self.scenario.brief.course
+        robot, tour_cost = vehicle.robot, self.scenario.brief.tour_cost
         if self._takes_over(vehicle):
             self.takeovers += 1
             self._write(vehicle, "takes over", cell=cell)
@@ -325,7 +325,7 @@ class World:
         if obstacle is not None:
             self._stop_before(vehicle, obstacle, through[:free])
             return
-        cost = robot.cost if through else step_cost(course, vehicle.place, cell, robot.fresh)
+        cost = robot.cost if through else step_cost(tour_cost, vehicle.place, cell, robot.fresh)
         if not self._spend(vehicle, cost):
             return
         if cost > 1.0 + 1e-12:
@@ -369,7 +369,7 @@ class World:
         return rate
 
     def _broadcast(self, sender: Vehicle, beacon: Beacon) -> None:
-        course, number = self.scenario.brief.course, sender.robot.number
+        tour_cost, number = self.scenario.brief.tour_cost, sender.robot.number
         network, data = self.scenario.network, b""
         for other, receiver in self.vehicles.items():
             if other == number:
@@ -381,7 +381,7 @@ class World:
             if not network.media:
                 self._post(self.time, other, "heard", beacon)
                 continue
-            link = Link(number, other, self.time, course.between(sender.place, receiver.place))
+            link = Link(number, other, self.time, tour_cost.between(sender.place, receiver.place))
             arrived = network.send(link, self.rng)
             self.lost += all(copy.damaged for copy in arrived)
             for copy in arrived:

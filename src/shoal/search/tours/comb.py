@@ -30,7 +30,8 @@ class CombTour:
         cells = closed_lanes(*region.shape)
         if not region.all():
             cells = min(
-                (component_after_component(way, region) for way in (cells[region[tuple(cells.T)]], *_sweeps(region))), key=_length
+                (component_after_component(way, region) for way in (cells[region[tuple(cells.T)]], *_arcs_to_search(region))),
+                key=_length,
             )
         return Tour(cells + low, mask.shape, closed=True, name=self.name)
 
@@ -53,7 +54,7 @@ def closed_lanes(rows: int, cols: int) -> NDArray[np.int64]:
     return np.stack(np.divmod(order, cols), axis=1)
 
 
-def _sweeps(region: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+def _arcs_to_search(region: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Return the cells in the order of the boustrophedon sweep from the bottom up, and of that from left to right."""
     from shoal.search.kernels.lanes import sweep_all
 

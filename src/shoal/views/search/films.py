@@ -133,7 +133,7 @@ class SearchFilm:
                 canvas.line(self._at(way), robot_colour(robot), thick, alpha=0.75)
         for finding in history.episode.findings:
             if history.first[0][finding.cell] <= time:
-                self._draw_diamond(history.episode.plan.course.points[finding.cell] * history.episode.plan.grid.size)
+                self._draw_diamond(history.episode.plan.tour_cost.points[finding.cell] * history.episode.plan.grid.size)
         for robot, activity in enumerate(now):
             self._draw_robot(robot, activity, time)
         self._draw_foot(time, now)

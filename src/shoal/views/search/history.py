@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.search import RobotLog, Route, SearchEpisode, Sweep
-from shoal.search.allocation.partition import parts_of
+from shoal.search import Arc, RobotLog, Route, SearchEpisode
+from shoal.search.allocation.partition import partition
 from shoal.search.simulation.faults import Liar, Slow, WrongPosition
 
 Floats = NDArray[np.float64]
@@ -84,7 +84,7 @@ class SearchHistory:
 
     def __init__(self, episode: SearchEpisode) -> None:
         self.episode = episode
-        self.n_cells = len(episode.plan.course)
+        self.n_cells = len(episode.plan.tour_cost)
         self.n_robots = len(episode.trace.robots)
         self.liars = frozenset(fault.robot for fault in episode.scenario.faults if isinstance(fault, Liar))
 
@@ -98,10 +98,10 @@ class SearchHistory:
     @cached_property
     def owners(self) -> tuple[Numbers, dict[int, int]]:
         """Whose each cell was to search, by number on the tour (0: nobody's), and the order of the robots round the tour."""
-        episode, course, scenario = self.episode, self.episode.plan.course, self.episode.scenario
+        episode, tour_cost, scenario = self.episode, self.episode.plan.tour_cost, self.episode.scenario
         owner = np.zeros(self.n_cells, dtype=np.int64)
         if not episode.simulated:
-            works = list(enumerate(episode.plan.allocation.sweeps, start=1))
+            works = list(enumerate(episode.plan.allocation.arcs, start=1))
         else:
             off = {fault.robot: fault.off for fault in episode.scenario.faults if isinstance(fault, WrongPosition)}
             known = [
@@ -109,15 +109,15 @@ class SearchHistory:
                 for number, (start, rate, width) in enumerate(zip(scenario.starts, scenario.rates, scenario.widths, strict=True), 1)
                 if episode.trace.robots[number - 1].states[:1] != ((0.0, "dead"),)
             ]
-            parts = parts_of(course, episode.plan.allocation.method, tuple(known)) if known else ()
-            works = [(part.robot, part.sweeps) for part in parts]
-        for number, sweeps in works:
-            owner[episode.plan.numbers(sweeps)] = number
+            parts = partition(tour_cost, episode.plan.allocation.allocator, tuple(known)) if known else ()
+            works = [(part.robot, part.arcs) for part in parts]
+        for number, arcs in works:
+            owner[episode.plan.numbers(arcs)] = number
         return owner, {number: rank for rank, (number, _) in enumerate(works)}
 
-    def sweeps(self, robot: int) -> tuple[Sweep, ...]:
+    def arcs(self, robot: int) -> tuple[Arc, ...]:
         """Return the plan's work of a robot, counted from 0."""
-        return self.episode.plan.allocation.sweeps[robot]
+        return self.episode.plan.allocation.arcs[robot]
 
     def others(self, robot: int) -> Numbers:
         """Return whose part each cell belonged to that a robot stopped to search, 0 where it was its own work; int64, shape (k,).
@@ -132,12 +132,12 @@ class SearchHistory:
                 whose = owner[seen[fresh[seen]]]
                 theirs[k] = robot + 1 if robot + 1 in whose else np.bincount(whose, minlength=1).argmax()
                 fresh[seen] = False
-        number, fold = robot + 1, self.episode.scenario.brief.fold
+        number, multiplicity = robot + 1, self.episode.scenario.brief.multiplicity
         if number not in ranks:
             return theirs
         mine = theirs == number
         for other, rank in ranks.items():  # where cells are searched by several, the parts ahead are its own work, too
-            if (rank - ranks[number]) % len(ranks) < fold:
+            if (rank - ranks[number]) % len(ranks) < multiplicity:
                 mine |= theirs == other
         return np.where(mine, 0, theirs)
 
@@ -204,7 +204,7 @@ class SearchHistory:
         if not len(cells):
             return np.zeros(1, dtype=np.int64)
         index = grid.ordinals(cells)
-        counts = grid.stand_starts[index + 1] - grid.stand_starts[index]
+        counts = grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]
         if any(detours := self.episode.trace.robots[robot].detours):
             counts = counts + np.array([len(passed) for passed in detours], dtype=np.int64)
         return np.asarray(self.episode.routes[robot].stops[np.concatenate([[0], np.cumsum(counts)])])
@@ -244,13 +244,13 @@ class SearchHistory:
     def _with_ways_home(self, robot: int, trajectory: Trajectory) -> Trajectory:
         """Lay in the ways to the start and back where a robot recharged: so long was it away between two cells."""
         plan, log, brief = self.episode.plan, self.episode.trace.robots[robot], self.episode.scenario.brief
-        if brief.energy == inf or plan.course.stepwise:  # the latter's ways home are a part of the route
+        if brief.energy == inf or plan.tour_cost.stepwise:  # the latter's ways home are a part of the route
             return trajectory
         start, rates, size = int(plan.starts[robot]), self._rate(robot, log.times), plan.grid.size
         times, points, home = trajectory.times, trajectory.points, plan.places[robot][None]
         for k in range(len(log.cells) - 1, 0, -1):
             one, other = int(log.cells[k - 1]), int(log.cells[k])
-            there, back = plan.course.length(one, start) / rates[k], plan.course.length(start, other) / rates[k]
+            there, back = plan.tour_cost.length(one, start) / rates[k], plan.tour_cost.length(start, other) / rates[k]
             if abs(log.times[k] - log.times[k - 1] - there - brief.recharge - back - 1 / rates[k]) > 1e-6:
                 continue
             first, last = np.searchsorted(times, log.times[k - 1], side="right"), np.searchsorted(times, log.times[k], side="left")
@@ -272,7 +272,7 @@ class SearchHistory:
         """Return the trajectory of a robot that searched nothing: as far as it came on the way to its part."""
         plan, died = self.episode.plan, self.death(robot)
         home = plan.places[robot]
-        cells = plan.numbers(self.sweeps(robot))
+        cells = plan.numbers(self.arcs(robot))
         began = next((moment for moment, state in self.episode.trace.robots[robot].states if state == "searching"), inf)
         if not (len(cells) and began < died < inf):
             return Trajectory(np.zeros(1), home[None])

@@ -66,7 +66,7 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
     return {
         "title": f"{plan.grid.region.name}, {count} robot{'s' if count != 1 else ''}",
         "tour": plan.tour.name,
-        "allocation": plan.allocation.method,
+        "allocation": plan.allocation.allocator,
         "version": episode.versions["shoal"],
         "seed": episode.seed,
         "takeovers": episode.trace.takeovers,
@@ -88,7 +88,7 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
             for (row, col), moment in zip(plan.tour.cells[[*episode.obstacles]], episode.obstacles.values(), strict=True)
         ],
         "findings": [
-            [*(plan.course.points[one.cell] * plan.grid.size).tolist(), min(float(times[one.cell]), history.end), one.confidence]
+            [*(plan.tour_cost.points[one.cell] * plan.grid.size).tolist(), min(float(times[one.cell]), history.end), one.confidence]
             for one in episode.findings
         ],
     }

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from shoal.search.missions.findings import Sheet
+from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.mission import ALTITUDES, CAPS, Mission
 
 NAMES = ("robot", "sortie", "vehicle", "kind", "altitude_m", "speed_m_s")

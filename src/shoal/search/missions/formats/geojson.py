@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.search.missions.findings import Sheet
+from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.formats.attributes import attributes_of, take_attributes
 from shoal.search.missions.formats.numbers import Number, degrees, dump_json, load_json, raw
 from shoal.search.missions.mission import Mission

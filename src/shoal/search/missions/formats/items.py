@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shoal.search.missions.findings import Sheet
+from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.mission import Mission
 
 WAYPOINT, RETURN, LAND, TAKE_OFF, SPEED = 16, 20, 21, 22, 178  # MAV_CMD

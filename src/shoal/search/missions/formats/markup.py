@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
-from shoal.search.missions.findings import Sheet
+from shoal.search.missions.diagnostics import Sheet
 
 _DEEPEST = 100
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.search.missions.findings import decimals_of
+from shoal.search.missions.diagnostics import decimals_of
 
 DECIMALS = 8  # of a degree: 1.1 mm
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, ValidationError
 
-from shoal.search.missions.findings import Sheet
+from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.formats.items import Item, check_take_off, items_of, read_items
 from shoal.search.missions.formats.numbers import Number, degrees, dump_json, load_json, raw
 from shoal.search.missions.mission import Mission

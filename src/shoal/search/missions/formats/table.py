@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from shoal.search.missions.findings import Sheet, decimals_of
+from shoal.search.missions.diagnostics import Sheet, decimals_of
 from shoal.search.missions.formats.attributes import NAMES, attributes_of, take_attributes
 from shoal.search.missions.formats.numbers import degrees, plain
 from shoal.search.missions.mission import Mission

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from shoal.search.missions.findings import Sheet, decimals_of
+from shoal.search.missions.diagnostics import Sheet, decimals_of
 from shoal.search.missions.formats.items import WAYPOINT, Item, check_take_off, items_of, read_items
 from shoal.search.missions.formats.numbers import degrees, plain
 from shoal.search.missions.mission import Mission

@@ -71,7 +71,7 @@ RULES: dict[str, Rule] = {
 
 
 @dataclass(frozen=True)
-class Finding:
+class Diagnostic:
     """One mistake.
 
     Parameters
@@ -112,7 +112,7 @@ class Finding:
 
 @dataclass
 class Sheet:
-    """What a mission file says, before any of it is believed. Readers fill it; rules add findings.
+    """What a mission file says, before any of it is believed. Readers fill it; rules add diagnostics.
 
     ``points`` are (longitude, latitude), or (x, y) if not ``geographic``, whatever order the file has; ``places`` say where each
     stands. What a file does not say is None.
@@ -131,17 +131,17 @@ class Sheet:
     geographic: bool = True
     decimals: int | None = None
     n_items: int | None = None
-    findings: list[Finding] = field(default_factory=list)
+    diagnostics: list[Diagnostic] = field(default_factory=list)
 
     def add(self, rule: str, place: str, sentence: str) -> None:
         """Note a mistake."""
         assert rule in RULES
-        self.findings.append(Finding(self.file, place, rule, sentence))
+        self.diagnostics.append(Diagnostic(self.file, place, rule, sentence))
 
     @property
     def readable(self) -> bool:
         """Whether nothing found so far keeps the mission from being read."""
-        return not any(RULES[finding.rule].fatal for finding in self.findings)
+        return not any(RULES[diagnostic.rule].fatal for diagnostic in self.diagnostics)
 
 
 def decimals_of(text: str) -> int:
