@@ -79,8 +79,8 @@ def check_outcome(scenario: Scenario, outcome: Outcome) -> None:
     InvariantError
         Unless, with at least one robot that does not fail and has the energy, all cells that such ones can reach were searched,
         each such robot has declared the search complete, and that was done by the time in which each of them would have done it
-        alone, where none of them was kept waiting before a cell, is slow, had to recharge or met an obstacle. With a ``multiplicity``,
-        and as many robots that never fail or lie, each cell was searched by so many.
+        alone, where none of them was kept waiting before a cell, is slow, had to recharge or met an obstacle. With a
+        multiplicity, and as many robots that never fail or lie, each cell was searched by so many.
     """
     failing = {fault.robot for fault in scenario.faults if isinstance(fault, Crash | Pause | Slow | Battery | Liar)}
     good = [number for number in outcome.vehicles if number not in failing]
