@@ -15,8 +15,8 @@ import numpy as np
 
 from shoal.search import TourCost, allocate, make_tour
 from shoal.search.live import run_live
+from shoal.search.problem.faults import Crash
 from shoal.search.protocol.robot import Brief
-from shoal.search.simulation.faults import Crash
 
 ROBOTS, KILLED, LOSS = 12, 8, 0.3
 MARK = f"SHOAL_BENCHMARK={os.getpid()}"

@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 
-from shoal.search import TourCost, allocate, make_tour, plan_search
+from shoal.search import SearchProblem, TourCost, allocate, make_tour, plan_search
 from shoal.search.allocation.expected_time import expected_time, stay_share
 
 ALLOCATORS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
@@ -90,10 +90,10 @@ def figure_five() -> None:
 
 def plans() -> None:
     print("\nTime of a plan")
-    plan_search("square:100", robots=4, footprint=10)
+    plan_search(SearchProblem("square:100", robots=4, footprint=10))
     for name, robots, starts in (("square:32", 16, "line"), ("square:64", 20, "random"), ("square:1000", 1000, "random")):
         began = time.perf_counter()
-        plan = plan_search(name, robots=robots, footprint=1, starts=starts, seed=1)
+        plan = plan_search(SearchProblem(name, robots=robots, footprint=1, starts=starts), seed=1)
         taken = time.perf_counter() - began
         found = plan.allocation
         print(

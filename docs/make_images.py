@@ -23,8 +23,8 @@ from shoal.papers.steering.figures import antipode_errors, disk_sets, fraction_c
 from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES, sweep_goals
 from shoal.papers.steering.reachable_fraction import disk_fractions, largest_two_move_fraction, polygon_fractions
 from shoal.search import SearchProblem, make_tour
+from shoal.search.problem.faults import Crash, Pause
 from shoal.search.run import run as run_search
-from shoal.search.simulation.faults import Crash, Pause
 from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon
 from shoal.steering.run import run as steer
 from shoal.swarm.noise import Noise

@@ -14,7 +14,7 @@ from tests.browser.waiting import until
 from tests.search_episodes import search
 
 from shoal.search import SearchEpisode, region_of
-from shoal.search.simulation.faults import Crash, Liar, Pause
+from shoal.search.problem.faults import Crash, Liar, Pause
 from shoal.views.player import render
 from shoal.views.search.history import SearchHistory
 from shoal.views.search.page import page_data, player_page

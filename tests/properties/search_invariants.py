@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import inf
 
-from shoal.search.simulation.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
+from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.search.simulation.world import Outcome, Scenario, World
 from shoal.search.tours.bitset import at_least
 

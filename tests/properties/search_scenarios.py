@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.cells.distances import CellDistances
+from shoal.search.problem.faults import Battery, Crash, Fault, Liar, Pause, Slow, WrongPosition
+from shoal.search.problem.network import Network, network_of
 from shoal.search.protocol.robot import Brief
-from shoal.search.simulation.faults import Battery, Crash, Fault, Liar, Pause, Slow, WrongPosition
-from shoal.search.simulation.network import Network, network_of
 from shoal.search.simulation.world import Scenario
 from shoal.search.tours import make_tour
 

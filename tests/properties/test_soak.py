@@ -12,9 +12,9 @@ import pytest
 from tests.properties.search_invariants import Checker, InvariantError, check_outcome
 from tests.properties.search_scenarios import random_scenario
 
+from shoal.search.problem.faults import Crash, Liar, Pause
 from shoal.search.protocol import robot as robots
 from shoal.search.simulation import world as worlds
-from shoal.search.simulation.faults import Crash, Liar, Pause
 from shoal.search.simulation.world import World
 
 SEARCHES = int(os.environ.get("SHOAL_SOAK", "2000"))

@@ -60,7 +60,7 @@ def test_individual_shift_is_the_best_of_all():
         assert found.makespan <= best + 1e-6  # less where a straight way is shorter than the tour
 
 
-@pytest.mark.parametrize(("method", "slack"), [("hop", 1.0), ("two-way", 2.0)])
+@pytest.mark.parametrize(("allocator", "slack"), [("hop", 1.0), ("two-way", 2.0)])
 def test_hop_and_two_way_come_near_the_best_of_all(allocator, slack):
     excess = []
     for tour_cost, starts, m in instances(3, 30):

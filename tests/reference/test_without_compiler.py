@@ -135,9 +135,9 @@ for number in range(12):
     m = 1 + number % 4
     starts = rng.integers(0, len(tour), size=m)
     rates = rng.uniform(0.5, 2, size=m) if number % 3 == 0 else None
-    for method in ("stay", "common-shift", "individual-shift", "two-way", "hop"):
-        found = allocate(tour, starts, method=method, rates=rates)
-        print(number, method, found.sweeps, found.times.round(6).tolist())
+    for allocator in ("stay", "common-shift", "individual-shift", "two-way", "hop"):
+        found = allocate(tour, starts, allocator=allocator, rates=rates)
+        print(number, allocator, found.arcs, found.times.round(6).tolist())
 """
 
 

@@ -12,7 +12,7 @@ from shoal.cli import options
 from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, say, write_films
 from shoal.cli.problem_options import takes_problem
 from shoal.search.problem import SearchProblem
-from shoal.search.simulation.faults import Crash
+from shoal.search.problem.faults import Crash
 
 if TYPE_CHECKING:
     from shoal.search import SearchEpisode

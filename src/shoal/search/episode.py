@@ -11,94 +11,23 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from shoal.checks import check_bool, check_integer, check_number, parse_json, read_text, shortened
 from shoal.episode import Episode, Status, Verification
 from shoal.errors import InvalidInputError
 from shoal.files import write_json
-from shoal.search.allocation.plan import SearchPlan, plan_search, read_points
+from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.cells.routing import Route
 from shoal.search.problem import SearchProblem
-from shoal.search.protocol.robot import Brief
+from shoal.search.problem.faults import Liar
 from shoal.search.regions.coverage import Coverage, coverage_check
-from shoal.search.simulation.faults import Crash, Fault, Liar
 from shoal.search.simulation.findings import Finding, merge_findings
-from shoal.search.simulation.network import network_of
-from shoal.search.simulation.scenario import Scenario
+from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import Trace, planned_trace, simulated_trace
 from shoal.search.tours.bitset import bits_of, bits_to_array
 
 FORMAT: Literal[2] = 2
-
-
-def prepare(problem: SearchProblem, seed: int) -> tuple[SearchPlan, Scenario]:
-    """Return the plan of a problem, and the scenario: lengths in sides of a cell instead of metres, times in that of a cell.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
-        For what no robots could do at the place.
-    """
-    problem.check_at_place()
-    plan = plan_search(
-        problem.place,
-        robots=problem.robots,
-        footprint=problem.footprint,
-        starts=problem.starts,
-        tour=problem.chosen_tour,
-        allocation=problem.chosen_allocation,
-        turn_cost=problem.turn_cost,
-        rates=problem.rates,
-        transit=problem.transit,
-        stepwise=problem.stepwise,
-        seed=seed,
-    )
-    size = plan.grid.size
-    brief = Brief(
-        plan.tour_cost,
-        plan.allocation.allocator,
-        multiplicity=problem.multiplicity,
-        energy=inf if problem.energy is None else problem.energy / size,
-        recharge=problem.recharge * problem.speed / size,
-    )
-    free = np.setdiff1d(np.arange(len(plan.tour_cost)), plan.starts)
-    scenario = Scenario(
-        brief,
-        tuple(int(start) for start in plan.starts),
-        tuple(float(rate) for rate in plan.rates),
-        network=network_of(problem.network, loss=problem.loss),
-        faults=problem.faults + _crashes(problem, plan, seed),
-        targets=_cells_of(plan, problem.targets, "targets", np.arange(len(plan.tour_cost)), [seed, 1]),
-        detection=problem.detection,
-        false_alarm=problem.false_alarm,
-        obstacles=_cells_of(plan, problem.obstacles, "obstacles", free, [seed, 2]),
-        widths=tuple(int(width) for width in plan.widths),
-        seed=seed,
-    )
-    return plan, scenario
-
-
-def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault, ...]:
-    """Return random crashes: of different robots, at times up to twice that of an equal share of the cells."""
-    rng = np.random.default_rng([seed, 2])
-    dead = rng.choice(problem.robots, size=problem.crashes, replace=False) + 1
-    cells_each = plan.grid.region.area_m2 / plan.grid.footprint**2 / problem.robots
-    return tuple(Crash(int(robot), float(rng.uniform(0, 2 * cells_each))) for robot in np.sort(dead))
-
-
-def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64], seed: list[int]) -> tuple[int, ...]:
-    """Return the numbers on the tour of cells given as a number of random ones, as points, or as a file of points."""
-    if isinstance(given, int):
-        if given > len(allowed):
-            where = "one a cell" if what == "targets" else "none where a robot starts"
-            raise InvalidInputError(f"{what}: expected a number from 0 to {len(allowed)}, {where}, got {given}")
-        chosen = np.random.default_rng(seed).choice(allowed, size=given, replace=False)
-        return tuple(sorted(int(cell) for cell in chosen))
-    region = plan.grid.region
-    points: ArrayLike = read_points(Path(given), region, what=what) if isinstance(given, str) else given
-    inside = region.check_inside(points, what=given if isinstance(given, str) else what)
-    return tuple(sorted({int(number) for number in plan.tour.position[tuple(plan.grid.cell_of(inside).T)]}))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -365,11 +294,11 @@ class SearchEpisode(Episode):
         try:
             seed = check_integer(told["seed"], what="seed", least=0)
             problem = SearchProblem.from_dict(told["problem"])
-            plan, scenario = prepare(problem, seed)
+            plan = plan_search(problem, seed=seed)
             return cls(
                 problem=problem,
                 plan=plan,
-                scenario=scenario,
+                scenario=scenario_of(problem, plan, seed),
                 trace=Trace.from_dict(told["trace"], robots=problem.robots, cells=len(plan.tour_cost)),
                 simulated=check_bool(told["simulated"], what="simulated"),
                 seed=seed,

@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from math import inf
 
-from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
-from shoal.search.episode import SearchEpisode, prepare
+from shoal.search.allocation.plan import plan_search
+from shoal.search.episode import SearchEpisode
 from shoal.search.live.trace import live_trace
 from shoal.search.problem import SearchProblem
+from shoal.search.simulation.scenario import scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
 from shoal.version import versions
 
@@ -38,8 +39,8 @@ def run(problem: SearchProblem, *, seed: int = 0) -> SearchEpisode:
     (<Status.COMPLETE: 'complete'>, 1.0)
     """
     began = time.perf_counter()
-    seed = check_integer(seed, what="seed", least=0)
-    plan, scenario = prepare(problem, seed)
+    plan = plan_search(problem, seed=seed)
+    scenario = scenario_of(problem, plan, seed)
     brief, cells, robots = scenario.brief, len(plan.tour_cost), problem.robots
     simulated = problem.live is None and (cells * robots <= SIMULATED if problem.simulate is None else problem.simulate)
     if problem.live is not None:

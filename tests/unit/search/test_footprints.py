@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from tests.properties.search_invariants import Checker, InvariantError
 from tests.properties.search_scenarios import random_scenario
-from tests.search_episodes import search
+from tests.search_episodes import planned, search
 
 from shoal.cli import run
 from shoal.errors import InvalidInputError
-from shoal.search import SearchEpisode, TourCost, cells_of, coverage_check, make_tour, open_region, plan_search
+from shoal.search import SearchEpisode, TourCost, cells_of, coverage_check, make_tour, open_region
 from shoal.search.allocation.viewpoint_selection import gain_of, select_viewpoints
 from shoal.search.cells.footprint import MaskFootprint, RegionFootprint, cell_side, widths_of
 from shoal.search.missions import check_missions
+from shoal.search.problem.faults import Crash, Liar
 from shoal.search.protocol.messages import Beacon, Heartbeat, decode, encode
-from shoal.search.simulation.faults import Crash, Liar
 from shoal.search.simulation.world import World
 from shoal.search.tours.bitset import at_least, bits_of
 
@@ -42,7 +42,7 @@ def test_a_robot_that_claims_what_it_does_not_see_is_found(monkeypatch):
 
 def test_what_is_behind_a_wall_is_not_seen():
     walled = open_region("rectangle:50x50", no_go=[[(19, 0), (21, 0), (21, 45), (19, 45)]])
-    plan = plan_search(walled, robots=1, footprint=10)
+    plan = planned(walled, robots=1, footprint=10)
     footprint = RegionFootprint(plan.grid, plan.tour)
     middle, beyond = (int(plan.tour.position[3, col]) for col in (1, 2))
     seen = footprint.seen(middle, 3).tolist()
@@ -64,7 +64,7 @@ def test_in_a_ring_the_cells_on_a_curved_border_are_seen_from_beside():
 @pytest.mark.parametrize("tour", ["spanning-tree", "hilbert-rectangle"])
 def test_from_where_robots_stop_everything_is_seen(region, tour):
     """The independent check, with each robot's own footprint, and only from its stops: nothing on the way counts."""
-    plan = plan_search(region, robots=3, footprint=TEAM, tour=tour, seed=2)
+    plan = planned(region, robots=3, footprint=TEAM, tour=tour, seed=2)
     index = plan.grid.ordinals(plan.tour.cells)
     places, sides = [], []
     for robot, side in enumerate(TEAM):

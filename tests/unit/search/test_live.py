@@ -23,15 +23,15 @@ from shoal.search.cells.distances import CellDistances
 from shoal.search.live import LiveEvent, LiveOutcome, cell_locks, process, process_pool, radio, run_live, supervisor
 from shoal.search.live.outcome import covered_share, searched_by
 from shoal.search.live.vehicle import Vehicle
+from shoal.search.problem.faults import Crash, Pause
 from shoal.search.protocol.events import Begin, Declare, Heard, Wake
 from shoal.search.protocol.messages import Beacon, Heartbeat, decode, encode
 from shoal.search.protocol.robot import Brief, Robot, advance
-from shoal.search.simulation.faults import Crash, Pause
 
 
 def brief_of(rows: int, columns: int, **options: object) -> Brief:
     """Return a brief that needs nothing compiled: the processes are ready sooner."""
-    return Brief(TourCost(make_tour("hilbert-rectangle", (rows, columns))), **{"method": "stay", **options})
+    return Brief(TourCost(make_tour("hilbert-rectangle", (rows, columns))), **{"allocator": "stay", **options})
 
 
 def left_over(ids: list[int]) -> list[int]:

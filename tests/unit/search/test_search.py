@@ -10,18 +10,18 @@ import pytest
 import shapely
 from numpy.testing import assert_array_equal
 from tests.properties.search_invariants import Checker, check_outcome
-from tests.search_episodes import search
+from tests.search_episodes import planned, search
 
 from shoal.errors import InvalidInputError, UnknownNameError
-from shoal.search import Arc, SearchEpisode, TourCost, allocate, make_tour, open_region, plan_search
+from shoal.search import Arc, SearchEpisode, TourCost, allocate, make_tour, open_region
 from shoal.search.allocation.partition import cost_of_all
 from shoal.search.cells.distances import CellDistances
 from shoal.search.live.trace import takeovers_of
+from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, check_faults
+from shoal.search.problem.network import Network, network_of
 from shoal.search.protocol.events import Begin, Blocked, Declare, Go, Heard, Send, Sensed, Wake, WakeAt
 from shoal.search.protocol.messages import Beacon, Heartbeat, decode, encode
 from shoal.search.protocol.robot import Brief, Robot, advance
-from shoal.search.simulation.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, check_faults
-from shoal.search.simulation.network import Network, network_of
 from shoal.search.simulation.trace import RobotLog
 from shoal.search.simulation.world import Scenario, World
 from shoal.search.tours.bitset import at_least, cells_of, next_in, run, runs, turned
@@ -37,7 +37,7 @@ def searched(allocation, n):
     return seen
 
 
-@pytest.mark.parametrize("method", ALLOCATORS)
+@pytest.mark.parametrize("allocator", ALLOCATORS)
 @pytest.mark.parametrize("layout", ["random", "clustered", "line", "one cell", "unequal"])
 def test_every_cell_is_allotted_once(allocator, layout):
     rng = np.random.default_rng(3)
@@ -73,7 +73,7 @@ def test_allocations_get_better():
     assert mean["hop"] < 0.064 + 0.003  # the specification's
 
 
-@pytest.mark.parametrize("method", ALLOCATORS)
+@pytest.mark.parametrize("allocator", ALLOCATORS)
 def test_more_robots_than_cells(allocator):
     rng = np.random.default_rng(22)
     for _ in range(60):
@@ -141,10 +141,10 @@ def test_turns_cost():
         (lambda c: network_of(loss=1.5), "loss: expected a probability"),
         (lambda c: search("square:100", robots=2, faults="crash:3@1"), "faults: expected a robot from 1 to 2"),
         (lambda c: check_faults(["crash:1@x"]), "faults: expected crash:ROBOT@TIME, got 'crash:1@x'"),
-        (lambda c: plan_search("square:100", robots=0, footprint=10), "robots: expected a whole number"),
-        (lambda c: plan_search("square:100", robots=2, footprint=10, starts=[(0, 0)]), "starts: expected 2 points"),
-        (lambda c: plan_search("square:100", robots=1, footprint=10, starts=[(999, 0)]), "starts"),
-        (lambda c: plan_search("square:100", robots=1, footprint=10, starts="no.csv"), "no.csv: expected a table of starts file"),
+        (lambda c: planned("square:100", robots=0, footprint=10), "robots: expected a whole number"),
+        (lambda c: planned("square:100", robots=2, footprint=10, starts=[(0, 0)]), "starts: expected 2 points"),
+        (lambda c: planned("square:100", robots=1, footprint=10, starts=[(999, 0)]), "starts"),
+        (lambda c: planned("square:100", robots=1, footprint=10, starts="no.csv"), "no.csv: expected a table of starts file"),
         (
             lambda c: search("square:100", robots=1, footprint=10, multiplicity=0),
             "multiplicity: expected a whole number, 1 or more",
@@ -298,7 +298,7 @@ def test_parts_of_a_region_need_robots_that_fly():
 
     region = region_of(union_all([box(0, 0, 50, 50), box(100, 0, 150, 50)]))
     with pytest.raises(InvalidInputError, match="expected one part"):
-        plan_search(region, robots=2, footprint=10)
+        planned(region, robots=2, footprint=10)
     episode = search(region, robots=2, footprint=10, transit=True, seed=1)
     assert episode
     assert episode.coverage.covered_fraction == pytest.approx(1.0)
@@ -307,15 +307,15 @@ def test_parts_of_a_region_need_robots_that_fly():
 def test_starts_from_a_file(tmp_path):
     table = tmp_path / "starts.csv"
     table.write_text("x,y\n20,20\n 20 , 80\n")
-    plan = plan_search("square:100", robots=2, footprint=10, starts=table)
+    plan = planned("square:100", robots=2, footprint=10, starts=table)
     assert plan.places.tolist() == [[20, 20], [20, 80]]
     table.write_text("x,y\n1,2\n3\n")
     with pytest.raises(InvalidInputError, match=r"starts.csv, line 3: expected two numbers, got '3'"):
-        plan_search("square:100", robots=2, footprint=10, starts=table)
+        planned("square:100", robots=2, footprint=10, starts=table)
 
 
 def test_a_plan_without_a_simulation():
-    plan = plan_search("square:300", robots=5, footprint=10, seed=4, turn_cost=0.5)
+    plan = planned("square:300", robots=5, footprint=10, seed=4, turn_cost=0.5)
     one = search("square:300", robots=5, footprint=10, seed=4, turn_cost=0.5, simulate=False)
     assert not one.simulated
     assert one.trace.covered_at == plan.allocation.makespan
@@ -427,7 +427,7 @@ def test_no_way_home_leads_through_obstacles(seed):
 
 def test_parts_are_shared_by_the_ways_that_robots_go():
     yard = open_region("rectangle:200x100", no_go=[[(99, 0), (101, 0), (101, 90), (99, 90)]])
-    plan = plan_search(yard, robots=6, footprint=10, starts="clustered", seed=1)
+    plan = planned(yard, robots=6, footprint=10, starts="clustered", seed=1)
     straight = TourCost(plan.tour, plan.tour_cost.points, steps=plan.tour_cost.steps, distances=plan.tour_cost.distances)
     found = {}
     for tour_cost in (plan.tour_cost, straight):
@@ -452,7 +452,7 @@ def test_two_robots_share_the_part_of_a_dead_one():
 
 
 def test_ways_round_a_hole_are_as_long_as_those_that_robots_take():
-    plan = plan_search("ring:200x150", robots=2, footprint=10)
+    plan = planned("ring:200x150", robots=2, footprint=10)
     rng = np.random.default_rng(5)
     for here, cell in rng.integers(0, len(plan.tour_cost), size=(25, 2)).tolist():
         ends = plan.tour_cost.points[[here, cell]] * plan.grid.size

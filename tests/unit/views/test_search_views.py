@@ -14,7 +14,7 @@ from tests.search_episodes import search
 
 from shoal.errors import InvalidInputError
 from shoal.search import SearchEpisode, region_of
-from shoal.search.simulation.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
+from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.views import film
 from shoal.views.drawing.charts import save_figure
 from shoal.views.search.expected_time import expected_time_figure

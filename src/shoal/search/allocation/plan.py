@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.allocate import Allocation, Arc, allocate
 from shoal.search.allocation.arcs import numbers_of
@@ -22,11 +22,11 @@ from shoal.search.cells.distances import CellDistances, Distances, RegionDistanc
 from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.routing import RegionPaths, Route
-from shoal.search.regions.builder import open_region
+from shoal.search.problem import SearchProblem
 from shoal.search.regions.coverage import check_footprints
 from shoal.search.regions.formats.text import check_file, read_text
 from shoal.search.regions.region import SearchRegion
-from shoal.search.tours import Tour, TourMaker, make_tour
+from shoal.search.tours import Tour, make_tour
 
 Points = NDArray[np.float64]
 LAYOUTS = ("random", "clustered", "line")
@@ -124,94 +124,43 @@ class SearchPlan:
         return self.paths.legs(np.concatenate(stops))
 
 
-def plan_search(
-    region: SearchRegion | str | os.PathLike[str],
-    *,
-    robots: int,
-    footprint: ArrayLike,
-    starts: str | ArrayLike | os.PathLike[str] = "random",
-    tour: str | TourMaker = "spanning-tree",
-    allocation: str = "hop",
-    turn_cost: float = 0.0,
-    rates: ArrayLike | None = None,
-    transit: bool = False,
-    stepwise: bool = False,
-    seed: int = 0,
-) -> SearchPlan:
+def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     """Plan a search.
 
     Parameters
     ----------
-    region : SearchRegion, str or path
-        As `open_region` takes it.
-    robots : int
-    footprint : float, or array_like of float, shape (robots,)
-        Side of the square that a robot sees, metres; where they differ, one a robot. Then cells are those of the smallest, or
-        smaller if so all together see more a second (`cell_side`), and a footprint counts as the largest odd number of cells that
-        it holds.
-    starts : str, path or array_like of float, shape (robots, 2)
-        "random", "clustered", "line" (along the western border), points in metres, or a CSV file of points: x and y in metres, or
-        longitude and latitude for a region on the earth.
-    tour : str or TourMaker
-    allocation : str
-        See `allocate`.
-    turn_cost : float
-        What a turn costs, in cells.
-    rates : array_like of float, shape (robots,), optional
-        Speeds of the robots, as multiples of the common one.
-    transit : bool
-        Whether ways may lead from one part of the region to another, outside, for robots that fly.
-    stepwise : bool
-        Whether robots go from cell to cell, as they must where they may come upon obstacles, instead of straight.
+    problem : SearchProblem
+        Where footprints differ, cells are those of the smallest, or smaller if so all robots together see more a second
+        (`cell_side`), and a footprint counts as the largest odd number of cells that it holds.
     seed : int
-        For starts.
+        For random starts.
 
     Raises
     ------
-    InvalidInputError
-        For a region of several parts without ``transit``, besides what its parts refuse.
-    UnknownNameError
+    InvalidInputError, UnknownNameError
+        For what no robots could do at the place.
 
     Examples
     --------
-    >>> plan = plan_search("square:100", robots=4, footprint=10, seed=1)
+    >>> plan = plan_search(SearchProblem("square:100", robots=4, footprint=10), seed=1)
     >>> len(plan.tour_cost), plan.allocation.lower_bound
     (100, 25.0)
     """
-    if isinstance(robots, bool) or not isinstance(robots, int | np.integer) or robots < 1:
-        raise InvalidInputError(f"robots: expected a whole number, 1 or more, got {robots!r}")
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InvalidInputError(f"seed: expected a whole number, 0 or more, got {seed!r}")
-    area = region if isinstance(region, SearchRegion) else open_region(region)
-    footprints = check_footprints(footprint, robots)
-    speeds = _rates(rates, robots)
-    side = cell_side(footprints, speeds)
-    grid = cells_of(area, side)
-    if len(area.parts) > 1 and not transit:
-        raise InvalidInputError(
-            f"region {area.name!r}: expected one part, as robots stay inside, got {len(area.parts)}; allow transit for robots that "
-            "may cross what lies between, or search each part by itself"
-        )
-    made = make_tour(tour, grid.mask)
-    if stepwise and len(area.parts) > 1:
-        raise InvalidInputError(f"obstacles: expected a region of one part, as robots go round them, got {len(area.parts)}")
-    tour_cost = _tour_cost(made, RegionPaths(grid, transit=transit), turn_cost, stepwise=stepwise)
-    places = start_points(grid, starts, robots, np.random.default_rng(seed))
-    numbers = made.position[tuple(grid.cell_of(places).T)]
+    seed = check_integer(seed, what="seed", least=0)
+    problem.check_at_place()
+    robots = problem.robots
+    footprints = check_footprints(problem.footprint, robots)
+    speeds = np.ones(robots) if problem.rates is None else np.array(problem.rates)
+    grid = cells_of(problem.place, cell_side(footprints, speeds))
+    tour = make_tour(problem.chosen_tour, grid.mask)
+    paths = RegionPaths(grid, transit=problem.transit)
+    tour_cost = _tour_cost(tour, paths, problem.turn_cost, stepwise=problem.stepwise)
+    places = start_points(grid, problem.starts, robots, np.random.default_rng(seed))
+    numbers = tour.position[tuple(grid.cell_of(places).T)]
     widths = widths_of(footprints, grid.size)
-    given = allocate(tour_cost, numbers, allocator=allocation, rates=speeds, places=places / grid.size, widths=widths)
-    return SearchPlan(grid, tour_cost, places, numbers, speeds, given, footprints, transit)
-
-
-def _rates(rates: ArrayLike | None, robots: int) -> NDArray[np.float64]:
-    """Return the speeds of robots."""
-    try:
-        speeds = np.ones(robots) if rates is None else np.asarray(rates, dtype=np.float64)
-    except (TypeError, ValueError):
-        speeds = np.zeros(0)
-    if speeds.shape != (robots,) or not (np.isfinite(speeds) & (speeds > 0)).all():
-        raise InvalidInputError(f"rates: expected {robots} speeds above 0, got {rates!r:.200}")
-    return speeds
+    allocator, middles = problem.chosen_allocation, places / grid.size
+    given = allocate(tour_cost, numbers, allocator=allocator, rates=speeds, places=middles, widths=widths)
+    return SearchPlan(grid, tour_cost, places, numbers, speeds, given, footprints, problem.transit)
 
 
 def _tour_cost(tour: Tour, paths: RegionPaths, turn_cost: float, *, stepwise: bool) -> TourCost:
@@ -243,28 +192,25 @@ def _is_convex(area: Any) -> bool:
     return bool(area.convex_hull.area - area.area <= _HOLLOW * area.area)
 
 
-def start_points(grid: CellGrid, starts: str | ArrayLike | os.PathLike[str], robots: int, rng: Generator) -> Points:
-    """Return where robots start, metres; float64, shape (robots, 2); see `plan_search`."""
-    if isinstance(starts, str | os.PathLike) and str(starts) not in LAYOUTS:
-        return grid.region.check_inside(read_points(Path(starts), grid.region, what="starts", count=robots), what=str(starts))
-    if not isinstance(starts, str | os.PathLike):
-        points = grid.region.check_inside(starts, what="starts")
-        if len(points) != robots:
-            raise InvalidInputError(f"starts: expected {robots} points, one a robot, got {len(points)}")
-        return points
-    viewpoints_in = grid.waypoints()
+def start_points(grid: CellGrid, starts: str | ArrayLike, robots: int, rng: Generator) -> Points:
+    """Return where robots start, metres; float64, shape (robots, 2); see `SearchProblem`."""
+    if not isinstance(starts, str):
+        return grid.region.check_inside(starts, what="starts")
+    if starts not in LAYOUTS:
+        return grid.region.check_inside(read_points(Path(starts), grid.region, what="starts", count=robots), what=starts)
+    middles = grid.waypoints()
     if starts == "random":
-        return np.asarray(viewpoints_in[rng.integers(0, len(viewpoints_in), size=robots)])
+        return np.asarray(middles[rng.integers(0, len(middles), size=robots)])
     if starts == "clustered":
-        middle = viewpoints_in[rng.integers(len(viewpoints_in))]
-        spread = max(_CLUSTER * max(np.ptp(viewpoints_in, axis=0)), grid.size)
+        middle = middles[rng.integers(len(middles))]
+        spread = max(_CLUSTER * max(np.ptp(middles, axis=0)), grid.size)
         wanted = middle + rng.normal(0, spread, size=(robots, 2))
     else:
-        low, high = viewpoints_in.min(axis=0), viewpoints_in.max(axis=0)
+        low, high = middles.min(axis=0), middles.max(axis=0)
         wanted = np.column_stack([np.full(robots, low[0]), np.linspace(low[1], high[1], robots)])
     import shapely
 
-    return np.asarray(viewpoints_in[shapely.STRtree(shapely.points(viewpoints_in)).nearest(shapely.points(wanted))])
+    return np.asarray(middles[shapely.STRtree(shapely.points(middles)).nearest(shapely.points(wanted))])
 
 
 def read_points(path: Path, region: SearchRegion, *, what: str, count: int | None = None) -> Points:

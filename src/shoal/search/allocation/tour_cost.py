@@ -69,7 +69,7 @@ class TourCost:
         if self.stepwise:
             steps = np.maximum(steps, self._lengths())
         if self.footprint is None:
-            object.__setattr__(self, "sight", MaskFootprint(self.tour))
+            object.__setattr__(self, "footprint", MaskFootprint(self.tour))
         object.__setattr__(self, "points", given)
         object.__setattr__(self, "steps", steps.astype(np.float64))
 

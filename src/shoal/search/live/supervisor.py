@@ -15,10 +15,10 @@ from shoal.search.live.outcome import LiveEvent, LiveOutcome, covered_share
 from shoal.search.live.process_pool import Member, ProcessPool, Report
 from shoal.search.live.radio import LARGEST, Channel, reserve
 from shoal.search.live.task import LiveTask
+from shoal.search.problem.faults import Crash
+from shoal.search.problem.network import network_of
 from shoal.search.protocol.messages import Beacon, Heartbeat, encode
 from shoal.search.protocol.robot import Brief
-from shoal.search.simulation.faults import Crash
-from shoal.search.simulation.network import network_of
 from shoal.search.simulation.world import Scenario
 
 _STARTUP = 120.0  # seconds

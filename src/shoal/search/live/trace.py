@@ -12,7 +12,7 @@ from shoal.errors import InvalidInputError
 from shoal.search.allocation.partition import partition
 from shoal.search.live.outcome import LiveEvent
 from shoal.search.live.supervisor import run_live
-from shoal.search.simulation.faults import Crash
+from shoal.search.problem.faults import Crash
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.trace import RobotLog, Trace
 from shoal.search.tours.bitset import bits_of

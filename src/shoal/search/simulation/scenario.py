@@ -6,16 +6,21 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from math import inf
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
+from shoal.search.allocation.plan import SearchPlan, read_points
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.cells.distances import CellDistances
 from shoal.search.cells.footprint import check_widths
+from shoal.search.problem import SearchProblem
+from shoal.search.problem.faults import Crash, Fault, WrongPosition
+from shoal.search.problem.network import Network, network_of
 from shoal.search.protocol.robot import Brief
-from shoal.search.simulation.faults import Fault, WrongPosition
-from shoal.search.simulation.network import Network
 from shoal.search.tours.bitset import bits_of
 
 
@@ -123,3 +128,51 @@ class Scenario:
         if not isinstance(distances, CellDistances):
             return self.brief.everything
         return distances.reach(self.starts[number - 1], self.blocked)
+
+
+def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario:
+    """Return the scenario of a plan: lengths in sides of a cell instead of metres, times in that of a cell."""
+    size = plan.grid.size
+    brief = Brief(
+        plan.tour_cost,
+        plan.allocation.allocator,
+        multiplicity=problem.multiplicity,
+        energy=inf if problem.energy is None else problem.energy / size,
+        recharge=problem.recharge * problem.speed / size,
+    )
+    cells = np.arange(len(plan.tour_cost))
+    return Scenario(
+        brief,
+        tuple(plan.starts.tolist()),
+        tuple(plan.rates.tolist()),
+        network=network_of(problem.network, loss=problem.loss),
+        faults=problem.faults + _crashes(problem, plan, seed),
+        targets=_cells_of(plan, problem.targets, "targets", cells, [seed, 1]),
+        detection=problem.detection,
+        false_alarm=problem.false_alarm,
+        obstacles=_cells_of(plan, problem.obstacles, "obstacles", np.setdiff1d(cells, plan.starts), [seed, 2]),
+        widths=tuple(plan.widths.tolist()),
+        seed=seed,
+    )
+
+
+def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault, ...]:
+    """Return random crashes: of different robots, at times up to twice that of an equal share of the cells."""
+    rng = np.random.default_rng([seed, 2])
+    dead = rng.choice(problem.robots, size=problem.crashes, replace=False) + 1
+    cells_each = plan.grid.region.area_m2 / plan.grid.footprint**2 / problem.robots
+    return tuple(Crash(int(robot), float(rng.uniform(0, 2 * cells_each))) for robot in np.sort(dead))
+
+
+def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64], seed: list[int]) -> tuple[int, ...]:
+    """Return the numbers on the tour of cells given as a number of random ones, as points, or as a file of points."""
+    if isinstance(given, int):
+        if given > len(allowed):
+            where = "one a cell" if what == "targets" else "none where a robot starts"
+            raise InvalidInputError(f"{what}: expected a number from 0 to {len(allowed)}, {where}, got {given}")
+        chosen = np.random.default_rng(seed).choice(allowed, size=given, replace=False)
+        return tuple(sorted(int(cell) for cell in chosen))
+    region = plan.grid.region
+    points = read_points(Path(given), region, what=what) if isinstance(given, str) else given
+    inside = region.check_inside(points, what=given if isinstance(given, str) else what)
+    return tuple(sorted({int(number) for number in plan.tour.position[tuple(plan.grid.cell_of(inside).T)]}))

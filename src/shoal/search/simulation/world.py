@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from shoal.errors import InvalidInputError
+from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
+from shoal.search.problem.network import Link, damage
 from shoal.search.protocol.events import (
     Action,
     Begin,
@@ -32,8 +34,6 @@ from shoal.search.protocol.events import (
 from shoal.search.protocol.inference import is_live, step_cost
 from shoal.search.protocol.messages import Beacon, decode, encode
 from shoal.search.protocol.robot import LOOK, Robot, advance
-from shoal.search.simulation.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
-from shoal.search.simulation.network import Link, damage
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours.bitset import cells_of
 

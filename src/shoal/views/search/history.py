@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shoal.search import Arc, RobotLog, Route, SearchEpisode
 from shoal.search.allocation.partition import partition
-from shoal.search.simulation.faults import Liar, Slow, WrongPosition
+from shoal.search.problem.faults import Liar, Slow, WrongPosition
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]

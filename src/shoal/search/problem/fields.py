@@ -1,0 +1,156 @@
+"""How the fields of a search are read from the command line, checked, and written as JSON."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from shoal.checks import check_integer, check_number, check_points, check_text, shortened
+from shoal.errors import InvalidInputError
+from shoal.search.problem.faults import Fault, fault_text
+from shoal.search.problem.network import network_of
+from shoal.search.regions.projection import LocalFrame
+from shoal.search.regions.region import SearchRegion, region_of
+
+
+def check_region(value: Any) -> str | SearchRegion:
+    """Return the name or path of a region, or the opened one; one that `dump_region` wrote is opened."""
+    if isinstance(value, SearchRegion):
+        return value
+    if isinstance(value, dict):
+        return _region_from(value)
+    return check_path(value, "region", "a name, the path of a file or a SearchRegion")
+
+
+def check_path(value: Any, what: str, expected: str) -> str:
+    """Return a path, or a name, as text."""
+    path = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if not isinstance(path, str) or not path:
+        raise InvalidInputError(f"{what}: expected {expected}, got {shortened(value)}")
+    return path
+
+
+def _region_from(data: dict[str, Any]) -> SearchRegion:
+    """Return the region that `dump_region` wrote."""
+    if set(data) != {"name", "area", "frame"}:
+        raise InvalidInputError(f"region: expected name, area and frame, got {shortened(sorted(data))}")
+    frame = data["frame"]
+    if frame is not None and (not isinstance(frame, list | tuple) or len(frame) != 2):
+        raise InvalidInputError(f"region: frame: expected longitude and latitude, got {shortened(frame)}")
+    area = _polygon_from(check_text(data["area"], what="region: area"), "region")
+    return region_of(area, frame=None if frame is None else LocalFrame(*frame), name=check_text(data["name"], what="region: name"))
+
+
+def _polygon_from(text: str, what: str) -> Any:
+    import shapely
+
+    try:
+        return shapely.from_wkt(text)
+    except shapely.errors.ShapelyError:
+        raise InvalidInputError(f"{what}: expected well-known text of a polygon, got something else") from None
+
+
+def dump_region(value: str | SearchRegion) -> Any:
+    """Return a region as JSON holds it: by name, or as well-known text with its place on Earth."""
+    if isinstance(value, str):
+        return value
+    import shapely
+
+    frame = None if value.frame is None else [value.frame.longitude, value.frame.latitude]
+    return {"name": value.name, "area": shapely.to_wkt(value.area, rounding_precision=-1), "frame": frame}
+
+
+def check_no_go(value: Any) -> tuple[Any, ...]:
+    """Return zones as files, Shapely polygons, and points as tuples."""
+    alone = isinstance(value, str | os.PathLike) or hasattr(value, "geom_type")
+    if not alone and not isinstance(value, Sequence | np.ndarray):
+        raise InvalidInputError(f"no_go: expected zones, got {shortened(value)}")
+    if not alone and len(value) and np.ndim(value[0]) == 1 and not isinstance(value[0], str | os.PathLike):
+        alone = True  # the points of one zone
+    return tuple(_check_zone(zone, k) for k, zone in enumerate([value] if alone else value, start=1))
+
+
+def _check_zone(zone: Any, number: int) -> Any:
+    what = f"no-go zone {number}"
+    if hasattr(zone, "geom_type"):
+        return zone
+    if isinstance(zone, dict) and set(zone) == {"wkt"}:
+        return _polygon_from(check_text(zone["wkt"], what=what), what)
+    if isinstance(zone, str | os.PathLike):
+        return check_path(zone, what, "a file")
+    try:
+        return _points(zone, what)
+    except InvalidInputError:
+        expected = "a file, a Shapely polygon or points of shape (n, 2)"
+        raise InvalidInputError(f"{what}: expected {expected}, got {shortened(zone)}") from None
+
+
+def dump_no_go(value: tuple[Any, ...]) -> list[Any]:
+    """Return zones as JSON holds them."""
+    import shapely
+
+    return [{"wkt": shapely.to_wkt(zone, rounding_precision=-1)} if hasattr(zone, "geom_type") else zone for zone in value]
+
+
+def _points(value: Any, what: str) -> tuple[tuple[float, float], ...]:
+    return tuple((x, y) for x, y in check_points(value, what=what, dimensions=2).tolist())
+
+
+def parse_numbers(text: str) -> float | list[float]:
+    """Return the number that a text of the command line says, or several with commas between."""
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        raise ValueError(f"expected numbers separated by commas, one a robot, got {text[:80]!r}") from None
+    return numbers[0] if len(numbers) == 1 else numbers
+
+
+def check_footprint(value: Any) -> float | tuple[float, ...]:
+    """Return the side of the square that all robots see, or one for each."""
+    if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
+        return check_positive(value, "footprint")
+    return check_number(value, what="footprint", above=0)
+
+
+def check_positive(value: Any, what: str) -> tuple[float, ...]:
+    """Return numbers above 0, one a robot."""
+    if isinstance(value, int | float | np.number):
+        value = (value,)  # of one robot
+    if not isinstance(value, list | tuple | np.ndarray):
+        raise InvalidInputError(f"{what}: expected numbers above 0, one a robot, got {shortened(value)}")
+    return tuple(check_number(one, what=what, above=0) for one in value)
+
+
+def check_starts(value: Any) -> str | tuple[tuple[float, float], ...]:
+    """Return the name of a layout, the path of a file, or points."""
+    return check_path(value, "starts", "a layout or a file") if isinstance(value, str | os.PathLike) else _points(value, "starts")
+
+
+def parse_count_or_path(text: str) -> int | str:
+    """Return the number or the path that a text of the command line says."""
+    return int(text) if text.lstrip("-").isdecimal() else text
+
+
+def check_cells_at(what: str) -> Callable[[Any], Any]:
+    """Return the check of a number of random cells, a CSV file of points, or the points themselves."""
+
+    def check(value: Any) -> Any:
+        if isinstance(value, str | os.PathLike):
+            return check_path(value, what, "a file")
+        return check_integer(value, what=what, least=0) if np.ndim(value) == 0 else _points(value, what)
+
+    return check
+
+
+def check_network(value: Any) -> str:
+    """Return the description of a network; those of a perfect one are the same."""
+    text = check_text(value, what="network")
+    return text if network_of(text).media else "perfect"
+
+
+def dump_faults(value: tuple[Fault, ...]) -> list[str]:
+    """Return faults as JSON holds them."""
+    return [fault_text(fault) for fault in value]
