@@ -132,7 +132,7 @@ def test_a_search_that_nobody_survives_fails(capsys):
         ("square:100 --robots 2 --footprint 10 --rates 1", "rates: expected 2 speeds, one a robot, got 1"),
         (
             "square:100 --robots 2 --footprint 10 --starts nowhere.csv",
-            "nowhere.csv: expected a table of starts file, got no such file",
+            "nowhere.csv: expected a table of starts, got no such file",
         ),
         ("square:100 --robots 2 --footprint 10 --missions m --vehicle dji", "--vehicle: expected one of px4, ardupilot, got 'dji'"),
         ("square:100 --robots 2 --footprint 10 --missions m --format docx", "docx"),
@@ -141,7 +141,7 @@ def test_a_search_that_nobody_survives_fails(capsys):
         ("square:100 --robots 2 --footprint 10 --allocation hope", "hop"),
         ("square:100 --robots 2 --footprint 10 --film film.avi", "film.avi"),
         ("square:100 --robots 2 --footprint 10 --seed -1", "seed: expected a whole number, 0 or more, got -1"),
-        ("square:100 --robots 2 --footprint 10 --obstacles 3.5", "3.5: expected a table of obstacles file, got no such file"),
+        ("square:100 --robots 2 --footprint 10 --obstacles 3.5", "3.5: expected a table of obstacles, got no such file"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments, words, capsys, tmp_path, monkeypatch):

@@ -144,7 +144,7 @@ def test_turns_cost():
         (lambda c: planned("square:100", robots=0, footprint=10), "robots: expected a whole number"),
         (lambda c: planned("square:100", robots=2, footprint=10, starts=[(0, 0)]), "starts: expected 2 points"),
         (lambda c: planned("square:100", robots=1, footprint=10, starts=[(999, 0)]), "starts"),
-        (lambda c: planned("square:100", robots=1, footprint=10, starts="no.csv"), "no.csv: expected a table of starts file"),
+        (lambda c: planned("square:100", robots=1, footprint=10, starts="no.csv"), "no.csv: expected a table of starts"),
         (
             lambda c: search("square:100", robots=1, footprint=10, multiplicity=0),
             "multiplicity: expected a whole number, 1 or more",

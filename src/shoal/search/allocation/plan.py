@@ -12,7 +12,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_integer
+from shoal.checks import check_integer, read_text
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.allocate import Allocation, Arc, allocate
 from shoal.search.allocation.arcs import numbers_of
@@ -24,7 +24,6 @@ from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.coverage import check_footprints
-from shoal.search.regions.formats.text import check_file, read_text
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, make_tour
 
@@ -216,8 +215,7 @@ def start_points(grid: CellGrid, starts: str | ArrayLike, robots: int, rng: Gene
 def read_points(path: Path, region: SearchRegion, *, what: str, count: int | None = None) -> Points:
     """Read points from a CSV file; a first line without numbers is a heading. Metres; float64, shape (k, 2)."""
     found: list[tuple[float, float]] = []
-    check_file(path, what=f"table of {what}")
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
+    for number, line in enumerate(read_text(path, what=f"table of {what}").splitlines(), start=1):
         words = [word.strip() for word in line.replace(";", ",").split(",")]
         if not line.strip() or line.lstrip().startswith("#"):
             continue

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from shoal.search.regions.formats.xml_tree import Element, XmlError, parse_xml
 from shoal.search.regions.outline_checks import Points
 
 Severity = Literal["error", "warning"]
@@ -142,6 +143,15 @@ class Sheet:
     def readable(self) -> bool:
         """Whether nothing found so far keeps the mission from being read."""
         return not any(RULES[diagnostic.rule].fatal for diagnostic in self.diagnostics)
+
+
+def parse_root(text: str, root: str, sheet: Sheet) -> Element | None:
+    """Return the root of an XML text; note what is wrong and return None if it is not what was expected."""
+    try:
+        return parse_xml(text, root=root)
+    except XmlError as error:
+        sheet.add("wrong-value" if error.readable else "unreadable", f"line {error.line}", str(error))
+        return None
 
 
 def decimals_of(text: str) -> int:

@@ -256,3 +256,14 @@ def outlines_of(shape: Any, where: str, *, no_go: bool = False) -> list[Outline]
         holes = tuple(Ring(shapely.get_coordinates(ring), f"{place}, hole {k + 1}") for k, ring in enumerate(part.interiors))
         found.append(Outline(Ring(shapely.get_coordinates(part.exterior), place), holes, no_go))
     return found
+
+
+def is_true(value: Any) -> bool:
+    """Tell whether an attribute of a feature says yes.
+
+    Examples
+    --------
+    >>> [is_true(value) for value in (True, 1, "yes", " TRUE ", False, 0, "0", "", None)]
+    [True, True, True, True, False, False, False, False, False]
+    """
+    return str(value).strip().lower() in {"true", "1", "1.0", "yes"}

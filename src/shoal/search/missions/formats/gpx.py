@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from shoal.search.missions.diagnostics import Sheet, decimals_of
+from shoal.search.missions.diagnostics import Sheet, decimals_of, parse_root
 from shoal.search.missions.formats.attributes import attributes_of, take_attributes
-from shoal.search.missions.formats.markup import Element, parse
 from shoal.search.missions.formats.numbers import degrees, plain
 from shoal.search.missions.mission import Mission
+from shoal.search.regions.formats.xml_tree import Element
 
 SUFFIX = ".gpx"
 
@@ -40,7 +40,7 @@ def _place(longitude: float, latitude: float) -> str:
 
 def scan(text: str, sheet: Sheet) -> None:
     """Fill a sheet with what the text of a GPX file says."""
-    root = parse(text, "gpx", sheet)
+    root = parse_root(text, "gpx", sheet)
     if root is None:
         return
     routes = root.all("rte")

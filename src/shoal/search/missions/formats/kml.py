@@ -7,11 +7,11 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from shoal.search.missions.diagnostics import Sheet, decimals_of
+from shoal.search.missions.diagnostics import Sheet, decimals_of, parse_root
 from shoal.search.missions.formats.attributes import attributes_of, take_attributes
-from shoal.search.missions.formats.markup import Element, parse
 from shoal.search.missions.formats.numbers import degrees, plain
 from shoal.search.missions.mission import Mission
+from shoal.search.regions.formats.xml_tree import Element
 
 SUFFIX = ".kml"
 
@@ -49,7 +49,7 @@ def write(mission: Mission) -> str:
 
 def scan(text: str, sheet: Sheet) -> None:
     """Fill a sheet with what the text of a KML file says."""
-    root = parse(text, "kml", sheet)
+    root = parse_root(text, "kml", sheet)
     if root is None:
         return
     named: dict[str, list[Element]] = {"route": [], "home": []}

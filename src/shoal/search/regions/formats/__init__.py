@@ -19,12 +19,12 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from shoal.checks import check_file
 from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.geojson import read_geojson
 from shoal.search.regions.formats.kml import read_kml
 from shoal.search.regions.formats.layers import read_layer
 from shoal.search.regions.formats.table import read_table
-from shoal.search.regions.formats.text import check_file
 from shoal.search.regions.outline_checks import Outlines
 
 _READERS: dict[str, Callable[[Path], Outlines]] = {
@@ -56,7 +56,7 @@ def read_outlines(path: str | os.PathLike[str], *, layer: str | None = None) -> 
         known = " ".join((*_READERS, *_LAYERED))
         raise InvalidInputError(f"{source}: expected a region file ({known}), got the suffix {source.suffix!r}")
     try:
-        check_file(source)
+        check_file(source, what="region file")
         if suffix in _LAYERED:
             return read_layer(source, layer=layer)
         if layer is not None:

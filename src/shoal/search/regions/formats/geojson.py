@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from shoal.checks import parse_json, read_text
 from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
-from shoal.search.regions.formats.text import is_true, read_json
-from shoal.search.regions.outline_checks import Outline, Outlines, Points, Ring
+from shoal.search.regions.outline_checks import Outline, Outlines, Points, Ring, is_true
 
 _OTHER = {"Point", "MultiPoint", "LineString", "MultiLineString"}
 
@@ -22,7 +22,7 @@ def read_geojson(path: Path) -> Outlines:
     ------
     InvalidInputError
     """
-    data = read_json(path)
+    data = parse_json(read_text(path, what="region file"), where=str(path))
     found: list[Outline] = []
     passed: set[str] = set()
     _walk(data, str(path), False, found, passed)

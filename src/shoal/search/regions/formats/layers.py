@@ -10,8 +10,7 @@ from typing import Any
 
 from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
-from shoal.search.regions.formats.text import is_true
-from shoal.search.regions.outline_checks import Outline, Outlines, outlines_of
+from shoal.search.regions.outline_checks import Outline, Outlines, is_true, outlines_of
 
 
 def read_layer(path: Path, *, layer: str | None) -> Outlines:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from shoal.checks import read_text
 from shoal.errors import InvalidInputError
-from shoal.search.regions.formats.text import read_text
 from shoal.search.regions.outline_checks import Outline, Outlines, Ring, check_metres, check_ring, text_of
 
 _MOST_RINGS = 10_000
@@ -36,7 +36,7 @@ def _rings(path: Path) -> list[Ring]:
     groups: list[list[tuple[float, float, int]]] = [[]]
     label: str | None = None
     began = False
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
+    for number, line in enumerate(read_text(path, what="region file").splitlines(), start=1):
         if line.lstrip().startswith("#"):
             continue
         if not line.strip(" ,\t"):

@@ -1,13 +1,20 @@
-"""XML read safely: without document types, and so without entities."""
+"""XML read safely: without document types, and so without entities; every element knows its line."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
-from shoal.search.missions.diagnostics import Sheet
-
 _DEEPEST = 100
+
+
+class XmlError(Exception):
+    """What is wrong with an XML text, and in which line."""
+
+    def __init__(self, message: str, line: int, *, readable: bool = False) -> None:
+        super().__init__(message)
+        self.line, self.readable = line, readable
 
 
 @dataclass
@@ -20,25 +27,31 @@ class Element:
     text: str = ""
     children: list[Element] = field(default_factory=list)
 
-    def all(self, tag: str) -> list[Element]:
-        """Return the elements of a name below this one, in the order of the file."""
-        found: list[Element] = []
+    def walk(self) -> Iterator[Element]:
+        """Yield the elements below this one, in the order of the file."""
         waiting = list(reversed(self.children))
         while waiting:
             element = waiting.pop()
-            if element.tag == tag:
-                found.append(element)
+            yield element
             waiting += reversed(element.children)
-        return found
+
+    def all(self, tag: str) -> list[Element]:
+        """Return the elements of a name below this one, in the order of the file."""
+        return [element for element in self.walk() if element.tag == tag]
 
     def first(self, tag: str) -> Element | None:
         """Return the first element of a name below this one."""
-        found = self.all(tag)
-        return found[0] if found else None
+        return next((element for element in self.walk() if element.tag == tag), None)
 
 
-def parse(text: str, root: str, sheet: Sheet) -> Element | None:
-    """Return the root of an XML text; note what is wrong and return None if it is not what was expected."""
+def parse_xml(text: str, *, root: str) -> Element:
+    """Return the root of an XML text.
+
+    Raises
+    ------
+    XmlError
+        ``readable`` if the text is XML with another root.
+    """
     parser = expat.ParserCreate()
     parser.buffer_text = True
     top = Element("", 0, {})
@@ -46,7 +59,7 @@ def parse(text: str, root: str, sheet: Sheet) -> Element | None:
 
     def start(name: str, attributes: dict[str, str]) -> None:
         if len(open_elements) > _DEEPEST:
-            raise _RefusedError("expected XML, got tags nested too deeply")
+            raise XmlError("expected XML, got tags nested too deeply", parser.CurrentLineNumber)
         element = Element(name.rpartition(":")[2], parser.CurrentLineNumber, attributes)
         open_elements[-1].children.append(element)
         open_elements.append(element)
@@ -55,7 +68,7 @@ def parse(text: str, root: str, sheet: Sheet) -> Element | None:
         open_elements[-1].text += data
 
     def refuse(*_: object) -> None:
-        raise _RefusedError("expected XML without a document type, got <!DOCTYPE")
+        raise XmlError("expected XML without a document type, got <!DOCTYPE", parser.CurrentLineNumber)
 
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda _name: open_elements.pop()
@@ -64,17 +77,9 @@ def parse(text: str, root: str, sheet: Sheet) -> Element | None:
     try:
         parser.Parse(text.encode(), True)
     except expat.ExpatError as error:
-        sheet.add("unreadable", f"line {error.lineno}", f"expected XML, got something else: {expat.errors.messages[error.code]}")
-        return None
-    except _RefusedError as error:
-        sheet.add("unreadable", f"line {parser.CurrentLineNumber}", str(error))
-        return None
+        said = expat.errors.messages[error.code]
+        raise XmlError(f"expected XML, got something else: {said}", error.lineno) from None
     found = top.children[0]
     if found.tag != root:
-        sheet.add("wrong-value", f"line {found.line}", f"expected <{root}>, got <{found.tag[:40]}>")
-        return None
+        raise XmlError(f"expected <{root}>, got <{found.tag[:40]}>", found.line, readable=True)
     return found
-
-
-class _RefusedError(Exception):
-    pass
