@@ -141,16 +141,16 @@ def test_ways_home_around_obstacles():
             r"battery: expected sorties of more than 1180.68 m for robot 1, for \(-90, -20\) is",
         ),
         ({"max_length": 5.0}, "battery: expected"),
-        ({"max_length": 0.0}, "max_length: expected a number above 0, got 0.0"),
-        ({"max_seconds": float("nan")}, "max_seconds: expected a number above 0, got nan"),
-        ({"cap": 5}, "cap: expected a whole number of at least 6 items, of which 4 are no waypoints, got 5"),
-        ({"kind": "boat"}, "kind: expected 'multirotor' or 'rover', got 'boat'"),
-        ({"vehicle": "dji"}, "vehicle: expected 'px4' or 'ardupilot', got 'dji'"),
-        ({"altitude": 0}, "altitude: expected metres above 0 for a multirotor, got 0"),
+        ({"max_length": 0.0}, "max_length: expected a number, above 0, got 0.0"),
+        ({"max_seconds": float("nan")}, "max_seconds: expected a number, above 0, got nan"),
+        ({"cap": 5}, "cap: expected a whole number, 6 or more, got 5"),
+        ({"kind": "boat"}, "kind: expected one of multirotor, rover, got 'boat'"),
+        ({"vehicle": "dji"}, "vehicle: expected one of px4, ardupilot, got 'dji'"),
+        ({"altitude": 0}, "altitude of a multirotor: expected a number, above 0, got 0"),
         ({"kind": "rover", "altitude": 3.0}, "altitude: expected 0 m for a rover, got 3.0"),
-        ({"speed": 0}, "speed: expected metres a second above 0, got 0"),
-        ({"tolerance": -1}, "tolerance: expected a length of 0 or more in metres, got -1"),
-        ({"robot": 0}, "expected a robot number of 1 or more, got 0"),
+        ({"speed": 0}, "speed: expected a number, above 0, got 0"),
+        ({"tolerance": -1}, "tolerance: expected a number, 0 or more, got -1"),
+        ({"robot": 0}, "mission: robot: expected a whole number, 1 or more, got 0"),
         ({"home": (np.nan, 0)}, "home: expected finite numbers"),
     ],
 )
@@ -164,7 +164,7 @@ def test_bad_options(options, said):
     [
         ({"waypoints": []}, "mission: expected waypoints, got none"),
         ({"waypoints": [(47.4, 108.5)]}, r"expected a longitude within ±180 and then a latitude within ±90, got \(47.4, 108.5\)"),
-        ({"sortie": True}, "expected a sortie number of 1 or more, got True"),
+        ({"sortie": True}, "mission: sortie: expected a whole number, 1 or more, got True"),
     ],
 )
 def test_bad_missions(changes, said):
@@ -314,7 +314,7 @@ def test_check_in_metres(tmp_path):
         (["missions", "FIELD", "--least", "2"], "--least: expected a number from 0 to 1"),
         (["missions", "FIELD", "--format", "gpy"], "unknown mission format 'gpy': did you mean 'gpx'"),
         (["missions", "FIELD", "--format", "gpx"], "expected files of the format 'gpx', got none"),
-        (["missions", "FIELD", "--vehicle", "dji"], "vehicle: expected 'px4' or 'ardupilot', got 'dji'"),
+        (["missions", "FIELD", "--vehicle", "dji"], "vehicle: expected one of px4, ardupilot, got 'dji'"),
     ],
 )
 def test_bad_input_of_the_command(arguments, said, field, tmp_path, monkeypatch, capsys):

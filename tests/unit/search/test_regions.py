@@ -337,9 +337,9 @@ def test_layers_that_are_none(tmp_path):
         (lambda: region_of(shapely.Polygon([(0, 0), (2, 2), (2, 0), (0, 2)])), r"self-intersection at \(1, 1\) in part 1"),
         (lambda: open_region("square:5").check_inside([(1, 1), (6, 1)]), r"start: .*got \(6, 1\) m at point 2, 1 m outside"),
         (lambda: open_region("square:5").contains([(1, np.nan)]), r"expected finite numbers, got \(1, nan\) at point 1"),
-        (lambda: cells_of(open_region("square:5"), 0), "footprint: expected a length above 0 in metres, got 0"),
-        (lambda: cells_of(open_region("square:5"), float("nan")), "footprint: expected a length above 0"),
-        (lambda: cells_of(open_region("square:5"), -2), "footprint: expected a length above 0"),
+        (lambda: cells_of(open_region("square:5"), 0), "footprint: expected a number, above 0, got 0"),
+        (lambda: cells_of(open_region("square:5"), float("nan")), "footprint: expected a number, above 0"),
+        (lambda: cells_of(open_region("square:5"), -2), "footprint: expected a number, above 0"),
         (lambda: cells_of(open_region("square:5"), 1, size=2), "cell size: expected at most the footprint, 1 m, got 2 m"),
         (
             lambda: cells_of(open_region("square:50000"), 1),
@@ -352,7 +352,7 @@ def test_layers_that_are_none(tmp_path):
         ),
         (lambda: coverage_check(open_region("square:5"), [], -1), "footprint: expected a length above 0"),
         (lambda: coverage_check(open_region("square:5"), [[(0, np.inf)]], 1), "route 1: expected finite numbers"),
-        (lambda: LocalFrame(0, 95), "latitude within ±89.9 degrees, got 95"),
+        (lambda: LocalFrame(0, 95), "latitude: expected a number from -89.9 to 89.9, got 95"),
         (lambda: LocalFrame(0, 0).to_metres([(9, 9)]), r"within 200 km of the origin \(0, 0\), got \(9, 9\)"),
     ],
 )

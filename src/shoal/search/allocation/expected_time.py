@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.checks import check_integer
 
 _AT_ONCE = 2_000_000  # positions that are drawn at once
 
@@ -62,9 +62,8 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
     True
     """
     _check(robots, dead)
-    for name, value, least in (("cells", cells, 1), ("trials", trials, 2)):
-        if not _whole(value) or value < least:
-            raise InvalidInputError(f"{name}: expected a whole number, {least} or more, got {value!r}")
+    check_integer(cells, what="cells", least=1)
+    check_integer(trials, what="trials", least=2)
     rng = np.random.default_rng(seed)
     rows = max(1, _AT_ONCE // robots)
     longest = np.concatenate([_longest(cells, robots, dead, min(rows, trials - k), rng) for k in range(0, trials, rows)])
@@ -99,11 +98,5 @@ def stay_share(robots: int, *, dead: int = 0) -> float:
 
 
 def _check(robots: int, dead: int) -> None:
-    if not _whole(robots) or robots < 1:
-        raise InvalidInputError(f"robots: expected a whole number, 1 or more, got {robots!r}")
-    if not _whole(dead) or not 0 <= dead < robots:
-        raise InvalidInputError(f"dead: expected a whole number from 0 to {robots - 1}, as one robot must live, got {dead!r}")
-
-
-def _whole(value: object) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+    check_integer(robots, what="robots", least=1)
+    check_integer(dead, what="dead", least=0, most=robots - 1)  # one robot must live

@@ -10,6 +10,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_number
 from shoal.errors import InvalidInputError
 from shoal.search.cells.clipping import Clipped, Lattice, clip
 from shoal.search.cells.portals import Portals, portals_of
@@ -216,8 +217,8 @@ def cells_of(region: SearchRegion, footprint: float, *, size: float | None = Non
     >>> grid.cell_of([(39.0, 1.0)]).tolist()
     [[1, 3]]
     """
-    side = _length("footprint", footprint)
-    step = side if size is None else _length("cell size", size)
+    side = check_number(footprint, what="footprint", above=0)
+    step = side if size is None else check_number(size, what="cell size", above=0)
     if step > side:
         raise InvalidInputError(f"cell size: expected at most the footprint, {side:g} m, got {step:g} m")
     lattice = _lattice(region, step)
@@ -234,12 +235,6 @@ def cells_of(region: SearchRegion, footprint: float, *, size: float | None = Non
     adopted = _adopted(clipped, portals, own)
     viewpoints, starts = _in_order(clipped, lattice, mask, points, index, adopted)
     return CellGrid(region, side, mask, lattice, clipped, portals, viewpoints, starts, own)
-
-
-def _length(what: str, value: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0 < float(value) < np.inf:
-        raise InvalidInputError(f"{what}: expected a length above 0 in metres, got {value!r}")
-    return float(value)
 
 
 def _lattice(region: SearchRegion, size: float) -> Lattice:

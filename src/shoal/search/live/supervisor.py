@@ -19,7 +19,7 @@ from shoal.search.problem.faults import Crash
 from shoal.search.problem.network import network_of
 from shoal.search.protocol.messages import Beacon, Heartbeat, encode
 from shoal.search.protocol.robot import Brief
-from shoal.search.simulation.world import Scenario
+from shoal.search.simulation.scenario import Scenario
 
 _STARTUP = 120.0  # seconds
 _AHEAD = 0.1  # seconds: the robots are told of time 0 before it comes, so that all are switched on at once

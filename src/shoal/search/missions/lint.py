@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from shoal.checks import check_choice, check_integer
 from shoal.errors import InvalidInputError
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import mission_files, open_sheet
@@ -56,10 +57,10 @@ def examine(
     source: str | os.PathLike[str], region: SearchRegion | None = None, *, cap: int | None = None, vehicle: str | None = None
 ) -> list[Sheet]:
     """Return what each mission file says, with all diagnostics; as `lint`."""
-    if vehicle is not None and vehicle not in CAPS:
-        raise InvalidInputError(f"vehicle: expected 'px4' or 'ardupilot', got {vehicle!r}")
-    if cap is not None and (isinstance(cap, bool) or cap < 1):
-        raise InvalidInputError(f"cap: expected a number of items of 1 or more, got {cap!r}")
+    if vehicle is not None:
+        check_choice(vehicle, what="vehicle", choices=CAPS)
+    if cap is not None:
+        check_integer(cap, what="cap", least=1)
     folder = Path(source).is_dir()
     paths = mission_files(source) if folder else [Path(source)]
     if not paths:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from shoal.checks import check_choice, check_integer, check_number
 from shoal.errors import InvalidInputError
 from shoal.search.missions.merging import merged
 from shoal.search.missions.splitting import Ways, sorties
@@ -78,10 +80,8 @@ class Mission:
         object.__setattr__(self, "home", (float(home[0]), float(home[1])))
         if self.geographic:
             _check_degrees(np.vstack([home, points]))
-        for name, number in (("robot", self.robot), ("sortie", self.sortie)):
-            if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 1:
-                raise InvalidInputError(f"mission: expected a {name} number of 1 or more, got {number!r}")
-            object.__setattr__(self, name, int(number))
+        for name in ("robot", "sortie"):
+            object.__setattr__(self, name, check_integer(getattr(self, name), what=f"mission: {name}", least=1))
         _check_vehicle(self.kind, self.vehicle)
         _check_motion(self.kind, self.altitude, self.speed)
 
@@ -179,15 +179,12 @@ def missions_of(
     altitude = ALTITUDES[kind] if altitude is None else altitude
     speed = SPEEDS[kind] if speed is None else speed
     _check_motion(kind, altitude, speed)
-    room = (CAPS[vehicle] if cap is None else cap) - OVERHEAD[kind]
-    if isinstance(room, bool) or not isinstance(room, int | np.integer) or room < 2:
-        raise InvalidInputError(
-            f"cap: expected a whole number of at least {2 + OVERHEAD[kind]} items, "
-            f"of which {OVERHEAD[kind]} are no waypoints, got {cap!r}"
-        )
+    least = 2 + OVERHEAD[kind]  # of which two are waypoints
+    room = check_integer(CAPS[vehicle] if cap is None else cap, what="cap", least=least) - OVERHEAD[kind]
     base = points[0] if home is None else check_points([home], what="home")[0]
     limit = _limit(max_length, max_seconds, float(speed))
-    parts = sorties(merged(points, _tolerance(tolerance)), base, room=int(room), limit=limit, ways=ways, robot=robot)
+    way = merged(points, check_number(tolerance, what="tolerance", least=0))
+    parts = sorties(way, base, room=room, limit=limit, ways=ways, robot=robot)
     placed = (lambda array: array) if frame is None else frame.to_degrees
     x, y = placed(base[None])[0].tolist()
     return tuple(
@@ -196,34 +193,23 @@ def missions_of(
     )
 
 
-def _tolerance(tolerance: float) -> float:
-    if isinstance(tolerance, bool) or not 0 <= float(tolerance) < np.inf:
-        raise InvalidInputError(f"tolerance: expected a length of 0 or more in metres, got {tolerance!r}")
-    return float(tolerance)
-
-
 def _limit(max_length: float | None, max_seconds: float | None, speed: float) -> float:
-    for name, value in (("max_length", max_length), ("max_seconds", max_seconds)):
-        if value is not None and (isinstance(value, bool) or not float(value) > 0):
-            raise InvalidInputError(f"{name}: expected a number above 0, got {value!r}")
-    length = np.inf if max_length is None else float(max_length)
-    return min(length, np.inf if max_seconds is None else float(max_seconds) * speed)
+    length = inf if max_length is None else check_number(max_length, what="max_length", above=0, finite=False)
+    seconds = inf if max_seconds is None else check_number(max_seconds, what="max_seconds", above=0, finite=False)
+    return min(length, seconds * speed)
 
 
 def _check_vehicle(kind: str, vehicle: str) -> None:
-    if kind not in ALTITUDES:
-        raise InvalidInputError(f"kind: expected 'multirotor' or 'rover', got {kind!r}")
-    if vehicle not in CAPS:
-        raise InvalidInputError(f"vehicle: expected 'px4' or 'ardupilot', got {vehicle!r}")
+    check_choice(kind, what="kind", choices=ALTITUDES)
+    check_choice(vehicle, what="vehicle", choices=CAPS)
 
 
 def _check_motion(kind: str, altitude: float, speed: float) -> None:
-    if isinstance(speed, bool) or not 0 < float(speed) < np.inf:
-        raise InvalidInputError(f"speed: expected metres a second above 0, got {speed!r}")
+    check_number(speed, what="speed", above=0)
     if kind == "rover" and altitude != 0:
         raise InvalidInputError(f"altitude: expected 0 m for a rover, got {altitude!r}")
-    if kind == "multirotor" and (isinstance(altitude, bool) or not 0 < float(altitude) < np.inf):
-        raise InvalidInputError(f"altitude: expected metres above 0 for a multirotor, got {altitude!r}")
+    if kind == "multirotor":
+        check_number(altitude, what="altitude of a multirotor", above=0)
 
 
 def _check_degrees(points: Points) -> None:

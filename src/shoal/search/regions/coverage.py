@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_number
 from shoal.errors import InvalidInputError
 from shoal.search.regions.outline_checks import Points, check_points
 from shoal.search.regions.region import TOUCH, SearchRegion
@@ -76,8 +77,7 @@ def coverage_check(
     import shapely
 
     sides = check_footprints(footprint, len(routes), what="route")
-    if isinstance(tolerance, bool) or not 0 <= float(tolerance) < np.inf:
-        raise InvalidInputError(f"tolerance: expected a length of 0 or more in metres, got {tolerance!r}")
+    check_number(tolerance, what="tolerance", least=0)
     ways = [check_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
     starts, ends = _legs(ways)
     swept = [

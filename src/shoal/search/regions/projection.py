@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from shoal.checks import check_number
 from shoal.errors import InvalidInputError
 from shoal.search.regions.outline_checks import Points, check_points, text_of
 
@@ -45,10 +46,9 @@ class LocalFrame:
     latitude: float
 
     def __post_init__(self) -> None:
-        for name, value, most in (("longitude", self.longitude, 180.0), ("latitude", self.latitude, 89.9)):
-            if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not abs(float(value)) <= most:
-                raise InvalidInputError(f"local frame: expected a {name} within ±{most:g} degrees, got {value!r}")
-            object.__setattr__(self, name, float(value))
+        for name, most in (("longitude", 180.0), ("latitude", 89.9)):
+            value = check_number(getattr(self, name), what=f"local frame: {name}", least=-most, most=most)
+            object.__setattr__(self, name, value)
 
     @classmethod
     def around(cls, lonlat: ArrayLike) -> LocalFrame:

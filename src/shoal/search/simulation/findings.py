@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import exp, log
 
-from shoal.search.simulation.world import Scenario
+from shoal.search.simulation.scenario import Scenario
 
 _PRIOR = 0.01  # share of cells that hold something, before anybody has looked
 _LEAST, _MOST = 1e-3, 1 - 1e-3  # no sensor is taken to be surer than that: robots can lie

@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from itertools import pairwise
 from math import inf
 from typing import Any
@@ -34,72 +33,12 @@ from shoal.search.protocol.events import (
 from shoal.search.protocol.inference import is_live, step_cost
 from shoal.search.protocol.messages import Beacon, decode, encode
 from shoal.search.protocol.robot import LOOK, Robot, advance
+from shoal.search.simulation.outcome import Outcome, SimulatedRobot
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours.bitset import cells_of
 
-__all__ = ["Outcome", "Scenario", "Vehicle", "World"]
-
 _TRIES = 8  # how often a robot knocks at a cell that another one is in, before it goes elsewhere
 _KNOCK = 0.25  # cells, in time, between
-
-
-@dataclass
-class Vehicle:
-    """A robot's body: where it is, and what of it works."""
-
-    robot: Robot
-    place: int  # the cell, as a number on the tour
-    true_rate: float
-    energy: float = inf  # what is left of it in truth
-    alive: bool = True
-    paused_until: float = 0.0
-    liar: bool = False
-    searching: int | None = None  # the cell that it is in to search it
-    going: int | None = None
-    aimed: int | None = None  # what it last went to a cell for: `Robot.aim`
-    tries: int = 0
-    wake: float = inf
-    travelled: float = 0.0
-    waited: float = 0.0  # for others to leave a cell
-    visits: list[tuple[float, int]] = field(default_factory=list)  # when it had searched which cell
-    passing: tuple[int, ...] = ()  # the cells that it has passed since
-    detours: list[tuple[int, ...]] = field(default_factory=list)  # the same before each visit
-    obstructed: list[tuple[float, int]] = field(default_factory=list)  # when it met which obstacle
-    states: list[tuple[float, str]] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a simulation came to.
-
-    Parameters
-    ----------
-    covered : int
-        The cells searched by robots that do not lie, as bits.
-    covered_at : float
-        When the last cell that some robot can reach was searched by one that does not lie; infinite if some never were.
-    declared : dict of int to float
-        When each robot declared the search complete.
-    vehicles : dict of int to Vehicle
-    sent, lost : int
-        Messages, counted by receiver, and how many of them did not arrive whole.
-    takeovers : int
-        How often a robot began to search another one's part.
-    time : float
-        Of the last event.
-    trace : bytes
-        One line of JSON an event, if a trace was asked for.
-    """
-
-    covered: int
-    covered_at: float
-    declared: dict[int, float]
-    vehicles: dict[int, Vehicle]
-    sent: int
-    lost: int
-    takeovers: int
-    time: float
-    trace: bytes
 
 
 class World:
@@ -134,11 +73,11 @@ class World:
         for number in self.vehicles:
             self._post(0.0, number, "event", Begin(0.0))
 
-    def _vehicle(self, number: int) -> Vehicle:
+    def _vehicle(self, number: int) -> SimulatedRobot:
         scenario, brief = self.scenario, self.scenario.brief
         start, rate, width = scenario.starts[number - 1], scenario.rates[number - 1], scenario.widths[number - 1]
         believed = start
-        body = Vehicle(Robot(number, brief, start, rate, width), start, rate, energy=brief.energy)
+        body = SimulatedRobot(Robot(number, brief, start, rate, width), start, rate, energy=brief.energy)
         for fault in scenario.faults:
             if fault.robot != number:
                 continue
@@ -185,7 +124,7 @@ class World:
             b"".join(self.lines),
         )
 
-    def _fail(self, vehicle: Vehicle, kind: str, what: Crash | Pause) -> None:
+    def _fail(self, vehicle: SimulatedRobot, kind: str, what: Crash | Pause) -> None:
         self._write(vehicle, kind)
         vehicle.searching = None  # others can go around what does not move
         if isinstance(what, Crash):
@@ -194,18 +133,18 @@ class World:
             vehicle.paused_until = max(vehicle.paused_until, what.until)
             vehicle.states.append((self.time, "paused"))
 
-    def _die(self, vehicle: Vehicle) -> None:
+    def _die(self, vehicle: SimulatedRobot) -> None:
         vehicle.alive, vehicle.searching = False, None
         vehicle.states.append((self.time, "dead"))
 
-    def _write(self, vehicle: Vehicle, kind: str, **more: Any) -> None:
+    def _write(self, vehicle: SimulatedRobot, kind: str, **more: Any) -> None:
         if self.tracing:
             line = {"time": round(self.time, 9), "robot": vehicle.robot.number, "event": kind, **more}
             self.lines.append(json.dumps(line).encode() + b"\n")
 
     # What happens, by kind of entry in the queue.
 
-    def _do_event(self, vehicle: Vehicle, event: Event) -> None:
+    def _do_event(self, vehicle: SimulatedRobot, event: Event) -> None:
         vehicle.robot, actions = advance(vehicle.robot, event)
         state = vehicle.robot.status
         if not vehicle.states or vehicle.states[-1][1] != state:
@@ -216,12 +155,12 @@ class World:
         for action in actions:
             self._act(vehicle, action)
 
-    def _do_wake(self, vehicle: Vehicle, time: float) -> None:
+    def _do_wake(self, vehicle: SimulatedRobot, time: float) -> None:
         if time == vehicle.wake:  # not asked for anew since
             vehicle.wake = inf
             self._do_event(vehicle, Wake(self.time))
 
-    def _do_heard(self, vehicle: Vehicle, message: Beacon | bytes) -> None:
+    def _do_heard(self, vehicle: SimulatedRobot, message: Beacon | bytes) -> None:
         if isinstance(message, bytes):
             try:
                 message = decode(message)
@@ -229,7 +168,7 @@ class World:
                 return
         self._do_event(vehicle, Heard(self.time, message))
 
-    def _do_enter(self, vehicle: Vehicle, cell: int) -> None:
+    def _do_enter(self, vehicle: SimulatedRobot, cell: int) -> None:
         """Come into a cell to search it, if nobody is in there."""
         others = (other for other in self.vehicles.values() if other is not vehicle and other.alive)
         rate = self._rate(vehicle)
@@ -248,7 +187,7 @@ class World:
         vehicle.searching = vehicle.place = cell
         self._post(self.time + 1.0 / rate, vehicle.robot.number, "sense", cell)
 
-    def _do_sense(self, vehicle: Vehicle, cell: int) -> None:
+    def _do_sense(self, vehicle: SimulatedRobot, cell: int) -> None:
         if vehicle.searching != cell:  # it was stopped in between and stands beside
             self._do_enter(vehicle, cell)
             return
@@ -269,26 +208,26 @@ class World:
         self._write(vehicle, "searched", cell=cell, found=found, **({"beside": beside} if beside else {}))
         self._do_event(vehicle, Sensed(self.time, cell, found, beside))
 
-    def _finds(self, vehicle: Vehicle, cell: int) -> bool:
+    def _finds(self, vehicle: SimulatedRobot, cell: int) -> bool:
         """Tell whether a robot takes a cell for one with something to find."""
         chance = self.scenario.detection if cell in self.scenario.targets else self.scenario.false_alarm
         return bool(self.rng.random() < (0.5 if vehicle.liar else chance)) if chance or vehicle.liar else False
 
-    def _do_obstructed(self, vehicle: Vehicle, found: tuple[int, int]) -> None:
+    def _do_obstructed(self, vehicle: SimulatedRobot, found: tuple[int, int]) -> None:
         cell, vehicle.place = found
         vehicle.going = None
         vehicle.obstructed.append((self.time, cell))
         self._write(vehicle, "obstructed", cell=cell)
         self._do_event(vehicle, Obstructed(self.time, cell, vehicle.place))
 
-    def _do_home(self, vehicle: Vehicle, _: None) -> None:
+    def _do_home(self, vehicle: SimulatedRobot, _: None) -> None:
         vehicle.place, vehicle.energy = vehicle.robot.start, self._full(vehicle.robot.number)
         self._write(vehicle, "recharged")
         self._do_event(vehicle, Recharged(self.time))
 
     # What robots do.
 
-    def _act(self, vehicle: Vehicle, action: Action) -> None:
+    def _act(self, vehicle: SimulatedRobot, action: Action) -> None:
         number = vehicle.robot.number
         match action:
             case Go(cell, through):
@@ -315,7 +254,7 @@ class World:
         tour_cost = self.scenario.brief.tour_cost
         return sum(tour_cost.length(one, other) for one, other in pairwise((here, *through)))
 
-    def _go(self, vehicle: Vehicle, cell: int, through: tuple[int, ...]) -> None:
+    def _go(self, vehicle: SimulatedRobot, cell: int, through: tuple[int, ...]) -> None:
         robot, tour_cost = vehicle.robot, self.scenario.brief.tour_cost
         if self._takes_over(vehicle):
             self.takeovers += 1
@@ -332,7 +271,7 @@ class World:
             vehicle.searching = None  # on the way it is in no cell to search it
         self._post(self.time + (cost - 1.0) / self._rate(vehicle), robot.number, "enter", cell)
 
-    def _stop_before(self, vehicle: Vehicle, obstacle: int, way: tuple[int, ...]) -> None:
+    def _stop_before(self, vehicle: SimulatedRobot, obstacle: int, way: tuple[int, ...]) -> None:
         cost = self._length(vehicle.place, way) + LOOK
         vehicle.searching = None
         if self._spend(vehicle, cost):
@@ -340,14 +279,14 @@ class World:
             vehicle.passing += way
             self._post(self.time + cost / self._rate(vehicle), vehicle.robot.number, "obstructed", (obstacle, at))
 
-    def _takes_over(self, vehicle: Vehicle) -> bool:
+    def _takes_over(self, vehicle: SimulatedRobot) -> bool:
         """Tell whether a robot begins with the part of another one that it takes for dead."""
         robot = vehicle.robot
         part = next(part for part in robot.parts if robot.aim is not None and part.bits >> robot.aim & 1)
         again = vehicle.aimed is not None and bool(part.bits >> vehicle.aimed & 1)
         return not again and not is_live(robot, part.robot, self.time)
 
-    def _spend(self, vehicle: Vehicle, cost: float) -> bool:
+    def _spend(self, vehicle: SimulatedRobot, cost: float) -> bool:
         """Take energy; a robot that has too little dies on the way."""
         vehicle.energy -= cost
         vehicle.travelled += cost
@@ -361,14 +300,14 @@ class World:
         limits = [fault.energy for fault in self.scenario.faults if isinstance(fault, Battery) and fault.robot == number]
         return min([self.scenario.brief.energy, *limits])
 
-    def _rate(self, vehicle: Vehicle) -> float:
+    def _rate(self, vehicle: SimulatedRobot) -> float:
         rate = vehicle.true_rate
         for fault in self.scenario.faults:
             if isinstance(fault, Slow) and fault.robot == vehicle.robot.number and self.time >= fault.time:
                 rate /= fault.factor
         return rate
 
-    def _broadcast(self, sender: Vehicle, beacon: Beacon) -> None:
+    def _broadcast(self, sender: SimulatedRobot, beacon: Beacon) -> None:
         tour_cost, number = self.scenario.brief.tour_cost, sender.robot.number
         network, data = self.scenario.network, b""
         for other, receiver in self.vehicles.items():
