@@ -193,3 +193,24 @@ def test_the_conformance_check_finds_a_policy_that_remembers():
 
     with pytest.raises(AssertionError, match="changed the policy object"):
         check_policy(Counting(), rules=["block"])
+
+
+class WithOptions:
+    """A third party's policy whose options are set by name."""
+
+    name = "with-options"
+
+    def __init__(self, letters: str = "lurd", times: int = 1, share: float = 0.5, reverse: bool = False):
+        self.letters, self.times, self.share, self.reverse = letters, times, share, reverse
+
+    def decide(self, view, memory, rng):
+        return self.letters * self.times, memory
+
+
+def test_options_of_third_parties():
+    made = make_policy("tests.unit.test_policies:WithOptions:letters=lr,times=2,share=0.25,reverse=true")
+    assert (made.letters, made.times, made.share, made.reverse) == ("lr", 2, 0.25, True)
+    assert make_policy("tests.unit.test_policies:WithOptions:ud").letters == "ud"
+    for options, words in (("speed=3", "has no option 'speed'"), ("times=x", "times: expected a whole number, got 'x'")):
+        with pytest.raises(InvalidInputError, match=words):
+            make_policy(f"tests.unit.test_policies:WithOptions:{options}")

@@ -343,3 +343,44 @@ def test_atomic_takes_the_longest_names_and_the_usual_permissions(tmp_path):
     finally:
         os.umask(mask)
     assert target.stat().st_mode & 0o777 == 0o640
+
+
+# Arrays as maps
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        STAIRS,
+        STAIRS.astype(np.int64),
+        STAIRS.astype(np.float32),
+        STAIRS.tolist(),
+        np.stack([STAIRS, STAIRS]),
+        GridWorkspace(STAIRS),
+    ],
+    ids=["bool", "int", "float", "rows", "3-D", "workspace"],
+)
+def test_open_map_takes_arrays_and_workspaces(array):
+    workspace = open_map(array)
+    assert isinstance(workspace, GridWorkspace)
+    np.testing.assert_array_equal(workspace.free, np.asarray(getattr(array, "free", array)) != 0)
+
+
+def test_open_map_takes_level_and_label_of_arrays():
+    numbers = np.arange(6).reshape(2, 3)
+    assert open_map(numbers, level=np.float32(4)).n_free == 2
+    assert open_map(numbers, label=np.int64(3)).cells.tolist() == [[1, 0]]
+    with pytest.raises(InvalidInputError, match="expected a 2-D or 3-D array of cells, got 1 dimensions"):
+        open_map(np.arange(6))
+
+
+def test_thresholds_of_the_vessel_finder_reach_it(tmp_path):
+    pytest.importorskip("skimage")  # an extra
+    photograph = np.full((120, 160), 220, dtype=np.uint8)
+    photograph[20:100, 60:66] = photograph[55:60, 20:140] = 60
+    Image.fromarray(photograph).save(tmp_path / "eye.png")
+    with pytest.raises(InvalidInputError, match=r"eye.png: expected thresholds with 0 < low <= high <= 1"):
+        open_map(tmp_path / "eye.png", vessels=True, low=0.6, high=0.5)
+    with pytest.raises(InvalidInputError, match=r"eye.png: expected thickest"):
+        open_map(tmp_path / "eye.png", vessels=True, thickest=0.9)
+    assert open_map(tmp_path / "eye.png", vessels=True, bright=False, low=0.2, high=0.3).n_free > 50
