@@ -14,15 +14,18 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
+from tests.goal_sweeps import sweep_goals
 from tests.swarm_runs import run
 
 from shoal import open_map
+from shoal.errors import InvalidInputError
 from shoal.papers.recipe import published_curve
 from shoal.papers.steering.antipodes import swap_antipodes
 from shoal.papers.steering.figures import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
-from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES, sweep_goals
+from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES
 from shoal.papers.steering.reachable_fraction import disk_fractions, largest_two_move_fraction, polygon_fractions
 from shoal.search import SearchProblem, make_tour
+from shoal.search.allocation.expected_time import expected_time, stay_share
 from shoal.search.problem.faults import Crash, Pause
 from shoal.search.run import run as run_search
 from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon
@@ -31,7 +34,6 @@ from shoal.swarm.noise import Noise
 from shoal.swarm.theory.one_dimension import Line, sample
 from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, Powers, least_simultaneous_ratio, worst_of_both
 from shoal.views.drawing.charts import BLUE, INK, MUTED, ORANGE, PURPLE, new_figure, plain_axes, save_figure, set_title
-from shoal.views.search.expected_time import expected_time_figure
 from shoal.views.search.figures import routes_figure
 from shoal.views.search.timeline import timeline_figure
 from shoal.views.search.tours import tour_figure
@@ -182,6 +184,62 @@ def theorem_chart(exponents: Sequence[int]) -> Figure:
     axes.legend(frameon=False, fontsize=9)
     set_title(axes, "No schedule is good at both")
     plain_axes(axes)
+    return figure
+
+
+def expected_time_figure(
+    *,
+    robots: Sequence[int] = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50),
+    cells: int = 1024,
+    dead: int = 5,
+    trials: int = 10_000,
+    seed: int = 0,
+) -> Figure:
+    """Return the expected time of robots that stay where they are against their number, as paper H, Fig. 5.
+
+    Marks are Monte Carlo, with two standard errors; lines are theory: H_m/m, the same for those that live if ``dead`` of them never
+    start, and the bound 1/m.
+
+    Parameters
+    ----------
+    robots : sequence of int
+        Numbers of robots, one or more.
+    cells, trials, seed
+        As `shoal.search.allocation.expected_time.expected_time` takes them.
+    dead : int
+        0 for no second curve.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if not len(robots):
+        raise InvalidInputError("expected time: expected at least one number of robots, got none")
+    figure = new_figure(6.8, 4.2)
+    axes = figure.add_subplot()
+    numbers = np.arange(1, max(robots) + 1)
+    cases = [(0, BLUE, "o", "all live: H$_m$/m")]
+    if 0 < dead < max(robots):
+        cases.append((dead, ORANGE, "s", f"{dead} dead on arrival: H$_{{m-{dead}}}$/(m-{dead})"))
+    for lost, colour, marker, words in cases:
+        shown = [count for count in robots if count > lost]
+        found = [expected_time(cells, count, dead=lost, trials=trials, seed=seed) for count in shown]
+        curve = [(count, 100 * stay_share(int(count), dead=lost)) for count in numbers if count > lost]
+        axes.plot(*np.array(curve).T, color=colour, lw=1.5, label=words)
+        axes.errorbar(
+            shown, [100 * one.mean for one in found], [200 * one.error for one in found], fmt=marker, mfc="white", mec=colour,
+            ecolor=colour, mew=1.5, ms=5.5, capsize=2.5, lw=1.2,
+        )  # fmt: skip
+    axes.plot(numbers, 100 / numbers, color=MUTED, lw=1.3, ls=(0, (4, 2)), label="no search is faster: 1/m")
+    if max(robots) >= 20:
+        axes.annotate(
+            f"20 robots: {100 * stay_share(20):.1f} %", (20, 100 * stay_share(20)), xytext=(-4, -15), textcoords="offset points",
+            fontsize=9, color=BLUE, ha="center",
+        )  # fmt: skip
+    axes.set(xlabel="robots m", ylabel="T$_E$ as % of one robot's time", ylim=(0, 104), xlim=(0, max(robots) * 1.02 + 0.5))
+    set_title(axes, f"Robots that stay where they are: {cells:,} cells, {trials:,} trials a mark")
+    plain_axes(axes)
+    axes.legend(frameon=False, fontsize=9, labelcolor=INK)
     return figure
 
 

@@ -6,11 +6,12 @@ from math import pi
 
 import numpy as np
 import pytest
+from tests.goal_sweeps import sweep_goals
 from tests.reference import disk_reach as reference
 
 from shoal.errors import InvalidInputError
 from shoal.papers.steering.antipodes import swap_antipodes
-from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES, sweep_goals
+from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES
 from shoal.papers.steering.reachable_fraction import (
     disk_fractions,
     largest_two_move_fraction,

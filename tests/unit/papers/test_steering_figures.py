@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.goal_sweeps import sweep_goals
 
 from shoal.errors import InvalidInputError
 from shoal.papers.steering.antipodes import swap_antipodes
 from shoal.papers.steering.figures import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
-from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES, GoalSweep, sweep_goals
+from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES, GoalSweep
 from shoal.papers.steering.reachable_fraction import disk_fractions, polygon_fractions
 from shoal.steering import disk, open_workspace, regular_polygon
 from shoal.views.drawing.charts import save_figure

@@ -9,6 +9,7 @@ from math import inf
 import numpy as np
 import pytest
 import shapely
+from docs.make_images import expected_time_figure
 from PIL import Image
 from tests.search_episodes import search
 
@@ -17,7 +18,6 @@ from shoal.search import SearchEpisode, region_of
 from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.views import film
 from shoal.views.drawing.charts import save_figure
-from shoal.views.search.expected_time import expected_time_figure
 from shoal.views.search.figures import routes_figure, spread_out
 from shoal.views.search.films import SearchFilm
 from shoal.views.search.history import SearchHistory, rings_of
