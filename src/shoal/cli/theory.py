@@ -37,7 +37,7 @@ def line(
     particles: Annotated[int, typer.Option("-n", "--particles", help="Number of particles, n.", show_default=False)],
     monte_carlo: Annotated[
         int | None,
-        typer.Option("--monte-carlo", metavar="TRIALS", help="Draw so many random placements, too.", show_default=False),
+        typer.Option("--monte-carlo", metavar="TRIALS", help="Also draw this number of random placements.", show_default=False),
     ] = None,
     seed: options.Seed = 0,
     workers: options.Workers = None,

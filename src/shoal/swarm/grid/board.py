@@ -1,4 +1,4 @@
-"""Boards: sets of cells packed into words of 64, with the face of a Python set.
+"""Boards: sets of cells packed into words of 64 bits, with the operators of a Python set.
 
 A board covers a window of cells: the workspace and one cell around it, since a mapping swarm has to probe the walls at the
 rim of the array as any other wall. Cell (r, c) of the workspace is bit ``(c + 1) % 64`` of word ``(c + 1) // 64`` of row

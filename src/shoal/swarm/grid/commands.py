@@ -1,4 +1,4 @@
-"""The commands, of which one letter moves every particle one cell, and the move rules."""
+"""Commands, one letter for a move of all particles, and the move rules."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ def new_field(layout: GridLayout, *, counts: NDArray[np.int32] | None = None, **
 
 
 def empty_boards(layout: GridLayout, count: int) -> list[Words]:
-    """Return so many empty boards, flat."""
+    """Return ``count`` empty boards, flat."""
     return [np.zeros(layout.words[0] * layout.words[1], dtype=np.uint64) for _ in range(count)]
 
 

@@ -64,7 +64,7 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
 
 
 def _takes(function: object, *arguments: object) -> bool:
-    """Tell whether something can be called with so many arguments; some built-in functions do not say."""
+    """Tell whether something can be called with these arguments; some built-in functions do not say."""
     if not callable(function):
         return False
     try:

@@ -1,8 +1,8 @@
-"""Runs of equal commands with one scan at the end: how long they are, and what the scan tells.
+"""Scan rules: how many equal commands are sent before each scan, and what a scan after them tells.
 
 While a swarm is pushed in one direction, the particles of a row (or column) keep their order. So the i-th of a row before the run
 is the i-th of it afterwards, and its displacement is known without any label. Displacement d below the number of commands means d
-free cells, and behind them an obstacle or a particle that was itself stopped; whoever is stopped stays stopped. That gives the
+free cells, and behind them an obstacle or a particle that was itself stopped; a stopped particle stays stopped. That gives the
 positions after every single command, and a scan after a run tells no less than one after each command.
 """
 
@@ -35,7 +35,7 @@ class ScanRule:
     ----------
     kind : str
         "equal": `step` commands. "doubling": in one direction scans after 1, 2, 4, 8, ... commands. "hyper": after 1, 4, 27, 256,
-        ... "adaptive": as many as are expected to settle most cells for their price; no scan where its outcome is known.
+        ... "adaptive": the number expected to classify most cells for its price; no scan where its outcome is known.
     step : int
         Of "equal".
     scan_cost, move_cost : float
@@ -96,7 +96,7 @@ class ScanRule:
         return int((i + 1) ** (i + 1) - (i**i if i else 0))
 
     def cost(self, *, moves: int, scans: int) -> float:
-        """Return the price of so many moves and scans."""
+        """Return the price of a number of moves and scans."""
         return self.move_cost * moves + self.scan_cost * scans
 
     @classmethod
@@ -142,7 +142,7 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
     Returns
     -------
     iterator of SwarmState
-        ``steps`` of them; once nobody moves any more, ``after`` itself again and again.
+        ``steps`` of them; once no particle moves any more, ``after`` itself.
 
     Raises
     ------

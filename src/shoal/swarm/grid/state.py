@@ -23,7 +23,7 @@ def check_cells(cells: ArrayLike, shape: tuple[int, ...], *, what: str, rim: int
     what : str
         How error messages call them.
     rim : int
-        So many cells beyond the workspace are inside, too.
+        Number of cells around the workspace that count as inside, too.
 
     Raises
     ------

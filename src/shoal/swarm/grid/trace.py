@@ -39,7 +39,7 @@ class Trace(NamedTuple):
 
     @classmethod
     def empty(cls, moves: int) -> Trace:
-        """Return a trace with room for so many commands."""
+        """Return a trace with room for a number of commands."""
         return cls(
             np.zeros(moves, np.int8),
             np.zeros(moves, np.int32),

@@ -1,4 +1,4 @@
-"""GridWorld: what a command does to the particles."""
+"""GridWorld: how a command moves the particles, and where walls and other particles stop them."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def free_cells(array: NDArray[Any], options: MapOptions, *, where: str) -> NDArr
     ------
     InvalidInputError
         If a number is not finite, no cell has the label, or without level and label there are more than two numbers:
-        intensities and probabilities are no map until somebody sets a level.
+        intensities and probabilities are no map without a level.
     """
     if options.level is not None:
         check_finite(array, what=where)

@@ -19,7 +19,7 @@ PALETTE: dict[str, str] = {
     "particle": "#d55e00",
 }
 _COLOURS = np.array([tuple(bytes.fromhex(colour[1:])) for colour in PALETTE.values()], dtype=np.uint8)
-_WIDEST = 12  # a map more than so many times wider than tall is drawn in several strips
+_WIDEST = 12  # ratio of width to height above which a map is drawn in several strips
 
 
 def raster_of(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -1,4 +1,4 @@
-"""GridWorkspace: the free cells of a vessel, and nothing else."""
+"""GridWorkspace: the free cells of a map, and nothing else."""
 
 from __future__ import annotations
 

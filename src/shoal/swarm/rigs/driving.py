@@ -89,7 +89,7 @@ class Drive:
         return f"{REASONS[self.status]} after {self.moves} moves{rest}"
 
     def compared(self, truth: GridWorkspace) -> dict[str, int]:
-        """Return how many cells were classified wrongly, given the true map: walls taken for free, and free cells for walls.
+        """Return how many cells were classified wrongly: walls as free, and free cells as walls.
 
         Raises
         ------

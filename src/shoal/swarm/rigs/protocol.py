@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 class Rig(Protocol):
     """What moves particles and sees them.
 
-    Between two commands a rig is at rest: whoever drives it may think as long as it takes.
+    Between two commands a rig is at rest, so a policy may take any time.
     """
 
     @property

@@ -38,7 +38,7 @@ OnEvent = Callable[[str, dict[str, Any]], None]
 """Called with what has happened on the connection, "cut", "reconnected", "damaged" or "resent", and details."""
 TIMEOUT, PATIENCE = 5.0, 60.0  # seconds
 FIRST_PAUSE, LONGEST_PAUSE = 0.02, 1.0  # seconds between attempts to open a connection again
-STOP_EVERY = 0.5  # seconds between two stop commands that nobody has confirmed
+STOP_EVERY = 0.5  # seconds between two stop commands until one is confirmed
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""A rig that is a simulation."""
+"""A simulated rig, without noise."""
 
 from __future__ import annotations
 

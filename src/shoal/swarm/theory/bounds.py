@@ -22,7 +22,7 @@ class LowerBound:
     Parameters
     ----------
     count : int
-        Each move settles at most one cell a particle.
+        Each move classifies at most one cell a particle.
     distance : int
         The farthest cell from any particle; and if N cells are farther than d, d moves and then those for N cells.
     axes : int

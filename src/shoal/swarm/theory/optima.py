@@ -25,7 +25,7 @@ class Optimum:
     ----------
     moves : int
     commands : str
-        A plan with so many.
+        A plan with that number of moves.
     states : int
         States that the search has looked at.
     """
@@ -54,12 +54,12 @@ def optimum(
     rule : str
         "block" or "merge".
     most_states : int
-        Give up after so many.
+        Limit of the search.
 
     Raises
     ------
     InvalidInputError
-        If some cell cannot be reached, or more states would have to be looked at.
+        If some cell cannot be reached, or the search needs more states.
 
     Examples
     --------

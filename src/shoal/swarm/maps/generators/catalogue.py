@@ -1,4 +1,4 @@
-"""Which generators there are, and what a person needs to know to use each one."""
+"""The generators of maps: name, size, example and function of each; a new generator is one entry here."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def _walk(rows: int, columns: int, rng: np.random.Generator) -> tuple[NDArray[np
 
 
 def _doors(room: int, rows: int, columns: int, unvisited: bytearray) -> list[int]:
-    """Return the neighbouring rooms that nobody has been in."""
+    """Return the neighbouring rooms that have not been visited."""
     row, column = divmod(room, columns)
     doors = []
     if column > 0 and unvisited[room - 1]:

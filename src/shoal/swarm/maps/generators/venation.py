@@ -146,7 +146,7 @@ def _colonise(
     patience = np.full(len(targets), 6)
     fresh = len(points)  # nodes from here on grew in the last step
     while True:
-        # A target that pulls and pulls in vain is balanced by others: drop it, so that growth ends.
+        # A target that no vessel comes nearer to is balanced by others: drop it, so that growth ends.
         left = (distance > 0.6 * spacing) & (patience > 0)
         targets, distance, nearest, patience = targets[left], distance[left], nearest[left], patience[left]
         seen = distance < sight

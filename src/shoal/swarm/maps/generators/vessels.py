@@ -12,7 +12,7 @@ TIP_WIDTH = 1.5  # cells, at the end of a twig
 TRUNK_WIDTH = 4.8  # cells, at 5000 free cells
 THIN = 1.7  # pieces narrower than this are drawn as a line of single cells
 SAMPLES = 9  # points drawn for each piece, which is one or two cells long
-SPECK = 2  # a hole of at most so many cells is filled: two vessels that touch have merged
+SPECK = 2  # cells of the largest hole that is filled: there two vessels touch
 
 
 def draw_vessels(count: int, *, seed: int = 0) -> Mask:

@@ -65,7 +65,7 @@ def _draw_vessels(count: int, rng: np.random.Generator, *, loops: float) -> Mask
 
 
 def murray_radius(fed: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the radius, in cells, of branches that feed so many tips each."""
+    """Return the radius, in cells, of branches, given the number of tips that each feeds."""
     return TIP_RADIUS * np.cbrt(fed.astype(np.float64))
 
 

@@ -1,4 +1,4 @@
-"""Exact expectations and distributions on a line, as fractions; floats are one ``float()`` away."""
+"""Exact expectations and distributions on a line, as fractions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shoal.checks import check_integer
 from shoal.swarm.theory.one_dimension import counting
 
-_COUNTED = 1000  # C(m, n) of so many particles, or empty cells, has thousands of digits
+_COUNTED = 1000  # particles, or empty cells, from which on C(m, n) has thousands of digits
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What given placements cost: the formulas of one dimension, over arrays of sorted positions."""
+"""The moves that given placements on a line need: formulas over arrays of sorted positions."""
 
 from __future__ import annotations
 

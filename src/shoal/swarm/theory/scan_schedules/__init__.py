@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from shoal.swarm.theory.scan_schedules.bounds import Bracket, least_simultaneous_ratio, worst_of_both
 from shoal.swarm.theory.scan_schedules.optimal import OptimalSchedule, optimal_schedule
 from shoal.swarm.theory.scan_schedules.schedules import (
     Cost,
@@ -16,6 +15,7 @@ from shoal.swarm.theory.scan_schedules.schedules import (
     Worst,
     check_prices,
 )
+from shoal.swarm.theory.scan_schedules.simultaneous_ratio import Bracket, least_simultaneous_ratio, worst_of_both
 
 __all__ = [
     "Bracket",

@@ -20,7 +20,7 @@ from shoal.swarm.theory.scan_schedules.schedules import (
 )
 
 MAX_SCANS = 20_000
-"""The optimum is sought among schedules of at most so many positions, and those of equal steps, which may have more."""
+"""The largest number of positions of schedules among which the optimum is sought; those of equal steps may have more."""
 
 _PRECISION = 64  # bits of the bisection, after which the last steps are exact
 _LAST_STEPS = 50
@@ -120,7 +120,7 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
 def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> EqualSteps:
     """Return the equal steps with the smallest worst ratio.
 
-    It is that of a wall right at the start, which grows with the step, or of one at the largest distance, which falls.
+    The worst ratio is that of a wall at the start, which grows with the step, or of one at the largest distance, which falls.
     """
 
     def too_short(step: int) -> bool:

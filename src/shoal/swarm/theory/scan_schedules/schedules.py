@@ -1,7 +1,7 @@
 """Scan schedules on a line: after which moves to look, while a particle walks towards a wall at an unknown distance.
 
 The particle has been seen once, at the start. A wall at distance D stops it after D moves; a scan after x moves finds that if
-x > D. The optimum, which nobody can reach who does not know D, is (D + 1 moves, 2 scans).
+x > D. The optimum is (D + 1 moves, 2 scans); without knowing D it cannot be reached.
 """
 
 from __future__ import annotations
