@@ -46,7 +46,6 @@ def reproduce(
     Exit code 1 if a figure does not hold what the paper says of it.
     """
     from shoal.lab.versions import MixedVersionsWarning
-    from shoal.papers import recipes
     from shoal.papers import reproduce as reproduce_one
 
     if figure is not None and all_:
@@ -60,7 +59,7 @@ def reproduce(
     page: Path | None = None
     if figure is not None:
         with live(figure) as tell, warnings_said(MixedVersionsWarning):
-            found.append(reproduce_one(figure, out, on_progress=lambda _name: tell, **chosen))
+            found.append(reproduce_one(figure, out, on_progress=tell, **chosen))
     else:
         page = _all(out, chosen, found)
     if json_:
@@ -71,7 +70,7 @@ def reproduce(
             rows += [("work", f"{result.trials} trials, {result.seconds:.0f} s"), ("written", ", ".join(map(str, result.files)))]
             print_table(rows, title=f"{result.recipe.name}{'' if result.outcome.ok else ': DOES NOT HOLD'}")
         if page is not None:
-            print_table([("written", str(page))], title=f"all {len(recipes_of(recipes()))} figures")
+            print_table([("written", str(page))], title=f"all {len(found)} figures")
     wrong = [result.recipe.name for result in found if not result.outcome.ok]
     if wrong:
         say(f"shoal: {', '.join(wrong)}: not as the paper says")
@@ -89,18 +88,14 @@ def _all(out: Path, chosen: dict[str, Any], found: list[Result]) -> Path:
             if tell is None:
                 say(f"{result.recipe.name}: {result.seconds:.0f} s")
 
-        return reproduce_all(out, on_result=done, on_progress=lambda _name: tell, **chosen)
-
-
-def recipes_of(registry: Any) -> list[Any]:
-    """Return all recipes."""
-    return [registry.get(name) for name in registry]
+        return reproduce_all(out, on_result=done, on_progress=tell, **chosen)
 
 
 def _list(json_: bool) -> None:
     from shoal.papers import recipes
 
-    known = recipes_of(recipes())
+    registry = recipes()
+    known = [registry.get(name) for name in registry]
     if json_:
         print_json({"figures": [{"name": r.name, "source": r.source, "title": r.title, "takes_a_map": r.on_map} for r in known]})
         return

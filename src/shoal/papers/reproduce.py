@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 from shoal.files import atomic, write_json
 from shoal.lab.coordinator import OnProgress, run_sweep
@@ -46,7 +47,7 @@ def reproduce(
     on_map: str | None = None,
     seed: int = 0,
     workers: int | None = None,
-    on_progress: Callable[[str], OnProgress | None] | None = None,
+    on_progress: OnProgress | None = None,
 ) -> Result:
     """Reproduce one figure.
 
@@ -65,7 +66,7 @@ def reproduce(
     seed, workers
         As of `shoal.lab.coordinator`.
     on_progress : callable, optional
-        Given the name of a sweep, returns what is told its progress.
+        Told the progress of each sweep.
 
     Raises
     ------
@@ -74,17 +75,15 @@ def reproduce(
     recipe, folder = recipes().get(name), Path(out)
     if on_map is not None and not recipe.on_map:
         raise InvalidInputError(f"map: expected it with a figure on the complex map, got {name}, which is none")
-    if trials is not None and (isinstance(trials, bool) or not isinstance(trials, int) or trials < 1):
-        raise InvalidInputError(f"trials: expected a whole number, 1 or more, got {trials!r}")
+    if trials is not None:
+        trials = check_integer(trials, what="trials", least=1)
     settings = Settings(quick, trials, on_map, seed)
     began = time.perf_counter()
     folder.mkdir(parents=True, exist_ok=True)
     sweeps = []
     for sweep in recipe.sweeps(settings):
         kept = _no_fewer(folder / STORE, sweep)
-        status = run_sweep(
-            kept, folder / STORE, workers=workers, extend=True, on_progress=None if on_progress is None else on_progress(kept.name)
-        )
+        status = run_sweep(kept, folder / STORE, workers=workers, extend=True, on_progress=on_progress)
         if status.failures:
             raise InvalidInputError(
                 f"{name}: expected every trial to end, got {status.failures} failures; see 'shoal sweep status'"
