@@ -58,12 +58,12 @@ class Rig:
         """Return the answer to one line, b"" if there is none."""
         if not line.strip():
             return b""
-        message = unseal(line)
+        message = decode_message(line)
         if message is None:
-            return seal({"type": "again"})
+            return encode_message({"type": "again"})
         if message["type"] == "stop":  # at any time, in any session, as often as it comes
             self.stopped = True
-            return seal({"type": "stopped"})
+            return encode_message({"type": "stopped"})
         if message["type"] == "hello":
             return self.welcome(message)
         return self.numbered(message)
@@ -73,7 +73,7 @@ class Rig:
         if message["session"] != self.session:
             self.session, self.seq, self.answer, self.stopped = message["session"], 0, b"", False
         about = {"shape": list(self.shape), "rule": "block", "name": self.name}
-        return seal({"type": "welcome", "protocol": PROTOCOL, "session": self.session, "seq": self.seq, **about})
+        return encode_message({"type": "welcome", "protocol": PROTOCOL, "session": self.session, "seq": self.seq, **about})
 
     def numbered(self, message: dict) -> bytes:
         """Carry out a request if its number is the next; if we have done so already, answer as before and do nothing."""
@@ -83,27 +83,27 @@ class Rig:
         if seq < self.seq:
             return b""  # long done: a copy that was late
         if seq != self.seq + 1:
-            return seal({"type": "error", "seq": seq, "text": f"expected request {self.seq + 1}, got {seq}"})
+            return encode_message({"type": "error", "seq": seq, "text": f"expected request {self.seq + 1}, got {seq}"})
         if message["type"] == "command":
             if self.stopped:
-                return seal({"type": "error", "seq": seq, "text": "the rig has been stopped"})
+                return encode_message({"type": "error", "seq": seq, "text": "the rig has been stopped"})
             if not self.quiet(self.duration):  # the time that magnets take; a stop command ends it
-                return seal({"type": "error", "seq": seq, "text": "the rig has been stopped"})
+                return encode_message({"type": "error", "seq": seq, "text": "the rig has been stopped"})
             self.swarm.move(message["command"])
-            self.answer = seal({"type": "done", "seq": seq})
+            self.answer = encode_message({"type": "done", "seq": seq})
         else:
-            self.answer = seal({"type": "positions", "seq": seq, "cells": sorted(self.swarm.cells)})
+            self.answer = encode_message({"type": "positions", "seq": seq, "cells": sorted(self.swarm.cells)})
         self.seq = seq
         return self.answer
 
 
-def seal(message: dict) -> bytes:
+def encode_message(message: dict) -> bytes:
     """Return a line: JSON whose last member is the CRC-32 of all bytes before it."""
     text = json.dumps(message, separators=(",", ":")).encode()[:-1]
     return b'%s,"crc":"%08x"}\n' % (text, zlib.crc32(text))
 
 
-def unseal(line: bytes) -> dict | None:
+def decode_message(line: bytes) -> dict | None:
     """Return the message of a line, None if it is damaged."""
     text, mark, rest = line.strip().rpartition(b',"crc":"')
     if not mark or rest != b'%08x"}' % zlib.crc32(text):
@@ -157,7 +157,7 @@ class Wire:
     def quiet(self, seconds: float) -> bool:
         """Wait so long; return at once with False if a stop command comes."""
         until = time.monotonic() + seconds
-        while not any((unseal(line) or {}).get("type") == "stop" for line in self.pending.split(b"\n")):
+        while not any((decode_message(line) or {}).get("type") == "stop" for line in self.pending.split(b"\n")):
             left = until - time.monotonic()
             if left <= 0 or not self.more(left):
                 return True

@@ -12,7 +12,7 @@ from shoal.checks import check_number
 from shoal.errors import InvalidInputError
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.theory.bounds import check_case, flat_cells, flat_mask
-from shoal.swarm.theory.optima import MOST_STATES, SmallWorld, bits_of
+from shoal.swarm.theory.optima import MOST_STATES, SmallWorld, set_bits
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class _Game:
 
     def _learn(self, opened: int, known: int, here: int, command: int, tried: int, bound: float) -> float:
         """Return the moves needed after a command that settles the cells ``tried``: the worst outcome, or the mean."""
-        uncertain = [1 << bit for bit in bits_of(tried & self.world.free)]
+        uncertain = [1 << bit for bit in set_bits(tried & self.world.free)]
         mean = most = 0.0
         for outcome in product((False, True), repeat=len(uncertain)):
             found = sum(bit for bit, is_free in zip(uncertain, outcome, strict=True) if is_free)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from shoal.swarm.theory.one_dimension import Line, LineSample
-    from shoal.swarm.theory.scan_schedules import OptimalSchedule, Schedule
+    from shoal.swarm.theory.scan_schedules import OptimalSchedule, ScanSchedule
 
 LINE_EXAMPLE = "Example: shoal line --cells 1000 --particles 100 --monte-carlo 100000"
 SCHEDULE_EXAMPLE = "Example: shoal schedule --scan-cost 10 --move-cost 1 --max-distance 500"
@@ -158,7 +158,7 @@ def schedule(
     print_table([*rows, *(("written", str(path)) for path in written)], title=title)
 
 
-def _schedule_entry(schedule: Schedule, best: OptimalSchedule) -> dict[str, Any]:
+def _schedule_entry(schedule: ScanSchedule, best: OptimalSchedule) -> dict[str, Any]:
     """Return name, moves and scans at the largest distance, and the worst case over all up to it."""
     cost = schedule.cost(best.max_distance)
     worst = schedule.worst(scan_cost=best.scan_cost, move_cost=best.move_cost, max_distance=best.max_distance)

@@ -29,13 +29,13 @@ from shoal.swarm.rigs import (
     RemoteRig,
     SimulatedRig,
     Transport,
+    decode_message,
     drive,
+    encode_message,
     open_rig,
     open_transport,
     read_log,
     replay_log,
-    seal,
-    unseal,
 )
 from shoal.swarm.rigs.messages import Command, Positions, Stop
 
@@ -167,23 +167,23 @@ def test_ctrl_c_stops_the_plant_and_ends_the_log(tmp_path):
 
 
 def test_a_message_comes_back_and_no_single_damage_gets_through():
-    line = seal(Positions(seq=12, cells=[[3, 4], [-1, 70]]))
+    line = encode_message(Positions(seq=12, cells=[[3, 4], [-1, 70]]))
     assert json.loads(line)["cells"] == [[3, 4], [-1, 70]]
-    assert unseal(line) == Positions(seq=12, cells=[[3, 4], [-1, 70]])
+    assert decode_message(line) == Positions(seq=12, cells=[[3, 4], [-1, 70]])
     for at in range(len(line) - 1):
         for flip in (1, 32, 128):
             changed = line[:at] + bytes([line[at] ^ flip]) + line[at + 1 :]
-            assert unseal(changed) in (None, unseal(line)), changed
-        assert unseal(line[:at]) is None
-    assert example.unseal(line)["cells"] == [[3, 4], [-1, 70]]
-    assert unseal(example.seal({"type": "stop"})) == Stop()
+            assert decode_message(changed) in (None, decode_message(line)), changed
+        assert decode_message(line[:at]) is None
+    assert example.decode_message(line)["cells"] == [[3, 4], [-1, 70]]
+    assert decode_message(example.encode_message({"type": "stop"})) == Stop()
 
 
 def test_a_whole_line_that_is_no_message_is_the_rigs_fault():
     with pytest.raises(InvalidInputError, match="expected a message of protocol 1, got"):
-        unseal(example.seal({"type": "wave"}))
+        decode_message(example.encode_message({"type": "wave"}))
     with pytest.raises(InvalidInputError, match=r"command\.seq"):
-        unseal(example.seal({"type": "command", "seq": -1, "command": "l"}))
+        decode_message(example.encode_message({"type": "command", "seq": -1, "command": "l"}))
 
 
 @pytest.mark.parametrize(
@@ -271,7 +271,7 @@ def test_a_rig_that_was_started_anew_is_not_gone_on_with():
 )
 def test_a_rig_that_is_none_of_ours(answer, words):
     line = bench(open_map("line:5"))
-    line.rig.reply = lambda data: example.seal(answer) if data.strip() else b""
+    line.rig.reply = lambda data: example.encode_message(answer) if data.strip() else b""
     with pytest.raises(RigError, match=words):
         RemoteRig(line, timeout=0.05, patience=1, session="s")
 
@@ -291,7 +291,7 @@ def test_a_silent_rig_is_given_up():
 def test_a_rig_that_tells_nonsense():
     line = bench(open_map("line:5"))
     rig = RemoteRig(line, timeout=0.05, patience=1)
-    line.rig.reply = lambda data: seal(Positions(seq=1, cells=[[0, 1, 2]])) if data.strip() else b""
+    line.rig.reply = lambda data: encode_message(Positions(seq=1, cells=[[0, 1, 2]])) if data.strip() else b""
     with pytest.raises(RigError, match="bench: positions: expected integer cells"):
         rig.observe()
     with pytest.raises(InvalidInputError, match="expected one command out of 'lurd'"):
@@ -303,7 +303,7 @@ def test_stop_gets_through_damage_cuts_and_half_a_message():
     line = bench(workspace, particles=1, wear=bad.carry)
     rig = RemoteRig(line, timeout=0.02, patience=20)
     bad.damage = 0.7
-    line.write(seal(Command(seq=1, command="l"))[:20])  # an interruption in the middle of a message
+    line.write(encode_message(Command(seq=1, command="l"))[:20])  # an interruption in the middle of a message
     rig.stop()
     bad.damage = 0.0
     assert line.rig.stopped

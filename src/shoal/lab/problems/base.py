@@ -19,7 +19,7 @@ class Problem(BaseModel, ABC):
     Notes
     -----
     Sources of what trials do: `shoal.swarm.run`, `shoal.swarm.theory.one_dimension.sample`,
-    `shoal.swarm.theory.scan_schedules.Schedule.cost`,
+    `shoal.swarm.theory.scan_schedules.ScanSchedule.cost`,
     `shoal.steering.steer`, `shoal.search.search`.
     """
 

@@ -26,7 +26,7 @@ Cells = tuple[NDArray[Any], tuple[float, ...] | None]
 
 
 @dataclass(frozen=True)
-class Format:
+class MapFormat:
     """A format of map files.
 
     Parameters
@@ -48,18 +48,18 @@ def _unsized(read: Callable[[Path, MapOptions], NDArray[Any]]) -> Callable[[Path
     return lambda path, options: (read(path, options), None)
 
 
-FORMATS: dict[str, Format] = {
+FORMATS: dict[str, MapFormat] = {
     **{
-        suffix: Format(
+        suffix: MapFormat(
             _unsized(read_picture), partial(encode_picture, suffix=suffix), (2, 3) if suffix.startswith(".tif") else (2,)
         )
         for suffix in PICTURES
     },
-    ".txt": Format(_unsized(read_rows), encode_rows),
-    ".map": Format(_unsized(read_movingai), encode_movingai),
-    ".csv": Format(_unsized(read_csv), encode_csv),
-    ".npy": Format(_unsized(read_npy), encode_npy, (2, 3)),
-    **{suffix: Format(read_nifti, partial(encode_nifti, suffix=suffix), (3,)) for suffix in NIFTI},
+    ".txt": MapFormat(_unsized(read_rows), encode_rows),
+    ".map": MapFormat(_unsized(read_movingai), encode_movingai),
+    ".csv": MapFormat(_unsized(read_csv), encode_csv),
+    ".npy": MapFormat(_unsized(read_npy), encode_npy, (2, 3)),
+    **{suffix: MapFormat(read_nifti, partial(encode_nifti, suffix=suffix), (3,)) for suffix in NIFTI},
 }
 """The formats by suffix."""
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from shoal.swarm.rigs.driving import Drive, drive, replay_log
 from shoal.swarm.rigs.log import DriveLog, RecordedRig, read_log
-from shoal.swarm.rigs.messages import PROTOCOL, seal, unseal
+from shoal.swarm.rigs.messages import PROTOCOL, decode_message, encode_message
 from shoal.swarm.rigs.protocol import Rig
 from shoal.swarm.rigs.remote import LinkCounts, RemoteRig, open_rig
 from shoal.swarm.rigs.simulated import SimulatedRig
@@ -34,11 +34,11 @@ __all__ = [
     "SimulatedRig",
     "TcpTransport",
     "Transport",
+    "decode_message",
     "drive",
+    "encode_message",
     "open_rig",
     "open_transport",
     "read_log",
     "replay_log",
-    "seal",
-    "unseal",
 ]

@@ -24,7 +24,7 @@ from shoal.swarm.grid.trace import Trace
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.policies import View
 from shoal.swarm.problem import DRIVEN, SwarmProblem
-from shoal.swarm.rigs.log import DriveLog, RecordedRig, digest, read_log
+from shoal.swarm.rigs.log import DriveLog, RecordedRig, map_digest, read_log
 from shoal.swarm.rigs.protocol import Rig
 from shoal.swarm.rigs.remote import LinkCounts
 from shoal.swarm.rigs.tracking import ExactRigSwarm, NoisyRigSwarm, RigSwarm
@@ -235,7 +235,7 @@ def replay_log(path: str | os.PathLike[str]) -> tuple[Drive, Verification]:
         return result, Verification(
             False, f"status {ended['status']!r} in the log, {len(result.belief.frontier)} frontier cells left"
         )
-    for name, value in ({"moves": result.moves} | digest(result.belief)).items():
+    for name, value in ({"moves": result.moves} | map_digest(result.belief)).items():
         if ended[name] != value:
             return result, Verification(False, f"{name}: {ended[name]} in the log, {value} replayed")
     return result, Verification(True, f"{result.moves} moves replayed: the same map")

@@ -86,7 +86,7 @@ class DriveLog:
         """Write how it ended, with the map unless it was interrupted, and close the file."""
         if self._file is None:
             return
-        found = {} if belief is None else {"moves": moves} | digest(belief)
+        found = {} if belief is None else {"moves": moves} | map_digest(belief)
         self._write({"kind": "end", "status": str(status)} | found | {"time": self._time()})
         self._file.close()
         self._file = None
@@ -101,7 +101,7 @@ class DriveLog:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from None
 
 
-def digest(belief: Belief) -> dict[str, Any]:
+def map_digest(belief: Belief) -> dict[str, Any]:
     """Return what tells a map from others: numbers of cells, and a checksum of what is known of each."""
     return {
         "free": len(belief.open),

@@ -106,21 +106,21 @@ Message = Hello | Command | Observe | Stop | Welcome | Done | Positions | Stoppe
 _ANY: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="type")])
 
 
-def seal(message: Message) -> bytes:
+def encode_message(message: Message) -> bytes:
     r"""Return the line of a message: JSON, checksum, newline.
 
     The checksum is the CRC-32 (as of zlib) of all bytes of the line before ``,"crc":``, in eight hexadecimal digits.
 
     Examples
     --------
-    >>> seal(Command(seq=7, command="l"))
+    >>> encode_message(Command(seq=7, command="l"))
     b'{"type":"command","seq":7,"command":"l","crc":"07eb29f8"}\n'
     """
     text = json.dumps(message.model_dump(exclude_none=True), separators=(",", ":"), ensure_ascii=True).encode()[:-1]
     return b'%s,"crc":"%08x"}\n' % (text, zlib.crc32(text))
 
 
-def unseal(line: bytes) -> Message | None:
+def decode_message(line: bytes) -> Message | None:
     """Return the message of a line, None if the line is damaged.
 
     Raises

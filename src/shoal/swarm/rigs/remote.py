@@ -29,8 +29,8 @@ from shoal.swarm.rigs.messages import (
     Stop,
     Stopped,
     Welcome,
-    seal,
-    unseal,
+    decode_message,
+    encode_message,
 )
 from shoal.swarm.rigs.transports import ConnectionCutError, Transport, open_transport
 
@@ -173,7 +173,9 @@ class RemoteRig:
         until, pause = time.monotonic() + self.patience, FIRST_PAUSE
         while time.monotonic() < until:
             try:
-                self.transport.write(b"\n" + seal(Stop()))  # the newline ends what an interruption may have left half-written
+                self.transport.write(
+                    b"\n" + encode_message(Stop())
+                )  # the newline ends what an interruption may have left half-written
                 if self._stopped(min(STOP_EVERY, self.timeout)):
                     return
             except ConnectionCutError:
@@ -195,7 +197,7 @@ class RemoteRig:
                 return
             if line.strip():
                 try:
-                    yield unseal(line)
+                    yield decode_message(line)
                 except InvalidInputError as error:
                     raise RigError(f"{self.transport.name}: {error}") from None
 
@@ -215,7 +217,7 @@ class RemoteRig:
         self._heard = time.monotonic()
         while True:
             try:
-                self.transport.write(seal(request))
+                self.transport.write(encode_message(request))
                 answer = self._answer(request.seq)
             except ConnectionCutError as error:
                 self._reconnect(str(error))
@@ -289,7 +291,7 @@ class RemoteRig:
     def _greet(self) -> Welcome | None:
         """Say hello; return the answer, None if none comes in time."""
         for _ in range(3):
-            self.transport.write(b"\n" + seal(Hello(session=self._session)))
+            self.transport.write(b"\n" + encode_message(Hello(session=self._session)))
             for message in self._messages(self.timeout):
                 if message is None or isinstance(message, Again):
                     break

@@ -72,14 +72,14 @@ def optimum(
     wanted = free if targets is None else np.pad(np.asarray(targets, dtype=np.bool_), 1).ravel()
     particles = world.number(flat_mask(workspace, cells))
     left = world.number(wanted) & ~particles
-    balls = {cell: world.balls(cell) for cell in bits_of(left)}
+    balls = {cell: world.balls(cell) for cell in set_bits(left)}
     if any(not steps[-1] & particles for steps in balls.values()):
         raise InvalidInputError("optimum: expected a particle in every connected part with cells to cover")
     n, letters = len(cells), letters_of(workspace.ndim)
 
     def estimate(particles: int, left: int) -> int:
         farthest = 0
-        for cell in bits_of(left):
+        for cell in set_bits(left):
             steps = balls[cell]
             while not steps[farthest] & particles if farthest < len(steps) else False:
                 farthest += 1
@@ -147,7 +147,7 @@ class SmallWorld:
             found.append(wider)
 
 
-def bits_of(number: int) -> Iterator[int]:
+def set_bits(number: int) -> Iterator[int]:
     """Yield the places of a number's bits."""
     while number:
         low = number & -number

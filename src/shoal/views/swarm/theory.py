@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.swarm.theory.one_dimension import Distribution, Line, LineSample
-from shoal.swarm.theory.scan_schedules import Hyperexponential, Powers, Schedule
+from shoal.swarm.theory.scan_schedules import Hyperexponential, Powers, ScanSchedule
 from shoal.views.drawing.charts import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, new_figure, plain_axes, set_title
 
 if TYPE_CHECKING:
@@ -93,12 +93,12 @@ def move_distributions(line: Line, sample: LineSample) -> Figure:
     return figure
 
 
-def schedule_ratios(schedules: Sequence[Schedule], *, max_distance: int) -> Figure:
+def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> Figure:
     """Return both ratios of schedules against the distance of the wall, up to distances of any size.
 
     Parameters
     ----------
-    schedules : sequence of Schedule
+    schedules : sequence of ScanSchedule
     max_distance : int
     """
     figure = new_figure(7.6, 4.2)
@@ -129,7 +129,7 @@ def _float(ratio: Fraction) -> float:
     return float(min(ratio, Fraction(10**100)))
 
 
-def telling_distances(schedule: Schedule, max_distance: int, *, teeth: int = 40, at_most: int = 400) -> list[int]:
+def telling_distances(schedule: ScanSchedule, max_distance: int, *, teeth: int = 40, at_most: int = 400) -> list[int]:
     """Return distances that show a schedule's ratios.
 
     Each side of its scans; where these are many, only the worst side, so that the line runs along the peaks; where they are

@@ -27,7 +27,7 @@ JOINED_SHARE = 0.6  # of the twigs; the others stay dead ends
 
 
 @dataclass(frozen=True)
-class Network:
+class VesselNetwork:
     """A vascular network as a tree of nodes and the joints that close loops.
 
     Attributes
@@ -46,7 +46,7 @@ class Network:
 
 
 @dataclass(frozen=True)
-class Outline:
+class OrganOutline:
     """A smooth closed curve around the origin: radius as a function of the angle."""
 
     radius: float
@@ -73,14 +73,14 @@ class Outline:
         return np.asarray(points[inside])
 
 
-def random_outline(area: float, rng: np.random.Generator) -> Outline:
+def random_outline(area: float, rng: np.random.Generator) -> OrganOutline:
     """Return a blob of about the given area (in cells)."""
     amplitude = rng.uniform(0.3, 1.0, 4) * (0.085, 0.06, 0.035, 0.02)
     waves = np.column_stack([amplitude, rng.uniform(0, 2 * np.pi, 4)])
-    return Outline(float(np.sqrt(area / np.pi)), float(rng.uniform(1.02, 1.12)), waves)
+    return OrganOutline(float(np.sqrt(area / np.pi)), float(rng.uniform(1.02, 1.12)), waves)
 
 
-def grow_network(area: float, rng: np.random.Generator) -> Network:
+def grow_network(area: float, rng: np.random.Generator) -> VesselNetwork:
     """Grow a network that fills a random blob of about ``area`` cells."""
     outline = random_outline(area, rng)
     points, parents = _roots(outline, rng)
@@ -89,7 +89,7 @@ def grow_network(area: float, rng: np.random.Generator) -> Network:
         targets = outline.scatter(max(0.45 * spacing, 1.0), rng)
         points, parents = _colonise(points, parents, targets, spacing, rng)
     points = _smooth(points, parents)
-    return Network(points, parents, _join_tips(points, parents, rng))
+    return VesselNetwork(points, parents, _join_tips(points, parents, rng))
 
 
 def subtrees(parents: Indices) -> tuple[Indices, Indices]:
@@ -119,7 +119,7 @@ def _tips(parents: Indices) -> Indices:
     return np.flatnonzero(np.bincount(grown_from, minlength=len(parents)) == 0)
 
 
-def _roots(outline: Outline, rng: np.random.Generator) -> tuple[Points, Indices]:
+def _roots(outline: OrganOutline, rng: np.random.Generator) -> tuple[Points, Indices]:
     """Return the first nodes: one vessel that enters the organ, or two from different sides."""
     angles = rng.uniform(0, 2 * np.pi) + np.array([0, rng.uniform(0.6, 1.4) * np.pi])
     stems = [_stem(outline, float(angle)) for angle in angles[: rng.integers(1, 3)]]
@@ -128,7 +128,7 @@ def _roots(outline: Outline, rng: np.random.Generator) -> tuple[Points, Indices]
     return np.concatenate(stems), np.concatenate(parents)
 
 
-def _stem(outline: Outline, angle: float) -> Points:
+def _stem(outline: OrganOutline, angle: float) -> Points:
     """Return the nodes of a straight vessel from the outline inwards."""
     entry, inner = outline.at(angle, 1.0), outline.at(angle, 0.8)
     pieces = max(2, int(np.hypot(*(entry - inner)) / STEP))

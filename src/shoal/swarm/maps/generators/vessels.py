@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.swarm.maps.generators.components import Mask, crop
-from shoal.swarm.maps.generators.venation import Indices, Network, Points, grow_network, subtrees
+from shoal.swarm.maps.generators.venation import Indices, Points, VesselNetwork, grow_network, subtrees
 
 AREA_PER_CELL = 1.65  # area of the organ for each free cell, before the network is scaled
 TIP_WIDTH = 1.5  # cells, at the end of a twig
@@ -37,7 +37,7 @@ def draw_vessels(count: int, *, seed: int = 0) -> Mask:
     return crop(_trim(_fit(network, count), count, rng))
 
 
-def _fit(network: Network, count: int) -> Mask:
+def _fit(network: VesselNetwork, count: int) -> Mask:
     """Return the network drawn at the scale that gives ``count`` free cells or slightly more."""
     start, end, width = _pieces(network, TRUNK_WIDTH * (count / 5000) ** (1 / 6))
     scale, best, best_excess = 1.0, None, count
@@ -54,7 +54,7 @@ def _fit(network: Network, count: int) -> Mask:
     return best
 
 
-def _pieces(network: Network, trunk_width: float) -> tuple[Points, Points, Points]:
+def _pieces(network: VesselNetwork, trunk_width: float) -> tuple[Points, Points, Points]:
     """Return start, end (pieces, 2) and width (pieces,) of every straight piece of vessel.
 
     As in Murray's law the width is a power of what a vessel feeds: here the length of vessel behind it.

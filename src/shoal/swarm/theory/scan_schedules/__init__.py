@@ -11,7 +11,7 @@ from shoal.swarm.theory.scan_schedules.schedules import (
     Hyperexponential,
     OneJump,
     Powers,
-    Schedule,
+    ScanSchedule,
     Worst,
     check_prices,
 )
@@ -27,7 +27,7 @@ __all__ = [
     "OneJump",
     "OptimalSchedule",
     "Powers",
-    "Schedule",
+    "ScanSchedule",
     "Worst",
     "check_prices",
     "least_simultaneous_ratio",

@@ -13,7 +13,7 @@ from shoal.swarm.theory.scan_schedules.schedules import (
     Custom,
     EqualSteps,
     Price,
-    Schedule,
+    ScanSchedule,
     Worst,
     check_distance,
     check_prices,
@@ -26,19 +26,19 @@ _PRECISION = 64  # bits of the bisection, after which the last steps are exact
 _LAST_STEPS = 50
 
 
-class OptimalSchedule(Schedule):
+class OptimalSchedule(ScanSchedule):
     """The best schedule for its prices; see `optimal_schedule`.
 
     Parameters
     ----------
-    schedule : Schedule
+    schedule : ScanSchedule
     scan_cost, move_cost : Fraction
     max_distance : int
     """
 
     name = "optimal"
 
-    def __init__(self, schedule: Schedule, *, scan_cost: Fraction, move_cost: Fraction, max_distance: int) -> None:
+    def __init__(self, schedule: ScanSchedule, *, scan_cost: Fraction, move_cost: Fraction, max_distance: int) -> None:
         self.scan_cost, self.move_cost, self.max_distance = scan_cost, move_cost, max_distance
         self.schedule = schedule
 
@@ -50,7 +50,7 @@ class OptimalSchedule(Schedule):
                 return
 
     def cost(self, distance: int) -> Cost:
-        """Return moves and scans; see `Schedule.cost`."""
+        """Return moves and scans; see `ScanSchedule.cost`."""
         check_distance(distance)
         if distance > self.max_distance:
             raise InvalidInputError(f"schedule optimal: expected a distance up to {self.max_distance}, got {distance}")
@@ -63,7 +63,7 @@ class OptimalSchedule(Schedule):
         return self.worst(scan_cost=self.scan_cost, move_cost=self.move_cost, max_distance=self.max_distance)
 
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
-        """Return the largest weighted ratio; see `Schedule.worst`."""
+        """Return the largest weighted ratio; see `ScanSchedule.worst`."""
         if isinstance(self.schedule, EqualSteps):
             return self.schedule.worst(scan_cost=scan_cost, move_cost=move_cost, max_distance=max_distance)
         return super().worst(scan_cost=scan_cost, move_cost=move_cost, max_distance=max_distance)
@@ -110,7 +110,7 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
     """
     scan, move = check_prices(scan_cost, move_cost)
     max_distance = check_distance(max_distance)
-    candidates: list[Schedule] = [_best_equal_steps(scan, move, max_distance)]
+    candidates: list[ScanSchedule] = [_best_equal_steps(scan, move, max_distance)]
     if scan and move:
         candidates.insert(0, Custom(least_worst(scan, move, max_distance, MAX_SCANS)))
     made = [OptimalSchedule(one, scan_cost=scan, move_cost=move, max_distance=max_distance) for one in candidates]

@@ -78,7 +78,7 @@ class Worst:
     distance: int
 
 
-class Schedule(ABC):
+class ScanSchedule(ABC):
     """An increasing sequence of positions, in moves from the start, at which scans are made.
 
     A subclass has a ``name`` and yields its `positions`.
@@ -135,7 +135,7 @@ class Schedule(ABC):
         return f"<Schedule {self.name}>"
 
 
-class EqualSteps(Schedule):
+class EqualSteps(ScanSchedule):
     """A scan after every k moves.
 
     Parameters
@@ -163,12 +163,12 @@ class EqualSteps(Schedule):
         return count(self.step, self.step)
 
     def cost(self, distance: int) -> Cost:
-        """Return moves and scans; see `Schedule.cost`."""
+        """Return moves and scans; see `ScanSchedule.cost`."""
         jumps = check_distance(distance) // self.step + 1
         return Cost(distance, jumps * self.step, jumps + 1)
 
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
-        """Return the worst ratio, that at the start or at the last scan before the largest distance; see `Schedule.worst`."""
+        """Return the worst ratio, that at the start or at the last scan before the largest distance; see `ScanSchedule.worst`."""
         check_distance(max_distance)
         ends = (0, max_distance // self.step * self.step)
         ratios = [self.cost(end).weighted_ratio(scan_cost=scan_cost, move_cost=move_cost) for end in ends]
@@ -189,7 +189,7 @@ class EveryStep(EqualSteps):
         self.name = "every step"
 
 
-class Powers(Schedule):
+class Powers(ScanSchedule):
     """Scans after 1, k, k^2, ... moves: at most k D moves (D > 0) and about log D / log k scans.
 
     Parameters
@@ -226,7 +226,7 @@ class Powers(Schedule):
             position *= self.base
 
 
-class Hyperexponential(Schedule):
+class Hyperexponential(ScanSchedule):
     """The i-th scan after i^i moves: 1, 4, 27, 256, ...
 
     Both ratios grow as log D / log log D, and no schedule does better in both.
@@ -249,7 +249,7 @@ class Hyperexponential(Schedule):
         return (i**i for i in count(1))
 
 
-class Custom(Schedule):
+class Custom(ScanSchedule):
     """Scans after given numbers of moves; it ends after the last of them.
 
     Parameters

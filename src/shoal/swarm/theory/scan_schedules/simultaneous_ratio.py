@@ -7,7 +7,7 @@ from fractions import Fraction
 from itertools import count
 
 from shoal.swarm.theory.scan_schedules.optimal import least_worst
-from shoal.swarm.theory.scan_schedules.schedules import Custom, Schedule, check_distance
+from shoal.swarm.theory.scan_schedules.schedules import Custom, ScanSchedule, check_distance
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def least_simultaneous_ratio(max_distance: int) -> Bracket:
     raise AssertionError("count() does not end")
 
 
-def worst_of_both(schedule: Schedule, max_distance: int) -> Fraction:
+def worst_of_both(schedule: ScanSchedule, max_distance: int) -> Fraction:
     """Return the largest of move ratio and scan ratio over the distances 0 .. max_distance.
 
     Raises
