@@ -11,7 +11,8 @@ from tests.steering import steer
 
 from shoal.steering import ContactWorld, disk
 from shoal.steering.contact.friction_limits import friction_limit
-from shoal.steering.kernels.roadmap import CycleModel, fewest_cycles, linked
+from shoal.steering.kernels.cycles import CycleModel
+from shoal.steering.kernels.roadmap import fewest_cycles, linked
 from shoal.steering.planners.chains.friction_roadmap import backward_nodes, turn_on_the_way
 from shoal.steering.workspaces.normalized_walls import normalize_walls
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shoal.checks import check_choice, check_integer, check_number
 from shoal.errors import InvalidInputError
 from shoal.steering.planners.chains.chain import ChainQuery
-from shoal.steering.planners.chains.roadmap import cycle_towards
+from shoal.steering.planners.chains.cycles import nearest_cycles
 from shoal.steering.workspaces.convex import disk
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import normalize_walls
@@ -102,10 +102,9 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
     query = ChainQuery(normalize_walls(disk(radius)), np.stack([-ahead, ahead]), np.array([[radius, 0.0], [-radius, 0.0]]))
     state, moves, lengths, errors = query.start, [], [], []
     for _ in range(cycles):
-        cycle = cycle_towards(query, state[1] - state[0], query.after)
-        assert cycle is not None  # Δ is not zero, so some contact can be made
-        _, delta, (_, _, along) = cycle
-        who, contact = _contact(state, along / radius, radius, toucher)
+        cycle = nearest_cycles(query, state[1] - state[0], query.after)[0]  # Δ is not zero, so some contact can be made
+        delta = cycle.after
+        who, contact = _contact(state, cycle.low / radius, radius, toucher)
         moves += [contact - state[who], (delta - (state[1] - state[0])) * (1 if who == 0 else -1)]
         state = np.stack([contact, contact + delta] if who == 0 else [contact - delta, contact])
         left = query.goal - state

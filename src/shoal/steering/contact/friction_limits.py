@@ -12,6 +12,7 @@ from math import inf
 
 import numpy as np
 
+from shoal.steering.kernels.cycles import CycleModel
 from shoal.steering.kernels.friction_barrier import kept_out
 from shoal.steering.workspaces.convex import ConvexWorkspace
 from shoal.steering.workspaces.convex_geometry import Points, hull
@@ -117,11 +118,7 @@ def _limit_of_barrier(workspace: ConvexWorkspace, friction: float, before: Point
         large / walls.scale * (1 + _SLACK),
         angles,
         farthest / walls.scale,
-        walls.frames,
-        walls.reaches,
-        walls.normals,
-        walls.offsets,
-        float(np.arctan(friction)),
+        CycleModel(walls.frames, walls.reaches, walls.normals, walls.offsets, walls.circle, float(friction), 0.0, 0.0),
         int(np.searchsorted(angles, goal - wide)) - 1,
         int(np.searchsorted(angles, goal + wide)),
         (size - near) / walls.scale * (1 - _ROUNDING),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,8 +75,7 @@ class RegionWorld:
         """
         state = np.array(check_points(points, what="points", dimensions=2), order="C")
         vector = check_points([move], what="move", dimensions=2, count=1)
-        kernels.play(state, np.ascontiguousarray(vector), *self.walls)
-        return state
+        return self._moved(state, np.ascontiguousarray(vector[0]))
 
     def play(self, points: ArrayLike, moves: ArrayLike) -> Points:
         """Return the states at the start and after each move; float64, shape (moves + 1, n, 2)."""
@@ -85,19 +83,18 @@ class RegionWorld:
         vectors = check_points(vectors.reshape(-1, 2) if vectors.size == 0 else vectors, what="moves", dimensions=2)
         states = [self.initial(points)]
         for move in vectors:
-            states.append(np.array(states[-1], order="C"))
-            kernels.play(states[-1], np.ascontiguousarray(move[None]), *self.walls)
+            states.append(self._moved(np.array(states[-1], order="C"), np.ascontiguousarray(move)))
         return np.array(states)
 
     def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
         """Tell which particles the boundary would hold at the start of a move; bool, shape (n,)."""
         state = np.ascontiguousarray(check_points(points, what="points", dimensions=2))
         vector = check_points([move], what="move", dimensions=2, count=1)[0]
-        return np.array([kernels.is_held(point, vector, *self.walls) for point in state])
+        return np.array([kernels.is_held(point, vector, *self.edges) for point in state])
 
     @cached_property
-    def walls(self) -> tuple[Any, ...]:
-        """What the kernels take: edges, normals, lengths, links, reflex corners and the size; see `kernels.region`."""
+    def edges(self) -> kernels.Edges:
+        """What kernels take."""
         edges = np.ascontiguousarray(self.workspace.edges)
         along = edges[:, 2:] - edges[:, :2]
         lengths = np.hypot(*along.T)
@@ -110,4 +107,9 @@ class RegionWorld:
             first += len(ring)
         before = along[links[:, 0]]
         reflex = before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0] < 0
-        return edges, normals, lengths, links, reflex, float(self.workspace.size)
+        return kernels.Edges(edges, normals, lengths, links, reflex, float(self.workspace.size))
+
+    def _moved(self, state: Points, move: Points) -> Points:
+        for point in state:
+            kernels.advance(point, move, self.edges)
+        return state

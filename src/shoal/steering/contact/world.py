@@ -143,21 +143,20 @@ class ContactWorld:
         """Tell which particles a wall would hold at the start of a move, were friction endless; bool, shape (n,)."""
         state = check_points(points, what="points", dimensions=self.workspace.dimensions)
         vector = check_points([move], what="move", dimensions=self.workspace.dimensions, count=1)[0]
-        normals, offsets, circle = self._walls
-        return np.array([kernels.is_held(point, vector, normals, offsets, circle, self.workspace.size) for point in state])
+        return np.array([kernels.is_held(point, vector, self.walls) for point in state])
 
     @cached_property
-    def _walls(self) -> tuple[NDArray[np.float64], ...]:
+    def walls(self) -> kernels.Walls:
+        """What kernels take."""
         room = self.room
-        return np.ascontiguousarray(room.normals), room.offsets, np.array([*room.center, room.radius])
+        normals, circle = np.ascontiguousarray(room.normals), np.array([*room.center, room.radius])
+        return kernels.Walls(normals, room.offsets, circle, float(self.workspace.size), float(self.friction), self.gain)
 
     def _moved(self, state: Points, move: Points) -> Points:
-        size = self.workspace.size
         shares = np.ones(len(state))
         before = state.copy()
-        normals, offsets, circle = self._walls
         for index, point in enumerate(state):
-            shares[index] = kernels.advance(point, move, normals, offsets, circle, size, float(self.friction), self.gain)
+            shares[index] = kernels.advance(point, move, self.walls)
         if self.radius:
             stop_at_others(before, move, shares, 2 * self.radius, state)
         return state

@@ -20,9 +20,9 @@ from shoal.checks import check_points
 from shoal.errors import InvalidInputError
 from shoal.steering.delta_space.disk_reach import check_moves
 from shoal.steering.delta_space.two_moves import toucher_shares, two_move_pieces
-from shoal.steering.kernels.chain import settle
+from shoal.steering.kernels.chain import first_guess, settle
 from shoal.steering.kernels.chain_kinds import kinds_of
-from shoal.steering.kernels.chain_limits import Kind, first_guess
+from shoal.steering.kernels.chain_limits import Kind
 from shoal.steering.kernels.cycles import deeper
 from shoal.steering.workspaces.convex import ConvexWorkspace
 from shoal.steering.workspaces.convex_geometry import Points, clipped, hull

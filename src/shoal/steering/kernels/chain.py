@@ -8,6 +8,7 @@ sharpness, so all that it returns lies strictly inside of all limits. See `limit
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.jit import kernel
 from shoal.steering.kernels.chain_limits import add_flat, add_hold, add_length, add_round, begin, combine, new_place, new_work, put
@@ -266,3 +267,10 @@ def chain_length(x, kind):
     for i in range(d):
         here[i] = kind.goal[touchers[cycles - 1], i] - here[i]
     return total + np.sqrt(dot(here, here))
+
+
+def first_guess(start: NDArray[np.float64], goal: NDArray[np.float64], cycles: int) -> NDArray[np.float64]:
+    """Return unknowns to begin with: the middles of walls, and differences on half of the straight way."""
+    before, after = start[1] - start[0], goal[1] - goal[0]
+    between = (before + (after - before) * np.arange(1, cycles)[:, None] / cycles) / 2
+    return np.concatenate((np.zeros(cycles * (len(before) - 1)), between.ravel()))

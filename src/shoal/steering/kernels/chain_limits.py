@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections import namedtuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shoal.jit import kernel
 
@@ -56,13 +55,6 @@ def new_work(unknowns, d):
         np.zeros((2 + d, d)),
         np.zeros((unknowns + 1, unknowns)),
     )
-
-
-def first_guess(start: NDArray[np.float64], goal: NDArray[np.float64], cycles: int) -> NDArray[np.float64]:
-    """Return unknowns to begin with: the middles of walls, and differences on half of the straight way."""
-    before, after = start[1] - start[0], goal[1] - goal[0]
-    between = (before + (after - before) * np.arange(1, cycles)[:, None] / cycles) / 2
-    return np.concatenate((np.zeros(cycles * (len(before) - 1)), between.ravel()))
 
 
 @kernel

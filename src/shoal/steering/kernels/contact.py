@@ -1,11 +1,13 @@
 """One particle between walls: where one straight move of the shared input takes it.
 
-Walls are the rows of ``normals`` with inside where ``normals[w] @ p >= offsets[w]``, and the circle (x, y, radius) around the first
-two coordinates, of radius 0 if there is none. ``gain`` is (g, gx, gy, ...): at p the particle moves by ``g + (gx, gy, ...) @ p``
-times the input.
+`Walls` are the rows of ``normals`` with inside where ``normals[w] @ p >= offsets[w]``, and the circle (x, y, radius) around the
+first two coordinates, of radius 0 if there is none. ``gain`` is (g, gx, gy, ...): at p the particle moves by
+``g + (gx, gy, ...) @ p`` times the input.
 """
 
 from __future__ import annotations
+
+from collections import namedtuple
 
 import numpy as np
 
@@ -16,6 +18,9 @@ PUSHED = 1e-9  # of the length of a move: who is moved away from a wall by less 
 EVENTS = 4096  # walls met, and short steps along the circle, in one move
 SLOW = 1e-14  # growth of the gain on the way that is as good as none
 ARC = 1 / 400  # of the radius: steps of a slide along the circle
+
+Walls = namedtuple("Walls", "normals offsets circle size friction gain")
+"""What particles move between."""
 
 
 @kernel
@@ -51,11 +56,11 @@ def circle_distance(point, circle):
 
 
 @kernel
-def touches(point, wall, normals, offsets, circle, size):
-    """Tell whether a particle is on a wall; the wall after the last flat one is the circle."""
+def touches(point, wall, normals, offsets, circle, near):
+    """Tell whether a particle is nearer than ``near`` to a wall; the wall after the last flat one is the circle."""
     if wall == normals.shape[0]:
-        return circle[2] > 0 and circle_distance(point, circle) <= TOUCH * size
-    return dot(normals[wall], point) - offsets[wall] <= TOUCH * size
+        return circle[2] > 0 and circle_distance(point, circle) <= near
+    return dot(normals[wall], point) - offsets[wall] <= near
 
 
 @kernel
@@ -67,12 +72,13 @@ def normal_at(point, wall, normals, circle, normal):
 
 
 @kernel
-def is_held(point, move, normals, offsets, circle, size):
+def is_held(point, move, walls):
     """Tell whether some wall that the particle is on does not let it follow the move, friction without end."""
+    normals, offsets, circle, near = walls.normals, walls.offsets, walls.circle, TOUCH * walls.size
     length = norm(move)
     normal = np.empty(move.shape[0])
     for wall in range(normals.shape[0] + 1):
-        if touches(point, wall, normals, offsets, circle, size):
+        if touches(point, wall, normals, offsets, circle, near):
             normal_at(point, wall, normals, circle, normal)
             if dot(normal, move) <= PUSHED * length:
                 return True
@@ -80,7 +86,7 @@ def is_held(point, move, normals, offsets, circle, size):
 
 
 @kernel
-def velocity_at(point, move, normals, offsets, circle, size, friction, velocity):
+def velocity_at(point, move, walls, velocity):
     """Write how a particle follows the input; return the wall it slides along, -1 if it is free and -2 if it is held.
 
     Pushed into a wall it slides by ``|T u| - friction |N u|`` along T, the direction of the move along the wall, if that is more
@@ -89,9 +95,10 @@ def velocity_at(point, move, normals, offsets, circle, size, friction, velocity)
     length, pushes = norm(move), 0
     normal = np.empty(move.shape[0])
     velocity[:] = move
-    walls = normals.shape[0] + 1
-    for wall in range(walls):
-        if touches(point, wall, normals, offsets, circle, size):
+    normals, offsets, circle, friction = walls.normals, walls.offsets, walls.circle, walls.friction
+    count, near = normals.shape[0] + 1, TOUCH * walls.size
+    for wall in range(count):
+        if touches(point, wall, normals, offsets, circle, near):
             normal_at(point, wall, normals, circle, normal)
             if dot(normal, move) <= PUSHED * length:
                 pushes += 1
@@ -99,8 +106,8 @@ def velocity_at(point, move, normals, offsets, circle, size, friction, velocity)
         return -1
     if friction == np.inf:
         return -2
-    for wall in range(walls):
-        if not touches(point, wall, normals, offsets, circle, size):
+    for wall in range(count):
+        if not touches(point, wall, normals, offsets, circle, near):
             continue
         normal_at(point, wall, normals, circle, normal)
         push = dot(normal, move)
@@ -117,8 +124,8 @@ def velocity_at(point, move, normals, offsets, circle, size, friction, velocity)
         for i in range(move.shape[0]):
             velocity[i] *= left / along
         free = True
-        for other in range(walls):
-            if other != wall and touches(point, other, normals, offsets, circle, size):
+        for other in range(count):
+            if other != wall and touches(point, other, normals, offsets, circle, near):
                 normal_at(point, other, normals, circle, normal)
                 if dot(normal, velocity) < -PUSHED * length:
                     free = False
@@ -128,8 +135,9 @@ def velocity_at(point, move, normals, offsets, circle, size, friction, velocity)
 
 
 @kernel
-def first_contact(point, velocity, normals, offsets, circle, sliding):
+def first_contact(point, velocity, walls, sliding):
     """Return how many times ``velocity`` a particle can go before it meets a wall other than ``sliding``, and that wall."""
+    normals, offsets, circle = walls.normals, walls.offsets, walls.circle
     length = norm(velocity)
     share, met = np.inf, -1
     for wall in range(normals.shape[0]):
@@ -167,36 +175,37 @@ def way_of(share, speed, rate):
 
 
 @kernel
-def snap(point, wall, normals, offsets, circle):
+def snap(point, wall, walls):
     """Put a particle that has met a wall exactly onto it."""
+    normals, circle = walls.normals, walls.circle
     if wall == normals.shape[0]:
         x, y = point[0] - circle[0], point[1] - circle[1]
         scale = circle[2] / np.sqrt(x * x + y * y)
         point[0], point[1] = circle[0] + scale * x, circle[1] + scale * y
     elif wall >= 0:
-        over = dot(normals[wall], point) - offsets[wall]
+        over = dot(normals[wall], point) - walls.offsets[wall]
         for i in range(point.shape[0]):
             point[i] -= over * normals[wall, i]
 
 
 @kernel
-def advance(point, move, normals, offsets, circle, size, friction, gain):
+def advance(point, move, walls):
     """Move one particle, in place; return the share of the input after which it first stopped being free, 1 if it never did."""
     if norm(move) == 0:
         return 1.0
-    velocity = np.empty(move.shape[0])
-    left, free_until = 1.0, -1.0
+    velocity, gain, radius = np.empty(move.shape[0]), walls.gain, walls.circle[2]
+    left, free_until, on_circle = 1.0, -1.0, walls.normals.shape[0]
     for _event in range(EVENTS):
-        wall = velocity_at(point, move, normals, offsets, circle, size, friction, velocity)
+        wall = velocity_at(point, move, walls, velocity)
         if wall != -1 and free_until < 0:
             free_until = 1.0 - left
         if wall == -2:
             return free_until
         speed = gain[0] + dot(gain[1:], point)
         rate = dot(gain[1:], velocity)
-        share, met = first_contact(point, velocity, normals, offsets, circle, wall)
-        if wall == normals.shape[0]:  # along the circle in short straight steps
-            step = ARC * circle[2] / max(norm(velocity), 1e-300)
+        share, met = first_contact(point, velocity, walls, wall)
+        if wall == on_circle:  # along the circle in short straight steps
+            step = ARC * radius / max(norm(velocity), 1e-300)
             if step < share:
                 share, met = step, wall
         needed = input_for(share, speed, rate)
@@ -205,22 +214,14 @@ def advance(point, move, normals, offsets, circle, size, friction, gain):
             for i in range(point.shape[0]):
                 point[i] += way * velocity[i]
             if wall >= 0:
-                snap(point, wall, normals, offsets, circle)
+                snap(point, wall, walls)
             return 1.0 if free_until < 0 else free_until
         for i in range(point.shape[0]):
             point[i] += share * velocity[i]
         if wall >= 0:
-            snap(point, wall, normals, offsets, circle)
-        snap(point, met, normals, offsets, circle)
+            snap(point, wall, walls)
+        snap(point, met, walls)
         left -= needed
-        if friction == np.inf:
+        if walls.friction == np.inf:
             return 1.0 - left
     return free_until
-
-
-@kernel
-def play(points, moves, normals, offsets, circle, size, friction, gain):
-    """Move all particles, in place, by one move after the other."""
-    for m in range(moves.shape[0]):
-        for p in range(points.shape[0]):
-            advance(points[p], moves[m], normals, offsets, circle, size, friction, gain)

@@ -7,10 +7,16 @@ convex polygon: shifts of P by minus the contacts, cut by the cone.
 
 from __future__ import annotations
 
+from collections import namedtuple
+
 import numpy as np
 
 from shoal.jit import kernel
 from shoal.steering.kernels.contact import dot
+
+CycleModel = namedtuple("CycleModel", "frames reaches normals offsets circle friction margin push")
+"""What cycles are made on: walls as in `NormalizedWalls`, friction, how far the other particle keeps off the walls, and how far an
+adjustment goes into its wall."""
 
 ANGLES = 96
 FLAT = 1e-14
@@ -18,8 +24,9 @@ DEPTH_SLACK = 1e-12  # of the unit: by how much a polygon of depths is cut too l
 
 
 @kernel
-def contact_range(delta, sign, wall, frames, reaches, normals, offsets, low, high, margin):
+def contact_range(delta, sign, wall, model, low, high, margin):
     """Return the part of a side, as a range around its middle, from where the other particle is inside by a margin."""
+    frames, normals, offsets = model.frames, model.normals, model.offsets
     for other in range(normals.shape[0]):
         rate = dot(normals[other], frames[wall, 1])
         clear = dot(normals[other], frames[wall, 0]) + sign * dot(normals[other], delta) - offsets[other] - margin
@@ -74,14 +81,14 @@ def nearest_in(corners, count, point, found):
 
 
 @kernel
-def cycle_outline(delta, sign, wall, frames, reaches, normals, offsets, friction, margin, push, corners, spare):
+def cycle_outline(delta, sign, wall, model, corners, spare):
     """Fill ``corners`` with the polygon of all sD' of one wall and toucher; return how many, 0 if the wall gives nothing."""
+    frames, reaches, normals, offsets = model.frames, model.reaches, model.normals, model.offsets
+    friction, margin, push = model.friction, model.margin, model.push
     height = sign * dot(normals[wall], delta)
     if height <= margin + push:
         return 0
-    low, high = contact_range(
-        delta, sign, wall, frames, reaches, normals, offsets, margin - reaches[wall], reaches[wall] - margin, margin
-    )
+    low, high = contact_range(delta, sign, wall, model, margin - reaches[wall], reaches[wall] - margin, margin)
     if high < low:
         return 0
     wide = 0.0
@@ -113,16 +120,17 @@ def cycle_outline(delta, sign, wall, frames, reaches, normals, offsets, friction
 
 
 @kernel
-def nearest_on_polygon(delta, goal, frames, reaches, normals, offsets, friction, margin, push, results):
-    """For each wall and toucher write (distance, D'x, D'y, low, high) of the nearest D' and its contacts; shape (walls, 2, 5)."""
-    walls = normals.shape[0]
+def nearest_on_polygon(delta, goal, model):
+    """Return for each wall and toucher the distance of the nearest D' (infinite if none), D', and the range of its contacts."""
+    reaches, margin, walls = model.reaches, model.margin, model.normals.shape[0]
+    distances, differences = np.full((walls, 2), np.inf), np.zeros((walls, 2, 2))
+    lows, highs = np.zeros((walls, 2)), np.zeros((walls, 2))
     corners, spare = np.empty((2 * walls + 16, 2)), np.empty((2 * walls + 16, 2))
     target, found = np.empty(2), np.empty(2)
     for wall in range(walls):
         for toucher in range(2):
             sign = 1.0 if toucher == 0 else -1.0
-            results[wall, toucher, 0] = np.inf
-            count = cycle_outline(delta, sign, wall, frames, reaches, normals, offsets, friction, margin, push, corners, spare)
+            count = cycle_outline(delta, sign, wall, model, corners, spare)
             if count == 0:
                 continue
             for i in range(2):
@@ -130,20 +138,19 @@ def nearest_on_polygon(delta, goal, frames, reaches, normals, offsets, friction,
             away = nearest_in(corners, count, target, found)
             for i in range(2):
                 found[i] *= sign
-            low, high = contact_range(
-                delta, sign, wall, frames, reaches, normals, offsets, margin - reaches[wall], reaches[wall] - margin, margin
-            )
-            low, high = contact_range(found, sign, wall, frames, reaches, normals, offsets, low, high, margin * 0.999)
+            low, high = contact_range(delta, sign, wall, model, margin - reaches[wall], reaches[wall] - margin, margin)
+            low, high = contact_range(found, sign, wall, model, low, high, margin * 0.999)
             if high < low:
                 low = high = (low + high) / 2
-            results[wall, toucher, 0] = away
-            results[wall, toucher, 1], results[wall, toucher, 2] = found[0], found[1]
-            results[wall, toucher, 3], results[wall, toucher, 4] = low, high
+            distances[wall, toucher], lows[wall, toucher], highs[wall, toucher] = away, low, high
+            differences[wall, toucher] = found
+    return distances, differences, lows, highs
 
 
 @kernel
-def nearest_from(angle, delta, goal, radius, friction, margin, push, found):
+def nearest_from(angle, delta, goal, model, found):
     """Write the nearest D' with the first particle at an angle of the circle around the origin; return the distance."""
+    radius, friction, margin, push = model.circle[2], model.friction, model.margin, model.push
     ex, ey = np.cos(angle), np.sin(angle)
     height = -(delta[0] * ex + delta[1] * ey)
     # In the frame of the contact: a to the left along the wall, h the depth below it.
@@ -197,35 +204,38 @@ def nearest_from(angle, delta, goal, radius, friction, margin, push, found):
 
 
 @kernel
-def nearest_on_circle(delta, goal, radius, friction, margin, push, result):
-    """Write (distance, D'x, D'y, angle) of the nearest D' that contacts of the first particle give."""
-    result[0] = np.inf
+def nearest_on_circle(delta, goal, model):
+    """Return the distance of the nearest D' that contacts of particle 1 give (infinite if none), D' and the angle."""
+    radius, margin = model.circle[2], model.margin
+    best, at, nearest = np.inf, 0.0, np.zeros(2)
     size = np.sqrt(dot(delta, delta))
     inner = radius - margin
     # |c + delta| <= inner leaves an arc around the direction of -delta.
     cosine = (radius**2 + size**2 - inner**2) / (2 * radius * size) if size > 0 else 2.0
     if cosine > 1:
-        return
+        return best, nearest, at
     middle, half = np.arctan2(-delta[1], -delta[0]), np.arccos(cosine)
     found = np.empty(2)
     step = 2 * half / ANGLES
     for k in range(ANGLES + 1):
         angle = middle - half + k * step
-        away = nearest_from(angle, delta, goal, radius, friction, margin, push, found)
-        if away < result[0]:
-            result[0], result[1], result[2], result[3] = away, found[0], found[1], angle
-    if not 0 < result[0] < np.inf:
-        return
+        away = nearest_from(angle, delta, goal, model, found)
+        if away < best:
+            best, at = away, angle
+            nearest[:] = found
+    if not 0 < best < np.inf:
+        return best, nearest, at
     while step > 1e-11:  # the distance is smooth there
         moved = False
         for turn in (-step, step):
-            angle = min(max(result[3] + turn, middle - half), middle + half)
-            away = nearest_from(angle, delta, goal, radius, friction, margin, push, found)
-            if away < result[0]:
-                result[0], result[1], result[2], result[3] = away, found[0], found[1], angle
-                moved = True
+            angle = min(max(at + turn, middle - half), middle + half)
+            away = nearest_from(angle, delta, goal, model, found)
+            if away < best:
+                best, at, moved = away, angle, True
+                nearest[:] = found
         if not moved:
             step *= 0.5
+    return best, nearest, at
 
 
 @kernel

@@ -20,12 +20,12 @@ FLAT = 1e-9  # over pi: reactions that hardly leave a half plane stay in it
 
 
 @kernel
-def touchable(angle, step, most, frames, reaches, normals, offsets, ends, turns):
+def touchable(angle, step, most, model, ends, turns):
     """Write for a direction of Δ how large Δ may be for each wall and toucher, 0 for never, and the angle of their reactions.
 
     What can be touched by some Δ within half a step of the direction counts.
     """
-    walls = normals.shape[0]
+    normals, reaches, walls = model.normals, model.reaches, model.normals.shape[0]
     ray = np.array([np.cos(angle), np.sin(angle)])
     delta = np.empty(2)
     for wall in range(walls):
@@ -43,9 +43,7 @@ def touchable(angle, step, most, frames, reaches, normals, offsets, ends, turns)
                 middle = outer if halving == 0 else (inner + outer) / 2
                 delta[:] = middle * ray
                 near = step * middle
-                low, high = contact_range(
-                    delta, sign, wall, frames, reaches, normals, offsets, -near - reaches[wall], reaches[wall] + near, -near
-                )
+                low, high = contact_range(delta, sign, wall, model, -near - reaches[wall], reaches[wall] + near, -near)
                 if low <= high:
                     inner = middle
                 else:
@@ -91,17 +89,17 @@ def spread_at(place, ends, turns, cone):
 
 
 @kernel
-def kept_out(start, radius, angles, farthest, frames, reaches, normals, offsets, cone, first, last, goal):
+def kept_out(start, radius, angles, farthest, model, first, last, goal):
     """Return whether no reactions carry a Δ of a radius, at the angle number ``start``, out to ``goal`` at ``first`` to ``last``.
 
     The angles ascend all around, and between two of them Δ is parallel to no wall; ``farthest`` is the largest |Δ| there.
     """
-    count, rows = angles.shape[0], 2 * normals.shape[0]
+    count, rows, cone = angles.shape[0], 2 * model.normals.shape[0], np.arctan(model.friction)
     ends, turns, steps = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)
     for k in range(count):
         steps[k] = (angles[(k + 1) % count] - angles[k]) % (2 * np.pi)
         most = max(farthest[k], farthest[(k + 1) % count])
-        touchable(angles[k] + steps[k] / 2, steps[k], most, frames, reaches, normals, offsets, ends[k], turns[k])
+        touchable(angles[k] + steps[k] / 2, steps[k], most, model, ends[k], turns[k])
     radii = np.zeros(count)
     radii[start] = radius
     for _sweep in range(SWEEPS):

@@ -19,32 +19,32 @@ ENOUGH = 1e-6  # of the size: room to spare
 
 
 @kernel
-def least_shortage(start, goal, trial, normals, offsets, circle, size, friction, gain, state, direction):
+def least_shortage(start, goal, trial, walls, state, direction):
     """Return the smaller shortage of both touchers after all but the last two moves of a plan, and write the state there."""
     state[:, :] = start
     for m in range(trial.shape[0] - 2):
         for p in range(2):
-            advance(state[p], trial[m], normals, offsets, circle, size, friction, gain)
-    one, _ = shortage(state, goal, 0, normals, offsets, circle, size, direction)
-    other, _ = shortage(state, goal, 1, normals, offsets, circle, size, direction)
+            advance(state[p], trial[m], walls)
+    one, _ = shortage(state, goal, 0, walls, direction)
+    other, _ = shortage(state, goal, 1, walls, direction)
     return min(one, other)
 
 
 @kernel
-def repair(start, goal, normals, offsets, circle, size, friction, gain, trial):
+def repair(start, goal, walls, trial):
     """Change all but the last two moves of a plan, in place, until these have room; return the shortage that is left."""
     d = start.shape[1]
     state, direction = np.empty((2, d)), np.empty(d)
-    best = least_shortage(start, goal, trial, normals, offsets, circle, size, friction, gain, state, direction)
-    step = WIDEST * size
-    while step > FINEST * size and best > -ENOUGH * size:
+    best = least_shortage(start, goal, trial, walls, state, direction)
+    step = WIDEST * walls.size
+    while step > FINEST * walls.size and best > -ENOUGH * walls.size:
         moved = False
         for m in range(trial.shape[0] - 2):
             for i in range(d):
                 for side in (-1.0, 1.0):
                     kept = trial[m, i]
                     trial[m, i] = kept + side * step
-                    left = least_shortage(start, goal, trial, normals, offsets, circle, size, friction, gain, state, direction)
+                    left = least_shortage(start, goal, trial, walls, state, direction)
                     if left < best - WORTH * step:
                         best, moved = left, True
                     else:
@@ -57,22 +57,22 @@ def repair(start, goal, normals, offsets, circle, size, friction, gain, trial):
 
 
 @kernel
-def draw(start, directions, shares, picks, normals, offsets, circle, size, friction, gain, lengths, state, trial):
+def draw(start, directions, shares, picks, walls, lengths, state, trial):
     """Write the moves that a row of picks says, a direction and a share each; return whether there are such."""
     state[:, :] = start
     for m in range(picks.shape[0]):
         direction = directions[picks[m, 0] % directions.shape[0]]
-        count = lengths_along(state, direction, shares, normals, offsets, circle, size, lengths)
+        count = lengths_along(state, direction, shares, walls, lengths)
         if count == 0:
             return False
         trial[m] = direction * lengths[picks[m, 1] % count]
         for p in range(2):
-            advance(state[p], trial[m], normals, offsets, circle, size, friction, gain)
+            advance(state[p], trial[m], walls)
     return True
 
 
 @kernel
-def search_guided(start, goal, directions, shares, picks, nudges, enough, normals, offsets, circle, size, friction, gain, plan):
+def search_guided(start, goal, directions, shares, picks, nudges, enough, walls, plan):
     """Write the shortest plan found of as many moves as ``plan`` has; return how many were found.
 
     ``picks``, int64, shape (tries, wide, moves - 2, 2): of each try the nearest of so many random plans is mended. With ``enough``
@@ -85,23 +85,21 @@ def search_guided(start, goal, directions, shares, picks, nudges, enough, normal
     for tried in range(picks.shape[0]):
         best = np.inf
         for row in picks[tried]:
-            if not draw(start, directions, shares, row, normals, offsets, circle, size, friction, gain, lengths, state, trial):
+            if not draw(start, directions, shares, row, walls, lengths, state, trial):
                 continue
-            left = least_shortage(start, goal, trial, normals, offsets, circle, size, friction, gain, state, direction)
+            left = least_shortage(start, goal, trial, walls, state, direction)
             if left < best:
                 best = left
                 nearest[:] = trial
-        if best == np.inf or repair(start, goal, normals, offsets, circle, size, friction, gain, nearest) > -0.5 * ENOUGH * size:
+        if best == np.inf or repair(start, goal, walls, nearest) > -0.5 * ENOUGH * walls.size:
             continue
-        least_shortage(start, goal, nearest, normals, offsets, circle, size, friction, gain, state, direction)
+        least_shortage(start, goal, nearest, walls, state, direction)
         for toucher in range(2):
-            if finish(state, goal, toucher, normals, offsets, circle, size, friction, gain, moves) > EXACT * size:
+            if finish(state, goal, toucher, walls, moves) > EXACT * walls.size:
                 continue
             nearest[-2], nearest[-1] = moves[0], moves[1]
             length = total_length(nearest)
-            if length < shortest and holds_nearby(
-                start, goal, toucher, nearest, nudges, normals, offsets, circle, size, friction, gain
-            ):
+            if length < shortest and holds_nearby(start, goal, toucher, nearest, nudges, walls):
                 shortest = length
                 found += 1
                 plan[:] = nearest

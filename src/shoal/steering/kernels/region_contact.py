@@ -1,38 +1,40 @@
-"""One particle in a region of any shape: where one straight move of the shared input takes it.
-
-A region is the rows of ``edges`` (x and y of both ends, the free side on the left), their inward unit ``normals`` and ``lengths``,
-the edges before and after each (``links``), and where the corner at the beginning of an edge is ``reflex``: wider than 180 degrees.
-"""
+"""One particle in a region of any shape: where one straight move of the shared input takes it."""
 
 from __future__ import annotations
+
+from collections import namedtuple
 
 import numpy as np
 
 from shoal.jit import kernel
 from shoal.steering.kernels.contact import PUSHED, TOUCH
 
+Edges = namedtuple("Edges", "ends normals lengths links reflex size")
+"""The boundary of a region: x and y of both ends of each edge, the free side on the left; inward unit normals and lengths; the
+edges before and after each; where the corner at the beginning of an edge is reflex, wider than 180 degrees; the region's size."""
+
 GAP = 1e-12  # of the size: by so much edges are longer for who comes to them, so that nobody slips through where two meet
 
 
 @kernel
-def signed_distance(x, y, edge, edges, normals):
+def signed_distance(x, y, edge, ends, normals):
     """Return how far a point is in front of the line of an edge."""
-    return normals[edge, 0] * (x - edges[edge, 0]) + normals[edge, 1] * (y - edges[edge, 1])
+    return normals[edge, 0] * (x - ends[edge, 0]) + normals[edge, 1] * (y - ends[edge, 1])
 
 
 @kernel
-def place_along(x, y, edge, edges, normals):
+def place_along(x, y, edge, ends, normals):
     """Return how far along an edge a point is."""
-    return normals[edge, 1] * (x - edges[edge, 0]) - normals[edge, 0] * (y - edges[edge, 1])
+    return normals[edge, 1] * (x - ends[edge, 0]) - normals[edge, 0] * (y - ends[edge, 1])
 
 
 @kernel
-def is_on(x, y, edge, edges, normals, lengths, touch):
+def is_on(x, y, edge, ends, normals, lengths, touch):
     """Tell whether a point is nearer to an edge than ``touch``."""
-    away = signed_distance(x, y, edge, edges, normals)
+    away = signed_distance(x, y, edge, ends, normals)
     if abs(away) > touch:
         return False
-    place = place_along(x, y, edge, edges, normals)
+    place = place_along(x, y, edge, ends, normals)
     beyond = max(-place, place - lengths[edge], 0.0)
     return away * away + beyond * beyond <= touch * touch
 
@@ -44,7 +46,7 @@ def pushes(move, edge, normals, length):
 
 
 @kernel
-def is_excused(x, y, move, length, edge, other, corner_x, corner_y, edges, normals, lengths, touch):
+def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normals, lengths, touch):
     """Tell whether the edge across a reflex corner lets a particle go that this one would hold.
 
     At the corner it does if the move leads away from it. Further on, where the wall between two edges is thinner than ``touch``,
@@ -52,31 +54,31 @@ def is_excused(x, y, move, length, edge, other, corner_x, corner_y, edges, norma
     """
     if (x - corner_x) ** 2 + (y - corner_y) ** 2 <= touch * touch:
         return not pushes(move, other, normals, length)
-    if not is_on(x, y, other, edges, normals, lengths, touch):
+    if not is_on(x, y, other, ends, normals, lengths, touch):
         return False
-    return signed_distance(x, y, other, edges, normals) > signed_distance(x, y, edge, edges, normals)
+    return signed_distance(x, y, other, ends, normals) > signed_distance(x, y, edge, ends, normals)
 
 
 @kernel
-def is_held(point, move, edges, normals, lengths, links, reflex, size):
+def is_held(point, move, ends, normals, lengths, links, reflex, size):
     """Tell whether the boundary that a particle is on does not let it follow a move."""
     x, y, touch = point[0], point[1], TOUCH * size
     length = np.sqrt(move[0] ** 2 + move[1] ** 2)
-    for edge in range(edges.shape[0]):
-        if not pushes(move, edge, normals, length) or not is_on(x, y, edge, edges, normals, lengths, touch):
+    for edge in range(ends.shape[0]):
+        if not pushes(move, edge, normals, length) or not is_on(x, y, edge, ends, normals, lengths, touch):
             continue
         before, after = links[edge, 0], links[edge, 1]
-        x0, y0, x1, y1 = edges[edge, 0], edges[edge, 1], edges[edge, 2], edges[edge, 3]
-        if reflex[edge] and is_excused(x, y, move, length, edge, before, x0, y0, edges, normals, lengths, touch):
+        x0, y0, x1, y1 = ends[edge, 0], ends[edge, 1], ends[edge, 2], ends[edge, 3]
+        if reflex[edge] and is_excused(x, y, move, length, edge, before, x0, y0, ends, normals, lengths, touch):
             continue
-        if reflex[after] and is_excused(x, y, move, length, edge, after, x1, y1, edges, normals, lengths, touch):
+        if reflex[after] and is_excused(x, y, move, length, edge, after, x1, y1, ends, normals, lengths, touch):
             continue
         return True
     return False
 
 
 @kernel
-def first_edge(point, move, edges, normals, lengths, links, reflex, size):
+def first_edge(point, move, ends, normals, lengths, links, reflex, size):
     """Return the share of a move after which a free particle meets an edge, the edge (-1 if none), and how far along it that is.
 
     Edges that it is on at the start let it go: it leaves them, or the corner between them. A reflex corner that it just passes
@@ -85,14 +87,14 @@ def first_edge(point, move, edges, normals, lengths, links, reflex, size):
     x, y, touch = point[0], point[1], TOUCH * size
     length = np.sqrt(move[0] ** 2 + move[1] ** 2)
     share, met, along = 1.0, -1, 0.0
-    for edge in range(edges.shape[0]):
+    for edge in range(ends.shape[0]):
         speed = normals[edge, 0] * move[0] + normals[edge, 1] * move[1]
-        away = signed_distance(x, y, edge, edges, normals)
+        away = signed_distance(x, y, edge, ends, normals)
         # Who is behind the line of an edge cannot come upon its free side; away > -touch is for rounding.
-        if speed >= 0 or away > -speed * share or away < -touch or is_on(x, y, edge, edges, normals, lengths, touch):
+        if speed >= 0 or away > -speed * share or away < -touch or is_on(x, y, edge, ends, normals, lengths, touch):
             continue
         found = max(away / -speed, 0.0)
-        place = place_along(x + found * move[0], y + found * move[1], edge, edges, normals)
+        place = place_along(x + found * move[0], y + found * move[1], edge, ends, normals)
         if place < -GAP * size or place > lengths[edge] + GAP * size:
             continue
         if reflex[edge] and place < touch and not pushes(move, links[edge, 0], normals, length):
@@ -104,25 +106,18 @@ def first_edge(point, move, edges, normals, lengths, links, reflex, size):
 
 
 @kernel
-def advance(point, move, edges, normals, lengths, links, reflex, size):
+def advance(point, move, edges):
     """Move one particle, in place; return the share of the input after which it stopped, 1 if it never did."""
     if move[0] == 0 and move[1] == 0:
         return 1.0
-    if is_held(point, move, edges, normals, lengths, links, reflex, size):
+    ends, normals, lengths, links, reflex, size = edges
+    if is_held(point, move, ends, normals, lengths, links, reflex, size):
         return 0.0
-    share, met, along = first_edge(point, move, edges, normals, lengths, links, reflex, size)
+    share, met, along = first_edge(point, move, ends, normals, lengths, links, reflex, size)
     if met < 0:
         point[0] += move[0]
         point[1] += move[1]
         return 1.0
-    point[0] = edges[met, 0] + along * normals[met, 1]
-    point[1] = edges[met, 1] - along * normals[met, 0]
+    point[0] = ends[met, 0] + along * normals[met, 1]
+    point[1] = ends[met, 1] - along * normals[met, 0]
     return share
-
-
-@kernel
-def play(points, moves, edges, normals, lengths, links, reflex, size):
-    """Move all particles, in place, by one move after the other."""
-    for m in range(moves.shape[0]):
-        for p in range(points.shape[0]):
-            advance(points[p], moves[m], edges, normals, lengths, links, reflex, size)

@@ -1,12 +1,6 @@
-"""Which differences one cycle turns into which, and the fewest cycles from one to another over given ones.
-
-`CycleModel` is what cycles are made on: walls as in `NormalizedWalls`, friction, how far the other particle keeps off the walls and
-how far an adjustment goes into its wall.
-"""
+"""Which differences one cycle turns into which, and the fewest cycles from one to another over given ones."""
 
 from __future__ import annotations
-
-from collections import namedtuple
 
 import numpy as np
 
@@ -14,32 +8,30 @@ from shoal.jit import kernel
 from shoal.steering.kernels.contact import dot
 from shoal.steering.kernels.cycles import contact_range
 
-CycleModel = namedtuple("CycleModel", "frames reaches normals offsets circle friction margin push")
-
 HALVINGS = 24
 SHARES = 4  # of the longest adjustment of a direction: 1, 1/2, 1/4, ...
 
 
 @kernel
-def linked(before, after, ground, step):
+def linked(before, after, model, step):
     """Tell whether one cycle turns a difference into another; write its toucher, wall and contact, as in a chain."""
-    if ground.circle[2] > 0:
-        return linked_on_circle(before, after, ground, step)
-    normals, frames, reaches, offsets, margin = ground.normals, ground.frames, ground.reaches, ground.offsets, ground.margin
+    if model.circle[2] > 0:
+        return linked_on_circle(before, after, model, step)
+    normals, frames, reaches, margin = model.normals, model.frames, model.reaches, model.margin
     change = np.empty(2)
     change[0], change[1] = after[0] - before[0], after[1] - before[1]
     for wall in range(normals.shape[0]):
         pushed, height, end = dot(normals[wall], change), dot(normals[wall], before), dot(normals[wall], after)
         along = abs(dot(frames[wall, 1], change))
         sign = 1.0 if pushed < 0 else -1.0
-        if abs(pushed) < ground.push or along > ground.friction * abs(pushed) or sign * height < margin or sign * end < 0:
+        if abs(pushed) < model.push or along > model.friction * abs(pushed) or sign * height < margin or sign * end < 0:
             continue
         # Only where the way ends for good may the other particle come to the same wall.
         reach = reaches[wall] - margin
-        low, high = contact_range(before, sign, wall, frames, reaches, normals, offsets, -reach, reach, margin)
+        low, high = contact_range(before, sign, wall, model, -reach, reach, margin)
         if low > high:
             continue
-        low, high = contact_range(after, sign, wall, frames, reaches, normals, offsets, low, high, margin)
+        low, high = contact_range(after, sign, wall, model, low, high, margin)
         if low <= high:
             step[0], step[1], step[2] = 0.0 if sign > 0 else 1.0, float(wall), (low + high) / 2
             return True
@@ -47,15 +39,15 @@ def linked(before, after, ground, step):
 
 
 @kernel
-def linked_on_circle(before, after, ground, step):
+def linked_on_circle(before, after, model, step):
     """Tell the same of a disk, with particle 1 touching: three arcs of contacts meet."""
-    radius, inner = ground.circle[2], ground.circle[2] - ground.margin
+    radius, inner = model.circle[2], model.circle[2] - model.margin
     x, y = after[0] - before[0], after[1] - before[1]
     way = np.sqrt(x * x + y * y)
-    if way <= ground.push:
+    if way <= model.push:
         return False
     middle = np.arctan2(y, x)
-    half = min(np.arctan(ground.friction) if ground.friction < np.inf else np.pi / 2, np.arccos(ground.push / way))
+    half = min(np.arctan(model.friction) if model.friction < np.inf else np.pi / 2, np.arccos(model.push / way))
     low, high = -half, half
     for end in (before, after):
         size = np.sqrt(dot(end, end))
@@ -73,14 +65,14 @@ def linked_on_circle(before, after, ground, step):
 
 
 @kernel
-def farthest(delta, direction, back, most, ground, tried, step):
+def farthest(delta, direction, back, most, model, tried, step):
     """Return how far in a direction one cycle leads from a difference, or ``back`` from where to it; 0 if it does not."""
     inner, outer = 0.0, most
     for halving in range(HALVINGS):
         middle = outer if halving == 0 else (inner + outer) / 2
         for i in range(2):
             tried[i] = delta[i] + (-middle if back else middle) * direction[i]
-        good = linked(tried, delta, ground, step) if back else linked(delta, tried, ground, step)
+        good = linked(tried, delta, model, step) if back else linked(delta, tried, model, step)
         if good:
             inner = middle
         else:
@@ -91,7 +83,7 @@ def farthest(delta, direction, back, most, ground, tried, step):
 
 
 @kernel
-def widen(delta, back, directions, most, ground, gain, records, nodes, count):
+def widen(delta, back, directions, most, model, gain, records, nodes, count):
     """Add to ``nodes``, from number ``count`` on, extreme differences that cycles lead to, or ``back`` to a difference from.
 
     Extreme is what is larger than all found before in about the same direction, or ``back`` smaller: ``records`` holds the best of
@@ -110,8 +102,8 @@ def widen(delta, back, directions, most, ground, gain, records, nodes, count):
         if done > 1 and size != records[place]:
             continue  # beaten since
         for d in range(directions.shape[0]):
-            length = farthest(here, directions[d], back, most, ground, tried, step)
-            if length <= 2 * ground.push:
+            length = farthest(here, directions[d], back, most, model, tried, step)
+            if length <= 2 * model.push:
                 continue
             for share in range(SHARES):
                 part = length * 0.5**share * (1 - 1e-6)
@@ -128,7 +120,7 @@ def widen(delta, back, directions, most, ground, gain, records, nodes, count):
 
 
 @kernel
-def fewest_cycles(nodes, ground, parents, order):
+def fewest_cycles(nodes, model, parents, order):
     """Search breadth first from node 0 until node 1 is reached; write from where each node is reached, -1 if it is not.
 
     ``order`` is spare; return whether node 1 was reached.
@@ -141,7 +133,7 @@ def fewest_cycles(nodes, ground, parents, order):
         here = order[done]
         done += 1
         for node in range(1, count):
-            if parents[node] < 0 and linked(nodes[here], nodes[node], ground, step):
+            if parents[node] < 0 and linked(nodes[here], nodes[node], model, step):
                 parents[node] = here
                 if node == 1:
                     return True

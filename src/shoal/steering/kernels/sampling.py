@@ -3,17 +3,23 @@
 An offset is where a particle is, seen from its goal. A translation changes all offsets alike, so particles are at their goals up to
 one when all offsets are equal. A manoeuvre brings one particle to a wall and then makes the moves after which another one's offset
 equals its own, or one of its coordinates does; or it is any move, so that what no plan foresees is found, too.
-
-A world is ``(flat, walls, convex)``: whether all walls are straight and hold without slip, then what `region_contact.advance` takes
-after the move (walls without edges if it is not so), and what `contact.advance` takes.
 """
 
 from __future__ import annotations
+
+from collections import namedtuple
 
 import numpy as np
 
 from shoal.jit import kernel
 from shoal.steering.kernels import contact, region_contact
+
+World = namedtuple("World", "flat edges walls")
+"""Whether all walls are straight and hold without slip, then `region_contact.Edges` (none if it is not so) and `contact.Walls`."""
+
+Tree = namedtuple("Tree", "states parents made counts depths keys tries")
+"""Nodes: their states, what they come from, by which moves and how many, after how many moves in all, how far they are from the
+goal, and how often they were tried."""
 
 STEPS = 8  # moves of one manoeuvre at the most
 EQUAL = 1e-11  # of the size: offsets nearer than that are equal
@@ -26,13 +32,12 @@ ROUNDS = 6  # nodes of which the most promising is taken
 @kernel
 def step(state, move, world):
     """Move all particles, in place; return the share of the move that all of them were free."""
-    flat, walls, convex = world
     least = 1.0
     for p in range(state.shape[0]):
-        if flat:
-            share = region_contact.advance(state[p], move, *walls)
+        if world.flat:
+            share = region_contact.advance(state[p], move, world.edges)
         else:
-            share = contact.advance(state[p], move, *convex)
+            share = contact.advance(state[p], move, world.walls)
         least = min(least, share)
     return least
 
@@ -40,19 +45,17 @@ def step(state, move, world):
 @kernel
 def add_normals(point, world, total):
     """Add the inward normals of all walls that a particle is nearly on."""
-    flat, walls, convex = world
-    if flat:
-        edges, normals, lengths, _links, _reflex, size = walls
-        for edge in range(edges.shape[0]):
-            if region_contact.is_on(point[0], point[1], edge, edges, normals, lengths, 0.5 * LIFT * size):
-                total[0] += normals[edge, 0]
-                total[1] += normals[edge, 1]
+    near = 0.5 * LIFT * world.walls.size
+    if world.flat:
+        edges = world.edges
+        for edge in range(edges.ends.shape[0]):
+            if region_contact.is_on(point[0], point[1], edge, edges.ends, edges.normals, edges.lengths, 0.5 * LIFT * edges.size):
+                total[0] += edges.normals[edge, 0]
+                total[1] += edges.normals[edge, 1]
         return
-    normals, offsets, circle, size = convex[0], convex[1], convex[2], convex[3]
-    normal = np.empty(2)
+    normals, offsets, circle, normal = world.walls.normals, world.walls.offsets, world.walls.circle, np.empty(2)
     for wall in range(normals.shape[0] + 1):
-        # touches() measures in its own tolerance, TOUCH times the size it is given
-        if contact.touches(point, wall, normals, offsets, circle, 0.5 * LIFT * size / contact.TOUCH):
+        if contact.touches(point, wall, normals, offsets, circle, near):
             contact.normal_at(point, wall, normals, circle, normal)
             total[0] += normal[0]
             total[1] += normal[1]
@@ -127,19 +130,20 @@ def differing(state, goal, size):
 @kernel
 def wall_point(point, world, rng, place, normal):
     """Draw a point of a wall, at times the foot of a particle, and the inward normal there."""
-    flat, walls, convex = world
     choice, where = rng.random(), rng.random()
-    if flat:
-        edges, normals, lengths = walls[0], walls[1], walls[2]
-        edge = min(int(rng.random() * edges.shape[0]), edges.shape[0] - 1)
-        along = where * lengths[edge]
+    if world.flat:
+        edges = world.edges
+        edge = min(int(rng.random() * edges.ends.shape[0]), edges.ends.shape[0] - 1)
+        along = where * edges.lengths[edge]
         if choice < 0.25:
-            along = min(max(region_contact.place_along(point[0], point[1], edge, edges, normals), 0.0), lengths[edge])
-        normal[0], normal[1] = normals[edge, 0], normals[edge, 1]
-        place[0] = edges[edge, 0] + along * normal[1]
-        place[1] = edges[edge, 1] - along * normal[0]
+            along = min(
+                max(region_contact.place_along(point[0], point[1], edge, edges.ends, edges.normals), 0.0), edges.lengths[edge]
+            )
+        normal[0], normal[1] = edges.normals[edge, 0], edges.normals[edge, 1]
+        place[0] = edges.ends[edge, 0] + along * normal[1]
+        place[1] = edges.ends[edge, 1] - along * normal[0]
         return
-    normals, offsets, circle = convex[0], convex[1], convex[2]
+    normals, offsets, circle = world.walls.normals, world.walls.offsets, world.walls.circle
     if circle[2] > 0:
         angle = 2 * np.pi * where
         normal[0], normal[1] = -np.cos(angle), -np.sin(angle)
@@ -218,32 +222,33 @@ def is_changed(state, before, least):
 
 
 @kernel
-def promise(node, keys, tries):
-    return keys[node] + 0.15 * np.log2(1.0 + tries[node])
+def promise(node, tree):
+    return tree.keys[node] + 0.15 * np.log2(1.0 + tree.tries[node])
 
 
 @kernel
-def pick(total, keys, tries, rng):
+def pick(total, tree, rng):
     """Return the most promising of a few random nodes."""
     best = min(int(rng.random() * total), total - 1)
     for _round in range(ROUNDS - 1):
         node = min(int(rng.random() * total), total - 1)
-        if promise(node, keys, tries) < promise(best, keys, tries):
+        if promise(node, tree) < promise(best, tree):
             best = node
     return best
 
 
 @kernel
-def grow(states, parents, made, counts, depths, keys, tries, total, rounds, goal, tolerance, most, world, size, rng):
+def grow(tree, total, rounds, goal, tolerance, most, world, size, rng):
     """Grow a tree in place by so many manoeuvres; return the number of its nodes, the rounds left, and whether the last is a hit.
 
     A hit is a state in which a translation is all that is missing.
     """
+    states, depths, keys = tree.states, tree.depths, tree.keys
     moves, state = np.zeros((STEPS, 2)), np.zeros(goal.shape)
     while rounds > 0 and total < states.shape[0]:
         rounds -= 1
-        node = pick(total, keys, tries, rng)
-        tries[node] += 1
+        node = pick(total, tree, rng)
+        tree.tries[node] += 1
         copy(states[node], state)
         count = manoeuvre(state, goal, world, rng, size, moves)
         if count == 0 or depths[node] + count > most or not is_changed(state, states[node], CHANGED * size):
@@ -255,8 +260,9 @@ def grow(states, parents, made, counts, depths, keys, tries, total, rounds, goal
         if not hit and key >= keys[node] and rng.random() > WORSE:
             continue
         copy(state, states[total])
-        copy(moves, made[total])
-        parents[total], counts[total], depths[total], keys[total], tries[total] = node, count, depth, key, 0
+        copy(moves, tree.made[total])
+        tree.parents[total], tree.counts[total], tree.tries[total] = node, count, 0
+        depths[total], keys[total] = depth, key
         total += 1
         if hit:
             return total, rounds, True

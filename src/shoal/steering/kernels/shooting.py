@@ -16,7 +16,7 @@ EXACT = 1e-9  # of the size: how near to the goal a plan must end
 
 
 @kernel
-def lengths_along(points, direction, shares, normals, offsets, circle, size, lengths):
+def lengths_along(points, direction, shares, walls, lengths):
     """Write lengths of moves in a direction: until one particle meets a wall, until the other does, and between; return how many.
 
     A held particle has met its wall already. Shorter moves change no difference and only put off the next one.
@@ -24,22 +24,22 @@ def lengths_along(points, direction, shares, normals, offsets, circle, size, len
     first, second = np.inf, 0.0
     for p in range(2):
         share = 0.0
-        if not is_held(points[p], direction, normals, offsets, circle, size):
-            share, _ = first_contact(points[p], direction, normals, offsets, circle, -1)
+        if not is_held(points[p], direction, walls):
+            share, _ = first_contact(points[p], direction, walls, -1)
         first, second = min(first, share), max(second, share)
     if not second < np.inf or second <= 0:
         return 0
     count = 0
     for share in shares:
         length = first + share * (second - first)
-        if length > 1e-9 * size:
+        if length > 1e-9 * walls.size:
             lengths[count] = length
             count += 1
     return count
 
 
 @kernel
-def shortage(points, goal, toucher, normals, offsets, circle, size, direction):
+def shortage(points, goal, toucher, walls, direction):
     """Return how much too early the other particle meets a wall for two moves with this toucher to end at the goal; and a length.
 
     Less than 0 if it does not, infinite where the toucher meets nothing. ``direction`` gets where the first of the two moves goes;
@@ -52,37 +52,37 @@ def shortage(points, goal, toucher, normals, offsets, circle, size, direction):
         direction[i] = sign * ((goal[1, i] - goal[0, i]) - (points[1, i] - points[0, i]))
         change += direction[i] ** 2
     change = np.sqrt(change)
-    if change < EXACT * size:
+    if change < EXACT * walls.size:
         return 0.0, 0.0
     for i in range(d):
         direction[i] /= change
     before, room = 0.0, 0.0
-    if not is_held(points[toucher], direction, normals, offsets, circle, size):
-        before, _ = first_contact(points[toucher], direction, normals, offsets, circle, -1)
-    if not is_held(points[1 - toucher], direction, normals, offsets, circle, size):
-        room, _ = first_contact(points[1 - toucher], direction, normals, offsets, circle, -1)
+    if not is_held(points[toucher], direction, walls):
+        before, _ = first_contact(points[toucher], direction, walls, -1)
+    if not is_held(points[1 - toucher], direction, walls):
+        room, _ = first_contact(points[1 - toucher], direction, walls, -1)
     if not before < np.inf:
         return np.inf, change
     return before + change - room, before + change
 
 
 @kernel
-def finish(points, goal, toucher, normals, offsets, circle, size, friction, gain, moves):
+def finish(points, goal, toucher, walls, moves):
     """Write the last two moves with this toucher from a state; return the error that is left, infinite if there are none."""
     d = points.shape[1]
     direction = np.empty(d)
-    short, length = shortage(points, goal, toucher, normals, offsets, circle, size, direction)
-    if short > -1e-8 * size and length > 0:
+    short, length = shortage(points, goal, toucher, walls, direction)
+    if short > -1e-8 * walls.size and length > 0:
         return np.inf
     for i in range(d):
         moves[0, i] = direction[i] * length
     state = points.copy()
     for p in range(2):
-        advance(state[p], moves[0], normals, offsets, circle, size, friction, gain)
+        advance(state[p], moves[0], walls)
     for i in range(d):
         moves[1, i] = goal[0, i] - state[0, i]
     for p in range(2):
-        advance(state[p], moves[1], normals, offsets, circle, size, friction, gain)
+        advance(state[p], moves[1], walls)
     error = 0.0
     for p in range(2):
         total = 0.0
@@ -101,7 +101,7 @@ def total_length(moves):
 
 
 @kernel
-def holds_nearby(start, goal, toucher, trial, nudges, normals, offsets, circle, size, friction, gain):
+def holds_nearby(start, goal, toucher, trial, nudges, walls):
     """Tell whether plans whose tried moves differ by a little end at the goal, too: no plan may hang on a rounding."""
     tried = trial.shape[0] - 2
     moves = np.empty((2, start.shape[1]))
@@ -114,14 +114,14 @@ def holds_nearby(start, goal, toucher, trial, nudges, normals, offsets, circle, 
                 for i in range(move.shape[0]):
                     move[i] += nudge[i]
             for p in range(2):
-                advance(state[p], move, normals, offsets, circle, size, friction, gain)
-        if finish(state, goal, toucher, normals, offsets, circle, size, friction, gain, moves) > EXACT * size:
+                advance(state[p], move, walls)
+        if finish(state, goal, toucher, walls, moves) > EXACT * walls.size:
             return False
     return True
 
 
 @kernel
-def search(start, goal, directions, shares, nudges, enough, normals, offsets, circle, size, friction, gain, best_moves):
+def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
     """Try first moves from a state and the two that follow; write the shortest plan of three; return how many were found.
 
     With ``enough`` plans found the search ends.
@@ -131,18 +131,18 @@ def search(start, goal, directions, shares, nudges, enough, normals, offsets, ci
     lengths, trial = np.empty(shares.shape[0]), np.empty((3, d))
     moves, state = np.empty((2, d)), np.empty((2, d))
     for direction in directions:
-        for number in range(lengths_along(start, direction, shares, normals, offsets, circle, size, lengths)):
+        for number in range(lengths_along(start, direction, shares, walls, lengths)):
             trial[0] = direction * lengths[number]
             state[:, :] = start
             for p in range(2):
-                advance(state[p], trial[0], normals, offsets, circle, size, friction, gain)
+                advance(state[p], trial[0], walls)
             for toucher in range(2):
-                error = finish(state, goal, toucher, normals, offsets, circle, size, friction, gain, moves)
+                error = finish(state, goal, toucher, walls, moves)
                 length = norm(trial[0]) + norm(moves[0]) + norm(moves[1])
-                if error > EXACT * size or length >= best:
+                if error > EXACT * walls.size or length >= best:
                     continue
                 trial[1], trial[2] = moves[0], moves[1]
-                if holds_nearby(start, goal, toucher, trial, nudges, normals, offsets, circle, size, friction, gain):
+                if holds_nearby(start, goal, toucher, trial, nudges, walls):
                     best = length
                     found += 1
                     best_moves[:] = trial
@@ -152,12 +152,12 @@ def search(start, goal, directions, shares, nudges, enough, normals, offsets, ci
 
 
 @kernel
-def improve(start, goal, tried, step, nudges, normals, offsets, circle, size, friction, gain, best_moves):
+def improve(start, goal, tried, step, nudges, walls, best_moves):
     """Make a plan shorter, in place, by small changes of its tried moves; return its length."""
     d = start.shape[1]
     trial, moves, state = best_moves.copy(), np.empty((2, d)), np.empty((2, d))
     best = total_length(best_moves)
-    while step > 1e-6 * size:
+    while step > 1e-6 * walls.size:
         moved = False
         for m in range(tried):
             for i in range(d):
@@ -167,15 +167,13 @@ def improve(start, goal, tried, step, nudges, normals, offsets, circle, size, fr
                     state[:, :] = start
                     for k in range(tried):
                         for p in range(2):
-                            advance(state[p], trial[k], normals, offsets, circle, size, friction, gain)
+                            advance(state[p], trial[k], walls)
                     for toucher in range(2):
-                        if finish(state, goal, toucher, normals, offsets, circle, size, friction, gain, moves) > EXACT * size:
+                        if finish(state, goal, toucher, walls, moves) > EXACT * walls.size:
                             continue
                         trial[tried], trial[tried + 1] = moves[0], moves[1]
                         length = total_length(trial)
-                        if length < best - 1e-9 * size and holds_nearby(
-                            start, goal, toucher, trial, nudges, normals, offsets, circle, size, friction, gain
-                        ):
+                        if length < best - 1e-9 * walls.size and holds_nearby(start, goal, toucher, trial, nudges, walls):
                             best, moved = length, True
                             best_moves[:] = trial
         if not moved:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shoal.steering.kernels.cycles import nearest_on_circle, nearest_on_polygon
 from shoal.steering.planners.chains.antipodal import antipodal_chain
 from shoal.steering.planners.chains.chain import Chain, ChainQuery, shortest_chain
+from shoal.steering.planners.chains.cycles import Cycle, nearest_cycles
 from shoal.steering.planners.chains.roadmap import roadmap_chain
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.task import Task
@@ -76,9 +75,9 @@ def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain |
         left = float(np.linalg.norm(delta - query.after))
         if left <= tolerance and touchers:
             break
-        step = _cycle_on_circle(query, state) if query.walls.round else _cycle_on_polygon(query, state)
+        step = _next_cycle(query, state)
         lefts.append(left)
-        halted = step is None or not step[0] < left - 1e-12
+        halted = step is None or not step[0].distance < left - 1e-12
         if step is None or halted or (not alone and _is_slow(left, lefts[-1 - _PATIENCE], tolerance)):
             # No way on, or hardly one, from a difference none of whose neighbours is nearer: another chain may pass it by.
             grow = halted or query.friction < inf
@@ -86,13 +85,13 @@ def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain |
             if other_chain is not None or step is None or halted:
                 return other_chain
             alone = True
-        _, toucher, wall, along, contact, after = step
-        touchers.append(toucher)
-        walls.append(wall)
+        cycle, along, contact = step
+        touchers.append(cycle.toucher)
+        walls.append(cycle.wall)
         contacts.append(along)
-        deltas.append(after)
-        other = contact + (after if toucher == 0 else -after)
-        state = np.stack([contact, other] if toucher == 0 else [other, contact])
+        deltas.append(cycle.after)
+        other = contact + (cycle.after if cycle.toucher == 0 else -cycle.after)
+        state = np.stack([contact, other] if cycle.toucher == 0 else [other, contact])
     if query.friction < inf and not alone and float(np.linalg.norm(state[1] - state[0] - query.after)) > tolerance:
         other_chain = any_chain(query)
         if other_chain is not None:
@@ -123,53 +122,18 @@ def any_chain(query: ChainQuery, *, grow: bool = True) -> Chain | None:
     return chain
 
 
-def _cycle_on_polygon(query: ChainQuery, state: Points) -> tuple[float, int, int, float, Points, Points] | None:
-    """Return how near a cycle comes, its toucher, wall, the contact along it and as a point, and Δ after it."""
-    frames, normals, offsets, *_ = query.walls.shape
-    found = np.full((len(normals), 2, 5), inf)
-    nearest_on_polygon(
-        state[1] - state[0],
-        query.after,
-        frames,
-        query.walls.reaches,
-        normals,
-        offsets,
-        query.friction,
-        query.margin,
-        query.push,
-        found,
-    )
-    nearest = float(found[..., 0].min())
-    if nearest == inf:
-        return None
+def _next_cycle(query: ChainQuery, state: Points) -> tuple[Cycle, float, Points] | None:
+    """Return the cycle that comes nearest to the goal's difference, of several the one with the shortest way, and its contact."""
+    cycles = nearest_cycles(query, state[1] - state[0], query.after)
+    nearest = min((cycle.distance for cycle in cycles), default=inf)
     best, shortest = None, inf
-    for wall, toucher in np.argwhere(found[..., 0] <= nearest + _EQUAL):
-        away, x, y, low, high = found[wall, toucher]
-        middle, along = frames[wall]
-        place = float(np.clip((state[toucher] - middle) @ along, low, high))
-        contact = middle + place * along
-        length = float(np.linalg.norm(contact - state[toucher]) + np.linalg.norm(query.goal[toucher] - contact))
+    for cycle in cycles:
+        if cycle.distance > nearest + _EQUAL:
+            continue
+        place, contact = cycle.contact(query.walls, state[cycle.toucher])
+        length = float(np.linalg.norm(contact - state[cycle.toucher]) + np.linalg.norm(query.goal[cycle.toucher] - contact))
         if length < shortest:
-            best, shortest = (float(away), int(toucher), int(wall), place, contact, np.array([x, y])), length
-    return best
-
-
-def _cycle_on_circle(query: ChainQuery, state: Points) -> tuple[float, int, int, float, Points, Points] | None:
-    """Return the same for a disk."""
-    radius = query.walls.circle[2]
-    found: NDArray[np.float64] = np.zeros(4)
-    delta = state[1] - state[0]
-    nearest_on_circle(delta, query.after, radius, query.friction, query.margin, query.push, found)
-    away, x, y, angle = found
-    if away == inf:
-        return None
-    best, shortest = None, inf
-    for toucher in (0, 1):
-        place = float(angle + np.pi * toucher)
-        contact = radius * np.array([np.cos(place), np.sin(place)])
-        length = float(np.linalg.norm(contact - state[toucher]) + np.linalg.norm(query.goal[toucher] - contact))
-        if length < shortest:
-            best, shortest = (float(away), toucher, 0, radius * place, contact, np.array([x, y])), length
+            best, shortest = (cycle, place, contact), length
     return best
 
 

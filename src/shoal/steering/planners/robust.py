@@ -203,9 +203,7 @@ class _Loop:
 
     def _room_along(self, point: Points, move: Points) -> float:
         """Return how far a particle can go before it meets a wall."""
-        walls = self.task.chain_query().walls
-        here = walls.inward(point)
-        share, _ = first_contact(here, np.ascontiguousarray(move / walls.scale), walls.normals, walls.offsets, walls.circle, -1)
+        share, _ = first_contact(point, np.ascontiguousarray(move), self.task.world.walls, -1)
         return float(share * np.linalg.norm(move))
 
     def _wanted(self, seen: Points) -> Points:

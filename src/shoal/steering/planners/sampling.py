@@ -13,6 +13,8 @@ from shoal.errors import InvalidInputError
 from shoal.steering.contact.region_world import RegionWorld
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.kernels import sampling as kernels
+from shoal.steering.kernels.contact import Walls
+from shoal.steering.kernels.region_contact import Edges
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.task import Task
 from shoal.steering.workspaces.convex_geometry import Points
@@ -59,14 +61,14 @@ class Sampling:
         rng = np.random.default_rng(task.seed)
         # Particles that slide take many times as long to simulate.
         share = 1.0 if task.world.friction == np.inf else SLIDING
-        world, ways = world_of(task.world), _Ways(room, task.goal)
+        world, translations = world_of(task.world), _Translations(room, task.goal)
         best: Points | None = None
         for _tree in range(TREES):
-            best = _Tree(task, world, rng, left=int(share * ROUNDS)).search(ways)
+            best = _Tree(task, world, rng, left=int(share * ROUNDS)).search(translations)
             if best is not None:
                 break
         for _tree in range(MORE_TREES if best is not None else 0):
-            other = _Tree(task, world, rng, left=int(share * MORE_ROUNDS)).search(ways)
+            other = _Tree(task, world, rng, left=int(share * MORE_ROUNDS)).search(translations)
             if other is not None and _length(other) < _length(best):
                 best = other
         return best
@@ -76,23 +78,22 @@ def _length(moves: Points | None) -> float:
     return np.inf if moves is None else float(np.linalg.norm(moves, axis=1).sum())
 
 
-def world_of(world: Any) -> tuple[Any, ...]:
-    """Return a world as kernels take it; see `kernels.sampling`."""
+def world_of(world: Any) -> kernels.World:
+    """Return a world as the kernels of sampling take it."""
     room = world.room
-    flat = bool(not room.round and world.friction == np.inf)
-    outline = Region(np.zeros((0, 2)) if room.round else room.vertices, ()) if not isinstance(room, Region) else room
-    walls = (*RegionWorld(outline).walls[:5], float(room.size)) if not room.round else _no_walls(float(room.size))
-    if isinstance(world, ContactWorld):
-        circle = np.array([*room.center, room.radius])
-        convex = np.ascontiguousarray(room.normals), room.offsets, circle, float(room.size), float(world.friction), world.gain
+    size = float(room.size)
+    if room.round:
+        none = np.zeros((0, 2))
+        ints, bools = none.astype(np.int64), np.zeros(0, dtype=np.bool_)
+        edges = Edges(np.zeros((0, 4)), none, np.zeros(0), ints, bools, size)
     else:
-        convex = np.zeros((0, 2)), np.zeros(0), np.zeros(3), 1.0, np.inf, np.eye(3)[0]
-    return flat, walls, convex
-
-
-def _no_walls(size: float) -> tuple[Any, ...]:
-    none = np.zeros((0, 2))
-    return np.zeros((0, 4)), none, np.zeros(0), none.astype(np.int64), np.zeros(0, dtype=np.bool_), size
+        region = room if isinstance(room, Region) else Region(room.vertices, ())
+        edges = RegionWorld(region).edges._replace(size=size)
+    if isinstance(world, ContactWorld):
+        walls = world.walls._replace(size=size)
+    else:
+        walls = Walls(np.zeros((0, 2)), np.zeros(0), np.zeros(3), 1.0, np.inf, np.eye(3)[0])
+    return kernels.World(bool(not room.round and world.friction == np.inf), edges, walls)
 
 
 @dataclass
@@ -100,11 +101,11 @@ class _Tree:
     """Nodes with their states, what they come from and by which moves."""
 
     task: Task
-    world: tuple[Any, ...]
+    world: kernels.World
     rng: np.random.Generator
     left: int
     total: int = 1
-    nodes: tuple[NDArray[Any], ...] = field(init=False)
+    nodes: kernels.Tree = field(init=False)
 
     def __post_init__(self) -> None:
         n, steps = len(self.task.start), kernels.STEPS
@@ -112,12 +113,12 @@ class _Tree:
         states, made, keys = np.zeros((NODES, n, 2)), np.zeros((NODES, steps, 2)), np.zeros(NODES)
         states[0] = self.task.start
         keys[0] = 2 * n
-        self.nodes = states, ints[0], made, ints[1], ints[2], keys, ints[3]
+        self.nodes = kernels.Tree(states, ints[0], made, ints[1], ints[2], keys, ints[3])
 
-    def search(self, ways: _Ways) -> Points | None:
+    def search(self, translations: _Translations) -> Points | None:
         """Return the first plan found, without moves that it can do without; None if there is none."""
         for _hit in range(HITS):
-            moves = self.direct(ways)
+            moves = self.direct(translations)
             if moves is not None:
                 moves = shortened(self.task, moves)
                 if len(moves) <= self.task.max_moves:
@@ -131,13 +132,13 @@ class _Tree:
         task, size = self.task, float(self.task.world.room.size)
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow
-        found = grow(*self.nodes, self.total, self.left, *limits, self.world, size, self.rng)
+        found = grow(self.nodes, self.total, self.left, *limits, self.world, size, self.rng)
         self.total, self.left, hit = found
         return bool(hit)
 
-    def direct(self, ways: _Ways) -> Points | None:
+    def direct(self, translations: _Translations) -> Points | None:
         """Return all moves to the last node and from there to the goal by translations; None if that is not possible."""
-        state = self.nodes[0][self.total - 1]
+        state = self.nodes.states[self.total - 1]
         x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
         if away > self.task.tolerance:
             return None
@@ -146,7 +147,7 @@ class _Tree:
         count = kernels.translate(after, x, y, self.world, size, room, 0)
         ends = [room[:count]]
         if self.task.error(after) > self.task.tolerance:
-            ends = ways.around(np.array([-x, -y]))
+            ends = translations.around(np.array([-x, -y]))
         for end in ends:
             moves = np.concatenate([self.path(), end])
             if self.task.error(self.task.world.play(self.task.start, moves)[-1]) <= self.task.tolerance:
@@ -155,7 +156,7 @@ class _Tree:
 
     def path(self) -> Points:
         """Return the moves from the start to the last node; float64, shape (moves, 2)."""
-        _, parents, made, counts, *_ = self.nodes
+        parents, made, counts = self.nodes.parents, self.nodes.made, self.nodes.counts
         parts, node = [np.zeros((0, 2))], self.total - 1
         while node:
             parts.append(made[node, : counts[node]])
@@ -163,24 +164,24 @@ class _Tree:
         return np.concatenate(parts[::-1])
 
 
-class _Ways:
+class _Translations:
     """Where particles that are right but for a translation can go to reach the goal, which is the origin of their offsets."""
 
     def __init__(self, room: Any, goal: Points) -> None:
         self._room, self._goal = room, goal
 
     @cached_property
-    def grounds(self) -> list[_FreeOffsets]:
+    def offsets(self) -> list[_FreeOffsets]:
         """The offsets from which there is a way, once for each margin; none for a convex workspace, where all ways are straight."""
         if not isinstance(self._room, Region):
             return []
-        found = (ground(self._room, self._goal, margin * float(self._room.size)) for margin in MARGINS)
+        found = (free_offsets(self._room, self._goal, margin * float(self._room.size)) for margin in MARGINS)
         return [one for one in found if one is not None]
 
     def around(self, offset: Points) -> list[Points]:
         """Return moves from an offset to the goal, one way for each margin with which there is one."""
-        ways = (one.way(offset) for one in self.grounds)
-        return [np.diff(np.vstack([offset, way, np.zeros(2)]), axis=0) for way in ways if way is not None]
+        paths = (one.path(offset) for one in self.offsets)
+        return [np.diff(np.vstack([offset, path, np.zeros(2)]), axis=0) for path in paths if path is not None]
 
 
 @dataclass
@@ -208,7 +209,7 @@ class _FreeOffsets:
     following: NDArray[np.int64]
     reach: float
 
-    def way(self, offset: Points) -> Points | None:
+    def path(self, offset: Points) -> Points | None:
         """Return the points at which the shortest way from an offset to the goal bends, float64, shape (points, 2)."""
         first = _nearest(self.inner, offset, self.reach)
         if first is None:
@@ -225,7 +226,7 @@ class _FreeOffsets:
         return np.array(way)
 
 
-def ground(room: Region, goal: Points, margin: float) -> _FreeOffsets | None:
+def free_offsets(room: Region, goal: Points, margin: float) -> _FreeOffsets | None:
     """Return the offsets joined to the goal at which no particle is nearer to a wall than a margin; None if there are none."""
     import shapely
     from scipy.sparse.csgraph import dijkstra

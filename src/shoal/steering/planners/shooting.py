@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.steering.kernels import plan_repair, shooting
+from shoal.steering.kernels.contact import Walls
 from shoal.steering.planners.task import Task, path_length
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import normalize_walls
@@ -23,32 +24,32 @@ def shooting_plan(task: Task, count: int) -> Points | None:
     walls = normalize_walls(task.world.room)
     d = walls.dimensions
     start, goal = walls.inward(task.start), walls.inward(task.aim)
-    world = (walls.normals, walls.offsets, walls.circle, 1.0, float(task.world.friction), np.eye(d + 1)[0])
+    between = Walls(walls.normals, walls.offsets, walls.circle, 1.0, float(task.world.friction), np.eye(d + 1)[0])
     if count == 2:
-        two = _of_two(start, goal, world)
+        two = _of_two(start, goal, between)
         return None if two is None else two * walls.scale
     nudges = NUDGE * np.vstack([np.eye(d), -np.eye(d)])
     moves = np.zeros((count, d))
     if count == 3:
-        found = shooting.search(start, goal, directions(d, DIRECTIONS[d]), SHARES, nudges, _ALL, *world, moves)
+        found = shooting.search(start, goal, directions(d, DIRECTIONS[d]), SHARES, nudges, _ALL, between, moves)
         if not found and d == 2:
-            found = shooting.search(start, goal, directions(d, DENSE * DIRECTIONS[d]), SHARES, nudges, 1, *world, moves)
+            found = shooting.search(start, goal, directions(d, DENSE * DIRECTIONS[d]), SHARES, nudges, 1, between, moves)
     else:
         picks = np.random.default_rng(0).integers(0, 2**31, (*REPAIRS[count], count - 2, 2))
         ways = directions(d, DENSE * DIRECTIONS[d])
-        found = plan_repair.search_guided(start, goal, ways, SHARES, picks, nudges, ENOUGH, *world, moves)
+        found = plan_repair.search_guided(start, goal, ways, SHARES, picks, nudges, ENOUGH, between, moves)
     if not found:
         return None
-    shooting.improve(start, goal, count - 2, 0.05, nudges, *world, moves)
+    shooting.improve(start, goal, count - 2, 0.05, nudges, between, moves)
     return moves * walls.scale
 
 
-def _of_two(start: Points, goal: Points, world: tuple[Points, Points, Points, float, float, Points]) -> Points | None:
+def _of_two(start: Points, goal: Points, between: Walls) -> Points | None:
     """Return the shorter plan of two moves, None if there is none."""
     found = []
     for toucher in (0, 1):
         two = np.zeros_like(start)
-        error = shooting.finish(start, goal, toucher, *world, two)
+        error = shooting.finish(start, goal, toucher, between, two)
         if error <= shooting.EXACT:
             found.append(two)
     return min(found, key=path_length, default=None)

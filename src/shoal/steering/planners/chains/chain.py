@@ -10,9 +10,10 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.steering.kernels.chain import settle
+from shoal.steering.kernels.chain import first_guess, settle
 from shoal.steering.kernels.chain_kinds import bound_of, kinds_of, reflected_lengths
-from shoal.steering.kernels.chain_limits import Kind, first_guess, new_place, put
+from shoal.steering.kernels.chain_limits import Kind, new_place, put
+from shoal.steering.kernels.cycles import CycleModel
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import NormalizedWalls
 
@@ -101,6 +102,14 @@ class ChainQuery:
     def after(self) -> Points:
         """Δ at the goal."""
         return np.asarray(self.goal[1] - self.goal[0])
+
+    def model(self, inside: float = 1.0) -> CycleModel:
+        """Return what the kernels of cycles take, margin and push times a number."""
+        walls = self.walls
+        return CycleModel(
+            walls.frames, walls.reaches, walls.normals, walls.offsets, walls.circle, self.friction, self.margin * inside,
+            self.push * inside,
+        )  # fmt: skip
 
     def flat(self) -> ChainQuery:
         """Return the same in the plane, without heights."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.steering.kernels.cycles import nearest_on_circle, nearest_on_polygon
-from shoal.steering.kernels.roadmap import CycleModel, fewest_cycles, linked, widen
+from shoal.steering.kernels.cycles import CycleModel
+from shoal.steering.kernels.roadmap import fewest_cycles, linked, widen
 from shoal.steering.planners.chains.chain import Chain, ChainQuery
 from shoal.steering.planners.chains.friction_roadmap import backward_nodes, turning_nodes
 from shoal.steering.workspaces.convex_geometry import Points
@@ -29,55 +30,28 @@ def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int],
     largest: differences larger than all others of about the same direction that come from the start's, and smaller than all others
     that lead to the goal's. With friction the ways along these may be the only ones.
     """
-    walls, friction = query.walls, query.friction * (1 - 1e-9)
-    ground = CycleModel(
-        walls.frames,
-        walls.reaches,
-        walls.normals,
-        walls.offsets,
-        walls.circle,
-        friction,
-        query.margin * _INSIDE,
-        query.push * _INSIDE,
-    )
+    model = replace(query, friction=query.friction * (1 - 1e-9)).model(_INSIDE)
     rng = np.random.default_rng(seed)
     for extreme, bins, gain, spread in maps:
         nodes = [
             np.stack([query.before, query.after]),
-            _extreme(query, ground, extreme, bins, gain),
+            _extreme(query, model, extreme, bins, gain),
             _spread(query, rng, spread),
         ]
-        chain = _over(np.concatenate(nodes), ground)
+        chain = _over(np.concatenate(nodes), model)
         if chain is not None:
             return chain
     return None
 
 
-def cycle_towards(query: ChainQuery, delta: Points, target: Points) -> tuple[float, Points, NDArray[np.float64]] | None:
-    """Return how near to a difference one cycle comes, the difference it makes, and its toucher, wall and contact."""
-    if query.walls.round:
-        found = np.zeros(4)
-        nearest_on_circle(delta, target, query.walls.circle[2], query.friction, query.margin, query.push, found)
-        away, x, y, angle = found
-        return None if away == inf else (float(away), np.array([x, y]), np.array([0.0, 0.0, angle * query.walls.circle[2]]))
-    frames, normals, offsets, *_ = query.walls.shape
-    table = np.full((len(normals), 2, 5), inf)
-    nearest_on_polygon(
-        delta, target, frames, query.walls.reaches, normals, offsets, query.friction, query.margin, query.push, table
-    )
-    wall, toucher = np.unravel_index(int(np.argmin(table[..., 0])), table.shape[:2])
-    away, x, y, low, high = table[wall, toucher]
-    return None if away == inf else (float(away), np.array([x, y]), np.array([float(toucher), float(wall), (low + high) / 2]))
-
-
-def _extreme(query: ChainQuery, ground: CycleModel, count: int, bins: int, gain: float) -> Points:
+def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: float) -> Points:
     """Return the outermost differences on ways from the start's, and the innermost on ways to the goal's."""
     walls = query.walls
     if walls.round and query.friction < inf:
-        radius, friction = float(walls.circle[2]), ground.friction
+        radius, friction = float(walls.circle[2]), model.friction
         return np.concatenate(
             [
-                backward_nodes(query.after, radius=radius, friction=friction, margin=2 * ground.margin),
+                backward_nodes(query.after, radius=radius, friction=friction, margin=2 * model.margin),
                 turning_nodes(query.before, query.after, radius=radius, friction=friction),
             ]
         )
@@ -86,7 +60,7 @@ def _extreme(query: ChainQuery, ground: CycleModel, count: int, bins: int, gain:
     found = []
     for delta, back in ((query.before, False), (query.after, True)):
         nodes, records = np.empty((count, 2)), np.full(bins, inf if back else 0.0)
-        found.append(nodes[1 : widen(delta, back, rays, 2.0, ground, gain, records, nodes, 0)])
+        found.append(nodes[1 : widen(delta, back, rays, 2.0, model, gain, records, nodes, 0)])
     return np.concatenate(found)
 
 
@@ -109,10 +83,10 @@ def _spread(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
     return np.asarray(far * sizes[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
 
 
-def _over(nodes: Points, ground: CycleModel) -> Chain | None:
+def _over(nodes: Points, model: CycleModel) -> Chain | None:
     """Return the chain of the fewest cycles from node 0 to node 1."""
     parents, order = np.empty(len(nodes), dtype=np.int64), np.empty(len(nodes), dtype=np.int64)
-    if not fewest_cycles(nodes, ground, parents, order):
+    if not fewest_cycles(nodes, model, parents, order):
         return None
     path = [1]
     while path[-1]:
@@ -120,6 +94,6 @@ def _over(nodes: Points, ground: CycleModel) -> Chain | None:
     path.reverse()
     steps = np.empty((len(path) - 1, 3))
     for step, before, after in zip(steps, path, path[1:], strict=False):
-        linked(nodes[before], nodes[after], ground, step)
+        linked(nodes[before], nodes[after], model, step)
     unknowns = np.concatenate([steps[:, 2], nodes[path[1:-1]].ravel()])
     return Chain(steps[:, 0].astype(np.int64), steps[:, 1].astype(np.int64), unknowns, inf)

@@ -1,0 +1,66 @@
+"""Single cycles: the difference nearest to a target that one contact and one adjustment make."""
+
+from __future__ import annotations
+
+from math import inf, pi
+from typing import NamedTuple
+
+import numpy as np
+
+from shoal.steering.kernels.cycles import nearest_on_circle, nearest_on_polygon
+from shoal.steering.planners.chains.chain import ChainQuery
+from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.normalized_walls import NormalizedWalls
+
+
+class Cycle(NamedTuple):
+    """One contact and one adjustment, in the units of `NormalizedWalls`.
+
+    Attributes
+    ----------
+    distance : float
+        How far the difference that it makes is from the target.
+    toucher : int
+        0 or 1: which particle the wall holds.
+    wall : int
+    low, high : float
+        Where along the wall the contact may be.
+    after : ndarray of float64, shape (2,)
+        The difference that it makes.
+    """
+
+    distance: float
+    toucher: int
+    wall: int
+    low: float
+    high: float
+    after: Points
+
+    def contact(self, walls: NormalizedWalls, point: Points) -> tuple[float, Points]:
+        """Return the contact nearest to a point: along the wall, and as a point."""
+        if self.wall == len(walls.normals):
+            angle = self.low / walls.circle[2]
+            return self.low, walls.circle[2] * np.array([np.cos(angle), np.sin(angle)])
+        middle, along = walls.frames[self.wall]
+        place = float(np.clip((point - middle) @ along, self.low, self.high))
+        return place, middle + place * along
+
+
+def nearest_cycles(query: ChainQuery, delta: Points, target: Points) -> list[Cycle]:
+    """Return for each wall and toucher the cycle that turns a difference into the one nearest to the target; in the plane.
+
+    Notes
+    -----
+    Source: paper W, algorithms 2 and 3, corrected, with friction. On a disk what particle 1 does by touching, particle 2 does
+    by touching opposite.
+    """
+    if query.walls.round:
+        radius = query.walls.circle[2]
+        distance, after, angle = nearest_on_circle(delta, target, query.model())
+        along = [radius * float(angle + pi * toucher) for toucher in (0, 1)]
+        return [Cycle(float(distance), k, 0, along[k], along[k], after) for k in (0, 1) if distance < inf]
+    distances, differences, lows, highs = nearest_on_polygon(delta, target, query.model())
+    return [
+        Cycle(float(distances[wall, k]), int(k), int(wall), float(lows[wall, k]), float(highs[wall, k]), differences[wall, k])
+        for wall, k in np.argwhere(distances < inf)
+    ]
