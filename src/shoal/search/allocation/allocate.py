@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.errors import InvalidInputError
-from shoal.search.allocation.allocators import ALLOCATORS, Indices, Team
+from shoal.search.allocation.allocators import ALLOCATORS, Indices
 from shoal.search.allocation.arcs import Arc, numbers_of, way_to, work_time
 from shoal.search.allocation.tour_cost import Floats, TourCost
 from shoal.search.allocation.viewpoint_selection import gain_of, select_viewpoints
 from shoal.search.cells.footprint import check_widths
+from shoal.search.kernels.shares import Team
 
 __all__ = ["Allocation", "Arc", "allocate", "arcs_of", "work_time"]
 

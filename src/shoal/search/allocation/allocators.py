@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -13,42 +12,13 @@ from shoal.registry import Registry
 from shoal.search.allocation.arcs import Arc, work_time
 from shoal.search.allocation.tour_cost import Floats, TourCost
 from shoal.search.kernels import shares
+from shoal.search.kernels.shares import Team
 
 Indices = NDArray[np.int64]
 _HALVINGS = 40
 _STRIDES = 96  # how many first borders are tried at the most
 _TRIALS = 8_000  # cuts into equal arcs that are tried at the most, once for each turn of the robots
 _CANDIDATES = 12  # cuts into equal arcs that are made better
-
-
-@dataclass(frozen=True, eq=False)
-class Team:
-    """Robots in the order of their starts.
-
-    Parameters
-    ----------
-    starts : ndarray of int64, shape (m,)
-        Numbers of cells on the tour, rising.
-    rates : ndarray of float64, shape (m,)
-        How fast each moves.
-    places : ndarray of float64, shape (m, d)
-        Where each is, as `TourCost.points`.
-    gains : ndarray of float64, shape (m,)
-        How many times as fast each searches as one that sees a cell and moves like it.
-    far : ndarray of float64, shape (m, N) or (0, 0)
-        How far it is from each start to each cell; empty where ways are straight.
-    """
-
-    starts: Indices
-    rates: Floats
-    places: Floats
-    gains: Floats
-    far: Floats
-
-    @property
-    def powers(self) -> Floats:
-        """How fast each searches."""
-        return self.rates * self.gains
 
 
 Allocator = Callable[[TourCost, Team], list[list[Arc]]]
@@ -90,14 +60,14 @@ def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 @ALLOCATORS.register("individual-shift")
 def individual_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     """Each goes along the tour to the beginning of its cells."""
-    return _arcs_between(_bisected(0, tour_cost, team))
+    return _arcs_between(_bisected(False, tour_cost, team))
 
 
 @ALLOCATORS.register("two-way")
 def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     """Each begins with the shorter part of its cells, behind it or ahead, and comes back for the other."""
     n = len(tour_cost)
-    borders = _bisected(1, tour_cost, team)
+    borders = _bisected(True, tour_cost, team)
     found = []
     for start, low, high in zip(team.starts + n, borders[:-1], borders[1:], strict=True):
         if not low <= start < high:
@@ -114,23 +84,22 @@ def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 def hop(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     """Each goes straight to an arc, the order kept round the tour; who has farther to go searches less."""
     n, m = len(tour_cost), len(team.starts)
-    rates, ways = team.rates, (tour_cost.points, team.places, team.far)
     rows = min(4 * _STRIDES, max(8, _TRIALS // m))
     firsts = np.unique(np.linspace(0, min(n, int(2 * n / m)) - 1, rows).astype(np.int64)) if m > 1 else team.starts
     latest = np.empty((len(firsts), m))
-    shares.hop_costs(tour_cost.ahead, *ways, rates, team.gains, firsts, latest)
+    shares.hop_costs(tour_cost.arrays, team, firsts, latest)
     best, borders, chosen = np.inf, np.arange(m + 1), 0
     for number in np.argsort(latest, axis=None, kind="stable")[:_CANDIDATES]:
         row, turn = np.unravel_index(int(number), latest.shape)
-        low, high = n / float(team.powers.sum()), float(min(latest[row, turn], best)) + 1.0
+        low, high = n / float(_powers(team).sum()), float(min(latest[row, turn], best)) + 1.0
         trial = np.empty(m + 1, dtype=np.int64)
         while best == np.inf:  # with fewer cells than robots no equal arcs are whole cells
-            if shares.hop_pass(tour_cost.ahead, *ways, rates, team.gains, high, firsts[row], turn, trial):
+            if shares.hop_pass(tour_cost.arrays, team, high, firsts[row], turn, trial):
                 best, borders, chosen = high, np.minimum(trial, firsts[row] + n), int(turn)
             high *= 2
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
-            done = shares.hop_pass(tour_cost.ahead, *ways, rates, team.gains, middle, firsts[row], turn, trial)
+            done = shares.hop_pass(tour_cost.arrays, team, middle, firsts[row], turn, trial)
             if done and middle < best:
                 best, borders, chosen = middle, np.minimum(trial, firsts[row] + n), int(turn)
             low, high = (low, middle) if done else (middle, high)
@@ -145,27 +114,28 @@ def _arcs_between(borders: Indices) -> list[list[Arc]]:
     return [[Arc(int(low % n), int(high - low))] for low, high in pairwise(borders)]
 
 
-def _passed(kind: int, tour_cost: TourCost, team: Team, time: float, borders: Indices) -> bool:
-    reach = min(len(tour_cost), int(time * team.powers[0]) + 1)
-    stride = max(1, reach // _STRIDES)
-    robots = (team.starts, team.rates, team.gains)
-    return bool(
-        shares.best_start(kind, tour_cost.ahead, tour_cost.points, team.far, *robots, len(tour_cost), time, stride, borders)
-    )
+def _powers(team: Team) -> Floats:
+    """Return how fast each robot searches."""
+    return team.rates * team.gains
 
 
-def _bisected(kind: int, tour_cost: TourCost, team: Team) -> Indices:
+def _passed(two_ways: bool, tour_cost: TourCost, team: Team, time: float, borders: Indices) -> bool:
+    reach = min(len(tour_cost), int(time * _powers(team)[0]) + 1)
+    return bool(shares.best_start(two_ways, tour_cost.arrays, team, time, max(1, reach // _STRIDES), borders))
+
+
+def _bisected(two_ways: bool, tour_cost: TourCost, team: Team) -> Indices:
     """Return the borders of the least time in which a pass succeeds, int64, shape (m + 1,)."""
     n, starts = len(tour_cost), team.starts
     best = np.append(starts, starts[0] + n) + n  # as they stay
-    gaps = np.diff(tour_cost.ahead[best]) / team.powers
-    low, high = n / float(team.powers.sum()), float(gaps.max())
+    gaps = np.diff(tour_cost.ahead[best]) / _powers(team)
+    low, high = n / float(_powers(team).sum()), float(gaps.max())
     trial = np.empty(len(starts) + 1, dtype=np.int64)
     for _ in range(_HALVINGS):
         if high - low < 1e-3:
             break
         middle = (low + high) / 2
-        if _passed(kind, tour_cost, team, middle, trial):
+        if _passed(two_ways, tour_cost, team, middle, trial):
             best, high = np.minimum(trial, trial[0] + n), middle
         else:
             low = middle

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from shoal.errors import InvalidInputError
 from shoal.search.cells.distances import CellDistances, Distances
 from shoal.search.cells.footprint import Footprint, MaskFootprint, Numbers
+from shoal.search.kernels.shares import TourArrays
 from shoal.search.tours import Tour
 
 Floats = NDArray[np.float64]
@@ -107,6 +108,11 @@ class TourCost:
     def ahead(self) -> Floats:
         """What it costs to search the cells before each one, from the first on, four times round; float64, shape (4 N + 1,)."""
         return np.concatenate([[0.0], np.cumsum(np.tile(self.costs, 4))])
+
+    @cached_property
+    def arrays(self) -> TourArrays:
+        """What kernels take."""
+        return TourArrays(self.ahead, self.points)
 
     @property
     def whole(self) -> float:

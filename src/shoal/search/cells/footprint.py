@@ -168,18 +168,6 @@ def check_widths(widths: NDArray[np.int64], robots: int, tour: Tour) -> None:
         raise InvalidInputError(f"widths: expected a tour in a plane for more than one cell, got one of shape {tour.shape}")
 
 
-def check_odd(width: int) -> int:
-    """Return a number that is odd.
-
-    Raises
-    ------
-    ValueError
-    """
-    if width % 2 == 0:
-        raise ValueError(f"expected an odd number, got {width}")
-    return width
-
-
 def widths_of(footprints: ArrayLike, size: float) -> Numbers:
     """Return how many cells wide each footprint counts: the largest odd number that it holds, at most `WIDEST`; int64.
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from math import inf
+from typing import Any, Literal, get_args
 from zlib import crc32
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, StringConstraints, ValidationError
-
+from shoal.checks import check_integer, shortened
 from shoal.errors import InvalidInputError
-from shoal.search.cells.footprint import WIDEST, check_odd
+from shoal.search.cells.footprint import WIDEST
 
 VERSION: Literal[1] = 1
 Status = Literal["listening", "searching", "waiting", "complete"]
@@ -55,36 +56,6 @@ class Beacon:
     closed: tuple[tuple[int, int], ...] = ()
 
 
-Width = Annotated[int, Field(ge=1, le=WIDEST), AfterValidator(check_odd)]
-Bits = Annotated[str, StringConstraints(pattern="^[0-9a-f]+$")]
-
-
-class HeartbeatForm(BaseModel):
-    """A heartbeat on the wire."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    robot: NonNegativeInt
-    count: NonNegativeInt
-    start: NonNegativeInt
-    rate: PositiveFloat
-    status: Status
-    width: Width = 1
-
-
-class BeaconForm(BaseModel):
-    """A beacon on the wire; sets are hexadecimal."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    version: Literal[1]
-    sender: NonNegativeInt
-    heartbeats: list[HeartbeatForm]
-    searched: dict[NonNegativeInt, Bits]
-    found: dict[NonNegativeInt, Bits]
-    closed: dict[NonNegativeInt, Bits] = {}
-
-
 def encode(beacon: Beacon) -> bytes:
     """Return a beacon as bytes: eight hexadecimal digits, the checksum (CRC-32), then JSON.
 
@@ -107,7 +78,7 @@ def encode(beacon: Beacon) -> bytes:
 
 
 def _told(heartbeat: Heartbeat) -> dict[str, Any]:
-    told = {name: getattr(heartbeat, name) for name in HeartbeatForm.model_fields}
+    told = {name: getattr(heartbeat, name) for name in Heartbeat.__slots__}
     if heartbeat.width == 1:
         del told["width"]
     return told
@@ -124,14 +95,38 @@ def decode(data: bytes) -> Beacon:
     if len(data) < 8 or f"{crc32(data[8:]):08x}".encode() != data[:8]:
         raise InvalidInputError(f"beacon: expected a checksum and what it fits, got {len(data)} damaged bytes")
     try:
-        form = BeaconForm.model_validate_json(data[8:])
-        searched = tuple((robot, int(bits, 16)) for robot, bits in form.searched.items())
-        found = tuple((cell, int(bits, 16)) for cell, bits in form.found.items())
-        closed = tuple((robot, int(bits, 16)) for robot, bits in form.closed.items())
-    except (ValidationError, ValueError) as error:
-        raise InvalidInputError(f"beacon: expected a beacon of version {VERSION}, got {str(error).splitlines()[0]}") from None
-    heartbeats = tuple(
-        Heartbeat(heartbeat.robot, heartbeat.count, heartbeat.start, heartbeat.rate, heartbeat.status, heartbeat.width)
-        for heartbeat in form.heartbeats
-    )
-    return Beacon(form.sender, heartbeats, searched, found, closed)
+        body = json.loads(data[8:])
+        if not isinstance(body, dict) or body.keys() - {"closed"} != _FIELDS or body["version"] != VERSION:
+            raise InvalidInputError(f"expected the fields {', '.join(sorted(_FIELDS))} of version {VERSION}")
+        heartbeats = tuple(_heartbeat(told) for told in body["heartbeats"])
+        sender = check_integer(body["sender"], what="sender", least=0)
+        return Beacon(sender, heartbeats, *(_sets(body.get(name, {})) for name in ("searched", "found", "closed")))
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise InvalidInputError(f"beacon: expected a beacon of version {VERSION}, got another: {shortened(str(error))}") from None
+
+
+_FIELDS = {"version", "sender", "heartbeats", "searched", "found"}
+_HEX = re.compile("[0-9a-f]+")
+_STATUSES = frozenset(get_args(Status))
+_WIDTHS = range(1, WIDEST + 1, 2)
+
+
+def _heartbeat(told: Any) -> Heartbeat:
+    """Return a heartbeat from the wire; TypeError for missing and unknown fields. Every message has many: nothing is checked twice."""
+    heartbeat = Heartbeat(**told)
+    numbers = (heartbeat.robot, heartbeat.count, heartbeat.start)
+    if any(type(number) is not int or number < 0 for number in numbers) or heartbeat.status not in _STATUSES:
+        raise InvalidInputError(f"expected numbers of 0 or more and a status, got {told}")
+    if heartbeat.width not in _WIDTHS or not 0 < heartbeat.rate < inf:
+        raise InvalidInputError(f"expected a rate above 0 and an odd width up to {WIDEST}, got {told}")
+    return heartbeat
+
+
+def _sets(told: Any) -> tuple[tuple[int, int], ...]:
+    """Return sets from the wire, where they are hexadecimal."""
+    found = []
+    for number, bits in told.items():
+        if not number.isdecimal() or _HEX.fullmatch(bits) is None:
+            raise InvalidInputError(f"expected numbers with hexadecimal digits, got {number!r}: {bits!r}")
+        found.append((int(number), int(bits, 16)))
+    return tuple(found)
