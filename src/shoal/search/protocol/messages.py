@@ -112,12 +112,12 @@ _WIDTHS = range(1, WIDEST + 1, 2)
 
 
 def _heartbeat(told: Any) -> Heartbeat:
-    """Return a heartbeat from the wire; TypeError for missing and unknown fields. Every message has many: nothing is checked twice."""
+    """Return a heartbeat from the wire; TypeError for missing and unknown fields. Quick, as every message has many."""
     heartbeat = Heartbeat(**told)
-    numbers = (heartbeat.robot, heartbeat.count, heartbeat.start)
+    numbers = (heartbeat.robot, heartbeat.count, heartbeat.start, heartbeat.width)
     if any(type(number) is not int or number < 0 for number in numbers) or heartbeat.status not in _STATUSES:
         raise InvalidInputError(f"expected numbers of 0 or more and a status, got {told}")
-    if heartbeat.width not in _WIDTHS or not 0 < heartbeat.rate < inf:
+    if heartbeat.width not in _WIDTHS or isinstance(heartbeat.rate, bool) or not 0 < heartbeat.rate < inf:
         raise InvalidInputError(f"expected a rate above 0 and an odd width up to {WIDEST}, got {told}")
     return heartbeat
 
