@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import inf
 
 from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
-from shoal.search.simulation.world import Outcome, Scenario, World
+from shoal.search.simulation.world import Scenario, SimulationOutcome, World
 from shoal.search.tours.bitset import at_least
 
 
@@ -71,7 +71,7 @@ class Checker:
         raise InvariantError(f"at {world.time:.6g} robot {number} {what} (seed {self.scenario.seed}): {self.scenario.faults}")
 
 
-def check_outcome(scenario: Scenario, outcome: Outcome) -> None:
+def check_outcome(scenario: Scenario, outcome: SimulationOutcome) -> None:
     """Check what must hold when a search has ended.
 
     Raises
@@ -102,7 +102,7 @@ def check_outcome(scenario: Scenario, outcome: Outcome) -> None:
         raise InvariantError(f"all was searched at {outcome.covered_at:.6g}, alone a robot needs {min(bounds):.6g} {seed}")
 
 
-def searched_by(outcome: Outcome, count: int) -> int:
+def searched_by(outcome: SimulationOutcome, count: int) -> int:
     """Return the cells that so many robots have visited, as bits."""
     sets = []
     for vehicle in outcome.vehicles.values():

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.cells.distances import CellDistances
 from shoal.search.problem.faults import Battery, Crash, Fault, Liar, Pause, Slow, WrongPosition
-from shoal.search.problem.network import Network, network_of
+from shoal.search.problem.network import RadioNetwork, network_of
 from shoal.search.protocol.robot import Brief
 from shoal.search.simulation.world import Scenario
 from shoal.search.tours import make_tour
@@ -82,13 +82,13 @@ def random_mask(rng: Generator) -> NDArray[np.bool_]:
     return mask
 
 
-def random_network(rng: Generator, whole: float) -> Network:
+def random_network(rng: Generator, whole: float) -> RadioNetwork:
     """Return a random network: all is lost, nothing, or up to three models together."""
     kind = rng.integers(8)
     if kind == 0:
         return network_of(loss=1.0)
     if kind == 1:
-        return Network()
+        return RadioNetwork()
     since, until = np.sort(rng.random(2) * whole)
     models = [
         f"loss:{rng.random():.3f}",

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.cells.distances import CellDistances
 from shoal.search.tours import make_tour
-from shoal.search.tours.bitset import bits_of
+from shoal.search.tours.bitset import bitset_of
 
 SHAPES = {"hilbert": (8, 8), "moore": (4, 4), "hilbert-rectangle": (1, 10), "comb": (5, 7), "spanning-tree": (6, 8)}
 
@@ -46,7 +46,7 @@ def test_the_cells_of_a_way_are_neighbours_none_is_closed_and_none_cheaper_is_mi
     tour_cost = a_course(name, turn_cost, stepwise=True)
     numbers = st.integers(0, len(tour_cost) - 1)
     here, cell, closed = data.draw(numbers), data.draw(numbers), data.draw(st.sets(numbers, max_size=6))
-    bits = bits_of(closed - {here, cell})
+    bits = bitset_of(closed - {here, cell})
     cost, through = tour_cost.way(here, cell, closed=bits), tour_cost.through(here, cell, closed=bits)
     if here == cell:
         assert cost == 0
@@ -56,7 +56,7 @@ def test_the_cells_of_a_way_are_neighbours_none_is_closed_and_none_cheaper_is_mi
         assert through == ()
         return
     assert through[-1] == cell
-    assert not bits & bits_of(through)
+    assert not bits & bitset_of(through)
     length = sum(tour_cost.length(one, other) for one, other in pairwise((here, *through)))
     # Each turn on the way is paid at most once, and one is paid for a way of its own.
     assert length - 1 - 1e-9 <= cost <= length - 1 + turn_cost * max(len(through), 1) + 1e-9

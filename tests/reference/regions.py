@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from shapely.affinity import scale, translate
 
-from shoal.search import CellGrid, Coverage, RegionPaths, Route, SearchRegion, cells_of, coverage_check, region_of
+from shoal.search import AreaCoverage, CellGrid, RegionPaths, Route, SearchRegion, cells_of, coverage_check, region_of
 
 COUNTIES = (  # islands, fjords, capes, river borders, one with holes in it
     ("AK", "Sitka"), ("NC", "Dare"), ("MD", "Dorchester"), ("LA", "Plaquemines"), ("ME", "Hancock"),
@@ -55,7 +55,7 @@ def back_and_forth(grid: CellGrid) -> Route:
     return RegionPaths(grid, transit=True).route(cells)
 
 
-def swept(region: SearchRegion, footprint: float) -> tuple[Coverage, int]:
+def swept(region: SearchRegion, footprint: float) -> tuple[AreaCoverage, int]:
     """Arc a region; return what the independent check says of it, and the number of cells."""
     grid = cells_of(region, footprint)
     route = back_and_forth(grid)

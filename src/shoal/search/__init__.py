@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from shoal.search.episode import SearchEpisode
     from shoal.search.problem import SearchProblem
     from shoal.search.regions.builder import open_region
-    from shoal.search.regions.coverage import Coverage, coverage_check
+    from shoal.search.regions.coverage import AreaCoverage, coverage_check
     from shoal.search.regions.projection import LocalFrame
     from shoal.search.regions.region import SearchRegion, region_of
-    from shoal.search.simulation.trace import RobotLog, Trace
+    from shoal.search.simulation.trace import RobotLog, SearchTrace
     from shoal.search.tours import Tour, TourMaker, TourMetrics, components, make_tour
     from shoal.search.tours.codec import hilbert_decode, hilbert_encode, moore_decode, moore_encode
 
@@ -33,10 +33,10 @@ _HOMES = {
     "episode": ("SearchEpisode",),
     "problem": ("SearchProblem",),
     "regions.builder": ("open_region",),
-    "regions.coverage": ("Coverage", "coverage_check"),
+    "regions.coverage": ("AreaCoverage", "coverage_check"),
     "regions.projection": ("LocalFrame",),
     "regions.region": ("SearchRegion", "region_of"),
-    "simulation.trace": ("RobotLog", "Trace"),
+    "simulation.trace": ("RobotLog", "SearchTrace"),
     "tours": ("Tour", "TourMaker", "TourMetrics", "components", "make_tour"),
     "tours.codec": ("hilbert_decode", "hilbert_encode", "moore_decode", "moore_encode"),
 }
@@ -44,8 +44,8 @@ _HOMES = {
 __all__ = [
     "Allocation",
     "Arc",
+    "AreaCoverage",
     "CellGrid",
-    "Coverage",
     "LocalFrame",
     "RegionPaths",
     "RobotLog",
@@ -54,11 +54,11 @@ __all__ = [
     "SearchPlan",
     "SearchProblem",
     "SearchRegion",
+    "SearchTrace",
     "Tour",
     "TourCost",
     "TourMaker",
     "TourMetrics",
-    "Trace",
     "allocate",
     "cells_of",
     "components",

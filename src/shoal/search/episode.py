@@ -21,11 +21,11 @@ from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.cells.routing import Route
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Liar
-from shoal.search.regions.coverage import Coverage, coverage_check
+from shoal.search.regions.coverage import AreaCoverage, coverage_check
 from shoal.search.simulation.findings import Finding, merge_findings
 from shoal.search.simulation.scenario import Scenario, scenario_of
-from shoal.search.simulation.trace import Trace, planned_trace, simulated_trace
-from shoal.search.tours.bitset import bits_of, bits_to_array
+from shoal.search.simulation.trace import SearchTrace, planned_trace, simulated_trace
+from shoal.search.tours.bitset import bits_to_array, bitset_of
 
 FORMAT: Literal[2] = 2
 
@@ -41,7 +41,7 @@ class SearchEpisode(Episode):
     plan : SearchPlan
     scenario : Scenario
         Lengths in sides of a cell, times in that of a cell.
-    trace : Trace
+    trace : SearchTrace
     simulated : bool
         Whether robots and messages were simulated; else all went as planned, or it was live.
     seed : int
@@ -55,7 +55,7 @@ class SearchEpisode(Episode):
     problem: SearchProblem
     plan: SearchPlan
     scenario: Scenario
-    trace: Trace
+    trace: SearchTrace
     simulated: bool
     seed: int
     seconds: float
@@ -131,7 +131,7 @@ class SearchEpisode(Episode):
         return frozenset(fault.robot for fault in self.scenario.faults if isinstance(fault, Liar))
 
     @cached_property
-    def coverage(self) -> Coverage:
+    def coverage(self) -> AreaCoverage:
         """What the robots have seen of the region, checked apart from the cells."""
         seeing = [robot for robot, log in enumerate(self.trace.robots) if robot + 1 not in self.liars and log.cells.size]
         ways = [self.routes[robot].points for robot in seeing]
@@ -159,7 +159,7 @@ class SearchEpisode(Episode):
             for cell, witnesses in self.trace.robots[number - 1].found:
                 reports.setdefault(cell, set()).update(witnesses)
         searched = {
-            number: bits_of(int(cell) for cells in seen for cell in cells) for number, seen in enumerate(self.seen, start=1)
+            number: bitset_of(int(cell) for cells in seen for cell in cells) for number, seen in enumerate(self.seen, start=1)
         }
         return merge_findings(self.scenario, reports, searched)
 
@@ -299,7 +299,7 @@ class SearchEpisode(Episode):
                 problem=problem,
                 plan=plan,
                 scenario=scenario_of(problem, plan, seed),
-                trace=Trace.from_dict(told["trace"], robots=problem.robots, cells=len(plan.tour_cost)),
+                trace=SearchTrace.from_dict(told["trace"], robots=problem.robots, cells=len(plan.tour_cost)),
                 simulated=check_bool(told["simulated"], what="simulated"),
                 seed=seed,
                 seconds=check_number(told["seconds"], what="seconds"),

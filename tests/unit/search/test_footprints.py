@@ -17,9 +17,9 @@ from shoal.search.allocation.viewpoint_selection import gain_of, select_viewpoin
 from shoal.search.cells.footprint import MaskFootprint, RegionFootprint, cell_side, widths_of
 from shoal.search.missions import check_missions
 from shoal.search.problem.faults import Crash, Liar
-from shoal.search.protocol.messages import Beacon, Heartbeat, decode, encode
+from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
 from shoal.search.simulation.world import World
-from shoal.search.tours.bitset import at_least, bits_of
+from shoal.search.tours.bitset import at_least, bitset_of
 
 TEAM = [2.0, 2.0, 6.0]
 
@@ -100,7 +100,7 @@ def test_whoever_dies_another_footprint_takes_over(dead, tmp_path):
 def test_each_cell_is_seen_by_two_and_one_that_lies_is_outvoted():
     episode = search("rectangle:40x30", robots=4, footprint=[2, 2, 6, 6], seed=3, multiplicity=2, faults=[Liar(3)])
     assert episode
-    seen = [bits_of(int(cell) for cells in robot for cell in cells) for robot in episode.seen]
+    seen = [bitset_of(int(cell) for cells in robot for cell in cells) for robot in episode.seen]
     everything = episode.scenario.brief.everything
     assert at_least(seen, 2) == everything
     assert at_least([seen[robot] for robot in (0, 1, 3)], 1) == everything
@@ -126,10 +126,10 @@ def test_gains(tour):
 
 def test_beacons_tell_the_width_if_there_is_one():
     wide = Beacon(1, (Heartbeat(1, 0, 5, 1.0, "searching", 3), Heartbeat(2, 0, 5, 1.0, "searching")), ())
-    assert decode(encode(wide)) == wide
-    assert encode(wide).count(b"width") == 1
+    assert decode_beacon(encode_beacon(wide)) == wide
+    assert encode_beacon(wide).count(b"width") == 1
     with pytest.raises(InvalidInputError, match="expected a beacon of version 1"):
-        decode(encode(Beacon(1, (Heartbeat(1, 0, 5, 1.0, "searching", 4),), ())))
+        decode_beacon(encode_beacon(Beacon(1, (Heartbeat(1, 0, 5, 1.0, "searching", 4),), ())))
 
 
 def test_missions_are_checked_with_each_robots_own_footprint(tmp_path, monkeypatch, capsys):

@@ -25,7 +25,7 @@ from shoal.search.live.outcome import covered_share, searched_by
 from shoal.search.live.vehicle import Vehicle
 from shoal.search.problem.faults import Crash, Pause
 from shoal.search.protocol.events import Begin, Declare, Heard, Wake
-from shoal.search.protocol.messages import Beacon, Heartbeat, decode, encode
+from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
 from shoal.search.protocol.robot import Brief, Robot, advance
 
 
@@ -379,6 +379,6 @@ def test_cells_that_there_are_not_do_not_keep_a_robot_from_being_done():
 
 @pytest.mark.parametrize("word", ["-1", "0x1", "1_0", " 1", ""])
 def test_only_plain_hexadecimal_digits_are_bits(word):
-    data = encode(Beacon(2, (Heartbeat(2, 1, 0, 1.0, "searching"),), ((2, 0xABC),)))[8:].replace(b"abc", word.encode())
+    data = encode_beacon(Beacon(2, (Heartbeat(2, 1, 0, 1.0, "searching"),), ((2, 0xABC),)))[8:].replace(b"abc", word.encode())
     with pytest.raises(InvalidInputError, match="beacon: expected"):
-        decode(f"{crc32(data):08x}".encode() + data)
+        decode_beacon(f"{crc32(data):08x}".encode() + data)

@@ -16,8 +16,8 @@ from shoal.errors import InvalidInputError, OutputError, UnknownNameError
 from shoal.search import LocalFrame, RegionPaths, cells_of, open_region
 from shoal.search.missions import (
     FORMATS,
-    Format,
     Mission,
+    MissionFormat,
     check_missions,
     lint,
     mission_files,
@@ -212,13 +212,13 @@ def test_files_of_an_earlier_search_do_not_stay(tmp_path):
 
 def test_a_format_of_ones_own(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text(
-        "from shoal.search.missions import Format\n"
-        "TEXT = Format('.mine', lambda mission: f'{mission.robot}\\n', lambda text, sheet: None)\n"
+        "from shoal.search.missions import MissionFormat\n"
+        "TEXT = MissionFormat('.mine', lambda mission: f'{mission.robot}\\n', lambda text, sheet: None)\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     (path,) = write_missions(missions_of(LANES, FRAME, robot=4), tmp_path, formats=["mine:TEXT"])
     assert (path.name, path.read_text()) == ("robot-04.mine", "4\n")
-    assert isinstance(FORMATS.get("plan"), Format)
+    assert isinstance(FORMATS.get("plan"), MissionFormat)
 
 
 @pytest.mark.parametrize(

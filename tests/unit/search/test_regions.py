@@ -336,7 +336,7 @@ def test_layers_that_are_none(tmp_path):
         (lambda: region_of(shapely.Polygon()), "expected a region with an area to search, got an empty one"),
         (lambda: region_of(shapely.Polygon([(0, 0), (2, 2), (2, 0), (0, 2)])), r"self-intersection at \(1, 1\) in part 1"),
         (lambda: open_region("square:5").check_inside([(1, 1), (6, 1)]), r"start: .*got \(6, 1\) m at point 2, 1 m outside"),
-        (lambda: open_region("square:5").contains([(1, np.nan)]), r"expected finite numbers, got \(1, nan\) at point 1"),
+        (lambda: open_region("square:5").contains([(1, np.nan)]), r"expected finite numbers, got \(1.0, nan\) at point 1"),
         (lambda: cells_of(open_region("square:5"), 0), "footprint: expected a number, above 0, got 0"),
         (lambda: cells_of(open_region("square:5"), float("nan")), "footprint: expected a number, above 0"),
         (lambda: cells_of(open_region("square:5"), -2), "footprint: expected a number, above 0"),

@@ -18,13 +18,13 @@ from shoal.search.allocation.partition import cost_of_all
 from shoal.search.cells.distances import CellDistances
 from shoal.search.live.trace import takeovers_of
 from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, check_faults
-from shoal.search.problem.network import Network, network_of
+from shoal.search.problem.network import RadioNetwork, network_of
 from shoal.search.protocol.events import Begin, Blocked, Declare, Go, Heard, Send, Sensed, Wake, WakeAt
-from shoal.search.protocol.messages import Beacon, Heartbeat, decode, encode
+from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
 from shoal.search.protocol.robot import Brief, Robot, advance
 from shoal.search.simulation.trace import RobotLog
 from shoal.search.simulation.world import Scenario, World
-from shoal.search.tours.bitset import at_least, cells_of, next_in, run, runs, turned
+from shoal.search.tours.bitset import arc_bits, at_least, members, next_in, runs, turned
 
 ALLOCATORS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
 
@@ -93,7 +93,7 @@ def test_leaving_a_cell_out_never_costs_more():
         tour_cost = TourCost(tour, turn_cost=float(rng.choice([0, 0.5, 2])))
         wanted, here, fresh = int(rng.integers(1, 1 << 20)), int(rng.integers(20)), bool(rng.integers(2))
         whole = cost_of_all(tour_cost, wanted, here, fresh)
-        for cell in cells_of(wanted):
+        for cell in members(wanted):
             assert cost_of_all(tour_cost, wanted & ~(1 << cell), here, fresh) <= whole + 1e-9
 
 
@@ -173,16 +173,16 @@ def test_bits_against_sets():
         cells = set(rng.integers(0, n, size=rng.integers(0, n + 1)).tolist())
         bits, first = sum(1 << cell for cell in cells), int(rng.integers(n))
         count = int(rng.integers(0, n + 1))
-        assert set(cells_of(bits)) == cells
-        assert set(cells_of(run(first, count, n))) == {(first + k) % n for k in range(count)}
+        assert set(members(bits)) == cells
+        assert set(members(arc_bits(first, count, n))) == {(first + k) % n for k in range(count)}
         order = [(first + k) % n for k in range(n)]
         assert next_in(bits, first, n) == next((cell for cell in order if cell in cells), None)
         stretches = list(runs(bits, first, n))
         assert [(start + k) % n for start, length in stretches for k in range(length)] == [c for c in order if c in cells]
-        assert set(cells_of(turned(bits, first, n))) == {(cell - first) % n for cell in cells}
+        assert set(members(turned(bits, first, n))) == {(cell - first) % n for cell in cells}
         sets = [int(rng.integers(0, 1 << min(n, 60))) for _ in range(4)]
         for k in (1, 2, 3):
-            assert set(cells_of(at_least(sets, k))) == {c for c in range(n) if sum(one >> c & 1 for one in sets) >= k}
+            assert set(members(at_least(sets, k))) == {c for c in range(n) if sum(one >> c & 1 for one in sets) >= k}
         for arc in (Arc(first, max(count, 1)), Arc(first, max(count, 1), -1)):
             way = [(first + arc.step * k) % n for k in range(arc.count)]
             assert arc.next_of(bits, n) == next((cell for cell in way if cell in cells), None)
@@ -192,13 +192,13 @@ def test_messages_come_back_and_damage_is_noticed():
     beacon = Beacon(
         3, (Heartbeat(3, 9, 4, 1.5, "waiting"), Heartbeat(1, 2, 7, 1.0, "searching")), ((3, 0b1011), (1, 1 << 200)), ((5, 2),)
     )
-    data = encode(beacon)
-    assert decode(data) == beacon
+    data = encode_beacon(beacon)
+    assert decode_beacon(data) == beacon
     for place in range(len(data)):
         with pytest.raises(InvalidInputError, match="beacon: expected"):
-            decode(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+            decode_beacon(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
     with pytest.raises(InvalidInputError):
-        decode(b"")
+        decode_beacon(b"")
 
 
 def test_a_robot_alone_searches_everything_in_the_time_of_one_round():
@@ -326,7 +326,7 @@ def test_a_plan_without_a_simulation():
 
 def test_nothing_is_lost_on_a_perfect_network():
     tour_cost = TourCost(make_tour("moore", (8, 8)))
-    outcome = World(Scenario(Brief(tour_cost), (0, 20, 40), network=Network())).run()
+    outcome = World(Scenario(Brief(tour_cost), (0, 20, 40), network=RadioNetwork())).run()
     assert outcome.lost == 0
     assert outcome.takeovers == 0
     assert outcome.covered_at < inf

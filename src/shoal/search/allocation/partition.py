@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from shoal.search.allocation.allocate import Arc, arcs_of
 from shoal.search.allocation.tour_cost import TourCost
-from shoal.search.tours.bitset import run, runs
+from shoal.search.tours.bitset import arc_bits, runs
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int,
         bits, lows = 0, []
         for arc in arcs:
             low = arc.first if arc.step > 0 else (arc.first - arc.count + 1) % n
-            bits |= run(low, arc.count, n)
+            bits |= arc_bits(low, arc.count, n)
         # Two arcs meet at the start; the part begins where nothing of it comes before.
         lows = [first for first, _ in runs(bits, start, n) if not bits >> ((first - 1) % n) & 1]
         first = lows[0] if lows else start

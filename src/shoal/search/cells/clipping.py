@@ -67,7 +67,7 @@ class Clipped:
     pieces: Any
 
 
-def clip(area: Any, lattice: Lattice) -> Clipped:
+def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
     """Cut a polygon along a lattice.
 
     Blocks are cut into quarters, each with what its parent kept of the polygon, so that no cell looks at the whole outline, and a

@@ -13,7 +13,7 @@ from shoal.errors import InvalidInputError
 from shoal.search.cells.routing import RegionPaths, length_of
 from shoal.search.cells.visibility_graph import inside, pulled
 from shoal.search.tours import Tour
-from shoal.search.tours.bitset import array_to_bits, bits_of, bits_to_array
+from shoal.search.tours.bitset import array_to_bits, bits_to_array, bitset_of
 
 _KEPT = 1 << 22  # distances that are remembered
 _DIAGONAL = float(np.sqrt(2))
@@ -137,7 +137,7 @@ class CellDistances:
 
     def crossed(self, here: int, through: tuple[int, ...]) -> int:
         """Return the cells, as bits, that are open if a robot came this way: those that it entered, and those beside its steps."""
-        return bits_of(cell for one, other in pairwise((here, *through)) for cell in (other, *self.beside(one, other)))
+        return bitset_of(cell for one, other in pairwise((here, *through)) for cell in (other, *self.beside(one, other)))
 
     def reach(self, cell: int, closed: int = 0) -> int:
         """Return the cells, as bits, that can be reached from one; itself, too, even if it is closed."""

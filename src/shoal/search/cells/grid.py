@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_number
 from shoal.errors import InvalidInputError
-from shoal.search.cells.clipping import Clipped, Lattice, clip
+from shoal.search.cells.clipping import Clipped, Lattice, clip_to_cells
 from shoal.search.cells.portals import Portals, portals_of
 from shoal.search.cells.viewpoints import viewpoints_of
-from shoal.search.regions.outline_checks import Points, check_points
+from shoal.search.regions.outline_checks import Points, check_plane_points
 from shoal.search.regions.region import SearchRegion
 
 MAX_CELLS = 4_000_000
@@ -134,7 +134,7 @@ class CellGrid:
         -------
         ndarray of int64, shape (n, 2)
         """
-        array = check_points(points, what="points")
+        array = check_plane_points(points, what="points")
         cols = np.floor((array[:, 0] - self.lattice.left) / self.size).astype(np.int64)
         rows = np.floor((self.lattice.top - array[:, 1]) / self.size).astype(np.int64)
         found = np.stack([np.clip(rows, 0, self.shape[0] - 1), np.clip(cols, 0, self.shape[1] - 1)], axis=1)
@@ -222,7 +222,7 @@ def cells_of(region: SearchRegion, footprint: float, *, size: float | None = Non
     if step > side:
         raise InvalidInputError(f"cell size: expected at most the footprint, {side:g} m, got {step:g} m")
     lattice = _lattice(region, step)
-    clipped = clip(region.area, lattice)
+    clipped = clip_to_cells(region.area, lattice)
     portals = portals_of(clipped, lattice)
     mask = clipped.whole.copy()
     mask[clipped.rows, clipped.cols] = True

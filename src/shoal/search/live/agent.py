@@ -32,7 +32,7 @@ from shoal.search.protocol.events import (
     WakeAt,
 )
 from shoal.search.protocol.inference import step_cost
-from shoal.search.protocol.messages import decode, encode
+from shoal.search.protocol.messages import decode_beacon, encode_beacon
 from shoal.search.protocol.robot import LOOK, Robot, advance
 from shoal.search.simulation.scenario import first_obstacle
 
@@ -145,7 +145,7 @@ class Agent:
             case GoHome():
                 self._go_home(action)
             case Send(beacon):
-                self.radio.send(encode(beacon))
+                self.radio.send(encode_beacon(beacon))
             case WakeAt(moment):
                 self._wake = moment
             case Declare():
@@ -154,7 +154,7 @@ class Agent:
     def _listen(self) -> None:
         for message in self.radio.receive():
             try:
-                beacon = decode(message)
+                beacon = decode_beacon(message)
             except InvalidInputError:
                 self.radio.lost += 1
             else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from shoal.search.tours.bitset import at_least, bits_of
+from shoal.search.tours.bitset import at_least, bitset_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ def searched_by(events: Sequence[LiveEvent]) -> dict[int, int]:
     searched: dict[int, int] = {}
     for event in events:
         if event.kind == "searched" and event.cell is not None:
-            searched[event.robot] = searched.get(event.robot, 0) | bits_of((event.cell, *event.around))
+            searched[event.robot] = searched.get(event.robot, 0) | bitset_of((event.cell, *event.around))
     return searched
 
 

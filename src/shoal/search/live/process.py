@@ -22,7 +22,7 @@ from shoal.search.allocation.partition import partition
 from shoal.search.live.agent import Agent
 from shoal.search.live.radio import Radio
 from shoal.search.live.task import LiveTask
-from shoal.search.protocol.messages import Beacon, Heartbeat, decode, encode
+from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
 
 _STARTER = 0  # standard input
 
@@ -58,7 +58,7 @@ def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
 def _warm(task: LiveTask) -> None:
     """Do once what takes long the first time."""
     partition(task.brief.tour_cost, task.brief.allocator, ((1, task.starts[0], 1.0, 1),))
-    decode(encode(Beacon(1, (Heartbeat(1, 0, 0, 1.0, "listening"),), ())))
+    decode_beacon(encode_beacon(Beacon(1, (Heartbeat(1, 0, 0, 1.0, "listening"),), ())))
 
 
 def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> int:

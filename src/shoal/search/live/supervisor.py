@@ -17,7 +17,7 @@ from shoal.search.live.radio import LARGEST, Channel, reserve
 from shoal.search.live.task import LiveTask
 from shoal.search.problem.faults import Crash
 from shoal.search.problem.network import network_of
-from shoal.search.protocol.messages import Beacon, Heartbeat, encode
+from shoal.search.protocol.messages import Beacon, Heartbeat, encode_beacon
 from shoal.search.protocol.robot import Brief
 from shoal.search.simulation.scenario import Scenario
 
@@ -155,7 +155,7 @@ def _check_size(scenario: Scenario, targets: int) -> None:
     )
     searched = tuple((number, brief.everything) for number in range(1, robots + 1))
     found = tuple((cells + cell, 2 << robots) for cell in range(targets))
-    size = len(encode(Beacon(robots, heartbeats, searched, found, searched if scenario.obstacles else ())))
+    size = len(encode_beacon(Beacon(robots, heartbeats, searched, found, searched if scenario.obstacles else ())))
     if size > LARGEST:
         raise InvalidInputError(
             f"live search: expected beacons of at most {LARGEST} bytes, got {size} for {cells} cells and {robots} robots"

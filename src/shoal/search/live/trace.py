@@ -14,8 +14,8 @@ from shoal.search.live.outcome import LiveEvent
 from shoal.search.live.supervisor import run_live
 from shoal.search.problem.faults import Crash
 from shoal.search.simulation.scenario import Scenario
-from shoal.search.simulation.trace import RobotLog, Trace
-from shoal.search.tours.bitset import bits_of
+from shoal.search.simulation.trace import RobotLog, SearchTrace
+from shoal.search.tours.bitset import bitset_of
 
 _HELLO, _BEAT = 0.3, 0.05  # seconds that live robots listen, and between their beacons, at the least
 _STATES = {kind: kind for kind in ("listening", "searching", "waiting", "complete")} | {
@@ -25,7 +25,7 @@ _STATES = {kind: kind for kind in ("listening", "searching", "waiting", "complet
 }
 
 
-def live_trace(scenario: Scenario, *, live: float, loss: float) -> tuple[Scenario, Trace]:
+def live_trace(scenario: Scenario, *, live: float, loss: float) -> tuple[Scenario, SearchTrace]:
     """Let processes search, ``live`` cells a second; return the scenario with the times that they need, and what they reported.
 
     Raises
@@ -54,9 +54,11 @@ def live_trace(scenario: Scenario, *, live: float, loss: float) -> tuple[Scenari
     left, covered_at = scenario.goal, inf
     for event in outcome.events:
         if event.kind == "searched" and event.cell is not None and left:
-            left &= ~bits_of((event.cell, *event.around))
+            left &= ~bitset_of((event.cell, *event.around))
             covered_at = inf if left else event.time
-    return scenario, Trace(tuple(logs), covered_at, outcome.declared, outcome.heard, outcome.lost, takeovers_of(scenario, logs))
+    return scenario, SearchTrace(
+        tuple(logs), covered_at, outcome.declared, outcome.heard, outcome.lost, takeovers_of(scenario, logs)
+    )
 
 
 def _log_of(number: int, events: Sequence[LiveEvent]) -> RobotLog:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from shoal.search.missions.checking import MissionCheck, check_missions
 from shoal.search.missions.diagnostics import RULES, Diagnostic, Rule
-from shoal.search.missions.files import FORMATS, Format, mission_files, read_mission, write_missions
+from shoal.search.missions.files import FORMATS, MissionFormat, mission_files, read_mission, write_missions
 from shoal.search.missions.lint import lint
 from shoal.search.missions.mission import CAPS, Mission, missions_of
 
@@ -13,9 +13,9 @@ __all__ = [
     "FORMATS",
     "RULES",
     "Diagnostic",
-    "Format",
     "Mission",
     "MissionCheck",
+    "MissionFormat",
     "Rule",
     "check_missions",
     "lint",

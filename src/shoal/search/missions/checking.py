@@ -17,7 +17,7 @@ from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import FORMATS, format_of
 from shoal.search.missions.lint import examine
 from shoal.search.missions.rules import ROUNDING, metres_of
-from shoal.search.regions.coverage import Coverage, coverage_check
+from shoal.search.regions.coverage import AreaCoverage, coverage_check
 from shoal.search.regions.region import SearchRegion
 
 
@@ -34,7 +34,7 @@ class MissionCheck:
         Those that were flown: all of the format that can be read.
     diagnostics : tuple of Diagnostic
         Of all mission files in the folder.
-    coverage : Coverage or None
+    coverage : AreaCoverage or None
         None if no footprint was given.
     n_waypoints : int
     footprint : float, tuple of float or None
@@ -45,7 +45,7 @@ class MissionCheck:
     format: str
     files: tuple[str, ...]
     diagnostics: tuple[Diagnostic, ...]
-    coverage: Coverage | None
+    coverage: AreaCoverage | None
     n_waypoints: int
     footprint: float | tuple[float, ...] | None
 

@@ -24,7 +24,7 @@ _NAME = re.compile(r"robot-(\d+)(?:-(\d+))?")
 
 
 @dataclass(frozen=True)
-class Format:
+class MissionFormat:
     """A format of mission files.
 
     Parameters
@@ -44,13 +44,13 @@ class Format:
     metres: bool = False
 
 
-FORMATS: Registry[Format] = Registry("mission format")
-FORMATS.add("plan", Format(plan.SUFFIX, plan.write, plan.scan))
-FORMATS.add("wpl", Format(wpl.SUFFIX, wpl.write, wpl.scan))
-FORMATS.add("geojson", Format(geojson.SUFFIX, geojson.write, geojson.scan))
-FORMATS.add("kml", Format(kml.SUFFIX, kml.write, kml.scan))
-FORMATS.add("gpx", Format(gpx.SUFFIX, gpx.write, gpx.scan))
-FORMATS.add("csv", Format(table.SUFFIX, table.write, table.scan, metres=True))
+FORMATS: Registry[MissionFormat] = Registry("mission format")
+FORMATS.add("plan", MissionFormat(plan.SUFFIX, plan.write, plan.scan))
+FORMATS.add("wpl", MissionFormat(wpl.SUFFIX, wpl.write, wpl.scan))
+FORMATS.add("geojson", MissionFormat(geojson.SUFFIX, geojson.write, geojson.scan))
+FORMATS.add("kml", MissionFormat(kml.SUFFIX, kml.write, kml.scan))
+FORMATS.add("gpx", MissionFormat(gpx.SUFFIX, gpx.write, gpx.scan))
+FORMATS.add("csv", MissionFormat(table.SUFFIX, table.write, table.scan, metres=True))
 
 
 def write_missions(
@@ -66,8 +66,8 @@ def write_missions(
     folder : path
         Made if it is not there.
     formats : sequence of str, optional
-        Some of "plan", "wpl", "geojson", "kml", "gpx" and "csv", or ``MODULE:ATTRIBUTE`` for a `Format` of your own. All of them if
-        not given; for missions in metres "csv", for the others say places on Earth.
+        Some of "plan", "wpl", "geojson", "kml", "gpx" and "csv", or ``MODULE:ATTRIBUTE`` for a `MissionFormat` of your own. All
+        of them if not given; for missions in metres "csv", for the others say places on Earth.
 
     Returns
     -------

@@ -13,7 +13,7 @@ from shoal.checks import check_choice, check_integer, check_number
 from shoal.errors import InvalidInputError
 from shoal.search.missions.merging import merged
 from shoal.search.missions.splitting import Ways, sorties
-from shoal.search.regions.outline_checks import Points, check_points, text_of
+from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 from shoal.search.regions.projection import LocalFrame
 
 Kind = Literal["multirotor", "rover"]
@@ -71,11 +71,11 @@ class Mission:
     geographic: bool = True
 
     def __post_init__(self) -> None:
-        points = check_points(self.waypoints, what="mission waypoints").copy()
+        points = check_plane_points(self.waypoints, what="mission waypoints").copy()
         if len(points) == 0:
             raise InvalidInputError("mission: expected waypoints, got none")
         points.flags.writeable = False
-        home = check_points([self.home], what="mission home")[0]
+        home = check_plane_points([self.home], what="mission home")[0]
         object.__setattr__(self, "waypoints", points)
         object.__setattr__(self, "home", (float(home[0]), float(home[1])))
         if self.geographic:
@@ -173,7 +173,7 @@ def missions_of(
     [135, 30]
     """
     _check_vehicle(kind, vehicle)
-    points = check_points(route, what=f"route of robot {robot}")
+    points = check_plane_points(route, what=f"route of robot {robot}")
     if len(points) == 0:
         return ()
     altitude = ALTITUDES[kind] if altitude is None else altitude
@@ -181,7 +181,7 @@ def missions_of(
     _check_motion(kind, altitude, speed)
     least = 2 + OVERHEAD[kind]  # of which two are waypoints
     room = check_integer(CAPS[vehicle] if cap is None else cap, what="cap", least=least) - OVERHEAD[kind]
-    base = points[0] if home is None else check_points([home], what="home")[0]
+    base = points[0] if home is None else check_plane_points([home], what="home")[0]
     limit = _limit(max_length, max_seconds, float(speed))
     way = merged(points, check_number(tolerance, what="tolerance", least=0))
     parts = sorties(way, base, room=room, limit=limit, ways=ways, robot=robot)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.errors import InvalidInputError
-from shoal.search.regions.outline_checks import Points, check_points, text_of
+from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 
 Ways = Callable[[Points, Points], ArrayLike]
 
@@ -77,7 +77,7 @@ class _Splitter:
         point = self._point(at)
         if self.ways is None or np.array_equal(point, self.home):
             return np.array([point, self.home])
-        way = check_points(self.ways(point, self.home), what="way home")
+        way = check_plane_points(self.ways(point, self.home), what="way home")
         return way if len(way) >= 2 else np.array([point, self.home])
 
     def _between(self, begin: float, until: float) -> Points:

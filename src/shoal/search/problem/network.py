@@ -132,7 +132,7 @@ class Corruption:
 
 
 @dataclass(frozen=True)
-class Network:
+class RadioNetwork:
     """Media that each message passes one after another; none: all arrives at once."""
 
     media: tuple[Medium, ...] = ()
@@ -166,7 +166,7 @@ _KINDS: dict[str, tuple[Callable[..., Medium], str, Sequence[tuple[float, float]
 }
 
 
-def network_of(text: str = "", *, loss: float = 0.0) -> Network:
+def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
     """Return the network that a text describes: models and their numbers, separated by commas.
 
     Parameters
@@ -202,4 +202,4 @@ def network_of(text: str = "", *, loss: float = 0.0) -> Network:
             known = ", ".join(":".join((kind, shape)) for kind, (_, shape, _) in _KINDS.items())
             raise InvalidInputError(f"network: expected perfect or some of {known}, got {part[:60]!r}") from None
         media.append(make(*numbers))
-    return Network(tuple(media))
+    return RadioNetwork(tuple(media))

@@ -40,7 +40,7 @@ def reachable(robot: Robot, time: float) -> tuple[int, int]:
     return own, anyone
 
 
-def patience(robot: Robot) -> float:
+def silence_limit(robot: Robot) -> float:
     """Return after how long a silence a robot is taken for dead: longer where many messages are lost."""
     share = robot.lost / (robot.lost + robot.got) if robot.got else 0.5
     beats = log(_SURE) / log(share) if 0 < share < 1 else 0.0
@@ -50,7 +50,7 @@ def patience(robot: Robot) -> float:
 def is_live(robot: Robot, number: int, time: float) -> bool:
     """Tell whether a robot takes another one for alive."""
     peer = robot.peers.get(number)
-    return number == robot.number or (peer is not None and time - peer.heard <= patience(robot))
+    return number == robot.number or (peer is not None and time - peer.heard <= silence_limit(robot))
 
 
 def _waits_for_others(robot: Robot, time: float) -> bool:

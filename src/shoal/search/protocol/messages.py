@@ -56,12 +56,12 @@ class Beacon:
     closed: tuple[tuple[int, int], ...] = ()
 
 
-def encode(beacon: Beacon) -> bytes:
+def encode_beacon(beacon: Beacon) -> bytes:
     """Return a beacon as bytes: eight hexadecimal digits, the checksum (CRC-32), then JSON.
 
     Examples
     --------
-    >>> decode(encode(Beacon(1, (Heartbeat(1, 0, 5, 1.0, "listening"),), ((1, 0b100000),)))).searched
+    >>> decode_beacon(encode_beacon(Beacon(1, (Heartbeat(1, 0, 5, 1.0, "listening"),), ((1, 0b100000),)))).searched
     ((1, 32),)
     """
     body: dict[str, Any] = {
@@ -84,7 +84,7 @@ def _told(heartbeat: Heartbeat) -> dict[str, Any]:
     return told
 
 
-def decode(data: bytes) -> Beacon:
+def decode_beacon(data: bytes) -> Beacon:
     """Return the beacon that bytes hold.
 
     Raises

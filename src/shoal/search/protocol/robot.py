@@ -36,11 +36,11 @@ from shoal.search.protocol.events import (
     Sensed,
     WakeAt,
 )
-from shoal.search.protocol.inference import is_live, known_free, obstacles, patience, reachable, settled, step_cost
+from shoal.search.protocol.inference import is_live, known_free, obstacles, reachable, settled, silence_limit, step_cost
 from shoal.search.protocol.messages import Beacon, Heartbeat
 from shoal.search.protocol.state import Brief, Peer, Robot
 from shoal.search.protocol.transitions import LOOK, blocked, obstructed, sensed
-from shoal.search.tours.bitset import bits_of, bits_to_array, last_in, next_in
+from shoal.search.tours.bitset import bits_to_array, bitset_of, last_in, next_in
 
 __all__ = ["LOOK", "Brief", "Robot", "advance"]
 
@@ -81,7 +81,7 @@ def advance(robot: Robot, event: Event) -> tuple[Robot, list[Action]]:
         robot = _allotted(robot, time)
     wake = inf
     if robot.status in ("searching", "waiting") and robot.target is None:
-        robot, action, wake = decided(robot, time)
+        robot, action, wake = next_action(robot, time)
         if action is not None:
             actions.append(action)
     if robot.status != "complete" or robot.lingering > 0:
@@ -175,7 +175,7 @@ def _arcs_to_search(robot: Robot) -> list[Arc]:
     ]
 
 
-def decided(robot: Robot, time: float) -> tuple[Robot, Action | None, float]:
+def next_action(robot: Robot, time: float) -> tuple[Robot, Action | None, float]:
     """Return what to do next, and until when to wait if it is nothing."""
     if robot.allotted_to <= len(robot.peers):  # it has heard of another one
         robot = _allotted(robot, time)
@@ -211,7 +211,7 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
 
     shut = (robot.avoided if time < robot.avoided_until else 0) | robot.brief.everything & ~own | closed
     stop = best_viewpoint(tour_cost, robot.width, robot.cell, bits_to_array(wanted & part.bits, n), cell, cost, shut)
-    left = wanted & ~bits_of(tour_cost.seen(stop, robot.width).tolist())
+    left = wanted & ~bitset_of(tour_cost.seen(stop, robot.width).tolist())
     need = cost(stop) + cost_of_all(tour_cost, left, stop, False, closed)
     return stop if time + need / robot.rate <= robot.deadline else cell
 
@@ -291,5 +291,5 @@ def _left_cell(robot: Robot, wanted: int, time: float) -> tuple[int | None, floa
     last = robot.deadline - cost_of_all(tour_cost, wanted, robot.cell, robot.fresh, obstacles(robot)) / robot.rate
     if wanted and time >= last - 1e-9:
         return next_in(wanted, robot.cell, len(tour_cost)), inf
-    silences = [peer.heard + patience(robot) + 1e-6 for peer in robot.peers.values()]
+    silences = [peer.heard + silence_limit(robot) + 1e-6 for peer in robot.peers.values()]
     return None, min([last if wanted else inf, *(moment for moment in silences if moment > time)], default=inf)

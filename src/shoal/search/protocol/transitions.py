@@ -5,7 +5,7 @@ from __future__ import annotations
 from shoal.search.cells.distances import CellDistances
 from shoal.search.protocol.events import Sensed
 from shoal.search.protocol.state import Robot
-from shoal.search.tours.bitset import bits_of
+from shoal.search.tours.bitset import bitset_of
 
 _AVOIDED = 3.0  # cells: how long a robot goes elsewhere after its way was blocked
 LOOK = 1.0  # cells: what it costs to come up to an obstacle from the middle of the cell before it, and back
@@ -14,7 +14,7 @@ LOOK = 1.0  # cells: what it costs to come up to an obstacle from the middle of 
 def sensed(robot: Robot, event: Sensed) -> Robot:
     """Stand where it has searched: what it sees from there is done."""
     cell, found = event.cell, robot.found
-    seen = 1 << cell if robot.width == 1 else bits_of(robot.brief.tour_cost.seen(cell, robot.width).tolist())
+    seen = 1 << cell if robot.width == 1 else bitset_of(robot.brief.tour_cost.seen(cell, robot.width).tolist())
     searched = {**robot.searched, robot.number: robot.mine | seen}
     for one in (*((cell,) if event.found else ()), *event.beside):
         found = {**found, one: found.get(one, 0) | 1 << robot.number}

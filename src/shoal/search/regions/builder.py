@@ -12,14 +12,14 @@ from shoal.errors import InvalidInputError
 from shoal.search.regions.builtin import builtin_region, is_builtin
 from shoal.search.regions.formats import read_outlines
 from shoal.search.regions.outline_checks import (
-    Outline,
-    Outlines,
     Points,
+    RegionOutline,
+    RegionOutlines,
     Ring,
     check_degrees,
     check_metres,
     check_polygon,
-    outlines_of,
+    polygon_outlines,
     text_of,
 )
 from shoal.search.regions.projection import REACH, LocalFrame, utm_zone
@@ -80,7 +80,7 @@ def open_region(
     return build_region(found, extra, name=name, across_zones=across_zones)
 
 
-def build_region(found: Outlines, extra: Sequence[Any], *, name: str, across_zones: bool) -> SearchRegion:
+def build_region(found: RegionOutlines, extra: Sequence[Any], *, name: str, across_zones: bool) -> SearchRegion:
     """Return the region of some outlines, less the no-go zones among them and those given beside.
 
     Raises
@@ -106,7 +106,7 @@ def build_region(found: Outlines, extra: Sequence[Any], *, name: str, across_zon
         raise InvalidInputError(f"{found.where}: {error}") from None
 
 
-def _polygon(outline: Outline, frame: LocalFrame | None, *, closed: bool) -> Any:
+def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) -> Any:
     """Return an outline as a valid polygon in metres."""
     import shapely
 
@@ -129,7 +129,7 @@ def _joined(polygons: list[Any]) -> Any:
     return shapely.MultiPolygon([part for part in parts if part.geom_type == "Polygon"])
 
 
-def _frame(searched: list[Outline], where: str, *, across_zones: bool) -> LocalFrame:
+def _frame(searched: list[RegionOutline], where: str, *, across_zones: bool) -> LocalFrame:
     points: Points = np.vstack([outline.shell.points for outline in searched])
     points = points[np.isfinite(points).all(axis=1)]  # others are refused ring by ring, with their place
     if len(points) == 0:
@@ -166,7 +166,7 @@ def _check_reach(ring: Ring, frame: LocalFrame) -> None:
     )
 
 
-def _zone(zone: Any, what: str, found: Outlines) -> list[Outline]:
+def _zone(zone: Any, what: str, found: RegionOutlines) -> list[RegionOutline]:
     """Return a no-go zone given beside the region as outlines in the region's units."""
     if isinstance(zone, str | os.PathLike):
         read = read_outlines(zone)
@@ -177,7 +177,7 @@ def _zone(zone: Any, what: str, found: Outlines) -> list[Outline]:
             )
         return list(read.outlines)
     if hasattr(zone, "geom_type"):
-        outlines = outlines_of(zone, what)
+        outlines = polygon_outlines(zone, what)
         if not outlines:
             raise InvalidInputError(f"{what}: expected a polygon, got {zone.geom_type}")
         return outlines
@@ -187,7 +187,7 @@ def _zone(zone: Any, what: str, found: Outlines) -> list[Outline]:
         points = np.zeros(0)
     if points.ndim != 2 or points.shape[1] != 2:
         raise InvalidInputError(f"{what}: expected a file, a Shapely polygon or points of shape (n, 2), got {str(zone)[:80]}")
-    return [Outline(Ring(points, what), no_go=True)]
+    return [RegionOutline(Ring(points, what), no_go=True)]
 
 
 def _several(no_go: Any) -> Sequence[Any]:

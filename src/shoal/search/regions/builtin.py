@@ -9,14 +9,14 @@ from collections.abc import Callable
 import numpy as np
 
 from shoal.errors import InvalidInputError, UnknownNameError
-from shoal.search.regions.outline_checks import Outline, Outlines, Points, Ring
+from shoal.search.regions.outline_checks import Points, RegionOutline, RegionOutlines, Ring
 
 _CORNERS = 360  # of the polygon that stands for a circle
 
 Shape = Callable[[str, list[float]], list[Points]]
 
 
-def builtin_region(text: str) -> Outlines:
+def builtin_region(text: str) -> RegionOutlines:
     """Return the outline of a region called ``square:SIDE`` or alike; see `shoal.search.open_region`.
 
     Raises
@@ -41,7 +41,7 @@ def builtin_region(text: str) -> Outlines:
             f"region {text[:80]!r}: expected {expected} with lengths in metres, above 0 and at most 1000000, got {option!r}"
         )
     rings = [Ring(np.vstack([points, points[:1]]), f"region {text!r}") for points in shape(text, sizes)]
-    return Outlines((Outline(rings[0], tuple(rings[1:])),), f"region {text!r}", geographic=False)
+    return RegionOutlines((RegionOutline(rings[0], tuple(rings[1:])),), f"region {text!r}", geographic=False)
 
 
 def is_builtin(text: str) -> bool:

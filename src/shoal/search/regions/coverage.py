@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_number
 from shoal.errors import InvalidInputError
-from shoal.search.regions.outline_checks import Points, check_points
+from shoal.search.regions.outline_checks import Points, check_plane_points
 from shoal.search.regions.region import TOUCH, SearchRegion
 
 _FEW = 48  # swept shapes that are united at once
@@ -19,7 +19,7 @@ _SMALLEST = 0.5  # of a footprint: blocks are not cut further, for what lies abo
 
 
 @dataclass(frozen=True, eq=False)
-class Coverage:
+class AreaCoverage:
     """What was covered.
 
     Parameters
@@ -47,7 +47,7 @@ class Coverage:
 
 def coverage_check(
     region: SearchRegion, routes: Sequence[ArrayLike], footprint: ArrayLike, *, tolerance: float = TOUCH
-) -> Coverage:
+) -> AreaCoverage:
     """Return what vehicles on some routes saw and where they left the region.
 
     A vehicle sees the square of side ``footprint`` around it, its sides along the axes, all along its legs. From inside, a vehicle
@@ -78,7 +78,7 @@ def coverage_check(
 
     sides = check_footprints(footprint, len(routes), what="route")
     check_number(tolerance, what="tolerance", least=0)
-    ways = [check_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
+    ways = [check_plane_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
     starts, ends = _legs(ways)
     swept = [
         _swept(*_once(*_legs([way for way, own in zip(ways, sides, strict=True) if own == side])), side / 2)
@@ -92,7 +92,7 @@ def coverage_check(
     shapely.prepare(allowed)
     strays = lines[~shapely.covers(allowed, lines)]
     outside = float(shapely.length(shapely.difference(strays, allowed)).sum())
-    return Coverage(1 - left / region.area_m2, left, uncovered, outside, len(strays), float(lengths.sum()))
+    return AreaCoverage(1 - left / region.area_m2, left, uncovered, outside, len(strays), float(lengths.sum()))
 
 
 def _legs(ways: list[Points]) -> tuple[Points, Points]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sized
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_points
 from shoal.errors import InvalidInputError
 
 Points = NDArray[np.float64]
@@ -42,7 +44,7 @@ class Ring:
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class RegionOutline:
     """A polygon as it came from outside: a shell, its holes, and whether it is a part to search or one to keep out of."""
 
     shell: Ring
@@ -66,25 +68,14 @@ def text_of(point: ArrayLike) -> str:
     return "(" + ", ".join(f"{value:.10g}" for value in np.asarray(point, dtype=np.float64)) + ")"
 
 
-def check_points(points: Any, *, what: str) -> Points:
-    """Return points as a finite float64 array, shape (n, 2).
+def check_plane_points(points: Any, *, what: str) -> Points:
+    """Return points as a finite float64 array, shape (n, 2); an empty list is no points.
 
     Raises
     ------
     InvalidInputError
     """
-    try:
-        array = np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidInputError(f"{what}: expected points of 2 numbers, got {str(points)[:80]}") from None
-    array = array.reshape(-1, 2) if array.size == 0 else array
-    if array.ndim != 2 or array.shape[1] != 2:
-        raise InvalidInputError(f"{what}: expected points of 2 numbers, got an array of shape {array.shape}")
-    finite = np.isfinite(array).all(axis=1)
-    if not finite.all():
-        index = int(np.argmin(finite))
-        raise InvalidInputError(f"{what}: expected finite numbers, got {text_of(array[index])} at point {index + 1}")
-    return array
+    return check_points(np.zeros((0, 2)) if isinstance(points, Sized) and len(points) == 0 else points, what=what, dimensions=2)
 
 
 def check_ring(ring: Ring, *, closed: bool = True) -> Points:
@@ -147,7 +138,7 @@ def place_of(said: str) -> str:
     return f" at {text_of([float(found[1]), float(found[2])])}" if found else ""
 
 
-def check_polygon(outline: Outline, *, closed: bool = True) -> Any:
+def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
     """Return an outline as a valid Shapely polygon.
 
     Raises
@@ -225,12 +216,12 @@ def check_degrees(ring: Ring) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Outlines:
+class RegionOutlines:
     """All polygons of a file or a name.
 
     Parameters
     ----------
-    outlines : tuple of Outline
+    outlines : tuple of RegionOutline
     where : str
         The file or name.
     geographic : bool
@@ -239,13 +230,13 @@ class Outlines:
         Whether rings have to repeat their first vertex at the end, as the format says.
     """
 
-    outlines: tuple[Outline, ...]
+    outlines: tuple[RegionOutline, ...]
     where: str
     geographic: bool
     closed: bool = True
 
 
-def outlines_of(shape: Any, where: str, *, no_go: bool = False) -> list[Outline]:
+def polygon_outlines(shape: Any, where: str, *, no_go: bool = False) -> list[RegionOutline]:
     """Return the polygons in a Shapely geometry as outlines."""
     import shapely
 
@@ -254,7 +245,7 @@ def outlines_of(shape: Any, where: str, *, no_go: bool = False) -> list[Outline]
     for index, part in enumerate(parts):
         place = f"{where}, polygon {index + 1}" if len(parts) > 1 else where
         holes = tuple(Ring(shapely.get_coordinates(ring), f"{place}, hole {k + 1}") for k, ring in enumerate(part.interiors))
-        found.append(Outline(Ring(shapely.get_coordinates(part.exterior), place), holes, no_go))
+        found.append(RegionOutline(Ring(shapely.get_coordinates(part.exterior), place), holes, no_go))
     return found
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from shoal.checks import check_number
 from shoal.errors import InvalidInputError
-from shoal.search.regions.outline_checks import Points, check_points, text_of
+from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 
 REACH = 100_000.0  # metres from the origin: the scale error there is 1.2e-4
 
@@ -53,7 +53,7 @@ class LocalFrame:
     @classmethod
     def around(cls, lonlat: ArrayLike) -> LocalFrame:
         """Return the frame with its origin amid points, rounded to a millionth of a degree so that its text is exact."""
-        array = check_points(lonlat, what="local frame")
+        array = check_plane_points(lonlat, what="local frame")
         middle = (array.min(axis=0) + array.max(axis=0)) / 2
         return cls(round(float(middle[0]), 6), round(float(middle[1]), 6))
 
@@ -70,7 +70,7 @@ class LocalFrame:
         InvalidInputError
             If a point is farther from the origin than twice `REACH`.
         """
-        array = check_points(lonlat, what="longitudes and latitudes")
+        array = check_plane_points(lonlat, what="longitudes and latitudes")
         # What is far in degrees is refused before PROJ, whose series ends somewhere.
         east = np.abs((array[:, 0] - self.longitude + 180) % 360 - 180) * np.cos(np.radians(array[:, 1]))
         near = np.maximum(east, np.abs(array[:, 1] - self.latitude)) * 110_000.0 <= 3 * REACH
@@ -92,7 +92,7 @@ class LocalFrame:
         InvalidInputError
             As `to_metres`.
         """
-        array = check_points(points, what="points")
+        array = check_plane_points(points, what="points")
         far = ~(np.hypot(*array.T) <= 2 * REACH)
         if far.any():
             raise InvalidInputError(

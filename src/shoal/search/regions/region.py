@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.search.regions.outline_checks import Points, check_points, place_of, text_of
+from shoal.search.regions.outline_checks import Points, check_plane_points, place_of, text_of
 from shoal.search.regions.projection import LocalFrame
 
 TOUCH = 1e-6  # metres: who is nearer to the region than this is in it
@@ -68,7 +68,7 @@ class SearchRegion:
         """Tell for each point whether it lies inside or on the border, within `TOUCH`; bool, shape (n,)."""
         import shapely
 
-        array = check_points(points, what="points")
+        array = check_plane_points(points, what="points")
         return np.asarray(shapely.intersects_xy(self.reach, array[:, 0], array[:, 1]))
 
     def check_inside(self, points: ArrayLike, *, what: str = "start") -> Points:
@@ -79,7 +79,7 @@ class SearchRegion:
         InvalidInputError
             If one lies outside the region, with its coordinates and how far it is.
         """
-        array = check_points(points, what=what)
+        array = check_plane_points(points, what=what)
         outside = ~self.contains(array)
         if outside.any():
             import shapely

@@ -34,7 +34,7 @@ class SimulatedRobot:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SimulationOutcome:
     """What a simulation came to.
 
     Parameters

@@ -19,9 +19,9 @@ from shoal.search.cells.distances import CellDistances
 from shoal.search.cells.footprint import check_widths
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash, Fault, WrongPosition
-from shoal.search.problem.network import Network, network_of
+from shoal.search.problem.network import RadioNetwork, network_of
 from shoal.search.protocol.robot import Brief
-from shoal.search.tours.bitset import bits_of
+from shoal.search.tours.bitset import bitset_of
 
 
 def first_obstacle(tour_cost: TourCost, blocked: int, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
@@ -46,7 +46,7 @@ class Scenario:
         The number on the tour of the cell in which each robot starts; robots are numbered from 1 on.
     rates : tuple of float
         Their speeds.
-    network : Network
+    network : RadioNetwork
     faults : tuple of Fault
     targets : tuple of int
         Cells with something to find.
@@ -64,7 +64,7 @@ class Scenario:
     brief: Brief
     starts: tuple[int, ...]
     rates: tuple[float, ...] = ()
-    network: Network = field(default_factory=Network)
+    network: RadioNetwork = field(default_factory=RadioNetwork)
     faults: tuple[Fault, ...] = ()
     targets: tuple[int, ...] = ()
     detection: float = 1.0
@@ -120,7 +120,7 @@ class Scenario:
     def seen(self, number: int, cell: int) -> int:
         """Return the cells, as bits, that a robot sees from one."""
         width = self.widths[number - 1]
-        return 1 << cell if width == 1 else bits_of(self.brief.tour_cost.seen(cell, width).tolist())
+        return 1 << cell if width == 1 else bitset_of(self.brief.tour_cost.seen(cell, width).tolist())
 
     def reach(self, number: int) -> int:
         """Return the cells, as bits, that a robot can reach."""

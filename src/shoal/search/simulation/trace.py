@@ -53,7 +53,7 @@ class RobotLog:
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class SearchTrace:
     """What the robots did.
 
     Parameters
@@ -76,7 +76,7 @@ class Trace:
     lost: int
     takeovers: int
 
-    def difference(self, other: Trace) -> str:
+    def difference(self, other: SearchTrace) -> str:
         """Return the first difference between two traces in one sentence; nothing if there is none."""
         for number, (one, two) in enumerate(zip(self.robots, other.robots, strict=True), start=1):
             same = np.array_equal(one.cells, two.cells) and np.allclose(one.times, two.times, rtol=0, atol=1e-9)
@@ -95,7 +95,7 @@ class Trace:
         }
 
     @classmethod
-    def from_dict(cls, data: Any, *, robots: int, cells: int) -> Trace:
+    def from_dict(cls, data: Any, *, robots: int, cells: int) -> SearchTrace:
         """Return the trace that `to_dict` wrote, of so many robots on a tour of so many cells.
 
         Raises
@@ -117,7 +117,7 @@ class Trace:
 
 
 def _log_from(data: Any, what: str, n: int) -> RobotLog:
-    """Return what one robot did, as `Trace.to_dict` wrote it."""
+    """Return what one robot did, as `SearchTrace.to_dict` wrote it."""
     names = {one.name for one in fields(RobotLog)}
     if not isinstance(data, dict) or set(data) != names or not all(isinstance(value, list) for value in data.values()):
         raise InvalidInputError(f"{what}: expected lists {', '.join(sorted(names))}, got {shortened(data)}")
@@ -146,7 +146,7 @@ def _log_from(data: Any, what: str, n: int) -> RobotLog:
         raise InvalidInputError(f"{what}: expected times with states or cells, got something else: {error}") from None
 
 
-def planned_trace(plan: SearchPlan) -> Trace:
+def planned_trace(plan: SearchPlan) -> SearchTrace:
     """Return what robots do if all goes well; nothing is simulated."""
     logs, tour_cost = [], plan.tour_cost
     covered_at = 0.0
@@ -160,10 +160,10 @@ def planned_trace(plan: SearchPlan) -> Trace:
         ends = float(times[-1]) if len(times) else 0.0
         covered_at = max(covered_at, ends)
         logs.append(RobotLog(cells, times, ((0.0, "searching"), (ends, "complete")), ()))
-    return Trace(tuple(logs), covered_at, {}, 0, 0, 0)
+    return SearchTrace(tuple(logs), covered_at, {}, 0, 0, 0)
 
 
-def simulated_trace(plan: SearchPlan, scenario: Scenario) -> Trace:
+def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
     """Return what the simulation of a scenario comes to."""
     outcome = World(scenario).run(until=_HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0)
     logs = tuple(
@@ -177,7 +177,7 @@ def simulated_trace(plan: SearchPlan, scenario: Scenario) -> Trace:
         )
         for vehicle in outcome.vehicles.values()
     )
-    return Trace(logs, outcome.covered_at, outcome.declared, outcome.sent, outcome.lost, outcome.takeovers)
+    return SearchTrace(logs, outcome.covered_at, outcome.declared, outcome.sent, outcome.lost, outcome.takeovers)
 
 
 def _witnesses(bits: int) -> list[int]:

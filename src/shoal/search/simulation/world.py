@@ -31,11 +31,11 @@ from shoal.search.protocol.events import (
     WakeAt,
 )
 from shoal.search.protocol.inference import is_live, step_cost
-from shoal.search.protocol.messages import Beacon, decode, encode
+from shoal.search.protocol.messages import Beacon, decode_beacon, encode_beacon
 from shoal.search.protocol.robot import LOOK, Robot, advance
-from shoal.search.simulation.outcome import Outcome, SimulatedRobot
+from shoal.search.simulation.outcome import SimulatedRobot, SimulationOutcome
 from shoal.search.simulation.scenario import Scenario
-from shoal.search.tours.bitset import cells_of
+from shoal.search.tours.bitset import members
 
 _TRIES = 8  # how often a robot knocks at a cell that another one is in, before it goes elsewhere
 _KNOCK = 0.25  # cells, in time, between
@@ -95,7 +95,7 @@ class World:
         self._number += 1
         heapq.heappush(self._queue, (time, self._number, robot, kind, what))
 
-    def run(self, *, until: float = inf) -> Outcome:
+    def run(self, *, until: float = inf) -> SimulationOutcome:
         """Play all events up to a time; return what came of it."""
         while self._queue and self._queue[0][0] <= until:
             self.time, _, number, kind, what = heapq.heappop(self._queue)
@@ -112,7 +112,7 @@ class World:
             getattr(self, f"_do_{kind}")(vehicle, what)
             if self.check is not None:
                 self.check(self, number)
-        return Outcome(
+        return SimulationOutcome(
             self.covered,
             self.covered_at,
             self.declared,
@@ -163,7 +163,7 @@ class World:
     def _do_heard(self, vehicle: SimulatedRobot, message: Beacon | bytes) -> None:
         if isinstance(message, bytes):
             try:
-                message = decode(message)
+                message = decode_beacon(message)
             except InvalidInputError:
                 return
         self._do_event(vehicle, Heard(self.time, message))
@@ -194,7 +194,7 @@ class World:
         scenario, number = self.scenario, vehicle.robot.number
         found = self._finds(vehicle, cell)
         seen = scenario.seen(number, cell)
-        beside = () if seen == 1 << cell else tuple(one for one in cells_of(seen) if one != cell and self._finds(vehicle, one))
+        beside = () if seen == 1 << cell else tuple(one for one in members(seen) if one != cell and self._finds(vehicle, one))
         if not vehicle.liar:
             self.searched[number] |= seen
             if seen & ~self.covered:
@@ -324,6 +324,6 @@ class World:
             arrived = network.send(link, self.rng)
             self.lost += all(copy.damaged for copy in arrived)
             for copy in arrived:
-                data = data or (encode(beacon) if copy.damaged else b"")
+                data = data or (encode_beacon(beacon) if copy.damaged else b"")
                 message = damage(data, self.rng) if copy.damaged else beacon
                 self._post(self.time + copy.delay, other, "heard", message)

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def run(first: int, count: int, n: int) -> int:
+def arc_bits(first: int, count: int, n: int) -> int:
     """Return ``count`` cells from number ``first`` on, round a tour of n cells.
 
     Examples
     --------
-    >>> bin(run(3, 3, 5))
+    >>> bin(arc_bits(3, 3, 5))
     '0b11001'
     """
     block = ((1 << min(count, n)) - 1) << (first % n)
@@ -76,12 +76,12 @@ def runs(bits: int, first: int, n: int) -> Iterator[tuple[int, int]]:
         at += length
 
 
-def cells_of(bits: int) -> Iterator[int]:
+def members(bits: int) -> Iterator[int]:
     """Yield the cells of a set in rising order.
 
     Examples
     --------
-    >>> list(cells_of(0b10110))
+    >>> list(members(0b10110))
     [1, 2, 4]
     """
     while bits:
@@ -90,12 +90,12 @@ def cells_of(bits: int) -> Iterator[int]:
         bits ^= low
 
 
-def bits_of(cells: Iterable[int]) -> int:
+def bitset_of(cells: Iterable[int]) -> int:
     """Return the set of some cells.
 
     Examples
     --------
-    >>> bin(bits_of([1, 2, 4]))
+    >>> bin(bitset_of([1, 2, 4]))
     '0b10110'
     """
     bits = 0

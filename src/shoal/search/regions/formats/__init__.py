@@ -25,9 +25,9 @@ from shoal.search.regions.formats.geojson import read_geojson
 from shoal.search.regions.formats.kml import read_kml
 from shoal.search.regions.formats.layers import read_layer
 from shoal.search.regions.formats.table import read_table
-from shoal.search.regions.outline_checks import Outlines
+from shoal.search.regions.outline_checks import RegionOutlines
 
-_READERS: dict[str, Callable[[Path], Outlines]] = {
+_READERS: dict[str, Callable[[Path], RegionOutlines]] = {
     ".geojson": read_geojson,
     ".json": read_geojson,
     ".kml": read_kml,
@@ -36,7 +36,7 @@ _READERS: dict[str, Callable[[Path], Outlines]] = {
 _LAYERED = (".gpkg", ".shp")
 
 
-def read_outlines(path: str | os.PathLike[str], *, layer: str | None = None) -> Outlines:
+def read_outlines(path: str | os.PathLike[str], *, layer: str | None = None) -> RegionOutlines:
     """Return the polygons in a file.
 
     Parameters

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from shoal.errors import InvalidInputError
-from shoal.search.regions.outline_checks import Outline, Outlines, Ring, text_of
+from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring, text_of
 
 
-def to_degrees(outlines: tuple[Outline, ...], where: str, crs: str) -> Outlines:
+def to_degrees(outlines: tuple[RegionOutline, ...], where: str, crs: str) -> RegionOutlines:
     """Return outlines with longitude and latitude in WGS84, from coordinates in ``crs`` (a name, an EPSG code or WKT).
 
     Coordinates come east first, as GeoJSON, GeoPackage and Shapefile have them. A system of no place on Earth leaves metres.
@@ -30,9 +30,9 @@ def to_degrees(outlines: tuple[Outline, ...], where: str, crs: str) -> Outlines:
         name = " ".join(crs.split())
         raise InvalidInputError(f"{where}: expected a known coordinate reference system, got {name[:80]!r}") from None
     if system.type_name == "Engineering CRS" or system.name.startswith("Undefined"):
-        return Outlines(outlines, where, geographic=False)
+        return RegionOutlines(outlines, where, geographic=False)
     if system.equals(CRS.from_epsg(4326), ignore_axis_order=True):
-        return Outlines(outlines, where, geographic=True)
+        return RegionOutlines(outlines, where, geographic=True)
     try:
         transformer = Transformer.from_crs(system, CRS.from_epsg(4326), always_xy=True)
     except ProjError:
@@ -41,7 +41,7 @@ def to_degrees(outlines: tuple[Outline, ...], where: str, crs: str) -> Outlines:
         replace(outline, shell=_moved(outline.shell, transformer), holes=tuple(_moved(hole, transformer) for hole in outline.holes))
         for outline in outlines
     )
-    return Outlines(moved, where, geographic=True)
+    return RegionOutlines(moved, where, geographic=True)
 
 
 def _moved(ring: Ring, transformer: Any) -> Ring:

@@ -10,12 +10,12 @@ import numpy as np
 from shoal.checks import parse_json, read_text
 from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
-from shoal.search.regions.outline_checks import Outline, Outlines, Points, Ring, is_true
+from shoal.search.regions.outline_checks import Points, RegionOutline, RegionOutlines, Ring, is_true
 
 _OTHER = {"Point", "MultiPoint", "LineString", "MultiLineString"}
 
 
-def read_geojson(path: Path) -> Outlines:
+def read_geojson(path: Path) -> RegionOutlines:
     """Return the polygons in a GeoJSON file.
 
     Raises
@@ -23,7 +23,7 @@ def read_geojson(path: Path) -> Outlines:
     InvalidInputError
     """
     data = parse_json(read_text(path, what="region file"), where=str(path))
-    found: list[Outline] = []
+    found: list[RegionOutline] = []
     passed: set[str] = set()
     _walk(data, str(path), False, found, passed)
     if not found:
@@ -31,11 +31,11 @@ def read_geojson(path: Path) -> Outlines:
         raise InvalidInputError(f"{path}: expected a Polygon or MultiPolygon, got {got}")
     name = _crs_name(data, str(path))
     if name is None:
-        return Outlines(tuple(found), str(path), geographic=True)
+        return RegionOutlines(tuple(found), str(path), geographic=True)
     return to_degrees(tuple(found), str(path), name)
 
 
-def _walk(data: Any, where: str, no_go: bool, found: list[Outline], passed: set[str]) -> None:
+def _walk(data: Any, where: str, no_go: bool, found: list[RegionOutline], passed: set[str]) -> None:
     """Collect the polygons of a GeoJSON object, and the types of what is no polygon."""
     if not isinstance(data, dict):
         raise InvalidInputError(f"{where}: expected a GeoJSON object, got {_short(data)}")
@@ -72,11 +72,11 @@ def _list(data: dict[str, Any], key: str, where: str) -> list[Any]:
     return value
 
 
-def _polygon(rings: list[Any], where: str, no_go: bool) -> Outline:
+def _polygon(rings: list[Any], where: str, no_go: bool) -> RegionOutline:
     if not rings:
         raise InvalidInputError(f"{where}: expected a polygon with a ring, got an empty one")
     made = [Ring(_points(ring, f"{where}, ring {k + 1}"), f"{where}, ring {k + 1}") for k, ring in enumerate(rings)]
-    return Outline(made[0], tuple(made[1:]), no_go)
+    return RegionOutline(made[0], tuple(made[1:]), no_go)
 
 
 def _points(ring: Any, where: str) -> Points:

@@ -10,12 +10,12 @@ import numpy as np
 from shoal.checks import read_text
 from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.xml_tree import Element, XmlError, parse_xml
-from shoal.search.regions.outline_checks import Outline, Outlines, Ring, is_true
+from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring, is_true
 
 _OTHER = ("Point", "LineString", "Track")
 
 
-def read_kml(path: Path) -> Outlines:
+def read_kml(path: Path) -> RegionOutlines:
     """Return the polygons in a KML file.
 
     Raises
@@ -36,7 +36,7 @@ def read_kml(path: Path) -> Outlines:
         passed = {element.tag for element in root.walk() if element.tag in (*_OTHER, "LinearRing")}
         got = "only " + " and ".join(sorted(passed)) if passed else "none"
         raise InvalidInputError(f"{path}: expected a Polygon, got {got}")
-    return Outlines(tuple(found), str(path), geographic=True)
+    return RegionOutlines(tuple(found), str(path), geographic=True)
 
 
 def _is_no_go(placemark: Element) -> bool:
@@ -49,7 +49,7 @@ def _is_no_go(placemark: Element) -> bool:
     return any(value is not None and is_true(value.text) for value in values)
 
 
-def _outline(polygon: Element, where: str, path: Path, *, no_go: bool) -> Outline:
+def _outline(polygon: Element, where: str, path: Path, *, no_go: bool) -> RegionOutline:
     shells: list[Ring] = []
     holes: list[Ring] = []
     inner = {id(ring) for side in polygon.all("innerBoundaryIs") for ring in side.all("coordinates")}
@@ -62,7 +62,7 @@ def _outline(polygon: Element, where: str, path: Path, *, no_go: bool) -> Outlin
         raise InvalidInputError(f"{path}: line {polygon.line}: expected a Polygon with coordinates, got none")
     if len(shells) > 1:
         raise InvalidInputError(f"{where}, outline: expected one outer boundary, got a second one")
-    return Outline(shells[0], tuple(holes), no_go)
+    return RegionOutline(shells[0], tuple(holes), no_go)
 
 
 def _ring(element: Element, where: str, path: Path) -> Ring:

@@ -10,10 +10,10 @@ from typing import Any
 
 from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
-from shoal.search.regions.outline_checks import Outline, Outlines, is_true, outlines_of
+from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, is_true, polygon_outlines
 
 
-def read_layer(path: Path, *, layer: str | None) -> Outlines:
+def read_layer(path: Path, *, layer: str | None) -> RegionOutlines:
     """Return the polygons in a layer.
 
     Raises
@@ -27,20 +27,20 @@ def read_layer(path: Path, *, layer: str | None) -> Outlines:
                     f"{path}: expected its {what} beside it in {path.with_suffix(suffix).name}, got no such file"
                 )
     meta, shapes, zones = _read(path, _layer(path, layer))
-    found: list[Outline] = []
+    found: list[RegionOutline] = []
     kinds: set[str] = set()
     for k, (shape, zone) in enumerate(zip(shapes, zones, strict=True)):
         if shape is None or shape.is_empty:
             continue
         kinds.add(shape.geom_type)
-        found += outlines_of(shape, f"{path}: feature {k + 1}", no_go=is_true(zone))
+        found += polygon_outlines(shape, f"{path}: feature {k + 1}", no_go=is_true(zone))
     if not found:
         got = "only " + " and ".join(sorted(kinds)) if kinds else "none"
         raise InvalidInputError(f"{path}: expected a Polygon or MultiPolygon, got {got}")
     if not meta["crs"]:
         if path.suffix.lower() == ".shp":
             raise InvalidInputError(f"{path.with_suffix('.prj')}: expected a coordinate reference system, got none that is known")
-        return Outlines(tuple(found), str(path), geographic=False)
+        return RegionOutlines(tuple(found), str(path), geographic=False)
     return to_degrees(tuple(found), str(path), meta["crs"])
 
 

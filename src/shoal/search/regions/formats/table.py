@@ -10,12 +10,12 @@ import numpy as np
 
 from shoal.checks import read_text
 from shoal.errors import InvalidInputError
-from shoal.search.regions.outline_checks import Outline, Outlines, Ring, check_metres, check_ring, text_of
+from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring, check_metres, check_ring, text_of
 
 _MOST_RINGS = 10_000
 
 
-def read_table(path: Path) -> Outlines:
+def read_table(path: Path) -> RegionOutlines:
     """Return the polygons in a CSV file, in metres.
 
     Raises
@@ -28,7 +28,7 @@ def read_table(path: Path) -> Outlines:
         raise InvalidInputError(f"{path}: expected vertices, one x,y a line, got none")
     if len(rings) > _MOST_RINGS:
         raise InvalidInputError(f"{path}: expected at most {_MOST_RINGS} rings, got {len(rings)}")
-    return Outlines(_nested(rings), str(path), geographic=False, closed=False)
+    return RegionOutlines(_nested(rings), str(path), geographic=False, closed=False)
 
 
 def _rings(path: Path) -> list[Ring]:
@@ -79,7 +79,7 @@ def _vertex(columns: list[str], path: Path, line: int) -> tuple[float, float, st
         ) from None
 
 
-def _nested(rings: list[Ring]) -> tuple[Outline, ...]:
+def _nested(rings: list[Ring]) -> tuple[RegionOutline, ...]:
     """Tell outlines from holes: a ring inside an odd number of others is a hole of the smallest of them."""
     import shapely
 
@@ -103,4 +103,4 @@ def _nested(rings: list[Ring]) -> tuple[Outline, ...]:
     for k, outer in enumerate(within):
         if len(outer) % 2:
             holes[min(outer, key=lambda j: shapes[j].area)].append(rings[k])
-    return tuple(Outline(rings[k], tuple(inner)) for k, inner in holes.items())
+    return tuple(RegionOutline(rings[k], tuple(inner)) for k, inner in holes.items())
