@@ -178,6 +178,9 @@ def check_outputs(out: Path | None, film: list[Path] | None) -> None:
         check_folder(out)
 
 
+SHORT_FILM = 200  # frames; their progress is not worth a line
+
+
 def write_films(episode: Any, paths: list[Path] | None) -> list[Path]:
     """Write the films of an episode, each with a bar; return their paths."""
     for path in paths or []:
@@ -190,7 +193,7 @@ def _write_film(episode: Any, path: Path) -> None:
 
     frames = 1000  # of the bar: how many a film has is known only once it is being written
     with progress(f"film {path.name}", frames, shown=path.suffix.lower() != ".html") as advance:
-        film(episode, path, on_frame=lambda done, total: advance(frames * done // max(total, 1)))
+        film(episode, path, on_frame=lambda done, total: advance(frames * done // total) if total > SHORT_FILM else None)
 
 
 def check_seed(episode_file: Path, wanted: int | None, found: int | None) -> None:

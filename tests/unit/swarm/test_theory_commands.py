@@ -240,7 +240,8 @@ def test_a_scan_that_is_missing_is_noticed(every):
         same_way = move + 1 < episode.moves and episode.commands[move] == episode.commands[move + 1]
         verified = replace(episode, trace=episode.trace._replace(scanned=scanned)).verify()
         assert not verified or (same_way and every not in ("1", "2"))
-    assert not replace(episode, scanned=np.zeros(episode.moves, dtype=bool)).verify()
+    unseen = episode.trace._replace(scanned=np.zeros(episode.moves, dtype=bool))
+    assert not replace(episode, trace=unseen).verify()
 
 
 def test_long_runs_are_no_reason_to_give_up():
