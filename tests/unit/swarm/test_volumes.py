@@ -14,6 +14,7 @@ from tests.swarm_runs import run
 from shoal import GridWorkspace, InvalidInputError, open_map, read_map, write_map
 from shoal.cli import run as shoal
 from shoal.swarm import SwarmEpisode
+from shoal.swarm.grid import belief as belief_states
 from shoal.swarm.kernels.search.breadth_first import path_lengths
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.generators.vessels3d import grow_tree, murray_radius
@@ -21,10 +22,26 @@ from shoal.views import film
 from shoal.views.swarm.cell_colours import codes_of
 from shoal.views.swarm.figures import map_figure
 from shoal.views.swarm.page import page_data
-from shoal.views.swarm.volume import Fit, Slices, sheet, sheet_width, slice_pictures, turned_view, workspace_codes
+from shoal.views.swarm.volume import Fit, Slices, sheet, sheet_width, slice_pictures, turned_view
 
 nibabel = pytest.importorskip("nibabel")  # an extra
 BLOCK = np.random.default_rng(3).random((4, 5, 6)) < 0.7
+
+
+def workspace_codes(workspace):
+    """What each cell looks like of a workspace of which everything is known, with one cell of rim on each side."""
+    return np.pad(
+        np.where(workspace.free, belief_states.FREE, belief_states.OBSTACLE).astype(np.uint8),
+        1,
+        constant_values=belief_states.OBSTACLE,
+    )
+
+
+def whole(codes, elevation):
+    """The fit of a whole array, rim included."""
+    z, y, x = (np.array(codes.shape) / 2).tolist()
+    wide = float(np.hypot(codes.shape[0], codes.shape[2]))
+    return Fit((z, y, x), wide, codes.shape[1] * np.cos(elevation) + wide * np.sin(elevation), 0.0)
 
 
 @pytest.mark.parametrize("suffix", [".nii", ".nii.gz", ".npy", ".tif"])
@@ -245,15 +262,16 @@ def test_a_view_from_the_front_shows_the_nearest_cell():
     free = np.zeros((3, 3, 3), bool)
     free[0, 0, 0] = free[2, 2, 2] = True
     codes = workspace_codes(GridWorkspace(free))
-    picture = turned_view(codes, azimuth=0.0, elevation=0.0, side=100)
+    picture = turned_view(codes, azimuth=0.0, elevation=0.0, side=100, fit=whole(codes, 0.0))
     bright = picture.max(axis=2)
     assert bright[:45, :45].max() == 255  # row 0, column 0, and nearest
     assert 100 < bright[55:, 55:].max() < 130  # far away
-    behind = turned_view(codes, azimuth=np.pi, elevation=0.0, side=100).max(axis=2)
+    behind = turned_view(codes, azimuth=np.pi, elevation=0.0, side=100, fit=whole(codes, 0.0)).max(axis=2)
     assert behind[:45, 55:].max() < behind[55:, :45].max() == 255
     hidden = np.zeros((3, 3, 3), bool)
     hidden[:, 1, 1] = True  # one behind the other: only the first is seen
-    picture = turned_view(workspace_codes(GridWorkspace(hidden)), azimuth=0.0, elevation=0.0, side=60)
+    codes = workspace_codes(GridWorkspace(hidden))
+    picture = turned_view(codes, azimuth=0.0, elevation=0.0, side=60, fit=whole(codes, 0.0))
     assert set(np.unique(picture.max(axis=2))) == {44, 255}
 
 
@@ -267,7 +285,11 @@ def test_slices_cut_where_most_is_free():
     assert (front.shape[:2], above.shape[:2], right.shape[:2]) == ((6, 7), (5, 7), (6, 5))
     assert (front[3, 1:-1] == 255).all()
     state, belief = run(workspace, particles=5).final()
-    assert sheet(codes_of(state, belief), slices, azimuth=0.3, side=120).shape == (120, sheet_width((5, 6, 7), 120), 3)
+    assert sheet(codes_of(state, belief), slices, azimuth=0.3, side=120, fit=Fit.of(workspace)).shape == (
+        120,
+        sheet_width((5, 6, 7), 120),
+        3,
+    )
 
 
 @pytest.mark.parametrize("spacing", [None, (3.0, 1.0, 1.0)])

@@ -18,9 +18,10 @@ from shoal.search import SearchEpisode, region_of
 from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.views import film
 from shoal.views.drawing.charts import save_figure
+from shoal.views.drawing.rings import rings_of
 from shoal.views.search.figures import routes_figure, spread_out
 from shoal.views.search.films import SearchFilm
-from shoal.views.search.history import SearchHistory, rings_of
+from shoal.views.search.history import SearchHistory
 from shoal.views.search.page import page_data, simplified
 from shoal.views.search.timeline import timeline_figure
 

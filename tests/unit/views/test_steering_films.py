@@ -198,12 +198,12 @@ def test_colours_that_fill_much_stay_exact():
 
 def test_edges_of_a_box_seen_from_the_side():
     box = prism(SQUARE, 1.0)
-    camera = camera_for(box, np.full((1, 2, 3), 0.5), azimuth=-np.pi / 2, elevation=0.01)
+    camera = replace(camera_for(box, np.full((1, 2, 3), 0.5), azimuth=-np.pi / 2), elevation=0.01)
     behind, front = Frame3D.of(box).edges(camera.eye)
     # Looked at along y: the face y = 0 is in front, three edges of the floor and the ceiling and the two far uprights are behind.
     assert (len(behind), len(front)) == (3 + 3 + 2, 1 + 1 + 2)
     assert all((edge[:, 1] == 0).all() for edge in front)
-    above = camera_for(box, np.full((1, 2, 3), 0.5), azimuth=0.3, elevation=1.4)
+    above = replace(camera_for(box, np.full((1, 2, 3), 0.5), azimuth=0.3), elevation=1.4)
     assert sum(bool((edge[:, 2] == 1).all()) for edge in Frame3D.of(box).edges(above.eye)[1]) == 4
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from shoal.search import SearchEpisode
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
-from shoal.views.search.history import SearchHistory, long_legs, rings_of, robot_colour
+from shoal.views.drawing.rings import hole_in, rings_of
+from shoal.views.search.history import SearchHistory, long_legs, robot_colour
 from shoal.views.search.timeline import draw_heading, timeline_figure
 
 if TYPE_CHECKING:
@@ -100,13 +101,9 @@ def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
     """Return a path whose inside is what an odd number of rings goes around: the outer frame, without the parts."""
     from matplotlib.path import Path
 
-    def turned(ring: NDArray[np.float64], sign: float) -> NDArray[np.float64]:
-        x, y = ring.T
-        return ring if sign * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) > 0 else ring[::-1]
-
     frame, *rest = rings
     return Path.make_compound_path(
-        *(Path(np.vstack([r, r[:1]]), closed=True) for r in (turned(frame, 1), *(turned(r, -1) for r in rest)))
+        *(Path(np.vstack([ring, ring[:1]]), closed=True) for ring in (frame, *(hole_in(frame, one) for one in rest)))
     )
 
 

@@ -12,8 +12,9 @@ from shoal.search import SearchEpisode
 from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.drawing.encoding import LONGEST, Clip
+from shoal.views.drawing.rings import hole_in, rings_of
 from shoal.views.search.figures import cell_colours
-from shoal.views.search.history import Activity, SearchHistory, rings_of, robot_colour
+from shoal.views.search.history import Activity, SearchHistory, robot_colour
 
 RATE = {".gif": 10, ".mp4": 30}  # frames a second
 HEIGHT = {".gif": 432, ".mp4": 720}
@@ -115,7 +116,7 @@ class SearchFilm:
         frame = np.array([(-9, -9), (self.width + 9, -9), (self.width + 9, self.height + 9), (-9, self.height + 9)], dtype=float)
         head = 56 * self._unit
         frame[:2, 1], frame[2:, 1] = head, self.height - 80 * self._unit
-        canvas.area([frame, *(_turned(part[0], frame) for part in self._rings)], "#ffffff")
+        canvas.area([frame, *(hole_in(frame, part[0]) for part in self._rings)], "#ffffff")
         for part in self._rings:
             for hole in part[1:]:
                 canvas.area([hole], _GROUND)
@@ -192,9 +193,3 @@ def _current(activities: tuple[Activity, ...], time: float) -> Activity:
     """Return what a robot does at a time."""
     found = [activity for activity in activities if activity.begin <= time]
     return found[-1] if found else Activity(0.0, inf, "listening")
-
-
-def _turned(ring: NDArray[np.float64], frame: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a ring the other way round than the frame around it, which makes it a hole."""
-    areas = [float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) for x, y in (ring.T, frame.T)]
-    return ring if areas[0] * areas[1] < 0 else ring[::-1]

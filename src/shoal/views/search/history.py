@@ -313,15 +313,6 @@ class SearchHistory:
         return np.asarray(corners * (size, -size) + (left, top))
 
 
-def rings_of(area: Any) -> list[list[Floats]]:
-    """Return the rings of each part of an area, the outer one first; float64, shape (n, 2)."""
-    return [
-        [np.asarray(ring.coords)[:, :2] for ring in (part.exterior, *part.interiors)]
-        for part in getattr(area, "geoms", [area])
-        if part.geom_type == "Polygon" and not part.is_empty
-    ]
-
-
 def long_legs(route: Route, size: float) -> NDArray[np.bool_]:
     """Return which legs of a route lead farther than to a neighbouring cell; bool, shape (k - 1,)."""
     between = np.searchsorted(route.stops, np.arange(1, len(route.points)), side="left")

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.search import SearchEpisode
+from shoal.views.drawing.rings import rings_of
 from shoal.views.player import render
-from shoal.views.search.history import SearchHistory, Trajectory, rings_of
+from shoal.views.search.history import SearchHistory, Trajectory
 
 LARGEST = 300_000
 """Visits of cells that a page still plays smoothly enough."""

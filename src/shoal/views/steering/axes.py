@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.views.drawing.charts import BLUE, INK, ORANGE, PURPLE, bare_axes
@@ -42,28 +43,27 @@ def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]
     return [workspace.vertices]
 
 
-def draw_trajectories(axes: Axes, episode: SteeringEpisode) -> None:
-    """Draw where each particle went, its start (a square) and its goal (a circle)."""
-    states, size = episode.states[..., :2], episode.problem.place.size
+def draw_trajectories(axes: Axes, episode: SteeringEpisode, at: Callable[[ArrayLike], NDArray[np.float64]] = np.asarray) -> None:
+    """Draw where each particle went, its start (a square) and its goal (a circle); ``at`` says where points lie on the axes."""
+    size = episode.problem.place.size
     for particle in range(episode.problem.n_particles):
-        way, colour = states[:, particle], colour_of(particle)
+        way, colour = episode.states[:, particle], colour_of(particle)
         for here, there in pairwise(way):
             if np.linalg.norm(there - here) > 1e-4 * size:
-                axes.annotate(
-                    "",
-                    xy=there,
-                    xytext=here,
-                    zorder=3,
-                    arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 0, "shrinkB": 0},
-                )
-        goal = episode.goal[particle]
-        axes.plot(*way[0], "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
-        axes.plot(*goal[:2], "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
-        number_ends(axes, way, colour, size)
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=3, frameon=False, labelcolor=INK, handletextpad=0.3)
+                arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 0, "shrinkB": 0}
+                axes.annotate("", xy=tuple(at(there)), xytext=tuple(at(here)), zorder=3, arrowprops=arrow)
+        axes.plot(*at(way[0]), "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
+        axes.plot(*at(episode.goal[particle]), "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
+        _number_ends(axes, at(way), colour, size)
+    legend_below(axes)
 
 
-def number_ends(axes: Axes, way: NDArray[np.float64], colour: str, size: float) -> None:
+def legend_below(axes: Axes, *, off: float = 0.06) -> None:
+    """Write the legend below the axes."""
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -off), ncols=3, frameon=False, labelcolor=INK, handletextpad=0.3)
+
+
+def _number_ends(axes: Axes, way: NDArray[np.float64], colour: str, size: float) -> None:
     """Write the numbers of the moves where they end; moves that a particle spends at one place have none."""
     if len(way) - 1 > _BENT:
         return

@@ -114,20 +114,20 @@ class Frame3D:
         return behind, front
 
 
-def camera_for(workspace: ConvexWorkspace, states: Any, *, azimuth: float, elevation: float = ABOVE) -> Camera:
+def camera_for(workspace: ConvexWorkspace, states: Any, *, azimuth: float) -> Camera:
     """Return a camera that looks at a workspace in space and at all states of its particles."""
     low, high = min(0.0, float(states[..., 2].min())), max(workspace.height, float(states[..., 2].max()))
     reach_flat = workspace.radius if workspace.round else float(np.hypot(*(workspace.vertices - workspace.center).T).max())
     center = np.array([*workspace.center, (low + high) / 2])
-    return Camera(center, float(np.hypot(reach_flat, (high - low) / 2)), azimuth, elevation)
+    return Camera(center, float(np.hypot(reach_flat, (high - low) / 2)), azimuth)
 
 
-def spread(workspace: ConvexWorkspace, states: Any, *, elevation: float = ABOVE) -> tuple[float, float, float]:
+def spread(workspace: ConvexWorkspace, states: Any) -> tuple[float, float, float]:
     """Return how far right, up and down a workspace reaches in the picture, from whichever side it is looked at."""
     frame = Frame3D.of(workspace)
     corners = np.concatenate([frame.floor, frame.ceiling, states.reshape(-1, 3)])
     turns = np.linspace(0, 2 * np.pi, 49)
-    cameras = [camera_for(workspace, states, azimuth=turn, elevation=elevation) for turn in turns]
+    cameras = [camera_for(workspace, states, azimuth=turn) for turn in turns]
     seen = np.concatenate([camera.project(corners) for camera in cameras])
     return float(np.abs(seen[:, 0]).max()), float(seen[:, 1].max()), float(-seen[:, 1].min())
 

@@ -11,7 +11,7 @@ from shoal.errors import InvalidInputError
 from shoal.steering import ConvexWorkspace, DiskReach, PolygonReach, Region, SteeringEpisode
 from shoal.steering.delta_space.two_moves import two_move_pieces
 from shoal.views.drawing.charts import GRID, INK, ORANGE, bare_axes, new_figure, set_title
-from shoal.views.steering.axes import PARTICLES, colour_of, draw_trajectories, draw_workspace, outlines_of
+from shoal.views.steering.axes import PARTICLES, colour_of, draw_trajectories, draw_workspace, legend_below, outlines_of
 from shoal.views.steering.space import draw_space
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def _draw_delta(axes: Axes, episode: SteeringEpisode) -> None:
     axes.plot(*deltas.T, ".", color=INK, ms=6, zorder=3)
     axes.plot(*deltas[0], "s", color=INK, ms=8, zorder=4, label="Δ at the start")
     axes.plot(*(episode.goal[1] - episode.goal[0]), "o", mfc="white", mec=INK, mew=2, ms=9, zorder=4, label="Δ at the goal")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=3, frameon=False, labelcolor=INK, handletextpad=0.3)
+    legend_below(axes)
     set_title(axes, "Δ configuration space")
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from shoal.swarm import GridWorkspace
-from shoal.swarm.maps import raster as states
 from shoal.swarm.maps.raster import PALETTE
 from shoal.views.drawing.canvas import Canvas
 from shoal.views.swarm.cell_colours import PLAIN, CellPalette
@@ -56,15 +55,7 @@ class Fit:
     centre: tuple[float, float, float]
     wide: float
     tall: float
-    middle: float = 0.0
-
-    @classmethod
-    def of_box(cls, shape: tuple[int, ...], sizes: NDArray[np.float64], elevation: float) -> Fit:
-        """Return the fit of a whole array, rim included."""
-        extent = np.array(shape) * sizes
-        wide = float(np.hypot(extent[0], extent[2]))  # whichever way it is turned
-        z, y, x = (extent / 2).tolist()
-        return cls((z, y, x), wide, float(extent[1]) * np.cos(elevation) + wide * np.sin(elevation))
+    middle: float
 
     @classmethod
     def of(cls, workspace: GridWorkspace, elevation: float = ELEVATION) -> Fit:
@@ -84,11 +75,6 @@ def _sizes(spacing: tuple[float, ...] | None) -> NDArray[np.float64]:
     return np.array(spacing or (1.0, 1.0, 1.0)) / min(spacing or (1.0,))
 
 
-def workspace_codes(workspace: GridWorkspace) -> NDArray[np.uint8]:
-    """Return what each cell looks like of a workspace of which everything is known; uint8, with one cell of rim on each side."""
-    return np.pad(np.where(workspace.free, states.FREE, states.OBSTACLE).astype(np.uint8), 1, constant_values=states.OBSTACLE)
-
-
 def turned_view(
     codes: NDArray[np.uint8],
     *,
@@ -97,7 +83,7 @@ def turned_view(
     spacing: tuple[float, ...] | None = None,
     elevation: float = ELEVATION,
     palette: CellPalette = PLAIN,
-    fit: Fit | None = None,
+    fit: Fit,
 ) -> NDArray[np.uint8]:
     """Return known-free cells, frontier and particles as seen from a turning place; uint8, shape (side, side, 3).
 
@@ -115,14 +101,13 @@ def turned_view(
         Radians above the middle from which is looked.
     palette : CellPalette
         The colours of the codes.
-    fit : Fit, optional
-        How much is shown; the whole array if none.
+    fit : Fit
+        How much is shown.
     """
     sizes = _sizes(spacing)
     background, cells = BACKGROUND, _surface(codes, palette)
     if not len(cells):
         return np.full((side, side, 3), background, dtype=np.uint8)
-    fit = fit or Fit.of_box(codes.shape, sizes, elevation)
     largest = max(fit.wide, fit.tall)
     coarse = max(1, int(0.96 * side / largest * float(sizes.max()) / FINEST))  # large cells need no fine picture
     small = -(-side // coarse)
@@ -205,7 +190,7 @@ def sheet(
     side: int,
     spacing: tuple[float, ...] | None = None,
     palette: CellPalette = PLAIN,
-    fit: Fit | None = None,
+    fit: Fit,
 ) -> NDArray[np.uint8]:
     """Return a picture of the turned view with named slices in a column on its right; uint8, shape (side, about 1.4 side, 3)."""
     sizes = spacing or (1.0, 1.0, 1.0)

@@ -1,0 +1,25 @@
+"""Rings of polygons as arrays that can be drawn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Ring = NDArray[np.float64]
+
+
+def rings_of(area: Any) -> list[list[Ring]]:
+    """Return the rings of each part of an area, the outer one first; float64, shape (n, 2)."""
+    return [
+        [np.asarray(ring.coords)[:, :2] for ring in (part.exterior, *part.interiors)]
+        for part in getattr(area, "geoms", [area])
+        if part.geom_type == "Polygon" and not part.is_empty
+    ]
+
+
+def hole_in(frame: Ring, ring: Ring) -> Ring:
+    """Return a ring the other way round than the frame around it, which makes it a hole."""
+    areas = [float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) for x, y in (ring.T, frame.T)]
+    return ring if areas[0] * areas[1] < 0 else ring[::-1]
