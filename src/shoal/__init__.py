@@ -1,53 +1,86 @@
 """Shoal: groups of simple bodies that must explore a space exhaustively, under the control that real ones have.
 
+One verb runs a problem of any part, and one kind of result comes back:
+
+>>> import shoal
+>>> episode = shoal.run("line:9", particles=3)
+>>> episode.status.done, bool(episode.verify())
+(True, True)
+
 Names are loaded when they are first used, so that ``import shoal`` is quick.
 """
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from shoal.registry import loaded_on_use
 from shoal.version import __version__
 
 if TYPE_CHECKING:
-    from shoal.episode import Episode
-    from shoal.errors import InvalidInputError, MissingExtraError, OutputError, ShoalError, UnknownNameError
+    from shoal.episode import Episode, Status, Verification
+    from shoal.errors import InvalidInputError, MissingExtraError, OutputError, RigError, ShoalError, UnknownNameError
     from shoal.lab import run_trials
-    from shoal.swarm import Board, GridWorkspace, GridWorld
+    from shoal.parts import load, load_problem, run
+    from shoal.problem import Problem
+    from shoal.search import SearchProblem, open_region
+    from shoal.steering import SteeringProblem, open_workspace
+    from shoal.swarm import GridWorkspace, SwarmProblem
     from shoal.swarm.maps.files import read_map, write_map
     from shoal.swarm.maps.open import open_map
-    from shoal.swarm.run import run
+    from shoal.views import figure, film
 
 _HOMES = {
-    "Board": "shoal.swarm",
-    "Episode": "shoal.episode",
-    "GridWorkspace": "shoal.swarm",
-    "GridWorld": "shoal.swarm",
-    "InvalidInputError": "shoal.errors",
-    "MissingExtraError": "shoal.errors",
-    "OutputError": "shoal.errors",
-    "ShoalError": "shoal.errors",
-    "UnknownNameError": "shoal.errors",
-    "open_map": "shoal.swarm.maps.open",
-    "read_map": "shoal.swarm.maps.files",
-    "run": "shoal.swarm.run",
-    "run_trials": "shoal.lab",
-    "write_map": "shoal.swarm.maps.files",
+    "Episode": "episode",
+    "GridWorkspace": "swarm",
+    "InvalidInputError": "errors",
+    "MissingExtraError": "errors",
+    "OutputError": "errors",
+    "Problem": "problem",
+    "RigError": "errors",
+    "SearchProblem": "search",
+    "ShoalError": "errors",
+    "Status": "episode",
+    "SteeringProblem": "steering",
+    "SwarmProblem": "swarm",
+    "UnknownNameError": "errors",
+    "Verification": "episode",
+    "figure": "views",
+    "film": "views",
+    "load": "parts",
+    "load_problem": "parts",
+    "open_map": "swarm.maps.open",
+    "open_region": "search",
+    "open_workspace": "steering",
+    "read_map": "swarm.maps.files",
+    "run": "parts",
+    "run_trials": "lab",
+    "write_map": "swarm.maps.files",
 }
 
 __all__ = [
-    "Board",
     "Episode",
     "GridWorkspace",
-    "GridWorld",
     "InvalidInputError",
     "MissingExtraError",
     "OutputError",
+    "Problem",
+    "RigError",
+    "SearchProblem",
     "ShoalError",
+    "Status",
+    "SteeringProblem",
+    "SwarmProblem",
     "UnknownNameError",
+    "Verification",
     "__version__",
+    "figure",
+    "film",
+    "load",
+    "load_problem",
     "open_map",
+    "open_region",
+    "open_workspace",
     "read_map",
     "run",
     "run_trials",
@@ -55,10 +88,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        return getattr(importlib.import_module(_HOMES[name]), name)
-    raise AttributeError(f"module 'shoal' has no attribute {name!r}")
+__getattr__ = loaded_on_use(__name__, _HOMES)
 
 
 def __dir__() -> list[str]:

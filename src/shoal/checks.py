@@ -41,7 +41,7 @@ def check_integer(value: Any, *, what: str, least: float = -inf, most: float = i
     """
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or not least <= value <= most:
-        raise InvalidInputError(f"{what}: expected a whole number{_bounds(least, most)}, got {shortened(value)}")
+        raise InvalidInputError(f"{what}: expected a whole number{_ranged(least, most)}, got {shortened(value)}")
     return int(value)
 
 
@@ -66,7 +66,7 @@ def check_number(
     except OverflowError:  # a whole number beyond all floats
         good = False
     if not good:
-        raise InvalidInputError(f"{what}: expected a number{_bounds(least, most, above, below)}, got {shortened(value)}")
+        raise InvalidInputError(f"{what}: expected a number{_ranged(least, most, above, below)}, got {shortened(value)}")
     return float(value)
 
 
@@ -231,13 +231,25 @@ def shortened(value: Any) -> str:
         return "a number of too many digits"
 
 
-def _bounds(least: float, most: float, above: float = -inf, below: float = inf) -> str:
-    """Return the range of a number for people, with the comma or the word before it."""
+def bounds(least: float, most: float, above: float = -inf, below: float = inf) -> str:
+    """Return the range of a number for people: "from 0 to 1", "1 or more", "above 0 and below 1"; empty if it has none.
+
+    Examples
+    --------
+    >>> bounds(0, 1), bounds(1, inf), bounds(-inf, inf, above=0, below=1)
+    ('from 0 to 1', '1 or more', 'above 0 and below 1')
+    """
     if least > -inf and most < inf:
-        return f" from {_plain(least)} to {_plain(most)}"
+        return f"from {_plain(least)} to {_plain(most)}"
     parts = [f"{_plain(least)} or more"] if least > -inf else [f"above {_plain(above)}"] if above > -inf else []
     parts += [f"at most {_plain(most)}"] if most < inf else [f"below {_plain(below)}"] if below < inf else []
-    return f", {' and '.join(parts)}" if parts else ""
+    return " and ".join(parts)
+
+
+def _ranged(least: float, most: float, above: float = -inf, below: float = inf) -> str:
+    """Return the range of a number as a message goes on: " from 0 to 1", ", 1 or more"."""
+    text = bounds(least, most, above, below)
+    return f" {text}" if text.startswith("from") else f", {text}" if text else ""
 
 
 def _plain(number: float) -> str:

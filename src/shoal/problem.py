@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
 
 from shoal.checks import (
+    bounds,
     check_bool,
     check_choice,
     check_integer,
@@ -26,7 +27,7 @@ from shoal.checks import (
     shortened,
     suggestion,
 )
-from shoal.errors import InvalidInputError
+from shoal.errors import InvalidInputError, UnknownNameError
 
 LARGEST_PROBLEM = 20_000_000
 """Bytes of a problem file."""
@@ -111,6 +112,12 @@ class Declaration:
     def required(self) -> bool:
         """Whether there is no default."""
         return self.default is REQUIRED
+
+    @property
+    def range(self) -> str:
+        """The range of a number for people; empty if it has none."""
+        option = self.option
+        return bounds(option.least, option.most, option.above, option.below)
 
     def checked(self, value: Any) -> Any:
         """Return the value as the field holds it.
@@ -197,16 +204,17 @@ class Problem:
             raise InvalidInputError(f"{where}: expected fields with values, got {shortened(data)}")
         given = {name: value for name, value in data.items() if name != "kind"}
         known = cls.declarations()
-        for name in given:
+        for name, value in given.items():
             if name not in known:
-                raise InvalidInputError(f"{where}: expected no such field, got {shortened(name)}{suggestion(name, known)}")
+                near = suggestion(name, known)
+                raise InvalidInputError(f"{where}: {name}: expected no such field, got {shortened(value)}{near}")
         for name, declared in known.items():
             if declared.required and name not in given:
                 raise InvalidInputError(f"{where}: {name}: expected this field, got none")
         try:
             return cls(**given)
-        except InvalidInputError as error:
-            raise InvalidInputError(f"{where}: {error}") from None
+        except (InvalidInputError, UnknownNameError) as error:
+            raise type(error)(f"{where}: {error}") from None
 
     @classmethod
     def load(cls, path: Any) -> Self:
@@ -242,11 +250,10 @@ class Problem:
         ------
         InvalidInputError
         """
-        for name in changes:
-            if name not in self.declarations():
-                raise InvalidInputError(
-                    f"problem: expected no such field, got {shortened(name)}{suggestion(name, self.declarations())}"
-                )
+        for name, value in changes.items():
+            if name not in (known := self.declarations()):
+                near = suggestion(name, known)
+                raise InvalidInputError(f"problem: {name}: expected no such field, got {shortened(value)}{near}")
         return replace(self, **changes)
 
     def __eq__(self, other: object) -> bool:

@@ -151,3 +151,27 @@ def _converted(what: str, value: str, default: object) -> object:
         except ValueError:
             raise InvalidInputError(f"{what}: expected {noun}, got {value!r}") from None
     return value
+
+
+def loaded_on_use(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
+    """Return the ``__getattr__`` of a package whose names are imported when they are first used, so that it is quick.
+
+    Parameters
+    ----------
+    package : str
+        Its ``__name__``.
+    homes : mapping of str to str
+        The module of each name, from the package on.
+
+    Examples
+    --------
+    >>> loaded_on_use("shoal", {"Status": "episode"})("Status").COMPLETE
+    <Status.COMPLETE: 'complete'>
+    """
+
+    def get(name: str) -> Any:
+        if name not in homes:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(importlib.import_module(f"{package}.{homes[name]}"), name)
+
+    return get

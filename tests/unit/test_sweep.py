@@ -23,7 +23,7 @@ from shoal.lab.storage.integrity import faults_of
 from shoal.lab.storage.lock import is_locked, locked
 from shoal.lab.storage.schema import FORMAT
 from shoal.lab.sweeps.sweep import differences, trial_seed
-from shoal.lab.versions import MixedVersionsWarning, check_versions, versions, written
+from shoal.lab.versions import MixedVersionsWarning, check_versions, worker_versions, written
 from shoal.lab.worker_pools import Processes
 
 HERE = "tests.unit.sweep_functions"
@@ -88,11 +88,11 @@ def test_seeds_depend_on_the_problem_and_not_on_its_place():
         ({"axes": {"factor": {"from": 0, "to": 500000, "step": 1}}}, "expected at most 100000"),
         ({"axes": {"factor": [float("nan")]}}, "expected finite numbers, got nan"),
         ({"paired": ("nothing",)}, r"paired: expected names of axes \(factor\), got 'nothing'"),
-        ({"problem": {"kind": "poetry"}}, "expected a kind, one of swarm, line"),
+        ({"problem": {"kind": "poetry"}}, "expected a kind, one of swarm, search, steering, line"),
         ({"problem": {"map": "line:5"}}, "expected a kind"),
         (
             {"problem": SWARM, "axes": {"particles": ["few"]}},
-            "problem at particles = few: particles: expected a whole number, got 'few'",
+            "problem at particles = few: particles: expected a whole number, 1 or more, got 'few'",
         ),
         ({"problem": SWARM, "axes": {"legs": [4]}}, "problem at legs = 4: legs: expected no such field, got 4"),
         ({"problem": {"kind": "swarm"}, "axes": {}}, "problem: map: expected this field, got none"),
@@ -106,8 +106,8 @@ def test_wrong_sweeps_are_refused(changes, words):
 @pytest.mark.parametrize(
     ("problem", "words"),
     [
-        (SWARM | {"particles": 40}, "sweep s: particles: expected at most 39, the free cells of maze:9x7, got 40"),
-        (SWARM | {"policy": "closest"}, "sweep s: unknown policy 'closest': did you mean"),
+        (SWARM | {"particles": 40}, "sweep s: particles: expected 1 to 39 .the free cells of maze:9x7., got 40"),
+        (SWARM | {"policy": "closest"}, "problem: unknown policy 'closest': did you mean"),
         ({"kind": "schedule", "schedule": "one-jump:5"}, "schedule M=5|one"),
         ({"kind": "steering", "goal_x": 0.5}, "goal_x, goal_y: expected both or none, got one"),
         ({"kind": "search", "region": "square:50", "robots": 1, "crashes": 2}, "crashes: expected at most 1"),
@@ -157,7 +157,7 @@ def test_kinds(problem, some, tmp_path):
 def test_a_row_replays_by_its_seed(tmp_path, capsys):
     run_sweep(Sweep(name="numbers", problem=SWARM | {"particles": 4}, trials=3), tmp_path / "s.sqlite", workers=0)
     for _, seed, status, moves, *_ in rows_of(tmp_path / "s.sqlite"):
-        assert command(["map", "maze:9x7", "-n", "4", "--policy", "closest-frontier", "--seed", str(seed), "--json"]) == 0
+        assert command(["map", "maze:9x7", "-n", "4", "--seed", str(seed), "--json"]) == 0
         result = json.loads(capsys.readouterr().out)
         assert (result["status"], result["moves"]) == ([status], [moves])
 
@@ -234,7 +234,7 @@ def test_another_map_under_the_same_name_is_refused(tmp_path):
     picture.write_text("....\n.#..\n")
     from shoal.lab.sweeps import batches
 
-    batches._by_source.clear()  # as in a new process
+    batches._places.clear()  # as in a new process
     with pytest.raises(InvalidInputError, match=r"changes: content\."):
         run_sweep(sweep, store, workers=0)
 
@@ -332,11 +332,11 @@ def done_of(store):
 
 
 def test_workers_with_other_versions_are_refused():
-    check_versions(versions(), worker="w")
+    check_versions(worker_versions(), worker="w")
     with pytest.raises(InvalidInputError, match=r"worker w: expected the versions of this process, got numpy 1\.0 instead of 2"):
-        check_versions(versions() | {"numpy": "1.0"}, worker="w")
+        check_versions(worker_versions() | {"numpy": "1.0"}, worker="w")
     with pytest.raises(InvalidInputError, match="code none instead of"):
-        check_versions({name: value for name, value in versions().items() if name != "code"}, worker="w")
+        check_versions({name: value for name, value in worker_versions().items() if name != "code"}, worker="w")
 
 
 def test_going_on_with_another_version_is_told(tmp_path, monkeypatch, capsys):
@@ -344,7 +344,7 @@ def test_going_on_with_another_version_is_told(tmp_path, monkeypatch, capsys):
     Path("sweep.toml").write_text(SPEC)
     go = ["sweep", "run", "sweep.toml", "--store", "s.sqlite", "--workers", "0"]
     assert command(go) == 0
-    ours, old = versions(), versions() | {"shoal": "0.0.9", "code": "beef"}
+    ours, old = worker_versions(), worker_versions() | {"shoal": "0.0.9", "code": "beef"}
     with Store("s.sqlite") as store:
         assert store.versions("corridors") == store.status("corridors").versions == {written(ours): 16}
         whole = [*store.rows("corridors")]

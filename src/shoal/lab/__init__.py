@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from shoal.lab.trials import run_trials
+from shoal.registry import loaded_on_use
 
 if TYPE_CHECKING:
     from shoal.lab.coordinator import run_sweep
@@ -27,7 +27,4 @@ _HOMES = {
 __all__ = ["Point", "Store", "Sweep", "SweepProgress", "SweepStatus", "run_sweep", "run_trials", "sweep_of"]
 
 
-def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        return getattr(importlib.import_module(f"shoal.lab.{_HOMES[name]}"), name)
-    raise AttributeError(f"module 'shoal.lab' has no attribute {name!r}")
+__getattr__ = loaded_on_use(__name__, _HOMES)

@@ -10,15 +10,13 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from shoal.errors import InvalidInputError, ShoalError
-from shoal.lab.problems import SwarmProblem
 from shoal.lab.storage.lock import locked
 from shoal.lab.storage.store import Store
-from shoal.lab.sweeps.batches import Answer, Batch, Piece, lost_batch, opened_for, play_batch
+from shoal.lab.sweeps.batches import Answer, Batch, Piece, lost_batch, placed, play_batch
 from shoal.lab.sweeps.progress import Gap, SweepProgress, SweepStatus
-from shoal.lab.sweeps.sweep import Sweep, digest_of, distinct_sources
+from shoal.lab.sweeps.sweep import Sweep, digest_of, distinct_places
 from shoal.lab.versions import MixedVersionsWarning, check_versions, mixture
 from shoal.lab.worker_pools import WorkerPool, make_worker_pool
 
@@ -132,18 +130,17 @@ def prepare(sweep: Sweep) -> dict[str, str]:
         With the values of the first point that cannot.
     """
     inputs: dict[str, str] = {}
-    for point in distinct_sources(sweep.points):
-        opened = opened_for(point.problem)
-        source = point.problem.source()
-        if source is not None:
-            inputs[source] = digest_of(point.problem.digest(opened))
+    for point in distinct_places(sweep.points):
+        name = point.problem.place_key()
+        if name is not None:
+            inputs[name] = digest_of(placed(point.problem).place_digest())
     for point in sweep.points:
         try:
-            point.problem.check(opened_for(point.problem))
+            placed(point.problem).check_at_place()
         except ShoalError as error:
             where = ", ".join(f"{name} = {value}" for name, value in point.values.items())
             raise InvalidInputError(f"sweep {sweep.name}{', at ' * bool(where)}{where}: {error}") from None
-    if any(isinstance(point.problem, SwarmProblem) for point in sweep.points):
+    if any(point.problem.part == "swarm" for point in sweep.points):
         from shoal.swarm.simulation.compiled import load_kernels
 
         load_kernels()  # before workers do, all at once
@@ -264,12 +261,11 @@ class _Run:
 
     def _piece(self, gap: Gap, first: int, stop: int) -> Piece:
         problem = gap.point.problem
-        opened: Any = opened_for(problem) if problem.is_file() else None
-        return Piece(gap.id, problem, gap.point.seeds, first, stop, opened)
+        return Piece(gap.id, problem, gap.point.seeds, first, stop, placed(problem).place if problem.place_is_file() else None)
 
 
 def _singles(batch: Batch) -> Iterator[Batch]:
     """Yield a batch for each trial of a batch."""
     for piece in batch.pieces:
         for trial in range(piece.first, piece.stop):
-            yield Batch(batch.sweep_seed, (Piece(piece.point, piece.problem, piece.seeds, trial, trial + 1, piece.opened),))
+            yield Batch(batch.sweep_seed, (Piece(piece.point, piece.problem, piece.seeds, trial, trial + 1, piece.place),))

@@ -2,31 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
-import platform
 from collections.abc import Iterable, Mapping
-from functools import cache
-from importlib.metadata import version
-from pathlib import Path
 
 from shoal.errors import InvalidInputError
-from shoal.version import __version__
+from shoal.version import code_digest, versions
 
 
 class MixedVersionsWarning(UserWarning):
     """A sweep goes on with other versions than those that wrote its rows."""
 
 
-@cache
-def versions() -> dict[str, str]:
-    """Return the versions of this process: Shoal's, a digest of its own code, Python's, NumPy's, Numba's."""
-    digest, root = hashlib.blake2b(digest_size=8), Path(__file__).parents[1]
-    for folder in ("swarm", "steering", "search", "lab"):
-        for file in sorted((root / folder).rglob("*.py")):
-            digest.update(file.relative_to(root).as_posix().encode() + file.read_bytes())
-    python = ".".join(platform.python_version_tuple()[:2])
-    ours = {"shoal": __version__, "code": digest.hexdigest(), "python": python}
-    return ours | {"numpy": version("numpy"), "numba": version("numba")}
+def worker_versions() -> dict[str, str]:
+    """Return what the rows of this process depend on: versions, and a digest of Shoal's code."""
+    return versions() | {"code": code_digest()}
 
 
 def check_versions(theirs: Mapping[str, str], *, worker: str) -> None:
@@ -36,7 +24,7 @@ def check_versions(theirs: Mapping[str, str], *, worker: str) -> None:
     ------
     InvalidInputError
     """
-    ours = versions()
+    ours = worker_versions()
     wrong = [f"{name} {theirs.get(name, 'none')} instead of {ours[name]}" for name in ours if theirs.get(name) != ours[name]]
     if wrong:
         raise InvalidInputError(f"worker {worker}: expected the versions of this process, got {', '.join(wrong)}")
@@ -84,12 +72,12 @@ def mixture(rows: Mapping[str, int]) -> str:
 
     Examples
     --------
-    >>> mixture({written(versions()): 5})
+    >>> mixture({written(worker_versions()): 5})
     ''
-    >>> mixture({"shoal 0.0.9, code 5f0c": 5, written(versions()): 2}).startswith("5 rows by shoal 0.0.9, code 5f0c")
+    >>> mixture({"shoal 0.0.9, code 5f0c": 5, written(worker_versions()): 2}).startswith("5 rows by shoal 0.0.9, code 5f0c")
     True
     """
-    ours = written(versions())
+    ours = written(worker_versions())
     names = told_apart([*rows, ours])
     if not any(text != ours for text in rows):
         return ""

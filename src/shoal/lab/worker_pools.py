@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.lab.executors import default_workers, give_up, leave_interruptions_to_us
-from shoal.lab.versions import check_versions, versions
+from shoal.lab.versions import check_versions, worker_versions
 
 
 class WorkerPool(Protocol):
@@ -72,7 +72,7 @@ class Processes:
     def __post_init__(self) -> None:
         if self.workers < 1:
             raise InvalidInputError(f"workers: expected 1 or more, got {self.workers}")
-        check_versions(self.submit(versions).result(), worker="of this machine")
+        check_versions(self.submit(worker_versions).result(), worker="of this machine")
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """Let a worker call a function."""
@@ -167,7 +167,7 @@ class Cluster:
         """Compare what workers have with what is here, before any work."""
         if not self.workers:
             raise InvalidInputError(f"dask: expected workers at {address}, got none (start some: dask worker {address})")
-        for worker, theirs in self._client.run(_versions_of_worker, on_error="return").items():
+        for worker, theirs in self._client.run(worker_versions, on_error="return").items():
             if not isinstance(theirs, dict):
                 raise InvalidInputError(f"worker {worker}: expected one that has Shoal, got {' '.join(str(theirs).split())[:200]}")
             check_versions(theirs, worker=worker)
@@ -190,10 +190,6 @@ class Cluster:
         """Leave the cluster; it goes on without us."""
         self._executor.shutdown(wait=not at_once)
         self._client.close()
-
-
-def _versions_of_worker() -> dict[str, str]:
-    return versions()
 
 
 def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:

@@ -158,7 +158,7 @@ def _fig8_sweeps(settings: Settings) -> list[Sweep]:
 
 def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     sweep = sweeps[0]
-    workspace, particles = open_map(settings.complex), sweep.points[0].problem.model_dump()["particles"]
+    workspace, particles = open_map(settings.complex), sweep.problem["particles"]
     seeds: dict[str, list[int]] = {}
     for policy, trial, seed, *_ in store.rows(sweep.name):
         if trial < 20:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from shoal.files import write_text
-from shoal.lab.versions import versions
+from shoal.lab.versions import worker_versions
 from shoal.papers.errata import CHECKS, Erratum
 from shoal.papers.recipe import Result, Table
 
@@ -34,7 +34,7 @@ def write_page(results: Sequence[Result], errata: Sequence[Erratum], path: str |
     held = sum(result.outcome.ok for result in results)
     shown = sum(erratum.shown for erratum in errata)
     trials, seconds = sum(result.trials for result in results), sum(result.seconds for result in results)
-    made = ", ".join(f"{_NAMES[name]} {value}" for name, value in versions().items() if name in _NAMES)
+    made = ", ".join(f"{_NAMES[name]} {value}" for name, value in worker_versions().items() if name in _NAMES)
     parts = [
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
         "<meta name='viewport' content='width=device-width, initial-scale=1'>",

@@ -1,55 +1,50 @@
-"""What a sweep plays: one class a kind of problem, with the measures of a trial.
+"""What a sweep plays: the problems of the three parts, and three kinds of its own.
 
-A problem holds nothing but what a text can say, so that it has one canonical form and goes to any worker. What it names (a map, a
-workspace, a region) is opened once a process.
+A problem of a sweep holds nothing but what a text can say, so that it has one canonical form and goes to any worker. The map,
+workspace or region that it names is opened once a process.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from collections.abc import Mapping
+from typing import Any
 
-from pydantic import Field, TypeAdapter, ValidationError
-
+from shoal import parts
+from shoal.checks import shortened, suggestion
 from shoal.errors import InvalidInputError
-from shoal.lab.problems.base import KINDS, Problem, Values, said
+from shoal.lab.problems.base import MeasuredProblem
 from shoal.lab.problems.function import FunctionProblem
 from shoal.lab.problems.line import LineProblem, ScheduleProblem
-from shoal.lab.problems.search import SearchProblem
-from shoal.lab.problems.steering import SteeringTrials
-from shoal.lab.problems.swarm import SwarmProblem
+from shoal.problem import Problem
 
-__all__ = [
-    "KINDS",
-    "FunctionProblem",
-    "LineProblem",
-    "Problem",
-    "ScheduleProblem",
-    "SearchProblem",
-    "SteeringTrials",
-    "SwarmProblem",
-    "Values",
-    "problem_of",
-    "said",
-]
+__all__ = ["KINDS", "FunctionProblem", "LineProblem", "ScheduleProblem", "problem_of", "problem_type", "trial"]
 
-AnyProblem = Annotated[
-    SwarmProblem | LineProblem | ScheduleProblem | SteeringTrials | SearchProblem | FunctionProblem,
-    Field(discriminator="kind"),
-]
-_READER: TypeAdapter[Problem] = TypeAdapter(AnyProblem)
+_OWN: dict[str, type[MeasuredProblem]] = {kind.part: kind for kind in (LineProblem, ScheduleProblem, FunctionProblem)}
+KINDS = (*parts.PARTS, *_OWN)
 
 
-def problem_of(fields: dict[str, Any], *, where: str = "problem") -> Problem:
-    """Return the problem that fields describe.
+def problem_of(fields: Mapping[str, Any], *, where: str = "problem") -> Problem:
+    """Return the problem that fields describe; ``kind`` is one of `KINDS`.
 
     Raises
     ------
     InvalidInputError
         In one sentence that says where.
     """
-    try:
-        return _READER.validate_python(fields)
-    except ValidationError as error:
-        raise InvalidInputError(said(error, where=where)) from None
-    except RecursionError:
-        raise InvalidInputError(f"{where}: expected fields of modest depth, got more") from None
+    kind = fields.get("kind")
+    if kind not in KINDS:
+        raise InvalidInputError(
+            f"{where}: expected a kind, one of {', '.join(KINDS)}, got {shortened(kind)}{suggestion(kind, KINDS)}"
+        )
+    return problem_type(str(kind)).from_dict(fields, where=where)
+
+
+def problem_type(kind: str) -> type[Problem]:
+    """Return the class of a kind of problem."""
+    return _OWN.get(kind) or parts.problem_type(kind)
+
+
+def trial(problem: Problem, seed: int) -> list[Any]:
+    """Play one trial; return what ``problem.measures`` names: texts, numbers, truth values or None."""
+    measured = problem.trial(seed) if isinstance(problem, MeasuredProblem) else parts.run(problem, seed=seed).metrics
+    return [measured[name] for name in problem.measures]

@@ -3,53 +3,66 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
-from typing import Any, Literal
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
-from pydantic import Field
-
+from shoal.checks import shortened
 from shoal.errors import InvalidInputError
-from shoal.lab.problems.base import Problem, Values
+from shoal.lab.problems.base import MeasuredProblem
+from shoal.problem import option
 from shoal.registry import Registry
 
 
-class FunctionProblem(Problem):
+def _check_arguments(value: Any) -> dict[str, Any] | None:
+    if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
+        raise InvalidInputError(f"arguments: expected names with values, got {shortened(value)}")
+    return dict(value) or None
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionProblem(MeasuredProblem):
     """Anybody's function, "module:attribute": called with ``seed`` and ``arguments``, it returns a dict of what it measured.
 
     The function names its measures: it has an attribute ``measures``, a tuple of the keys of what it returns.
     """
 
-    kind: Literal["function"]
-    function: str
-    arguments: dict[str, Any] = Field(default_factory=dict)
+    part = "function"
+
+    function: str = option(help="The function, as MODULE:ATTRIBUTE.")
+    arguments: Mapping[str, Any] | None = option(None, help="What it is called with, besides a seed.", check=_check_arguments)
 
     @property
-    def columns(self) -> tuple[str, ...]:
+    def measures(self) -> tuple[str, ...]:  # type: ignore[override]  # of other problems a class says it
         """The names of what the function measures."""
-        found = getattr(self.opened(), "measures", ())
+        found = getattr(self.called, "measures", ())
         if not found or not all(isinstance(name, str) for name in found):
             raise InvalidInputError(
                 f"function {self.function}: expected an attribute measures that names what it returns, got none"
             )
         return tuple(found)
 
-    def opened(self) -> Callable[..., Any]:
-        """Return the function."""
+    @cached_property
+    def called(self) -> Callable[..., Any]:
+        """The function itself."""
         found = Registry[Callable[..., Any]]("function").get(self.function)
         if not callable(found):
-            raise InvalidInputError(f"function {self.function}: expected something to call, got {found!r:.80}")
+            raise InvalidInputError(f"function {self.function}: expected something to call, got {shortened(found)}")
         return found
 
-    def check(self, opened: Any) -> None:
+    def check_at_place(self) -> None:
         """Refuse arguments that the function does not take."""
         try:
-            inspect.signature(opened).bind(seed=0, **self.arguments)
+            inspect.signature(self.called).bind(seed=0, **(self.arguments or {}))
         except TypeError as error:
             raise InvalidInputError(f"function {self.function}: {error}") from None
 
-    def play(self, opened: Any, seed: int) -> Values:
-        """Call it."""
-        found = opened(seed=seed, **self.arguments)
-        if not isinstance(found, dict) or {*found} != {*self.columns}:
-            raise InvalidInputError(f"function {self.function}: expected a dict of {', '.join(self.columns)}, got {found!r:.80}")
-        return [found[name] for name in self.columns]
+    def trial(self, seed: int) -> dict[str, Any]:
+        """Call the function; return what it measured."""
+        found = self.called(seed=seed, **(self.arguments or {}))
+        if not isinstance(found, dict) or {*found} != {*self.measures}:
+            raise InvalidInputError(
+                f"function {self.function}: expected a dict of {', '.join(self.measures)}, got {shortened(found)}"
+            )
+        return found

@@ -2,54 +2,61 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
-from pydantic import Field, FiniteFloat, StrictInt
+import numpy as np
 
 from shoal.errors import InvalidInputError
-from shoal.lab.problems.base import Problem, Values
+from shoal.lab.problems.base import MeasuredProblem
+from shoal.problem import option
+from shoal.swarm.theory.one_dimension import Line, sample
+from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers, Schedule
 
 
-class LineProblem(Problem):
+@dataclass(frozen=True, eq=False)
+class LineProblem(MeasuredProblem):
     """Random placements on a line: means over ``placements`` of them (paper M, section III.A)."""
 
+    part = "line"
     measures = ("first", "last", "largest_gap", "spread", "boundary", "coverage", "printed_coverage")
 
-    kind: Literal["line"]
-    cells: StrictInt
-    particles: StrictInt
-    placements: StrictInt = Field(default=1, ge=1)
+    cells: int = option(help="Cells of the line.", least=1)
+    particles: int = option(help="Number of particles.", least=1)
+    placements: int = option(1, help="Random placements of a trial.", least=1)
 
-    def opened(self) -> Any:
-        """Return the line."""
-        from shoal.swarm.theory.one_dimension import Line
-
+    @cached_property
+    def line(self) -> Line:
+        """The line."""
         return Line(self.cells, self.particles)
 
-    def play(self, opened: Any, seed: int) -> Values:
+    def check_at_place(self) -> None:
+        """Refuse more particles than cells."""
+        _ = self.line
+
+    def trial(self, seed: int) -> dict[str, Any]:
         """Draw the placements; ``shoal line`` with this seed draws the same."""
-        from shoal.swarm.theory.one_dimension import sample
-
-        drawn = sample(opened, self.placements, seed=seed, workers=1)
-        return [float(getattr(drawn, name).mean()) for name in self.measures]
+        drawn = sample(self.line, self.placements, seed=seed, workers=1)
+        return {name: float(getattr(drawn, name).mean()) for name in self.measures}
 
 
-class ScheduleProblem(Problem):
+@dataclass(frozen=True, eq=False)
+class ScheduleProblem(MeasuredProblem):
     """A wall at an unknown distance on a line, and a schedule of scans (paper M, section III.A.3)."""
 
+    part = "schedule"
     measures = ("distance", "moves", "scans", "move_ratio", "scan_ratio", "weighted_ratio")
 
-    kind: Literal["schedule"]
-    schedule: str = "i^i"
-    max_distance: StrictInt = Field(default=1000, ge=0, le=10**15)
-    distance: StrictInt | None = Field(default=None, ge=0, le=10**15)
-    scan_cost: FiniteFloat = Field(default=10.0, ge=0)
-    move_cost: FiniteFloat = Field(default=1.0, ge=0)
+    schedule: str = option("i^i", help="every-step, i^i, powers:K or one-jump:M.")
+    max_distance: int = option(1000, help="The distance is drawn from 0 to this.", least=0, most=10**15)
+    distance: int | None = option(None, help="The distance, instead of a random one.", least=0, most=10**15)
+    scan_cost: float = option(10.0, help="Price of a scan.", least=0)
+    move_cost: float = option(1.0, help="Price of a move, in the same unit.", least=0)
 
-    def opened(self) -> Any:
-        """Return the schedule."""
-        from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers
-
+    @cached_property
+    def scans(self) -> Schedule:
+        """The schedule itself."""
         made = {"every-step": EveryStep, "i^i": Hyperexponential}.get(self.schedule)
         if made is not None:
             return made()
@@ -58,16 +65,15 @@ class ScheduleProblem(Problem):
             return Powers(int(number)) if name == "powers" else OneJump(int(number))
         raise InvalidInputError(f"schedule: expected every-step, i^i, powers:K or one-jump:M, got {self.schedule!r}")
 
-    def check(self, opened: Any) -> None:
+    def check_at_place(self) -> None:
         """Refuse prices that are both zero, and schedules that end before the wall."""
         farthest = self.max_distance if self.distance is None else self.distance
-        opened.cost(farthest).weighted_ratio(scan_cost=self.scan_cost, move_cost=self.move_cost)
+        self.scans.cost(farthest).weighted_ratio(scan_cost=self.scan_cost, move_cost=self.move_cost)
 
-    def play(self, opened: Any, seed: int) -> Values:
+    def trial(self, seed: int) -> dict[str, Any]:
         """Draw a distance from 0 to ``max_distance``, if none is given, and find the wall."""
-        import numpy as np
-
         at = self.distance
-        cost = opened.cost(int(np.random.default_rng(seed).integers(self.max_distance + 1)) if at is None else at)
+        cost = self.scans.cost(int(np.random.default_rng(seed).integers(self.max_distance + 1)) if at is None else at)
         weighted = cost.weighted_ratio(scan_cost=self.scan_cost, move_cost=self.move_cost)
-        return [cost.distance, cost.moves, cost.scans, float(cost.move_ratio), float(cost.scan_ratio), float(weighted)]
+        ratios = {"move_ratio": float(cost.move_ratio), "scan_ratio": float(cost.scan_ratio), "weighted_ratio": float(weighted)}
+        return {"distance": cost.distance, "moves": cost.moves, "scans": cost.scans} | ratios

@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
+from shoal.checks import validation_message
 from shoal.errors import InvalidInputError
-from shoal.lab.problems import said
 
 MAX_POINTS = 100_000
 
@@ -49,7 +49,7 @@ def axis_values(name: str, given: Any) -> tuple[Any, ...]:
         try:
             values = _range(RangeForm.model_validate(given), where)
         except ValidationError as error:
-            raise InvalidInputError(said(error, where=where)) from None
+            raise InvalidInputError(validation_message(error, where=where)) from None
     elif isinstance(given, list | tuple | range):
         values = tuple(given)
     else:

@@ -11,9 +11,10 @@ from math import isfinite
 from typing import Any
 
 from shoal.errors import InvalidInputError, ShoalError
-from shoal.lab.problems import Problem
+from shoal.lab import problems
 from shoal.lab.sweeps.sweep import trial_seed
-from shoal.lab.versions import versions
+from shoal.lab.versions import worker_versions
+from shoal.problem import Problem
 
 _OPEN = 8  # maps, workspaces and regions that a worker keeps open
 
@@ -30,8 +31,8 @@ class Piece:
     seeds : str
         What the seeds of its trials are made of.
     first, stop : int
-    opened : object, optional
-        What the problem opens, if a worker may not have the file.
+    place : object, optional
+        The opened map, workspace or region, if a worker may not have the file.
     """
 
     point: int
@@ -39,7 +40,7 @@ class Piece:
     seeds: str
     first: int
     stop: int
-    opened: Any = None
+    place: Any = None
 
 
 @dataclass(frozen=True)
@@ -80,20 +81,20 @@ class Answer:
     worker: str
 
 
-_by_source: dict[tuple[str, str], Any] = {}
+_places: dict[tuple[str, str], Any] = {}
 
 
-def opened_for(problem: Problem) -> Any:
-    """Return what a problem opens; the same object for the same source."""
-    source = problem.source()
-    if source is None:
-        return problem.opened()
-    key = (problem.kind, source)
-    if key not in _by_source:
-        if len(_by_source) >= _OPEN:
-            del _by_source[next(iter(_by_source))]
-        _by_source[key] = problem.opened()
-    return _by_source[key]
+def placed(problem: Problem) -> Problem:
+    """Return a problem with its place opened; problems about the same place share it."""
+    name = problem.place_key()
+    if name is None:
+        return problem
+    key = (problem.part, name)
+    if key not in _places:
+        if len(_places) >= _OPEN:
+            del _places[next(iter(_places))]
+        _places[key] = problem.open_place()
+    return problem.at_place(_places[key])
 
 
 def play_batch(batch: Batch) -> Answer:
@@ -105,8 +106,8 @@ def play_batch(batch: Batch) -> Answer:
         for trial in range(piece.first, piece.stop):
             seed = trial_seed(batch.sweep_seed, piece.seeds, trial)
             try:
-                opened = piece.opened if piece.opened is not None else opened_for(piece.problem)
-                rows.append((piece.point, trial, seed, _written(piece.problem.play(opened, seed))))
+                problem = placed(piece.problem) if piece.place is None else piece.problem.at_place(piece.place)
+                rows.append((piece.point, trial, seed, _written(problems.trial(problem, seed))))
             except Exception as error:  # a third party's policy or function: anything may happen in it
                 what = " ".join(str(error).split())[:500]
                 failures.append(
@@ -114,7 +115,7 @@ def play_batch(batch: Batch) -> Answer:
                 )
         paces.append((piece.point, (time.perf_counter() - start) / (piece.stop - piece.first)))
     seconds = time.perf_counter() - began
-    return Answer(rows, failures, seconds, paces, versions(), f"{socket.gethostname()}:{os.getpid()}")
+    return Answer(rows, failures, seconds, paces, worker_versions(), f"{socket.gethostname()}:{os.getpid()}")
 
 
 def _written(values: list[Any]) -> str:
@@ -132,4 +133,4 @@ def lost_batch(batch: Batch, why: str) -> Answer:
         for piece in batch.pieces
         for trial in range(piece.first, piece.stop)
     ]
-    return Answer([], failures, 0.0, [], versions(), "")
+    return Answer([], failures, 0.0, [], worker_versions(), "")

@@ -16,10 +16,12 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
+from shoal.checks import check_integer, validation_message
 from shoal.errors import InvalidInputError
-from shoal.lab.problems import FunctionProblem, Problem, problem_of, said
+from shoal.lab.problems import FunctionProblem, problem_of
 from shoal.lab.sweeps.axes import MAX_POINTS, axis_values
 from shoal.lab.sweeps.toml_location import line_of
+from shoal.problem import Problem
 
 MAX_TRIALS = 1_000_000_000
 
@@ -105,8 +107,7 @@ class Sweep:
         if not usable or not all(c.isascii() and (c.isalnum() or c in "._-") for c in self.name):
             raise InvalidInputError(f"name: expected letters, digits and ._- (at most 80), got {self.name!r:.100}")
         for name, value, least, most in (("trials", self.trials, 1, MAX_TRIALS), ("seed", self.seed, 0, 2**63 - 1)):
-            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-                raise InvalidInputError(f"{name}: expected a whole number from {least} to {most}, got {value!r}")
+            object.__setattr__(self, name, check_integer(value, what=name, least=least, most=most))
         for name, given in (("problem", self.problem), ("axes", self.axes)):
             if not isinstance(given, Mapping):
                 raise InvalidInputError(f"{name}: expected fields with values, got {given!r:.80}")
@@ -153,10 +154,8 @@ class Sweep:
             fields |= values
         problem = problem_of(fields, where=f"problem at {_words(values)}" if values else "problem")
         if isinstance(problem, FunctionProblem):
-            kept = problem.model_copy(
-                update={"arguments": {name: value for name, value in problem.arguments.items() if name not in self.paired}}
-            )
-            seeds = kept.canonical()
+            kept = {name: value for name, value in (problem.arguments or {}).items() if name not in self.paired}
+            seeds = problem.replaced(arguments=kept).canonical()
         else:
             seeds = problem.canonical(without=self.paired)
         return Point(number, values, problem, digest_of(problem.canonical()), seeds)
@@ -164,7 +163,7 @@ class Sweep:
     @property
     def measures(self) -> tuple[str, ...]:
         """What a trial measures."""
-        return self.points[0].problem.columns
+        return self.points[0].problem.measures
 
     def describe(self) -> dict[str, Any]:
         """Return the sweep as JSON can hold it, one way for equal sweeps."""
@@ -211,7 +210,7 @@ def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:
     try:
         form = SweepForm.model_validate(data)
     except ValidationError as error:
-        raise InvalidInputError(said(error, where=where)) from None
+        raise InvalidInputError(validation_message(error, where=where)) from None
     try:
         return Sweep(form.name, form.problem, form.axes, form.trials, form.seed, tuple(form.paired))
     except InvalidInputError as error:
@@ -261,13 +260,13 @@ def _shortened(text: str) -> str:
     return text if len(text) <= 60 else f"{text[:40]} ... {text[-15:]}"
 
 
-def distinct_sources(points: tuple[Point, ...]) -> Iterator[Point]:
-    """Yield the first point of each thing that points open."""
+def distinct_places(points: tuple[Point, ...]) -> Iterator[Point]:
+    """Yield the first point of each map, workspace or region."""
     seen: set[tuple[str, str | None]] = set()
     for point in points:
-        source = (point.problem.kind, point.problem.source())
-        if source not in seen:
-            seen.add(source)
+        place = (point.problem.part, point.problem.place_key())
+        if place not in seen:
+            seen.add(place)
             yield point
 
 

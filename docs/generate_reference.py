@@ -1,0 +1,92 @@
+"""Write docs/reference/ from the code: commands from their --help, problems from their declarations. A test fails when it is old.
+
+Run: python docs/generate_reference.py
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from shoal.cli import command_names
+from shoal.lab.problems import KINDS, problem_type
+from shoal.problem import Declaration, Problem
+
+TARGET = Path(__file__).parent / "reference"
+WIDTH = "84"  # what fits the page
+COLOURED = ("FORCE_COLOR", "PY_COLORS", "GITHUB_ACTIONS", "TTY_COMPATIBLE")  # each would put escape codes into the text
+INTRO = """# Commands
+
+Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 a check failed (`replay`, `missions check`), 2 bad
+input or output (one sentence on stderr, nothing half-written), 130 interrupted.
+"""
+
+
+EACH = """
+import sys
+from shoal.cli import run
+for command in sys.argv[1:]:
+    run([*command.split(), "--help"])
+    print(end="\\f")
+"""
+
+
+def helps_of(commands: list[str]) -> list[str]:
+    """Return the help of each command, as a narrow terminal without colours shows it."""
+    environment = {name: value for name, value in os.environ.items() if name not in COLOURED}
+    environment |= {"COLUMNS": WIDTH, "TERMINAL_WIDTH": WIDTH, "TERM": "dumb", "NO_COLOR": "1", "PYTHONUTF8": "1"}
+    arguments = [sys.executable, "-c", EACH, *commands]
+    text = subprocess.run(arguments, env=environment, check=True, capture_output=True, text=True).stdout
+    return ["\n".join(line.rstrip() for line in one.strip().splitlines()) for one in text.split("\f")[:-1]]
+
+
+def commands() -> str:
+    """Return the text of docs/reference/commands.md."""
+    names = ["", *command_names()]
+    sections = [
+        f"\n## shoal{' ' * bool(name)}{name}\n\n```text\n{text}\n```\n" for name, text in zip(names, helps_of(names), strict=True)
+    ]
+    return INTRO + "".join(sections)
+
+
+PROBLEMS = """# Problems
+
+Everything that defines a run but its seed. Each field is declared once; commands, sweeps, problem files and Python take it under
+the same name with the same default. A command's option is `--` and the name with `-` for `_`; a problem file is a JSON object of
+these fields with the `kind` of the problem; a sweep file has them under `[problem]`, or as axes.
+"""
+
+
+def problems() -> str:
+    """Return the text of docs/reference/problems.md."""
+    return PROBLEMS + "".join(section(kind, problem_type(kind)) for kind in KINDS)
+
+
+def section(kind: str, problem: type[Problem]) -> str:
+    """Return the table of one kind of problem."""
+    summary = (problem.__doc__ or "").partition("\n\n")[0].replace("\n", " ")
+    rows = "".join(row(declared) for declared in problem.declarations().values())
+    measures = problem.measures if isinstance(problem.measures, tuple) else ()
+    measured = f"\nA sweep stores: {', '.join(f'`{name}`' for name in measures)}.\n" if measures else ""
+    return f'\n## kind = "{kind}"\n\n{summary}\n\n| field | type | default | meaning |\n|---|---|---|---|\n{rows}{measured}'
+
+
+def row(declared: Declaration) -> str:
+    """Return the row of one field."""
+    option = declared.option
+    kind = {int: "whole number", float: "number", bool: "true or false", str: "text"}.get(declared.type, option.metavar or "value")
+    default = "" if declared.required else "none" if declared.default is None else f"`{declared.default}`"
+    meaning = (
+        option.help + (f" Range: {declared.range}." if declared.range else "") + (f" Unit: {option.unit}." if option.unit else "")
+    )
+    meaning += f" One of {', '.join(f'`{choice}`' for choice in option.choices)}." if option.choices else ""
+    return f"| `{declared.name}` | {kind} | {default} | {meaning.replace('|', chr(92) + '|')} |\n"
+
+
+PAGES = {"commands.md": commands, "problems.md": problems}
+
+if __name__ == "__main__":
+    for name, made in PAGES.items():
+        (TARGET / name).write_text(made(), encoding="utf-8")

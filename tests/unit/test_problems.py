@@ -1,0 +1,92 @@
+"""One declaration of a problem: command, sweep, file and reference have every field, with the same default."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+
+import shoal
+from shoal import parts
+from shoal.cli import app, run
+from shoal.errors import InvalidInputError
+from shoal.lab import problems
+
+ROOT = Path(__file__).parents[2]
+REFERENCE = (ROOT / "docs" / "reference" / "problems.md").read_text()
+SMALLEST = {
+    "swarm": {"map": "maze:9x7", "particles": 4},
+    "steering": {"workspace": "square", "start": [[0.2, 0.3], [0.5, 0.35]], "goal": [[0.8, 0.2], [0.3, 0.75]]},
+    "search": {"region": "square:60", "robots": 3, "footprint": 10.0},
+}
+COMMANDS = {"swarm": ("map", "cover"), "steering": ("steer",), "search": ("search",)}
+FIELDS = [(part, name) for part in parts.PARTS for name in parts.problem_type(part).declarations()]
+
+
+@pytest.mark.parametrize(("part", "name"), FIELDS)
+def test_every_field_is_everywhere_with_one_default(part, name):
+    kind = parts.problem_type(part)
+    declared = kind.declarations()[name]
+    smallest = kind(**SMALLEST[part])
+    value = smallest.to_dict(defaults=True)[name]
+    # the command
+    for command in COMMANDS[part]:
+        taken = {one.name: one for one in typer.main.get_command(app).commands[command].params}
+        if (part, name) == ("swarm", "task"):
+            continue  # map and cover are named by it
+        assert name in taken, f"shoal {command} has no option for {name}"
+        default = taken[name].default
+        assert declared.required or default in (None, declared.default, str(declared.default))
+    # a sweep and a file
+    fields = {"kind": part} | SMALLEST[part]
+    assert problems.problem_of(fields) == problems.problem_of(fields | {name: value})
+    assert kind.from_dict(json.loads(json.dumps(fields | {name: value}))) == smallest
+    # the reference
+    section = REFERENCE.partition(f'## kind = "{part}"')[2].partition("\n## ")[0]
+    row = re.search(rf"^\| `{name}` \|[^|]*\|([^|]*)\|", section, re.M)
+    assert row is not None, "run: python docs/generate_reference.py"
+    assert declared.required or row[1].strip() == ("none" if declared.default is None else f"`{declared.default}`")
+
+
+@pytest.mark.parametrize("part", parts.PARTS)
+def test_one_result_through_every_door(part, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    problem = parts.problem_type(part)(**SMALLEST[part])
+    called = shoal.run(problem, seed=3)
+    (tmp_path / "problem.json").write_text(json.dumps(problem.to_dict()))
+    arguments = {
+        "swarm": ["map", "maze:9x7", "-n", "4"],
+        "steering": ["steer", "problem.json"],
+        "search": ["search", "square:60", "--robots", "3", "--footprint", "10"],
+    }[part]
+    assert run([*arguments, "--seed", "3", "--out", "out", "--json"]) == 0
+    saved = shoal.load(next(Path("out").glob("episode.*")))
+    assert problems.trial(problem, 3) == [called.metrics[name] for name in problem.measures]
+    for other in (saved, shoal.run(parts.load_problem("problem.json"), seed=3)):
+        assert other.problem == problem
+        assert what_was_done(other) == what_was_done(called)
+        assert other.verify()
+
+
+def what_was_done(episode):
+    if episode.part == "swarm":
+        return episode.commands
+    if episode.part == "steering":
+        return episode.inputs.tolist()
+    return [log.cells.tolist() for log in episode.robots]
+
+
+def test_short_forms():
+    assert shoal.run("vessels:300", particles=5, policy="closest-frontier").status == "complete"
+    assert shoal.run(np.ones((3, 9), dtype=bool), particles=np.int64(3)).status == "complete"
+    with pytest.raises(InvalidInputError, match="expected fields of one part"):
+        shoal.run("vessels:300", partcles=5)
+
+
+def test_a_field_that_is_none_of_the_problem_is_refused_with_the_nearest():
+    with pytest.raises(InvalidInputError, match=r"problem: partcles: expected no such field, got 3 \(did you mean 'particles'\?\)"):
+        parts.problem_of({"kind": "swarm", "map": "line:9", "partcles": 3})
