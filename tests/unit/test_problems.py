@@ -29,18 +29,15 @@ FIELDS = [(part, name) for part in parts.PARTS for name in parts.problem_type(pa
 
 @pytest.mark.parametrize(("part", "name"), FIELDS)
 def test_every_field_is_everywhere_with_one_default(part, name):
-    kind = parts.problem_type(part)
+    kind, commands = parts.problem_type(part), typer.main.get_command(app).commands
     declared = kind.declarations()[name]
     smallest = kind(**SMALLEST[part])
     value = smallest.to_dict(defaults=True)[name]
-    # the command
-    for command in COMMANDS[part]:
-        taken = {one.name: one for one in typer.main.get_command(app).commands[command].params}
-        if (part, name) == ("swarm", "task"):
-            continue  # map and cover are named by it
-        assert name in taken, f"shoal {command} has no option for {name}"
-        default = taken[name].default
-        assert declared.required or default in (None, declared.default, str(declared.default))
+    # the command; map and cover are named by the task, and each offers what its task has
+    offered = [one for command in COMMANDS[part] for one in commands[command].params if one.name == name]
+    assert offered or (part, name) == ("swarm", "task"), f"no command has an option for {name}"
+    for one in offered:
+        assert declared.required or one.default in (None, declared.default, str(declared.default))
     # a sweep and a file
     fields = {"kind": part} | SMALLEST[part]
     assert problems.problem_of(fields) == problems.problem_of(fields | {name: value})
@@ -77,7 +74,7 @@ def what_was_done(episode):
         return episode.commands
     if episode.part == "steering":
         return episode.inputs.tolist()
-    return [log.cells.tolist() for log in episode.robots]
+    return [log.cells.tolist() for log in episode.trace.robots]
 
 
 def test_short_forms():
