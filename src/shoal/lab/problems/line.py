@@ -12,7 +12,7 @@ from shoal.errors import InvalidInputError
 from shoal.lab.problems.base import MeasuredProblem
 from shoal.problem import option
 from shoal.swarm.theory.one_dimension import Line, sample
-from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers, Schedule
+from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers, ScanSchedule
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class ScheduleProblem(MeasuredProblem):
     move_cost: float = option(1.0, help="Price of a move, in the same unit.", least=0)
 
     @cached_property
-    def scans(self) -> Schedule:
+    def scans(self) -> ScanSchedule:
         """The schedule itself."""
         made = {"every-step": EveryStep, "i^i": Hyperexponential}.get(self.schedule)
         if made is not None:
