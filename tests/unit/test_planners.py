@@ -17,6 +17,7 @@ from shoal import open_map
 from shoal.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, make_policy
 from shoal.swarm.kernels.planning import planner_state
+from shoal.swarm.kernels.records import new_record
 from shoal.swarm.policies import POLICIES, BeamRollout
 from shoal.swarm.policies.planners import state
 from shoal.swarm.theory.bounds import LowerBound, lower_bound
@@ -141,13 +142,13 @@ def test_a_time_is_kept_to_from_the_first_moves_on(monkeypatch):
     """The first ten moves may be overdrawn. What earlier ones took counts once, and how fast moves were imagined tells the rest."""
     clock = iter(range(100))
     monkeypatch.setattr(state.time, "perf_counter", lambda: next(clock) * 4e-3)  # each block takes 4 ms
-    mind = SimpleNamespace(options=np.zeros(planner_state.OPTIONS), memory=np.zeros(planner_state.MEMORY, dtype=np.int64))
+    mind = SimpleNamespace(options=new_record(planner_state.OPTIONS), memory=new_record(planner_state.MEMORY))
     pace = state.Pace(0.5)
     seen = []
     for _ in range(3):
         with pace.timed(mind, 2):
-            seen.append((mind.options[planner_state.BUDGET], int(mind.memory[planner_state.CREDIT])))
-            mind.memory[planner_state.IMAGINED] += 800
+            seen.append((mind.options.budget, int(mind.memory.credit)))
+            mind.memory.imagined += 800
     assert state.ADVANCE == 10
     assert seen == [(0.5 * state.FIRST_RATE, 1000), (100.0, 400), (100.0, -200)]
 

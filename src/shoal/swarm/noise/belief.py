@@ -13,6 +13,7 @@ from shoal.swarm.grid.trace import Trace
 from shoal.swarm.kernels.dynamics import moves
 from shoal.swarm.kernels.noise import noisy_episode
 from shoal.swarm.kernels.noise import noisy_state as kernels
+from shoal.swarm.kernels.records import new_record
 from shoal.swarm.kernels.search.frontier_search import Search
 from shoal.swarm.noise.model import CONFIDENCE, PRIOR, Noise, bound_of
 from shoal.swarm.policies.paths import path_to_frontier
@@ -45,7 +46,7 @@ def haze_of(layout: GridLayout, about: Noise, confidence: float, *, prior: float
         staying=np.zeros(size),
         moved=np.zeros(size),
         offsets=np.array([steps[letter] for letter in letters_of(layout.ndim)], dtype=np.int64),
-        rates=np.array([about.slip, about.misplace, about.miss, bound_of(confidence)]),
+        rates=new_record(kernels.RATES, **vars(about), bound=bound_of(confidence)),
         layers=layout.layers,
         rows=layout.rows,
         columns=layout.columns,
@@ -155,7 +156,7 @@ class NoisyBelief:
     @property
     def remaining(self) -> int:
         """Number of frontier cells."""
-        return int(self.guard.memory[noisy_episode.REMAINING])
+        return int(self.guard.memory.remaining)
 
     @property
     def finished(self) -> bool:
@@ -166,7 +167,7 @@ class NoisyBelief:
     @property
     def undecided(self) -> int:
         """Number of cells given up."""
-        return int(self.guard.memory[noisy_episode.UNDECIDED])
+        return int(self.guard.memory.undecided)
 
     @property
     def occupied(self) -> Board:
@@ -185,7 +186,7 @@ class NoisyBelief:
 def guard_of(layout: GridLayout) -> noisy_episode.Guard:
     """Return the guard of an episode that begins."""
     size = layout.words[0] * layout.words[1]
-    memory = np.array([-1, 0, 0, 0, 0, 0], dtype=np.int64)
+    memory = new_record(noisy_episode.MEMORY, budget=-1)
     return noisy_episode.Guard(np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory)
 
 

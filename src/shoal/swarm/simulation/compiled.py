@@ -20,8 +20,8 @@ from shoal.swarm.grid.tasks import Coverage, Mapping, SubsetCoverage
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.kernels.dynamics import moves
 from shoal.swarm.kernels.episodes import planner_episode, policy_episode, scan_runs
-from shoal.swarm.kernels.planning import planner_state
 from shoal.swarm.kernels.prediction import expected_gain, lookahead
+from shoal.swarm.kernels.records import new_record
 from shoal.swarm.noise.belief import NoisyBelief
 from shoal.swarm.policies import GreedyClassify, Manual, PlannerPolicy
 from shoal.swarm.policies.paths import search_of, slides_of
@@ -116,7 +116,7 @@ class SearchGame:
     @property
     def remaining(self) -> int:
         """Number of frontier cells left."""
-        return int(self.mind.memory[policy_episode.REMAINING])
+        return int(self.mind.memory.remaining)
 
     @property
     def largest(self) -> int:
@@ -125,8 +125,8 @@ class SearchGame:
 
     def cut(self, trace: Trace) -> Status:
         """Look at the end of a run that was cut short, unless its outcome was known beforehand; see `Game`."""
-        known = self.mind.scanning.kind == scan_runs.ADAPTIVE and self.mind.memory[policy_episode.LEARNT] == 0
-        if self.mind.memory[policy_episode.RUN_LEFT] == 0 or known:
+        known = self.mind.scanning.kind == scan_runs.ADAPTIVE and self.mind.memory.learnt == 0
+        if self.mind.memory.run_left == 0 or known:
             return Status.LIMIT
         trace.scanned[-1] = True
         return Status.LIMIT if self.remaining else Status.COMPLETE
@@ -163,7 +163,7 @@ class PlannerGame:
     @property
     def remaining(self) -> int:
         """Number of frontier cells left."""
-        return int(self.mind.memory[planner_state.REMAINING])
+        return int(self.mind.memory.remaining)
 
     @property
     def largest(self) -> int:
@@ -234,13 +234,13 @@ def scout_of(layout: GridLayout, scanning: ScanRule | None) -> scan_runs.Scout |
     boards = [np.zeros(words, dtype=np.uint64) for _ in range(3)]
     return scan_runs.Scout(
         survey=expected_gain.Survey(
-            prices=np.array((scanning.scan_cost, scanning.move_cost), dtype=np.float64),
+            prices=new_record(lookahead.PRICES, scan=scanning.scan_cost, move=scanning.move_cost),
             tallies=np.zeros((expected_gain.TALLIES, 2), dtype=np.int64),
             gains=np.zeros((len(letters_of(layout.ndim)), longest + 1), dtype=np.float64),
             known=boards[0],
             columns=layout.columns,
         ),
-        prospect=lookahead.Prospect(boards[1], boards[2], np.zeros((0, 0), np.int32), np.zeros(5, np.int64)),
+        prospect=lookahead.Prospect(boards[1], boards[2], np.zeros((0, 0), np.int32), new_record(lookahead.BEST)),
     )
 
 
@@ -257,12 +257,12 @@ def policy_state_of(
 ) -> policy_episode.Mind:
     """Return the memory of a built-in policy that has not decided anything yet, or follows ``plan``."""
     space = search_of(layout, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), lookahead.LONGEST_PLAN))
-    memory = np.zeros(policy_episode.MEMORY, dtype=np.int64)
-    memory[policy_episode.RUN_COMMAND], memory[policy_episode.SCANNED] = -1, 1
-    memory[policy_episode.REMAINING] = len(belief.frontier)
+    memory = new_record(policy_episode.MEMORY)
+    memory.run_command, memory.scanned = -1, 1
+    memory.remaining = len(belief.frontier)
     if plan:
         space.plan[: len(plan)] = encode(plan, ndim=layout.ndim)
-        memory[policy_episode.PLAN_LENGTH] = len(plan)
+        memory.plan_length = len(plan)
     single, visited = empty_boards(layout, 2)
     trail = np.zeros(n_free + 2, dtype=np.int8)
     return policy_episode.Mind(memory, space, slides_of(layout, rule), single, visited, trail, scanning_of(scanning))
@@ -275,7 +275,7 @@ def choose_driven(code: int, state: SwarmState, mind: policy_episode.Mind, rng: 
     layout, cells = state.occupied.layout, state.occupied.cells
     cell = cells[rng.integers(0, len(cells)) if code == policy_episode.ELECT else 0] + 1
     layer = int(cell[0]) if layout.ndim == 3 else 0
-    mind.memory[policy_episode.ROW], mind.memory[policy_episode.COLUMN] = layer * layout.rows + cell[-2], cell[-1]
+    mind.memory.row, mind.memory.column = layer * layout.rows + cell[-2], cell[-1]
 
 
 @cache

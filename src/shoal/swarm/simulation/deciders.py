@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.swarm.grid.belief import Belief
-from shoal.swarm.grid.commands import decode, encode, letters_of
+from shoal.swarm.grid.commands import LETTERS, encode, letters_of
 from shoal.swarm.grid.fields import RULE_CODES, field_of
 from shoal.swarm.grid.scans import ScanRule
 from shoal.swarm.grid.state import SwarmState
@@ -111,23 +111,16 @@ class AdaptiveRuns:
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
         """Return the next run; see `Decider`."""
         memory, belief = self.mind.memory, view.belief
-        memory[policy_episode.REMAINING], memory[policy_episode.IDLE], memory[policy_episode.RUN_LEFT] = (
-            len(belief.frontier),
-            idle,
-            0,
-        )
+        memory.remaining, memory.idle, memory.run_left = len(belief.frontier), idle, 0
         field = field_of(belief.open.words, state, belief)  # the truth is what is believed: no kernel called here moves there
-        if not policy_episode.begin_run(
-            policy_episode.CLOSEST, field, RULE_CODES[self.rule], self.mapping, self.mind, self.scout, np.int8(0)
-        ):
+        rule, closest = RULE_CODES[self.rule], policy_episode.CLOSEST
+        if not policy_episode.begin_run(closest, field, rule, self.mapping, self.mind, self.scout, np.int8(0)):
             return None
-        return decode(memory[policy_episode.RUN_COMMAND : policy_episode.RUN_COMMAND + 1].astype(np.int8)), int(
-            memory[policy_episode.RUN_LEFT]
-        )
+        return LETTERS[memory.run_command], int(memory.run_left)
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
         """Scan where something was learnt; see `Decider`."""
-        self.mind.memory[policy_episode.LEARNT] = learnt
+        self.mind.memory.learnt = learnt
         return bool(policy_episode.end_run(field_of(belief.open.words, state, belief), self.mind, self.scout, False))
 
 

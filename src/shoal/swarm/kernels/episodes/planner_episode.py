@@ -6,7 +6,7 @@ from shoal.jit import inlined_kernel, kernel
 from shoal.swarm.kernels.dynamics.bits import popcount
 from shoal.swarm.kernels.dynamics.steps import step
 from shoal.swarm.kernels.episodes.policy_episode import COMPLETE, RUNNING, STALLED
-from shoal.swarm.kernels.planning.planner_state import QUIET, REMAINING, SURPRISE, WHOLE, choose_greedy
+from shoal.swarm.kernels.planning.planner_state import WHOLE, choose_greedy
 from shoal.swarm.kernels.planning.rollout import choose_rollout
 from shoal.swarm.kernels.prediction.lookahead import copy
 from shoal.swarm.kernels.prediction.occupancy_prior import take_note
@@ -33,14 +33,14 @@ def note_surprises(field, planner):
         found += popcount(new)
         surprises += popcount(new & ~predicted[i])
     if found > 0:
-        memory[SURPRISE] += (WHOLE * surprises // found - memory[SURPRISE]) // FADING
+        memory.surprise += (WHOLE * surprises // found - memory.surprise) // FADING
 
 
 @inlined_kernel
 def heed(field, mapping, planner, command, done):
     """Let a planner see what its last command did."""
     memory = planner.memory
-    memory[QUIET] = 0 if done > 0 else memory[QUIET] + 1
+    memory.quiet = 0 if done > 0 else memory.quiet + 1
     if mapping and done > 0:
         take_note(field, planner.experience, command)
         note_surprises(field, planner)
@@ -51,16 +51,16 @@ def play_planned(code, field, rule, mapping, planner, trace):
     """Play until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED)."""
     memory = planner.memory
     for move in range(trace.commands.shape[0]):
-        if memory[REMAINING] == 0:
+        if memory.remaining == 0:
             return move, COMPLETE
         command = choose(code, field, mapping, planner)
         if command < 0:
             return move, STALLED
         copy(field.known, planner.experience.before)
         travelled, done, change = step(field, command, rule, mapping)
-        memory[REMAINING] += change
+        memory.remaining += change
         heed(field, mapping, planner, command, done)
         trace.commands[move], trace.classified[move] = command, done
-        trace.frontier[move], trace.travelled[move] = memory[REMAINING], travelled
+        trace.frontier[move], trace.travelled[move] = memory.remaining, travelled
         trace.scanned[move] = True
-    return trace.commands.shape[0], COMPLETE if memory[REMAINING] == 0 else RUNNING
+    return trace.commands.shape[0], COMPLETE if memory.remaining == 0 else RUNNING

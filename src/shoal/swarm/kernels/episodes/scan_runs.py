@@ -62,7 +62,7 @@ def decide_adaptive(field, rule, mapping, search, scout):
     if not mapping:
         return nearest(field, search, field.occupied), 0
     survey, plan = scout.survey, search.plan
-    scan, move = survey.prices[0], survey.prices[1]
+    scan, move = survey.prices.scan, survey.prices.move
     command, steps, rate = -1, 0, 0.0
     for direction in range(survey.gains.shape[0]):
         look_around(field, survey, direction)

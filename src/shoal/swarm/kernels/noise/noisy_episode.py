@@ -9,7 +9,7 @@ so every episode ends.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,18 @@ from numpy.typing import NDArray
 from shoal.jit import kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, popcount, put
 from shoal.swarm.kernels.noise.noisy_state import learn_hazy, look, move_hazy, settle, spread_hazy
+from shoal.swarm.kernels.records import record_type
 from shoal.swarm.kernels.search.frontier_search import ahead, nearest
 
 RUNNING, COMPLETE, STALLED = 0, 1, 2
-BUDGET, REMAINING, UNDECIDED, WAKES, AT, LEFT = 0, 1, 2, 3, 4, 5  # entries of Guard.memory
-# UNDECIDED: cells given up. WAKES: see wake. AT: place in the plan. LEFT: commands of it to send before the next scan.
+MEMORY = record_type(
+    np.int64,
+    "budget",  # moves that may still go by without progress; -1: not reckoned yet
+    "remaining",  # cells of the frontier
+    "undecided",  # cells given up
+    "wakes",  # see wake
+    "at", "left",  # place in the plan, commands of it to send before the next scan
+)  # fmt: skip
 PATIENCE, TIMES = 50, 5  # the budget for a way of d moves: PATIENCE + TIMES d
 
 
@@ -30,7 +37,7 @@ class Guard(NamedTuple):
 
     settled: NDArray[np.uint64]  # cells that have been settled at some time
     given_up: NDArray[np.uint64]
-    memory: NDArray[np.int64]  # (6,)
+    memory: Any  # a record of MEMORY
 
 
 @kernel
@@ -67,7 +74,7 @@ def refresh(haze, field, guard):
     for i in range(field.known.shape[0]):
         fresh += popcount(field.known[i] & ~guard.settled[i])
         guard.settled[i] |= field.known[i]
-    guard.memory[REMAINING] = find_frontier(field, guard.given_up)
+    guard.memory.remaining = find_frontier(field, guard.given_up)
     return fresh
 
 
@@ -75,10 +82,10 @@ def refresh(haze, field, guard):
 def wake(field, search, guard):
     """Plan any command if no cell is settled as free yet, as scans that are often wrong need a few moves to be sure of one."""
     memory = guard.memory
-    if anybody(field.open) or memory[WAKES] >= PATIENCE:
+    if anybody(field.open) or memory.wakes >= PATIENCE:
         return 0
-    search.plan[0] = memory[WAKES] % search.neighbours.shape[0]
-    memory[WAKES] += 1
+    search.plan[0] = memory.wakes % search.neighbours.shape[0]
+    memory.wakes += 1
     return 1
 
 
@@ -98,25 +105,25 @@ def choose(field, search, guard, most):
     Return how many commands of it to send before the next scan, at most ``most``; 0 if there is none.
     """
     memory = guard.memory
-    if memory[REMAINING] == 0:
+    if memory.remaining == 0:
         return wake(field, search, guard)
-    while memory[REMAINING] > 0:
+    while memory.remaining > 0:
         length = nearest(field, search, field.occupied)
         if length == 0:
             return 0
-        if memory[BUDGET] < 0:
-            memory[BUDGET] = PATIENCE + TIMES * length
-        if memory[BUDGET] > 0:
+        if memory.budget < 0:
+            memory.budget = PATIENCE + TIMES * length
+        if memory.budget > 0:
             steps = min(length, most)
-            memory[BUDGET] -= steps
+            memory.budget -= steps
             return steps
         row, column = search.origin[0], search.origin[1]
         for i in range(length):
             row, column = ahead(row, column, search.plan[i], field.rows)
         put(guard.given_up, field.width, row, column)
-        memory[UNDECIDED] += 1
-        memory[BUDGET] = -1
-        memory[REMAINING] = find_frontier(field, guard.given_up)
+        memory.undecided += 1
+        memory.budget = -1
+        memory.remaining = find_frontier(field, guard.given_up)
     return 0
 
 
@@ -128,17 +135,17 @@ def play_hazy(haze, field, search, guard, rng, trace, every, limit):
     """
     memory = guard.memory
     for move in range(trace.commands.shape[0]):
-        if memory[LEFT] == 0:
-            memory[AT], memory[LEFT] = 0, choose(field, search, guard, min(every, limit - move))
-            if memory[LEFT] == 0:
-                return move, COMPLETE if memory[UNDECIDED] == 0 and anybody(field.open) and anybody(field.occupied) else STALLED
-        trace.commands[move] = search.plan[memory[AT]]
-        memory[AT] += 1
-        memory[LEFT] -= 1
-        trace.scanned[move] = memory[LEFT] == 0
+        if memory.left == 0:
+            memory.at, memory.left = 0, choose(field, search, guard, min(every, limit - move))
+            if memory.left == 0:
+                return move, COMPLETE if memory.undecided == 0 and anybody(field.open) and anybody(field.occupied) else STALLED
+        trace.commands[move] = search.plan[memory.at]
+        memory.at += 1
+        memory.left -= 1
+        trace.scanned[move] = memory.left == 0
         step_hazy(haze, field, guard, rng, trace, move)
         if trace.classified[move] > 0:
-            memory[BUDGET] = -1
+            memory.budget = -1
     return trace.commands.shape[0], RUNNING
 
 
@@ -153,7 +160,7 @@ def step_hazy(haze, field, guard, rng, trace, move):
     else:
         spread_hazy(haze, command)
     trace.classified[move] = refresh(haze, field, guard)
-    trace.frontier[move] = guard.memory[REMAINING]
+    trace.frontier[move] = guard.memory.remaining
 
 
 @kernel

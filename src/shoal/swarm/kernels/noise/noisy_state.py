@@ -10,20 +10,21 @@ particle may have tried to enter. Their two detections are weighed together, sin
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO
+from shoal.swarm.kernels.records import record_type
 
 FAINT = 1e-5  # less likely particles are dropped
 LOST = 1e-4  # that a particle which belief has lost shows up in a cell
 CLUTTER = 1e-6  # that something is seen in a cell for no reason
 SURE = 14.0  # the largest log-odds: nothing is beyond doubt
 LEAP = 8.0  # the most that one scan adds or takes
-SLIP, MISPLACE, MISS, BOUND = 0, 1, 2, 3  # entries of rates; BOUND: log-odds from which a cell counts as settled
+RATES = record_type(np.float64, "slip", "misplace", "miss", "bound")  # bound: log-odds from which a cell counts as classified
 
 
 class Haze(NamedTuple):
@@ -37,7 +38,7 @@ class Haze(NamedTuple):
     staying: NDArray[np.float64]  # that it stays, if there is one
     moved: NDArray[np.float64]  # probability of a particle after the move, before the scan
     offsets: NDArray[np.int64]  # to the neighbour in the direction of each command
-    rates: NDArray[np.float64]  # slip, misplace, miss, bound
+    rates: Any  # a record of RATES
     layers: int  # of the board's window
     rows: int
     columns: int
@@ -62,7 +63,7 @@ def move_hazy(haze, command, rng):
     """Move the particles by rule block; each stays of itself with the rate of slips. Return how many moved."""
     offset = haze.offsets[command]
     at, step = first_and_step(haze.there.shape[0], offset)
-    there, slip, travelled = haze.there, haze.rates[SLIP], 0
+    there, slip, travelled = haze.there, haze.rates.slip, 0
     for _ in range(there.shape[0]):
         if there[at] and rng.random() >= slip and haze.truth[at + offset] and not there[at + offset]:
             there[at + offset] = True
@@ -75,7 +76,7 @@ def move_hazy(haze, command, rng):
 @kernel
 def look(haze, rng):
     """Fill ``seen``: each particle is missed, seen in a random neighbouring cell, or seen where it is."""
-    there, seen, misplace, miss = haze.there, haze.seen, haze.rates[MISPLACE], haze.rates[MISS]
+    there, seen, misplace, miss = haze.there, haze.seen, haze.rates.misplace, haze.rates.miss
     seen[:] = False
     for at in range(there.shape[0]):
         if not there[at]:
@@ -92,7 +93,7 @@ def look(haze, rng):
 @kernel
 def first_belief(haze):
     """Begin the belief with the first scan: where something is seen there is a particle, unless it was seen beside its cell."""
-    misplace, miss = haze.rates[MISPLACE], haze.rates[MISS]
+    misplace, miss = haze.rates.misplace, haze.rates.miss
     hit = (1.0 - miss) * (1.0 - misplace)
     odds = (hit + CLUTTER) / ((1.0 - miss) * misplace + CLUTTER)
     held = odds / (1.0 + odds)
@@ -107,7 +108,7 @@ def first_belief(haze):
 def foresee(haze, command):
     """Fill ``staying`` and ``moved``: where particles may be after a command, before it is looked."""
     inside, staying, moved = haze.inside, haze.staying, haze.moved
-    offset, slip = haze.offsets[command], haze.rates[SLIP]
+    offset, slip = haze.offsets[command], haze.rates.slip
     at, step = first_and_step(inside.shape[0], offset)
     moved[:] = 0.0
     for _ in range(inside.shape[0]):
@@ -134,7 +135,7 @@ def spread_hazy(haze, command):
 @kernel
 def stray(haze, at, but):
     """Return the probability that a scan shows in a cell a particle of a neighbouring one, other than ``but``."""
-    share = (1.0 - haze.rates[MISS]) * haze.rates[MISPLACE] / haze.offsets.shape[0]
+    share = (1.0 - haze.rates.miss) * haze.rates.misplace / haze.offsets.shape[0]
     none = 1.0 - CLUTTER
     for offset in haze.offsets:
         if at + offset != but:
@@ -163,8 +164,8 @@ def likelihood(seen_behind, seen_here, behind, here, stray_behind, stray_here, h
 @kernel
 def weigh(haze, at, offset):
     """Weigh what was seen in a cell and behind it; return (log-odds gained that it is free, probability of a particle in it)."""
-    inside, seen, slip = haze.inside, haze.seen, haze.rates[SLIP]
-    miss, misplace = haze.rates[MISS], haze.rates[MISPLACE]
+    inside, seen, slip = haze.inside, haze.seen, haze.rates.slip
+    miss, misplace = haze.rates.miss, haze.rates.misplace
     hit, share = (1.0 - miss) * (1.0 - misplace), (1.0 - miss) * misplace / haze.offsets.shape[0]
     behind = at - offset
     free = chance(haze.logit[at])
@@ -219,7 +220,7 @@ def learn_hazy(haze, command):
 @kernel
 def settle(haze, open_words, known_words, occupied_words, width):
     """Write boards of the belief: cells settled as free, settled at all, and holding a particle more likely than not."""
-    rows, columns, bound = haze.rows, haze.columns, haze.rates[BOUND]
+    rows, columns, bound = haze.rows, haze.columns, haze.rates.bound
     pad = 0 if haze.layers == 1 else 2
     for layer in range(haze.layers):
         for row in range(rows):

@@ -7,7 +7,7 @@ those classified so far in the same surroundings, smoothed towards coarser ones.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ _LEAST = 0.01  # chance below which nobody looks further
 class Survey(NamedTuple):
     """Prices, tallies and work space of an adaptive scan."""
 
-    prices: NDArray[np.float64]  # (2,): of a scan, of a move
+    prices: Any  # a record of PRICES
     tallies: NDArray[np.int64]  # (TALLIES, 2): cells classified, and found free
     gains: NDArray[np.float64]  # (directions, longest run + 1): cells settled at each step of a run
     known: NDArray[np.uint64]  # a board: what was known before the run
@@ -145,7 +145,7 @@ def best_length(survey, command, least):
     settled, best, best_rate = 0.0, least, 0.0
     for step in range(1, gains.shape[0]):
         settled += gains[step]
-        rate = settled / (survey.prices[0] + survey.prices[1] * step)
+        rate = settled / (survey.prices.scan + survey.prices.move * step)
         if step >= least and rate > best_rate:
             best, best_rate = step, rate
     return best, best_rate

@@ -6,7 +6,7 @@ again across, to where many particles stand beside unknown cells, and only then 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from shoal.jit import kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, TOP, popcount
 from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP, Field, move_across, move_along
+from shoal.swarm.kernels.records import record_type
 
 FIRST_STEPS, SECOND_STEPS = 12, 8  # of the two shifts
 LONGEST_PLAN = FIRST_STEPS + SECOND_STEPS + 1
-FIRST, FIRST_LENGTH, SECOND, SECOND_LENGTH, LAST = 0, 1, 2, 3, 4  # entries of Prospect.best
+BEST = record_type(np.int64, "first", "first_length", "second", "second_length", "last")
+PRICES = record_type(np.float64, "scan", "move")
 
 
 class Prospect(NamedTuple):
@@ -26,7 +28,7 @@ class Prospect(NamedTuple):
     shifted: NDArray[np.uint64]  # a board: the swarm after the first shift
     twice: NDArray[np.uint64]  # a board: after the second
     counts: NDArray[np.int32]  # none: how many particles share a cell does not matter
-    best: NDArray[np.int64]  # (5,)
+    best: Any  # a record of BEST
 
 
 @kernel
@@ -78,8 +80,8 @@ def settle(field, prospect, occupied, prices, steps, rate):
     command = -1
     for last in range(4 if field.layers == 1 else 6):
         count = tried(field, occupied, last)
-        if count > rate * (prices[0] + prices[1] * (steps + 1)):
-            command, rate = last, count / (prices[0] + prices[1] * (steps + 1))
+        if count > rate * (prices.scan + prices.move * (steps + 1)):
+            command, rate = last, count / (prices.scan + prices.move * (steps + 1))
     return command, rate
 
 
@@ -113,7 +115,7 @@ def explore(field, rule, prospect, prices, rate):
                 break
             last, rate = settle(field, prospect, once.occupied, prices, length, rate)
             if last >= 0:
-                best[FIRST], best[FIRST_LENGTH], best[SECOND_LENGTH], best[LAST] = first, length, 0, last
+                best.first, best.first_length, best.second_length, best.last = first, length, 0, last
             for second in range(directions):
                 if axis(first) == axis(second):
                     continue
@@ -123,8 +125,8 @@ def explore(field, rule, prospect, prices, rate):
                         break
                     last, rate = settle(field, prospect, twice.occupied, prices, length + further, rate)
                     if last >= 0:
-                        best[FIRST], best[FIRST_LENGTH], best[LAST] = first, length, last
-                        best[SECOND], best[SECOND_LENGTH] = second, further
+                        best.first, best.first_length, best.last = first, length, last
+                        best.second, best.second_length = second, further
     return rate
 
 
@@ -132,10 +134,10 @@ def explore(field, rule, prospect, prices, rate):
 def write_plan(prospect, plan):
     """Write the walk found as a plan; return its length."""
     best = prospect.best
-    first, second = best[FIRST_LENGTH], best[SECOND_LENGTH]
+    first, second = best.first_length, best.second_length
     for i in range(first):
-        plan[i] = best[FIRST]
+        plan[i] = best.first
     for i in range(second):
-        plan[first + i] = best[SECOND]
-    plan[first + second] = best[LAST]
+        plan[first + i] = best.second
+    plan[first + second] = best.last
     return first + second + 1

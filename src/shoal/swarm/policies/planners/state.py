@@ -17,6 +17,7 @@ from shoal.swarm.grid.fields import RULE_CODES
 from shoal.swarm.kernels.planning import beam, frontier_paths, planner_state
 from shoal.swarm.kernels.planning.rollout import SAVINGS
 from shoal.swarm.kernels.prediction import forward_model, occupancy_prediction, occupancy_prior
+from shoal.swarm.kernels.records import new_record
 
 BEAM_WIDTH, BEAM_DEPTH = 24, 12
 LONGEST_PLAN = 2_000
@@ -43,13 +44,13 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
         chances=np.zeros(occupancy_prior.FINE << ((occupancy_prior.MANNERS - 1) * (2 if layout.layers == 1 else 3))),
         **extents,
     )
-    memory = np.zeros(planner_state.MEMORY, dtype=np.int64)
-    memory[planner_state.RANDOM] = seed
-    memory[planner_state.REMAINING] = len(belief.frontier)
-    memory[planner_state.SURPRISE] = planner_state.WHOLE // 4 if mapping else 0  # of a known map nothing is a surprise
+    memory = new_record(planner_state.MEMORY)
+    memory.random = seed
+    memory.remaining = len(belief.frontier)
+    memory.surprise = planner_state.WHOLE // 4 if mapping else 0  # of a known map nothing is a surprise
     return planner_state.Planner(
         memory=memory,
-        options=np.array(options, dtype=np.float64),
+        options=new_record(planner_state.OPTIONS, **dict(zip(planner_state.OPTIONS.names or (), options, strict=False))),
         scene=forward_model.Scene(
             ground=foreseen.open,
             tried=boards(),
@@ -103,12 +104,12 @@ class Pace:
             return
         rate = self.imagined / self.spent if self.imagined else FIRST_RATE
         budget = max(1.0, self.milliseconds * rate)
-        mind.options[planner_state.BUDGET] = budget
+        mind.options.budget = budget
         # What earlier moves have saved or overdrawn is known in milliseconds: it replaces what the planner has counted itself.
         saved = (self.milliseconds * (self.moves + ADVANCE) - self.spent) * rate
-        mind.memory[planner_state.CREDIT] = int(min(SAVINGS * budget, saved))
-        before, began = int(mind.memory[planner_state.IMAGINED]), time.perf_counter()
+        mind.memory.credit = int(min(SAVINGS * budget, saved))
+        before, began = int(mind.memory.imagined), time.perf_counter()
         yield
         self.spent += (time.perf_counter() - began) * 1e3
-        self.imagined += int(mind.memory[planner_state.IMAGINED]) - before
+        self.imagined += int(mind.memory.imagined) - before
         self.moves += moves

@@ -13,7 +13,6 @@ from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.fields import field_of
 from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.kernels.episodes import planner_episode
-from shoal.swarm.kernels.planning import planner_state
 from shoal.swarm.policies.compiled_policy import Compiled
 from shoal.swarm.policies.planners.state import Pace, planner_of, seed_of
 from shoal.swarm.policies.protocol import Decision, View
@@ -79,7 +78,7 @@ class PlannerPolicy(Compiled):
             pace = Pace(self.milliseconds)
         else:
             mind, pace = memory.planner, memory.pace
-            mind.memory[planner_state.REMAINING] = len(belief.frontier)
+            mind.memory.remaining = len(belief.frontier)
             planner_episode.heed(field, view.mapping, mind, memory.command, view.classified)
         with pace.timed(mind, 1):
             command = int(planner_episode.choose(self.code, field, view.mapping, mind))

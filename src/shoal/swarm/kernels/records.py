@@ -1,0 +1,28 @@
+"""Records: numbers with names that kernels change in place; compiled and not they are read and written as attributes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+def record_type(number: type[np.generic], *names: str) -> np.dtype[Any]:
+    """Return the type of a record whose fields are all numbers of one kind."""
+    return np.dtype([(name, number) for name in names])
+
+
+def new_record(kind: np.dtype[Any], **values: float) -> Any:
+    """Return a record, 0 wherever no value is given.
+
+    Examples
+    --------
+    >>> memory = new_record(record_type(np.int64, "at", "length"), length=3)
+    >>> memory.at += 1
+    >>> memory.at, memory.length
+    (1, 3)
+    """
+    record = np.rec.array(np.zeros(1, dtype=kind))[0]
+    for name, value in values.items():
+        record[name] = value
+    return record
