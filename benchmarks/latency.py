@@ -18,7 +18,7 @@ PARTICLES, TRIALS = 1000, 3
 
 
 def times(workspace: GridWorkspace, trial: int) -> list[float]:
-    """Return the milliseconds that each move of one mapping takes, planning and imagined world included."""
+    """Return the milliseconds that each move of one mapping takes, planning and simulated world included."""
     rng = trial_rng(0, trial)
     world, task = GridWorld(workspace), make_task("mapping")
     state = world.initial(place(workspace, PARTICLES, "uniform", rng))

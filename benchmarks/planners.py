@@ -32,19 +32,19 @@ def variant(name: str, **changed: float) -> Policy:
 
 
 VARIANTS = {
-    "no-careful-completion": {"charge": 0},
-    "no-outlook-in-the-beam": {"ahead": 0},
-    "no-beam": {"leaves": 0},
+    "no-careful-completion": {"left_behind_cost": 0},
+    "no-outlook-in-the-beam": {"outlook_weight": 0},
+    "no-beam": {"beam_leaves": 0},
     "no-variations": {"variations": 0},
-    "no-runs": {"runs": 0},
-    "no-prediction": {"layers": 0},
-    "prediction-of-12-cells": {"layers": 12, "sure": 0},
-    "end-always-in-sight": {"calm": 2},
-    "no-extrapolation": {"after": 0},
+    "no-runs": {"run_candidates": 0},
+    "no-prediction": {"prediction_layers": 0},
+    "prediction-of-12-cells": {"prediction_layers": 12, "joint_chance": 0},
+    "end-always-in-sight": {"end_surprise": 2},
+    "no-extrapolation": {"future_weight": 0},
     "no-lattices": {"lattices": 0},
-    "narrow-beam": {"width": 4, "depth": 8, "leaves": 3},
-    "many-as-few": {"few": 50, "share": 100},  # at n = 4000
-    "no-far-sight": {"foreseen": 0, "layers": 60},
+    "narrow-beam": {"beam_width": 4, "beam_depth": 8, "beam_leaves": 3},
+    "many-as-few": {"end_frontier": 50, "frontier_worth": 100},  # at n = 4000
+    "no-far-sight": {"far_surprise": 0, "prediction_layers": 60},
 }
 
 

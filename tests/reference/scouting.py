@@ -125,7 +125,7 @@ class Tallies:
         return likely
 
 
-def take_stock(tallies: Tallies, before: View, after: View, command: int) -> None:
+def learn_from_run(tallies: Tallies, before: View, after: View, command: int) -> None:
     """Count what a run classified, in the surroundings that were known before it."""
     for cell in (after.free | after.walls) - before.free - before.walls:
         tallies.add(surroundings(before, cell, command, after.free), cell in after.free)
@@ -295,7 +295,7 @@ class Scout:
             self.scanned.append(False)
         if learnt:
             self.scanned[-1] = True
-            take_stock(self.tallies, before, View.of(self.world), command)
+            learn_from_run(self.tallies, before, View.of(self.world), command)
         return learnt > 0
 
     def follow(self, plan: list[int], steps: int) -> None:

@@ -13,20 +13,20 @@ from shoal.swarm.kernels.prediction import forward_model
 EVERY = 4
 
 
-def course_of(mind, plan):
+def course_of(planner, plan):
     room = 2 * len(plan) + 64
-    course = anneal.Course(
+    course = anneal.AnnealedPlan(
         *(np.zeros(room, dtype=np.int8) for _ in range(3)),
-        kept=np.zeros((room // EVERY + 1, *mind.root.shape), dtype=np.uint64),
+        kept=np.zeros((room // EVERY + 1, *planner.root.shape), dtype=np.uint64),
         every=EVERY,
     )
     course.plan[: len(plan)] = plan
     return course
 
 
-def plain_moves(frame, mind, plan, rule):
+def plain_moves(frame, planner, plan, rule):
     """Return after how many commands of a plan all is covered, by a loop over cells; None if it is not."""
-    counts, ground, state, frontier = plain_copy(frame, mind, "coverage")
+    counts, ground, state, frontier = plain_copy(frame, planner, "coverage")
     code = plain.BLOCK if rule == "block" else plain.MERGE
     for moves, one in enumerate(plan):
         if not frontier.any():
@@ -39,42 +39,42 @@ def plain_moves(frame, mind, plan, rule):
 @pytest.mark.parametrize("shape", [(1, 9), (7, 6), (3, 65), (3, 4, 5)])
 def test_plans_are_played_to_their_end(shape, rule):
     for seed in range(4):
-        frame, mind, _, _, _, rng = scene_of(shape, seed, "coverage", rule=rule)
+        frame, planner, _, _, _, rng = scene_of(shape, seed, "coverage", rule=rule)
         given = rng.integers(0, 2 * len(shape), 12).astype(np.int8)
         plan = np.zeros(4000, dtype=np.int8)
         plan[: len(given)] = given
-        forward_model.copy_state(mind.root, mind.state)
-        moves, _ = anneal.finish(mind, mind.state, plan, np.int64(0), np.int64(len(given)), np.int64(3000))
-        assert moves == plain_moves(frame, mind, plan[:moves], rule) <= 3000
+        forward_model.copy_state(planner.root, planner.state)
+        moves, _ = anneal.finish(planner, planner.state, plan, np.int64(0), np.int64(len(given)), np.int64(3000))
+        assert moves == plain_moves(frame, planner, plan[:moves], rule) <= 3000
         assert (plan[: min(moves, len(given))] == given[:moves]).all()
         if moves > 0:
-            forward_model.copy_state(mind.root, mind.state)
-            assert anneal.finish(mind, mind.state, plan, np.int64(0), np.int64(moves), np.int64(moves - 1))[0] == moves
+            forward_model.copy_state(planner.root, planner.state)
+            assert anneal.finish(planner, planner.state, plan, np.int64(0), np.int64(moves), np.int64(moves - 1))[0] == moves
 
 
 @pytest.mark.parametrize("shape", [(1, 9), (7, 6), (3, 65), (3, 4, 5)])
 def test_states_are_kept_on_the_way(shape):
-    _, mind, _, _, _, rng = scene_of(shape, 3, "coverage")
+    _, planner, _, _, _, rng = scene_of(shape, 3, "coverage")
     plan = rng.integers(0, 2 * len(shape), 30)
-    course = course_of(mind, plan)
-    forward_model.copy_state(mind.root, course.kept[0])
-    anneal.keep_states(mind, course, np.int64(0), np.int64(len(plan)))
+    course = course_of(planner, plan)
+    forward_model.copy_state(planner.root, course.kept[0])
+    anneal.keep_states(planner, course, np.int64(0), np.int64(len(plan)))
     course.plan[17:30] = plan[17:30] = rng.integers(0, 2 * len(shape), 13)
-    anneal.keep_states(mind, course, np.int64(17), np.int64(len(plan)))
-    forward_model.copy_state(mind.root, mind.state)
+    anneal.keep_states(planner, course, np.int64(17), np.int64(len(plan)))
+    forward_model.copy_state(planner.root, planner.state)
     for move, one in enumerate(plan):
         if move % EVERY == 0:
-            assert (course.kept[move // EVERY] == mind.state).all()
-        forward_model.advance(mind.scene, mind.state, np.int64(one))
+            assert (course.kept[move // EVERY] == planner.state).all()
+        forward_model.advance(planner.scene, planner.state, np.int64(one))
 
 
 def test_changes_are_of_all_kinds():
-    _, mind, _, _, _, rng = scene_of((7, 6), 1, "coverage")
+    _, planner, _, _, _, rng = scene_of((7, 6), 1, "coverage")
     plan = rng.integers(0, 4, 40).astype(np.int8)
-    course = course_of(mind, plan)
+    course = course_of(planner, plan)
     lengths = set()
     for _ in range(2000):
-        at, end = anneal.change(mind, course, np.int64(len(plan)))
+        at, end = anneal.change(planner, course, np.int64(len(plan)))
         assert 0 <= at < len(plan)
         begin = at // EVERY * EVERY
         assert (course.trial[begin:at] == plan[begin:at]).all()
@@ -86,18 +86,18 @@ def test_changes_are_of_all_kinds():
 
 
 def test_the_shortest_plan_is_kept():
-    frame, mind, *_ = scene_of((7, 6), 2, "coverage")
+    frame, planner, *_ = scene_of((7, 6), 2, "coverage")
     plan = np.zeros(4000, dtype=np.int8)
-    forward_model.copy_state(mind.root, mind.state)
-    moves, _ = anneal.finish(mind, mind.state, plan, np.int64(0), np.int64(0), np.int64(3000))
-    course = course_of(mind, plan[:moves])
+    forward_model.copy_state(planner.root, planner.state)
+    moves, _ = anneal.finish(planner, planner.state, plan, np.int64(0), np.int64(0), np.int64(3000))
+    course = course_of(planner, plan[:moves])
     course.shortest[:moves] = plan[:moves]
     length = fewest = moves
     for heat in (3.0, 0.5, 0.1):
         before = fewest
-        length, fewest, spent = anneal.anneal(mind, course, length, fewest, heat, 20_000)
+        length, fewest, spent = anneal.anneal(planner, course, length, fewest, heat, 20_000)
         assert fewest <= min(before, length)
         assert spent >= 20_000
-        assert plain_moves(frame, mind, course.plan[:length], "block") == length
-        assert plain_moves(frame, mind, course.shortest[:fewest], "block") == fewest
+        assert plain_moves(frame, planner, course.plan[:length], "block") == length
+        assert plain_moves(frame, planner, course.shortest[:fewest], "block") == fewest
     assert fewest < moves

@@ -37,14 +37,14 @@ def test_moves_looks_and_belief(seed):
     workspace, start = random_case(rng)
     about = Noise(*rng.choice([0.0, 0.05, 0.3], size=3))
     shape, layout = workspace.shape, GridLayout(workspace.shape)
-    haze = truth_of(workspace, start, about, 0.99)
+    noisy = truth_of(workspace, start, about, 0.99)
     luck, same_luck = np.random.default_rng(seed), np.random.default_rng(seed)
     free, particles = tuples(workspace.cells), tuples(start)
 
     def scan():
-        kernels.look(haze, luck)
+        kernels.look(noisy, luck)
         seen = plain.look(particles, about.misplace, about.miss, same_luck)
-        assert tuples(np.argwhere(inner_of(haze.seen, shape, rim=1)) - 1) == seen
+        assert tuples(np.argwhere(inner_of(noisy.seen, shape, rim=1)) - 1) == seen
         return seen
 
     seen = scan()
@@ -56,8 +56,8 @@ def test_moves_looks_and_belief(seed):
         step = plain.STEPS[command][3 - layout.ndim :]
         before = copy.copy(particles)
         particles = plain.move(free, particles, step, about.slip, same_luck)
-        travelled = kernels.move_hazy(haze, encode(command, ndim=layout.ndim)[0], luck)
-        assert tuples(np.argwhere(inner_of(haze.there, shape))) == particles
+        travelled = kernels.move_noisy(noisy, encode(command, ndim=layout.ndim)[0], luck)
+        assert tuples(np.argwhere(inner_of(noisy.there, shape))) == particles
         assert travelled == sum(sum(cell) for cell in particles) * sum(step) - sum(sum(cell) for cell in before) * sum(step)
         if often == 1.0 or rng.random() < often:
             seen = scan()
@@ -69,5 +69,5 @@ def test_moves_looks_and_belief(seed):
         for cell in window:
             at = tuple(i + 1 for i in cell)
             assert belief.logit[at] == pytest.approx(reference.logit[cell], rel=1e-6, abs=1e-6), (command, cell)
-            inside = inner_of(belief.haze.inside, shape, rim=1)[at]
+            inside = inner_of(belief.state.inside, shape, rim=1)[at]
             assert inside == pytest.approx(reference.inside[cell], rel=1e-6, abs=1e-9), (command, cell)

@@ -18,8 +18,7 @@ from shoal.swarm.kernels.dynamics import steps
 from shoal.swarm.kernels.dynamics.bits import has
 from shoal.swarm.kernels.dynamics.moves import LEFT, RIGHT, UP
 from shoal.swarm.kernels.planning import frontier_paths
-from shoal.swarm.kernels.planning.planner_state import LAYERS, LIKELY, SURE
-from shoal.swarm.kernels.planning.rollout import look
+from shoal.swarm.kernels.planning.rollout import prepare
 from shoal.swarm.kernels.prediction import forward_model, occupancy_prediction, occupancy_prior
 from shoal.swarm.kernels.search.frontier_search import ahead, opposite
 from shoal.swarm.policies.planners.state import planner_of
@@ -44,30 +43,30 @@ def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
         belief = todo.update(belief, "lurdio"[command], state.occupied, after.occupied)
         state = after
     policy = make_policy("rollout")
-    mind = planner_of(world.layout, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings(len(start)))
-    tallies = mind.experience.tallies
+    planner = planner_of(world.layout, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings(len(start)))
+    tallies = planner.prior.tallies
     tallies[:, 0] = rng.integers(0, 6, len(tallies))
     tallies[:, 1] = rng.integers(0, 1 + tallies[:, 0])
-    mind.experience.losses[:] = rng.integers(0, 9, occupancy_prior.MANNERS)
+    planner.prior.losses[:] = rng.integers(0, 9, occupancy_prior.MODELS)
     field = field_of(world.free.words, state, belief)
-    look(field, task == "mapping", mind)
-    return world.layout, mind, field, state, belief, rng
+    prepare(field, task == "mapping", planner)
+    return world.layout, planner, field, state, belief, rng
 
 
 def cells_of(layout, board):
     return Board(layout, board.reshape(layout.words))
 
 
-def plain_copy(layout, mind, task):
-    """Return counts, free, state and frontier of the imagined world; the rim is the reference's own."""
+def plain_copy(layout, planner, task):
+    """Return counts, free, state and frontier of the simulated world; the rim is the reference's own."""
 
     def grid(board):
         mask = cells_of(layout, board).mask
         return mask if mask.ndim == 3 else mask[None]
 
-    counts = grid(mind.root[forward_model.OCCUPIED]).astype(np.int32)
-    ground, frontier = grid(mind.scene.ground), grid(mind.root[forward_model.FRONTIER])
-    unseen = grid(mind.root[forward_model.UNSEEN])
+    counts = grid(planner.root[forward_model.OCCUPIED]).astype(np.int32)
+    ground, frontier = grid(planner.scene.ground), grid(planner.root[forward_model.FRONTIER])
+    unseen = grid(planner.root[forward_model.UNSEEN])
     known = ~(frontier | unseen) if task == "mapping" else np.ones_like(frontier)
     state = np.where(known, np.where(ground, plain.FREE, plain.OBSTACLE), plain.UNKNOWN).astype(np.uint8)
     return counts, ground.copy(), state, frontier.copy()
@@ -78,25 +77,25 @@ def plain_copy(layout, mind, task):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_imagined_moves(shape, task, rule):
     for seed in range(4):
-        layout, mind, _, _, _, rng = scene_of(shape, seed, task, rule=rule)
-        counts, ground, state, frontier = plain_copy(layout, mind, task)
+        layout, planner, _, _, _, rng = scene_of(shape, seed, task, rule=rule)
+        counts, ground, state, frontier = plain_copy(layout, planner, task)
         code = plain.BLOCK if rule == "block" else plain.MERGE
         for command in rng.integers(0, 2 * len(shape), 12):
-            forward_model.prospects(mind.scene, mind.root, mind.gains)
+            forward_model.immediate_gains(planner.scene, planner.root, planner.gains)
             expected = plain.step(
                 counts, ground, state, frontier, command, code, plain.MAPPING if task == "mapping" else plain.COVERAGE
             )
-            settled = forward_model.advance(mind.scene, mind.root, np.int64(command))
-            assert settled == expected[1] == mind.gains[command]
-            occupied = cells_of(layout, mind.root[forward_model.OCCUPIED]).mask.reshape(counts.shape)
+            settled = forward_model.advance(planner.scene, planner.root, np.int64(command))
+            assert settled == expected[1] == planner.gains[command]
+            occupied = cells_of(layout, planner.root[forward_model.OCCUPIED]).mask.reshape(counts.shape)
             assert (occupied == (counts > 0)).all()
-            assert (cells_of(layout, mind.root[forward_model.FRONTIER]).mask.reshape(counts.shape) == frontier).all()
+            assert (cells_of(layout, planner.root[forward_model.FRONTIER]).mask.reshape(counts.shape) == frontier).all()
 
 
-def distances_of(layout, mind):
+def distances_of(layout, planner):
     """Breadth-first search, cell by cell, over ground and frontier; stops at the frontier."""
-    ground, frontier = cells_of(layout, mind.scene.ground).mask, cells_of(layout, mind.root[forward_model.FRONTIER]).mask
-    occupied = cells_of(layout, mind.root[forward_model.OCCUPIED]).mask
+    ground, frontier = cells_of(layout, planner.scene.ground).mask, cells_of(layout, planner.root[forward_model.FRONTIER]).mask
+    occupied = cells_of(layout, planner.root[forward_model.OCCUPIED]).mask
     distance = np.full(ground.shape, -1)
     queue = deque(tuple(cell) for cell in np.argwhere(occupied))
     for cell in queue:
@@ -119,20 +118,20 @@ def distances_of(layout, mind):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_way_and_outlook(shape):
     for seed in range(6):
-        layout, mind, _, _, _, _ = scene_of(shape, seed, moves=seed)
-        distances = distances_of(layout, mind)
-        length = frontier_paths.way(mind.scene, mind.root, mind.planes, mind.trial, np.int64(0), 500)
+        layout, planner, _, _, _, _ = scene_of(shape, seed, moves=seed)
+        distances = distances_of(layout, planner)
+        length = frontier_paths.path_to_nearest(planner.scene, planner.root, planner.planes, planner.trial, np.int64(0), 500)
         nearest = distances[distances > 0].min(initial=10**6)
         assert length == (0 if nearest == 10**6 else nearest)
         rate, cap = 0.8, 5
         expected = sum(rate ** (min(d - 1, cap) if d > 0 else cap) for d in distances)
-        found = frontier_paths.outlook(mind.scene, mind.root, mind.planes, rate, cap)
+        found = frontier_paths.outlook(planner.scene, planner.root, planner.planes, rate, cap)
         if (distances > 0).all():
             assert found == pytest.approx(expected)
         settled = 0
-        for command in mind.trial[:length]:
+        for command in planner.trial[:length]:
             assert settled == 0
-            settled = forward_model.advance(mind.scene, mind.root, np.int64(command))
+            settled = forward_model.advance(planner.scene, planner.root, np.int64(command))
         assert length == 0 or settled > 0 or length > 1
 
 
@@ -140,7 +139,7 @@ class Plain:
     """What `experience` learns, by names instead of numbers: {(manner, place, surroundings): [cells, free ones]}."""
 
     def __init__(self, layout):
-        self.layout, self.tallies, self.losses = layout, {}, [0.0] * occupancy_prior.MANNERS
+        self.layout, self.tallies, self.losses = layout, {}, [0.0] * occupancy_prior.MODELS
 
     def surroundings(self, state, row, column, command):
         """Return (behind, beside the neighbour, beside the cell), the last two sorted; `state` tells that of a cell."""
@@ -167,8 +166,8 @@ class Plain:
 
     def learn(self, around, row, column, free):
         """Ask all manners, then count the cell once in every tally that any of them asks."""
-        chains = [self.chain(manner, around, row, column) for manner in range(occupancy_prior.MANNERS)]
-        for manner in range(occupancy_prior.MANNERS):
+        chains = [self.chain(manner, around, row, column) for manner in range(occupancy_prior.MODELS)]
+        for manner in range(occupancy_prior.MODELS):
             likely = self.chance(manner, around, row, column)
             self.losses[manner] -= math.log(likely if free else 1 - likely)
         for name in {name for chain in chains for name in chain}:
@@ -191,14 +190,14 @@ def states(layout, known, opened):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_experience(shape):
     """What is learnt from the moves of an episode is what the plain one learns from the same cells."""
-    layout, mind, field, _, _, rng = scene_of(shape, 3, moves=0)
-    learnt, plainly = mind.experience, Plain(layout)
+    layout, planner, field, _, _, rng = scene_of(shape, 3, moves=0)
+    learnt, plainly = planner.prior, Plain(layout)
     learnt.tallies[:], learnt.losses[:] = 0, 0
     for command in rng.integers(0, 2 * len(shape), 12):
         learnt.before[:] = field.known
         state = states(layout, learnt.before, field.open)
         steps.step(field, command, 0, True)
-        occupancy_prior.take_note(field, learnt, command)
+        occupancy_prior.learn_from_command(field, learnt, command)
         for i, word in enumerate(field.known & ~learnt.before):
             for bit in range(64):
                 if int(word) >> bit & 1:
@@ -209,8 +208,8 @@ def test_experience(shape):
     assert plainly.tallies["all"][0] > 0
     assert learnt.tallies[0].tolist() == list(plainly.tallies["all"])
     assert sorted(map(tuple, learnt.tallies[learnt.tallies[:, 0] > 0].tolist())) == sorted(map(tuple, plainly.tallies.values()))
-    assert occupancy_prior.believed(learnt, 3) == np.argmin(learnt.losses)
-    assert occupancy_prior.believed(learnt, 0) == 0
+    assert occupancy_prior.best_model(learnt, 3) == np.argmin(learnt.losses)
+    assert occupancy_prior.best_model(learnt, 0) == 0
 
 
 def predicted_plainly(layout, field, learnt, manner, depth, likely, sure):
@@ -262,12 +261,12 @@ def predicted_plainly(layout, field, learnt, manner, depth, likely, sure):
 @pytest.mark.parametrize("shape", [shape for shape in SHAPES if len(shape) == 2 or shape[-1] < 60])
 def test_prediction(shape):
     for seed in range(5):
-        layout, mind, field, _, _, _ = scene_of(shape, seed, moves=seed)
+        layout, planner, field, _, _, _ = scene_of(shape, seed, moves=seed)
         for manner, (layers, likely, sure) in enumerate(((1, 0.75, 0.0), (12, 0.6, 0.0), (30, 0.5, 0.3), (3, 0.6, 0.5))):
-            occupancy_prediction.predict(field, mind.experience, manner, mind.guess, layers, likely, sure)
-            expected = predicted_plainly(layout, field, mind.experience, manner, layers, likely, sure)
-            assert (mind.guess.open == expected).all()
-    assert {LAYERS, LIKELY, SURE} < set(range(mind.options.size))
+            occupancy_prediction.predict(field, planner.prior, manner, planner.prediction, layers, likely, sure)
+            expected = predicted_plainly(layout, field, planner.prior, manner, layers, likely, sure)
+            assert (planner.prediction.open == expected).all()
+    assert {"prediction_layers", "free_threshold", "joint_chance"} < set(planner.options.dtype.names)
 
 
 def test_a_lattice_is_found_out():
@@ -281,4 +280,4 @@ def test_a_lattice_is_found_out():
         rng = np.random.default_rng(1)
         game = PlannerGame(make_policy("best"), world.free, state, belief, rule="block", mapping=True, rng=rng)
         game.play_on(Trace.empty(100), 100)
-        assert (occupancy_prior.believed(game.mind.experience, 3) > 0) == lattice
+        assert (occupancy_prior.best_model(game.planner.prior, 3) > 0) == lattice

@@ -17,10 +17,10 @@ from tests.reference.scouting import (
     cells_of,
     expected_gains,
     explore,
+    learn_from_run,
     moved,
     scout,
     shifts,
-    take_stock,
     tried,
 )
 from tests.swarm_runs import run
@@ -31,8 +31,8 @@ from shoal.swarm.grid.board import Board
 from shoal.swarm.grid.fields import field_of
 from shoal.swarm.grid.scans import ScanRule
 from shoal.swarm.kernels.dynamics import moves
-from shoal.swarm.kernels.prediction import expected_gain, lookahead
-from shoal.swarm.simulation.compiled import policy_state_of, scout_of
+from shoal.swarm.kernels.prediction import expected_gain, lookahead, occupancy_prior
+from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 
 RULES = ("block", "merge")
 WIDTHS = (1, 2, 3, 8, 20, 61, 62, 63, 64, 65, 70)  # with the rim 62 just fills a word
@@ -95,9 +95,9 @@ class Scene:
         self.field = field_of(world.free.words, state, belief)
         scanning = ScanRule("adaptive", scan_cost=prices[0], move_cost=prices[1])
         options = {"rule": rule, "ties": "column-major", "neighbours": "lurd", "plan": "", "scanning": scanning}
-        self.mind = policy_state_of(self.layout, free.size, belief, **options)
-        self.scout = scout_of(self.layout, scanning)
-        self.survey, self.prospect = self.scout
+        self.policy_state = policy_state_of(self.layout, free.size, belief, **options)
+        self.scout = scan_planner_of(self.layout, scanning)
+        self.gain, self.lookahead = self.scout
 
     def board(self, mask):
         """Return the board of a padded array."""
@@ -125,10 +125,10 @@ def scenes(seed, count=20):
 def keys():
     """Yield (key, number) of all surroundings."""
     for behind, (a, near), (b, sides) in product(range(3), enumerate(PAIRS), enumerate(PAIRS)):
-        yield (behind, near, sides), (behind * 6 + a) * 6 + b
+        yield (behind, near, sides), 1 + occupancy_prior.COARSE + (behind * 6 + a) * 6 + b
     for behind, (a, near) in product(range(3), enumerate(PAIRS)):
-        yield (behind, near), expected_gain.FINE + behind * 6 + a
-    yield "all", expected_gain.FINE + expected_gain.COARSE
+        yield (behind, near), 1 + behind * 6 + a
+    yield "all", 0
 
 
 def random_tallies(rng, words):
@@ -146,7 +146,7 @@ def test_tried_and_shift():
         view, field = scene.view, scene.field
         for command in view.directions:
             assert lookahead.tried(field, field.occupied, command) == tried(view, view.particles, command)
-            once = lookahead.predicted(field, scene.prospect.shifted, scene.prospect.counts)
+            once = lookahead.predicted(field, scene.lookahead.shifted, scene.lookahead.counts)
             once.occupied[:] = field.occupied
             expected = list(shifts(view, view.particles, command, scene.rule, 1))
             assert lookahead.shift(field, once, command, moves.MERGE if scene.rule == "merge" else moves.BLOCK) == bool(expected)
@@ -164,27 +164,27 @@ def test_a_certain_shift_is_what_the_world_does():
 
 def test_expected_gains_and_the_best_length():
     for scene, rng in scenes(83):
-        tallies = random_tallies(rng, scene.survey.tallies)
+        tallies = random_tallies(rng, scene.gain.tallies)
         for command in scene.view.directions:
-            expected_gain.look_around(scene.field, scene.survey, command)
+            expected_gain.gains_of_runs(scene.field, scene.gain, command)
             gains = expected_gains(scene.view, tallies, command)
-            assert scene.survey.gains[command].tolist() == gains
+            assert scene.gain.gains[command].tolist() == gains
             for least in (1, 2, 5, len(gains) - 1, len(gains) + 3):
-                assert expected_gain.best_length(scene.survey, command, least) == best_length(gains, scene.prices, least)
+                assert expected_gain.best_length(scene.gain, command, least) == best_length(gains, scene.prices, least)
 
 
 def test_what_a_run_teaches():
     for scene, rng in scenes(84):
         command, code = int(rng.choice(scene.view.directions)), moves.MERGE if scene.rule == "merge" else moves.BLOCK
-        scene.survey.known[:] = scene.field.known
+        scene.gain.prior.before[:] = scene.field.known
         for _ in range(int(rng.integers(1, 9))):
             moves.push(scene.field, command, code)
             plain.step(*scene.world, command, code, plain.MAPPING)
-        expected_gain.take_stock(scene.field, scene.survey, command)
+        expected_gain.learn_from_run(scene.field, scene.gain, command)
         tallies = Tallies()
-        take_stock(tallies, scene.view, View.of(scene.world), command)
+        learn_from_run(tallies, scene.view, View.of(scene.world), command)
         for key, number in keys():
-            assert scene.survey.tallies[number].tolist() == [tallies.cells[key], tallies.free[key]]
+            assert scene.gain.prior.tallies[number].tolist() == [tallies.cells[key], tallies.free[key]]
 
 
 def test_explore():
@@ -193,9 +193,9 @@ def test_explore():
         rate = float(rng.choice([0.0, 0.01, 0.05, 0.3]))
         plan, best = explore(scene.view, scene.rule, scene.prices, rate)
         code = moves.MERGE if scene.rule == "merge" else moves.BLOCK
-        assert lookahead.explore(scene.field, code, scene.prospect, scene.survey.prices, rate) == best
+        assert lookahead.explore(scene.field, code, scene.lookahead, scene.gain.prices, rate) == best
         if plan:
-            length = lookahead.write_plan(scene.prospect, scene.mind.search.plan)
-            assert scene.mind.search.plan[:length].tolist() == plan
+            length = lookahead.write_plan(scene.lookahead, scene.policy_state.search.plan)
+            assert scene.policy_state.search.plan[:length].tolist() == plan
             found += 1
     assert found > 20

@@ -44,9 +44,12 @@ from shoal.swarm.policies import BeamRollout
 np.seterr(over="ignore")  # words wrap around on purpose
 rng = np.random.default_rng(22)
 class Quick(BeamRollout):
-    tuning = BeamRollout.tuning._replace(width=2, depth=2, leaves=1, variations=2, horizon=10, near_horizon=6, layers=3, patience=4)
+    tuning = BeamRollout.tuning._replace(
+        beam_width=2, beam_depth=2, beam_leaves=1, variations=2,
+        horizon=10, near_horizon=6, prediction_layers=3, force_after=4,
+    )
 class First(BeamRollout):
-    tuning = Quick.tuning._replace(few=3)
+    tuning = Quick.tuning._replace(end_frontier=3)
 for shape in ((3, 5), (1, 9), (2, 63), (3, 64), (2, 65), (2, 126), (2, 2, 4)):
     free = rng.random(shape) < 0.8
     free.flat[0] = True

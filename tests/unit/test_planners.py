@@ -24,14 +24,14 @@ from shoal.swarm.theory.bounds import LowerBound, lower_bound
 from shoal.swarm.theory.optima import SmallWorld, optimum
 
 SMALL: dict[str, float] = {
-    "width": 3,
-    "depth": 3,
-    "leaves": 2,
+    "beam_width": 3,
+    "beam_depth": 3,
+    "beam_leaves": 2,
     "variations": 2,
     "horizon": 14,
     "near_horizon": 8,
-    "patience": 20,
-    "layers": 4,
+    "force_after": 20,
+    "prediction_layers": 4,
 }
 
 
@@ -44,13 +44,13 @@ class Quick(BeamRollout):
 class QuickFirst(BeamRollout):
     """The same, with the end out of sight above five frontier cells."""
 
-    tuning = BeamRollout.tuning._replace(few=5, charge=0, ahead=0, runs=0, **SMALL)
+    tuning = BeamRollout.tuning._replace(end_frontier=5, left_behind_cost=0, outlook_weight=0, run_candidates=0, **SMALL)
 
 
 class Hasty(BeamRollout):
     """A plan of a few commands now and then, and between them whatever settles most."""
 
-    tuning = BeamRollout.tuning._replace(horizon=3, near_horizon=2, patience=20)
+    tuning = BeamRollout.tuning._replace(horizon=3, near_horizon=2, force_after=20)
 
 
 def test_best_is_an_alias():
@@ -127,7 +127,10 @@ def test_a_time_for_each_move():
 
 def test_thought_by_the_number_of_particles():
     """Few particles need many moves and gain more by thinking; many need few moves, and their plans are short."""
-    budget, variations, few, share = 0, *(1 + BeamRollout.tuning._fields.index(name) for name in ("variations", "few", "share"))
+    budget, variations, few, share = (
+        0,
+        *(1 + BeamRollout.tuning._fields.index(name) for name in ("variations", "end_frontier", "frontier_worth")),
+    )
     usual = make_policy("best").settings(1000)
     for particles, times, plans in ((100, 10, 10), (5, 10, 10), (500, 4, 2), (2000, 2, 2), (10**6, 4, 4)):
         given_more = make_policy("best").settings(particles)
@@ -139,16 +142,16 @@ def test_thought_by_the_number_of_particles():
 
 
 def test_a_time_is_kept_to_from_the_first_moves_on(monkeypatch):
-    """The first ten moves may be overdrawn. What earlier ones took counts once, and how fast moves were imagined tells the rest."""
+    """The first ten moves may be overdrawn. What earlier ones took counts once, and the rate of simulation tells the rest."""
     clock = iter(range(100))
     monkeypatch.setattr(state.time, "perf_counter", lambda: next(clock) * 4e-3)  # each block takes 4 ms
-    mind = SimpleNamespace(options=new_record(planner_state.OPTIONS), memory=new_record(planner_state.MEMORY))
+    planner = SimpleNamespace(options=new_record(planner_state.OPTIONS), memory=new_record(planner_state.MEMORY))
     pace = state.Pace(0.5)
     seen = []
     for _ in range(3):
-        with pace.timed(mind, 2):
-            seen.append((mind.options.budget, int(mind.memory.credit)))
-            mind.memory.imagined += 800
+        with pace.timed(planner, 2):
+            seen.append((planner.options.budget, int(planner.memory.credit)))
+            planner.memory.simulated += 800
     assert state.ADVANCE == 10
     assert seen == [(0.5 * state.FIRST_RATE, 1000), (100.0, 400), (100.0, -200)]
 
@@ -156,7 +159,7 @@ def test_a_time_is_kept_to_from_the_first_moves_on(monkeypatch):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"policy": "best:budget=0"}, "budget: expected imagined moves a move, above 0"),
+        ({"policy": "best:budget=0"}, "budget: expected simulated moves a move, above 0"),
         ({"policy": "best:budget=nan"}, "budget: expected"),
         ({"policy": "rollout:milliseconds=-1"}, "milliseconds: expected a time a move"),
         ({"policy": "best", "scan_every": 2}, "scan-every: expected 1 for policy beam-rollout"),

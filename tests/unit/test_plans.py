@@ -51,7 +51,7 @@ def test_annealing_makes_plans_shorter_and_never_longer(monkeypatch):
     starts = [run(workspace, particles=6, trial=trial).start for trial in range(4)]
     annealed = [len(plan_coverage(workspace, start, budget=2000)) for start in starts]
     monkeypatch.setattr(offline, "PIECES", 1)
-    monkeypatch.setattr(offline.anneal, "anneal", lambda mind, course, length, fewest, *rest: (length, fewest, 0))
+    monkeypatch.setattr(offline.anneal, "anneal", lambda planner, course, length, fewest, *rest: (length, fewest, 0))
     first = [len(plan_coverage(workspace, start, budget=2000)) for start in starts]
     assert all(one <= other for one, other in zip(annealed, first, strict=True))
     assert sum(annealed) < sum(first)
@@ -80,7 +80,7 @@ def test_nothing_to_do():
         ),
         (lambda: plan_coverage(GridWorkspace([[1, 0, 1]]), [(0, 0)]), "expected a particle in every connected part"),
         (lambda: run(open_map("line:4"), particles=1, policy="offline"), "expected a task whose map is known"),
-        (lambda: run(open_map("line:4"), particles=1, policy="offline:budget=0", task="coverage"), "budget: expected imagined"),
+        (lambda: run(open_map("line:4"), particles=1, policy="offline:budget=0", task="coverage"), "budget: expected simulated"),
     ],
 )
 def test_what_is_refused(call, message):

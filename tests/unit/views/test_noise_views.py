@@ -59,7 +59,7 @@ def test_frames_and_figures_show_particles_and_what_is_wrong(episode):
         assert (code[moment.particles] == NOISY.particle).all()
     np.testing.assert_array_equal(codes_after(episode, episode.moves), codes[-1])
     labels = [text.get_text() for text in map_figure(episode).axes[0].get_legend().get_texts()]
-    assert labels[-1] == "settled wrongly"
+    assert labels[-1] == "classified wrongly"
 
 
 def numbers(data):

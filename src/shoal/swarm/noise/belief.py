@@ -27,7 +27,7 @@ def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(size + 2 * PAD for size in shape)
 
 
-def haze_of(layout: GridLayout, about: Noise, confidence: float, *, prior: float = PRIOR) -> kernels.Haze:
+def noisy_state_of(layout: GridLayout, about: Noise, confidence: float, *, prior: float = PRIOR) -> kernels.NoisyState:
     """Return the kernels' arrays for a workspace of which nothing is known, without particles."""
     shape = padded_shape(layout.shape)
     strides = [1, shape[-1], shape[-1] * shape[-2]]
@@ -37,7 +37,7 @@ def haze_of(layout: GridLayout, about: Noise, confidence: float, *, prior: float
     guard = np.ones(shape, dtype=np.bool_)
     guard[(slice(PAD - 1, 1 - PAD),) * layout.ndim] = False
     logit[guard] = NEVER
-    return kernels.Haze(
+    return kernels.NoisyState(
         truth=np.zeros(size, dtype=np.bool_),
         there=np.zeros(size, dtype=np.bool_),
         seen=np.zeros(size, dtype=np.bool_),
@@ -102,46 +102,46 @@ class NoisyBelief:
         noise: Noise,
         confidence: float = CONFIDENCE,
         *,
-        haze: kernels.Haze | None = None,  # of a simulation, whose truth lies in the same arrays
+        noisy: kernels.NoisyState | None = None,  # of a simulation, whose truth lies in the same arrays
     ) -> None:
         self.layout, self.noise, self.confidence = GridLayout(shape), noise, confidence
-        self.haze = haze_of(self.layout, noise, confidence) if haze is None else haze
+        self.state = noisy_state_of(self.layout, noise, confidence) if noisy is None else noisy
         self.guard = guard_of(self.layout)
         self._field = field_of(self.layout)
         self._show(seen)
-        kernels.first_belief(self.haze)
-        noisy_episode.refresh(self.haze, self._field, self.guard)
+        kernels.first_belief(self.state)
+        noisy_episode.refresh(self.state, self._field, self.guard)
 
     def update(self, command: str, seen: Board) -> int:
-        """Take in what was seen after one command; return how many cells are settled for the first time."""
+        """Take in what was seen after one command; return how many cells are classified for the first time."""
         self._show(seen)
         return self.learn(encode(command, ndim=self.layout.ndim)[0])
 
     def learn(self, code: np.int8) -> int:
-        """Take in what the arrays show as seen after a command; return how many cells are settled for the first time."""
-        kernels.learn_hazy(self.haze, code)
-        return int(noisy_episode.refresh(self.haze, self._field, self.guard))
+        """Take in what the arrays show as seen after a command; return how many cells are classified for the first time."""
+        kernels.learn_noisy(self.state, code)
+        return int(noisy_episode.refresh(self.state, self._field, self.guard))
 
     def spread(self, command: str) -> None:
         """Take in a command that no scan follows: particles may have gone on, and no cell is known any better."""
-        self.foretell(encode(command, ndim=self.layout.ndim)[0])
+        self.spread_code(encode(command, ndim=self.layout.ndim)[0])
 
-    def foretell(self, code: np.int8) -> None:
+    def spread_code(self, code: np.int8) -> None:
         """Do what `spread` does, for the code of a command."""
-        kernels.spread_hazy(self.haze, code)
-        noisy_episode.refresh(self.haze, self._field, self.guard)
+        kernels.spread_noisy(self.state, code)
+        noisy_episode.refresh(self.state, self._field, self.guard)
 
     def play(self, search: Search, rng: Generator, trace: Trace, *, every: int, limit: int) -> tuple[int, int]:
-        """Play closest-frontier until the trace is full; return (moves, status code); see `noisy_episode.play_hazy`."""
-        played, status = noisy_episode.play_hazy(self.haze, self._field, search, self.guard, rng, trace, every, limit)
+        """Play closest-frontier until the trace is full; return (moves, status code); see `noisy_episode.play_noisy`."""
+        played, status = noisy_episode.play_noisy(self.state, self._field, search, self.guard, rng, trace, every, limit)
         return int(played), int(status)
 
     def follow(self, rng: Generator, trace: Trace) -> None:
         """Play the commands of the trace and fill in its other columns."""
-        noisy_episode.follow_hazy(self.haze, self._field, self.guard, rng, trace)
+        noisy_episode.follow_noisy(self.state, self._field, self.guard, rng, trace)
 
     def _show(self, seen: Board) -> None:
-        inner_of(self.haze.seen, self.layout.shape, rim=1)[...] = seen.mask
+        inner_of(self.state.seen, self.layout.shape, rim=1)[...] = seen.mask
 
     @property
     def probability(self) -> NDArray[np.float64]:
@@ -151,7 +151,7 @@ class NoisyBelief:
     @property
     def logit(self) -> NDArray[np.float64]:
         """Log-odds that each cell is free; float64, with the rim."""
-        return np.array(inner_of(self.haze.logit, self.layout.shape, rim=1))
+        return np.array(inner_of(self.state.logit, self.layout.shape, rim=1))
 
     @property
     def remaining(self) -> int:
@@ -176,18 +176,18 @@ class NoisyBelief:
 
     @property
     def belief(self) -> Belief:
-        """What is settled at the stated confidence, as policies know it."""
+        """What is classified at the stated confidence, as policies know it."""
         field = self._field
         return Belief(
             *(Board(self.layout, words.reshape(self.layout.words).copy()) for words in (field.open, field.known, field.frontier))
         )
 
 
-def guard_of(layout: GridLayout) -> noisy_episode.Guard:
+def guard_of(layout: GridLayout) -> noisy_episode.ProgressGuard:
     """Return the guard of an episode that begins."""
     size = layout.words[0] * layout.words[1]
     memory = new_record(noisy_episode.MEMORY, budget=-1)
-    return noisy_episode.Guard(np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory)
+    return noisy_episode.ProgressGuard(np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory)
 
 
 def field_of(layout: GridLayout) -> moves.Field:

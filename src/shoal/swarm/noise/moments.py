@@ -12,12 +12,12 @@ from shoal.swarm.noise.belief import NoisyBelief
 from shoal.swarm.noise.model import PRIOR, bound_of
 
 LEVELS = 8
-"""Shades between a cell of which nothing is known and one that is settled, on either side."""
+"""Shades between a cell of which nothing is known and one that is classified, on either side."""
 
-OBSTACLE, UNKNOWN, FREE = 0, LEVELS, 2 * LEVELS  # looks: the shades from settled as obstacle to settled as free,
+OBSTACLE, UNKNOWN, FREE = 0, LEVELS, 2 * LEVELS  # looks: the shades from classified as obstacle to classified as free,
 FRONTIER = 2 * LEVELS + 1  # ... the same of frontier cells, from here on,
-FALSE_FREE = 2 * FRONTIER  # ... an obstacle settled as free,
-FALSE_OBSTACLE = FALSE_FREE + 1  # ... and a free cell settled as obstacle
+FALSE_FREE = 2 * FRONTIER  # ... an obstacle classified as free,
+FALSE_OBSTACLE = FALSE_FREE + 1  # ... and a free cell classified as obstacle
 LOOKS = FALSE_OBSTACLE + 1
 
 
@@ -30,8 +30,8 @@ class Moment:
     particles : ndarray of bool
         Where particles are; of a rig, of which that is not known, where the last scan has shown them.
     looks : ndarray of uint8
-        A shade from ``OBSTACLE`` (settled as that) over ``UNKNOWN`` to ``FREE``, even in log-odds; ``FRONTIER`` is added to those
-        of frontier cells; ``FALSE_FREE`` or ``FALSE_OBSTACLE`` if a cell is settled wrongly, as far as that is known.
+        A shade from ``OBSTACLE`` (classified as that) over ``UNKNOWN`` to ``FREE``, even in log-odds; ``FRONTIER`` is added for
+        frontier cells; ``FALSE_FREE`` or ``FALSE_OBSTACLE`` if a cell is classified wrongly, as far as that is known.
     """
 
     particles: NDArray[np.bool_]
@@ -52,7 +52,7 @@ def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np
     bound, start = bound_of(belief.confidence), log(PRIOR / (1 - PRIOR))
     gained = belief.logit - start
     share = np.where(gained >= 0, gained / (bound - start), gained / (bound + start))
-    inner = LEVELS - 1  # of cells that are not settled
+    inner = LEVELS - 1  # of cells that are not classified
     looks = (UNKNOWN + np.clip(np.rint(share * LEVELS), -inner, inner)).astype(np.uint8)
     known = belief.belief
     free, obstacles = known.open.mask, known.obstacles.mask

@@ -12,7 +12,7 @@ from shoal.swarm.grid.commands import encode
 from shoal.swarm.grid.world import check_start
 from shoal.swarm.kernels.noise import noisy_state
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.noise.belief import NoisyBelief, haze_of, inner_of
+from shoal.swarm.noise.belief import NoisyBelief, inner_of, noisy_state_of
 from shoal.swarm.noise.model import CONFIDENCE, Noise
 
 
@@ -40,7 +40,7 @@ class NoisyRig:
 
     def __init__(self, workspace: GridWorkspace, start: ArrayLike, noise: Noise, rng: Generator) -> None:
         self.workspace, self.noise, self.rng = workspace, noise, rng
-        self.haze = truth_of(workspace, check_start(workspace, start), noise, CONFIDENCE)
+        self.state = truth_of(workspace, check_start(workspace, start), noise, CONFIDENCE)
         self._stopped = False
 
     @property
@@ -62,31 +62,31 @@ class NoisyRig:
         """Carry out one command."""
         if self._stopped:
             raise RigError("the simulated rig has been stopped")
-        noisy_state.move_hazy(self.haze, encode(command, ndim=self.workspace.ndim)[0], self.rng)
+        noisy_state.move_noisy(self.state, encode(command, ndim=self.workspace.ndim)[0], self.rng)
 
     def observe(self) -> NDArray[np.int64]:
         """Return cells where something is seen; int64, shape (k, ndim); the rim has row or column -1 and H or W."""
-        noisy_state.look(self.haze, self.rng)
-        return np.argwhere(inner_of(self.haze.seen, self.shape, rim=1)) - 1
+        noisy_state.look(self.state, self.rng)
+        return np.argwhere(inner_of(self.state.seen, self.shape, rim=1)) - 1
 
     def stop(self) -> None:
         """Take no further commands."""
         self._stopped = True
 
 
-def truth_of(workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float) -> noisy_state.Haze:
+def truth_of(workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float) -> noisy_state.NoisyState:
     """Return the kernels' arrays of a workspace with particles, of which nothing is known yet."""
-    haze = haze_of(GridLayout(workspace.shape), about, confidence)
-    inner_of(haze.truth, workspace.shape)[...] = workspace.free
-    inner_of(haze.there, workspace.shape)[tuple(start.T)] = True
-    return haze
+    noisy = noisy_state_of(GridLayout(workspace.shape), about, confidence)
+    inner_of(noisy.truth, workspace.shape)[...] = workspace.free
+    inner_of(noisy.there, workspace.shape)[tuple(start.T)] = True
+    return noisy
 
 
 def noisy_belief(
     workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float, rng: Generator
 ) -> NoisyBelief:
     """Return the belief after the first scan of a simulation; its arrays hold the truth, too."""
-    haze, layout = truth_of(workspace, start, about, confidence), GridLayout(workspace.shape)
-    noisy_state.look(haze, rng)
-    seen = Board(layout, layout.pack(np.array(inner_of(haze.seen, layout.shape, rim=1), dtype=np.bool_)))
-    return NoisyBelief(layout.shape, seen, about, confidence, haze=haze)
+    noisy, layout = truth_of(workspace, start, about, confidence), GridLayout(workspace.shape)
+    noisy_state.look(noisy, rng)
+    seen = Board(layout, layout.pack(np.array(inner_of(noisy.seen, layout.shape, rim=1), dtype=np.bool_)))
+    return NoisyBelief(layout.shape, seen, about, confidence, noisy=noisy)

@@ -11,8 +11,8 @@ from shoal.swarm.policies.manual import Manual
 from shoal.swarm.policies.planners.beam_rollout import BeamRollout
 from shoal.swarm.policies.planners.greedy_classify import GreedyClassify
 from shoal.swarm.policies.planners.offline import Offline
+from shoal.swarm.policies.planners.planner_policy import Budgeted, PlannerPolicy
 from shoal.swarm.policies.planners.rollout import Rollout
-from shoal.swarm.policies.planners.tuning import Budgeted, PlannerPolicy
 from shoal.swarm.policies.protocol import Decision, Policy, View
 from shoal.swarm.policies.random_moves import RandomMoves
 from shoal.swarm.policies.sweep import Sweep

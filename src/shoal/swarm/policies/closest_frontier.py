@@ -16,7 +16,7 @@ from shoal.swarm.policies.protocol import Decision, View
 class ClosestFrontier(Searching):
     """Search from all particles to the nearest frontier cell, play the whole path, repeat.
 
-    Playing the path always settles its target: a particle that is held up on the way is held up by one that stands where it
+    Playing the path always classifies its target: a particle that is held up on the way is held up by one that stands where it
     should be. At most m(3m + 1) moves in 2-D, m the number of free cells (theorem 2 of paper M says m(m+1)/2, which leaves out
     the walls). Source: paper M, algorithm 3; ties: docs/concepts/policies.md.
     """

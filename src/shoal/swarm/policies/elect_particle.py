@@ -22,7 +22,7 @@ class _Elected:
 
 @dataclass(frozen=True)
 class ElectParticle(Searching):
-    """Elect a random particle; go to the frontier cell nearest to it; replan as soon as that is settled.
+    """Elect a random particle; go to the frontier cell nearest to it; replan as soon as that is classified.
 
     If another particle holds the elected one up, that particle stands where the elected one should be and becomes the elected one.
     Without this handover the literal algorithm can cycle for ever. Source: paper M, algorithm 2; docs/concepts/policies.md.

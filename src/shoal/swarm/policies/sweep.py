@@ -23,7 +23,7 @@ class Sweep(Compiled):
     """Left to the wall; up and right by turns until nothing goes right; down and left by turns back; again while it helps.
 
     For a rectangle k cells tall with k particles along its left wall (placement left-wall) this takes 4m/k moves. It is no strategy
-    for other shapes: where a whole turn settles nothing it stops and the episode is reported as stalled.
+    for other shapes: where a whole turn classifies nothing it stops and the episode is reported as stalled.
     Source: paper D, section III.B.2.
     """
 

@@ -25,7 +25,7 @@ from shoal.swarm.kernels.records import new_record
 from shoal.swarm.noise.belief import NoisyBelief
 from shoal.swarm.policies import GreedyClassify, Manual, PlannerPolicy
 from shoal.swarm.policies.paths import search_of, slides_of
-from shoal.swarm.policies.planners.state import Pace, planner_of, seed_of
+from shoal.swarm.policies.planners.state import Pace, new_prior, planner_of, seed_of
 
 RUNNING = policy_episode.RUNNING
 STATUSES = {policy_episode.RUNNING: Status.LIMIT, policy_episode.COMPLETE: Status.COMPLETE, policy_episode.STALLED: Status.STALLED}
@@ -101,22 +101,24 @@ class SearchGame:
         self.layout, self.field = state.occupied.layout, field_of(free.words, state, belief)
         options = {name: getattr(policy, name) for name in ("ties", "neighbours") if hasattr(policy, name)}
         plan = getattr(policy, "commands", "")
-        self.mind = policy_state_of(self.layout, n_free, belief, rule=rule, plan=plan, scanning=scanning, **options)
-        self.scout = scout_of(self.layout, scanning)
+        self.policy_state = policy_state_of(self.layout, n_free, belief, rule=rule, plan=plan, scanning=scanning, **options)
+        self.scan_planner = scan_planner_of(self.layout, scanning)
         if not belief.complete:
-            choose_driven(policy.code, state, self.mind, rng)
+            choose_driven(policy.code, state, self.policy_state, rng)
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
         """Play a piece; see `Game`. What is random is drawn here, outside the kernel."""
         if self.code == policy_episode.RANDOM:
-            trace.commands[:] = self.rng.integers(0, len(self.mind.search.neighbours), size=trace.moves)
-        played, status = policy_episode.play(self.code, self.field, self.rule, self.mapping, self.mind, self.scout, trace)
+            trace.commands[:] = self.rng.integers(0, len(self.policy_state.search.neighbours), size=trace.moves)
+        played, status = policy_episode.play(
+            self.code, self.field, self.rule, self.mapping, self.policy_state, self.scan_planner, trace
+        )
         return int(played), int(status)
 
     @property
     def remaining(self) -> int:
         """Number of frontier cells left."""
-        return int(self.mind.memory.remaining)
+        return int(self.policy_state.memory.remaining)
 
     @property
     def largest(self) -> int:
@@ -125,8 +127,8 @@ class SearchGame:
 
     def cut(self, trace: Trace) -> Status:
         """Look at the end of a run that was cut short, unless its outcome was known beforehand; see `Game`."""
-        known = self.mind.scanning.kind == scan_runs.ADAPTIVE and self.mind.memory.learnt == 0
-        if self.mind.memory.run_left == 0 or known:
+        known = self.policy_state.scanning.kind == scan_runs.ADAPTIVE and self.policy_state.memory.learnt == 0
+        if self.policy_state.memory.run_left == 0 or known:
             return Status.LIMIT
         trace.scanned[-1] = True
         return Status.LIMIT if self.remaining else Status.COMPLETE
@@ -148,22 +150,22 @@ class PlannerGame:
         self.code, self.rule, self.mapping, self.pace = policy.code, RULE_CODES[rule], mapping, Pace(policy.milliseconds)
         self.field = field_of(free.words, state, belief)
         options = policy.settings(len(state.occupied))
-        self.mind = planner_of(belief.open.layout, belief, rule=rule, mapping=mapping, seed=seed, options=options)
+        self.planner = planner_of(belief.open.layout, belief, rule=rule, mapping=mapping, seed=seed, options=options)
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
         """Play a piece; see `Game`."""
         moves, status, piece = 0, RUNNING, TIMED_PIECE if self.pace.milliseconds else max(1, trace.moves)
         while moves < trace.moves and status == RUNNING:
             part = trace.part(moves, moves + piece)
-            with self.pace.timed(self.mind, part.moves):
-                played, status = planner_episode.play_planned(self.code, self.field, self.rule, self.mapping, self.mind, part)
+            with self.pace.timed(self.planner, part.moves):
+                played, status = planner_episode.play_planner(self.code, self.field, self.rule, self.mapping, self.planner, part)
             moves += int(played)
         return moves, int(status)
 
     @property
     def remaining(self) -> int:
         """Number of frontier cells left."""
-        return int(self.mind.memory.remaining)
+        return int(self.planner.memory.remaining)
 
     @property
     def largest(self) -> int:
@@ -225,22 +227,20 @@ def scanning_of(scanning: ScanRule | None) -> scan_runs.Scanning:
     return scan_runs.Scanning(scan_runs.GIVEN, 1) if scanning is None else scan_runs.Scanning(KINDS[scanning.kind], scanning.step)
 
 
-def scout_of(layout: GridLayout, scanning: ScanRule | None) -> scan_runs.Scout | None:
+def scan_planner_of(layout: GridLayout, scanning: ScanRule | None) -> scan_runs.ScanPlanner | None:
     """Return what an adaptive scan rule works in; None for all others."""
     if scanning is None or KINDS[scanning.kind] != scan_runs.ADAPTIVE:
         return None
-    words = layout.words[0] * layout.words[1]
     longest = min(max(layout.window), LONGEST_RUN)
-    boards = [np.zeros(words, dtype=np.uint64) for _ in range(3)]
-    return scan_runs.Scout(
-        survey=expected_gain.Survey(
+    boards = empty_boards(layout, 2)
+    return scan_runs.ScanPlanner(
+        gain=expected_gain.ExpectedGain(
             prices=new_record(lookahead.PRICES, scan=scanning.scan_cost, move=scanning.move_cost),
-            tallies=np.zeros((expected_gain.TALLIES, 2), dtype=np.int64),
+            prior=new_prior(layout),
             gains=np.zeros((len(letters_of(layout.ndim)), longest + 1), dtype=np.float64),
-            known=boards[0],
             columns=layout.columns,
         ),
-        prospect=lookahead.Prospect(boards[1], boards[2], np.zeros((0, 0), np.int32), new_record(lookahead.BEST)),
+        lookahead=lookahead.Lookahead(boards[0], boards[1], np.zeros((0, 0), np.int32), new_record(lookahead.BEST)),
     )
 
 
@@ -254,7 +254,7 @@ def policy_state_of(
     neighbours: str = "lurd",
     plan: str,
     scanning: ScanRule | None = EVERY_MOVE,
-) -> policy_episode.Mind:
+) -> policy_episode.PolicyState:
     """Return the memory of a built-in policy that has not decided anything yet, or follows ``plan``."""
     space = search_of(layout, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), lookahead.LONGEST_PLAN))
     memory = new_record(policy_episode.MEMORY)
@@ -265,17 +265,17 @@ def policy_state_of(
         memory.plan_length = len(plan)
     single, visited = empty_boards(layout, 2)
     trail = np.zeros(n_free + 2, dtype=np.int8)
-    return policy_episode.Mind(memory, space, slides_of(layout, rule), single, visited, trail, scanning_of(scanning))
+    return policy_episode.PolicyState(memory, space, slides_of(layout, rule), single, visited, trail, scanning_of(scanning))
 
 
-def choose_driven(code: int, state: SwarmState, mind: policy_episode.Mind, rng: Generator) -> None:
+def choose_driven(code: int, state: SwarmState, policy_state: policy_episode.PolicyState, rng: Generator) -> None:
     """Choose the particle that a policy drives: elect-particle a random one, depth-first the first; others drive none."""
     if code not in {policy_episode.ELECT, policy_episode.DEPTH_FIRST}:
         return
     layout, cells = state.occupied.layout, state.occupied.cells
     cell = cells[rng.integers(0, len(cells)) if code == policy_episode.ELECT else 0] + 1
     layer = int(cell[0]) if layout.ndim == 3 else 0
-    mind.memory.row, mind.memory.column = layer * layout.rows + cell[-2], cell[-1]
+    policy_state.memory.row, policy_state.memory.column = layer * layout.rows + cell[-2], cell[-1]
 
 
 @cache
@@ -286,7 +286,7 @@ def load_kernels(*, planner: bool = False) -> None:
     state, belief, rng = SwarmState(here), Belief(here, here, here), np.random.default_rng(0)
     if planner:
         first = PlannerGame(GreedyClassify(), here, state, belief, rule="block", mapping=True, rng=rng)
-        planner_episode.play_planned(first.code, first.field, first.rule, True, first.mind, Trace.empty(0))
+        planner_episode.play_planner(first.code, first.field, first.rule, True, first.planner, Trace.empty(0))
     else:
         game = SearchGame(Manual(), here, state, belief, rule="block", mapping=True, n_free=1, rng=rng, scanning=EVERY_MOVE)
         game.play_on(Trace.empty(0), 0)

@@ -19,7 +19,7 @@ from shoal.swarm.kernels.noise.noisy_episode import PATIENCE as NOISY_PATIENCE
 from shoal.swarm.kernels.noise.noisy_episode import TIMES
 from shoal.swarm.policies.manual import Manual
 from shoal.swarm.policies.protocol import Policy, View
-from shoal.swarm.simulation.compiled import policy_state_of, scout_of
+from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 
 PATIENCE = policy_episode.PATIENCE
 """So many runs in a row that move no particle and classify no cell: the policy is stopped as stalled."""
@@ -105,23 +105,23 @@ class AdaptiveRuns:
         layout = belief.open.layout
         size = int(np.prod(layout.window))
         self.rule, self.mapping = rule, mapping
-        self.mind = policy_state_of(layout, size, belief, rule=rule, plan="", scanning=scanning, **options)
-        self.scout = scout_of(layout, scanning)
+        self.policy_state = policy_state_of(layout, size, belief, rule=rule, plan="", scanning=scanning, **options)
+        self.scan_planner = scan_planner_of(layout, scanning)
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
         """Return the next run; see `Decider`."""
-        memory, belief = self.mind.memory, view.belief
+        memory, belief = self.policy_state.memory, view.belief
         memory.remaining, memory.idle, memory.run_left = len(belief.frontier), idle, 0
         field = field_of(belief.open.words, state, belief)  # the truth is what is believed: no kernel called here moves there
         rule, closest = RULE_CODES[self.rule], policy_episode.CLOSEST
-        if not policy_episode.begin_run(closest, field, rule, self.mapping, self.mind, self.scout, np.int8(0)):
+        if not policy_episode.begin_run(closest, field, rule, self.mapping, self.policy_state, self.scan_planner, np.int8(0)):
             return None
         return LETTERS[memory.run_command], int(memory.run_left)
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
         """Scan where something was learnt; see `Decider`."""
-        self.mind.memory.learnt = learnt
-        return bool(policy_episode.end_run(field_of(belief.open.words, state, belief), self.mind, self.scout, False))
+        self.policy_state.memory.learnt = learnt
+        return bool(policy_episode.end_run(field_of(belief.open.words, state, belief), self.policy_state, self.scan_planner, False))
 
 
 class ReplannedRuns:

@@ -40,12 +40,12 @@ class NoisySwarm:
         """Send commands, and scan after the last one if ``scan`` says so; see `shoal.swarm.simulation.loop.Controlled`."""
         code, rows = encode(command, ndim=self.noisy.layout.ndim)[0], []
         for step in range(1, steps + 1):
-            travelled, classified = int(noisy_state.move_hazy(self.noisy.haze, code, self.rng)), 0
+            travelled, classified = int(noisy_state.move_noisy(self.noisy.state, code, self.rng)), 0
             if scan and step == steps:
-                noisy_state.look(self.noisy.haze, self.rng)
+                noisy_state.look(self.noisy.state, self.rng)
                 classified = self.noisy.learn(code)
             else:
-                self.noisy.foretell(code)
+                self.noisy.spread_code(code)
             rows.append((classified, self.noisy.remaining, travelled))
         self._take_over()
         return rows, scan

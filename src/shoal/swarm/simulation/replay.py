@@ -199,16 +199,16 @@ class NoisyReplay(_BeliefReplay):
         belief, rng = self._begin()
         yield belief, self._particles(belief)
         for code, scanned in zip(self.trace.commands, self.trace.scanned.tolist(), strict=True):
-            kernels.move_hazy(belief.haze, code, rng)
+            kernels.move_noisy(belief.state, code, rng)
             if scanned:
-                kernels.look(belief.haze, rng)
+                kernels.look(belief.state, rng)
                 belief.learn(code)
             else:
-                belief.foretell(code)
+                belief.spread_code(code)
             yield belief, self._particles(belief)
 
     def _particles(self, belief: NoisyBelief) -> NDArray[np.bool_]:
-        return np.array(inner_of(belief.haze.there, self.workspace.shape, rim=1), dtype=np.bool_)
+        return np.array(inner_of(belief.state.there, self.workspace.shape, rim=1), dtype=np.bool_)
 
     @cached_property
     def last(self) -> tuple[NoisyBelief, End]:

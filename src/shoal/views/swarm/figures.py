@@ -73,7 +73,7 @@ def _legend(axes: Axes, *, coverage: bool, noisy: bool, seen: bool) -> None:
         if not (coverage and key == "unknown")
     ]
     if noisy:
-        handles.append(Patch(facecolor=WRONG_FREE, edgecolor=MUTED, linewidth=0.5, label="settled wrongly"))
+        handles.append(Patch(facecolor=WRONG_FREE, edgecolor=MUTED, linewidth=0.5, label="classified wrongly"))
     axes.legend(
         handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=len(handles), frameon=False, fontsize=8,
         handlelength=1, handleheight=1, columnspacing=1.4,

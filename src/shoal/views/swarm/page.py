@@ -53,7 +53,7 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
           followed each.
         - ``status`` : ``"complete"``, ``"stalled"`` or ``"limit"``.
         - With noise instead of ``start`` and ``targets``: ``moments`` : base64 of `shoal.views.swarm.recording.packed_moments`;
-          ``looks`` : what their numbers mean; ``noise`` : rates by name; ``goal`` : how many cells there are to settle;
+          ``looks`` : what their numbers mean; ``noise`` : rates by name; ``goal`` : how many cells there are to classify;
           ``truth`` : whether it is known what is wrong; ``seen`` : whether particles are where they were seen, not where they are.
     """
     return {

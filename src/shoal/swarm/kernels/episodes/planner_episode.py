@@ -9,7 +9,7 @@ from shoal.swarm.kernels.episodes.policy_episode import COMPLETE, RUNNING, STALL
 from shoal.swarm.kernels.planning.planner_state import WHOLE, choose_greedy
 from shoal.swarm.kernels.planning.rollout import choose_rollout
 from shoal.swarm.kernels.prediction.lookahead import copy
-from shoal.swarm.kernels.prediction.occupancy_prior import take_note
+from shoal.swarm.kernels.prediction.occupancy_prior import learn_from_command
 
 GREEDY, ROLLOUT = 6, 7  # as the codes of `play`
 FADING = 8  # moves that find something, over which surprises are remembered
@@ -24,9 +24,9 @@ def choose(code, field, mapping, planner):
 
 
 @kernel
-def note_surprises(field, planner):
+def measure_surprise(field, planner):
     """Count the cells just found free, and those of them that had been predicted to be walls or not at all."""
-    memory, before, predicted = planner.memory, planner.experience.before, planner.guess.open
+    memory, before, predicted = planner.memory, planner.prior.before, planner.prediction.open
     found, surprises = 0, 0
     for i in range(before.shape[0]):
         new = field.open[i] & ~before[i]
@@ -37,17 +37,17 @@ def note_surprises(field, planner):
 
 
 @inlined_kernel
-def heed(field, mapping, planner, command, done):
+def observe_outcome(field, mapping, planner, command, done):
     """Let a planner see what its last command did."""
     memory = planner.memory
     memory.quiet = 0 if done > 0 else memory.quiet + 1
     if mapping and done > 0:
-        take_note(field, planner.experience, command)
-        note_surprises(field, planner)
+        learn_from_command(field, planner.prior, command)
+        measure_surprise(field, planner)
 
 
 @kernel
-def play_planned(code, field, rule, mapping, planner, trace):
+def play_planner(code, field, rule, mapping, planner, trace):
     """Play until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED)."""
     memory = planner.memory
     for move in range(trace.commands.shape[0]):
@@ -56,10 +56,10 @@ def play_planned(code, field, rule, mapping, planner, trace):
         command = choose(code, field, mapping, planner)
         if command < 0:
             return move, STALLED
-        copy(field.known, planner.experience.before)
+        copy(field.known, planner.prior.before)
         travelled, done, change = step(field, command, rule, mapping)
         memory.remaining += change
-        heed(field, mapping, planner, command, done)
+        observe_outcome(field, mapping, planner, command, done)
         trace.commands[move], trace.classified[move] = command, done
         trace.frontier[move], trace.travelled[move] = memory.remaining, travelled
         trace.scanned[move] = True

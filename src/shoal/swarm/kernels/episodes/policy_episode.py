@@ -1,7 +1,7 @@
 """Whole episodes: a policy decides, the world moves, the trace is written, without leaving compiled code.
 
-``play`` runs for a limited number of moves and can be called again: all that a policy remembers is in ``Mind``. So a caller may
-show progress, be interrupted between two calls and let logs grow, and the result does not depend on where it was cut.
+``play`` runs for a limited number of moves and can be called again: all that a policy remembers is in ``PolicyState``. So a caller
+may show progress, be interrupted between two calls and let traces grow; the result does not depend on where it was cut.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from shoal.swarm.kernels.episodes.scan_runs import (
     last_run,
     stretch,
 )
-from shoal.swarm.kernels.prediction.expected_gain import take_stock
+from shoal.swarm.kernels.prediction.expected_gain import learn_from_run
 from shoal.swarm.kernels.prediction.lookahead import copy
 from shoal.swarm.kernels.records import record_type
 from shoal.swarm.kernels.search.frontier_search import Search, ahead, nearest, opposite
@@ -51,7 +51,7 @@ MEMORY = record_type(
 PATIENCE = 1_000  # so many of them, and the policy is stopped
 
 
-class Mind(NamedTuple):
+class PolicyState(NamedTuple):
     """What a policy remembers between two moves, and the space that it works in."""
 
     memory: Any  # a record of MEMORY
@@ -64,16 +64,16 @@ class Mind(NamedTuple):
 
 
 @kernel
-def decide_elect(field, mind):
+def decide_elect(field, policy_state):
     """Plan from the elected particle alone to the frontier cell nearest to it.
 
     If its part of the free space is done, the particle nearest to the frontier is elected in its place.
     """
-    memory, search = mind.memory, mind.search
+    memory, search = policy_state.memory, policy_state.search
     row, column = memory.row, memory.column
-    put(mind.single, field.width, row, column)
-    length = nearest(field, search, mind.single)
-    mind.single[row * field.width + (column >> 6)] = ZERO
+    put(policy_state.single, field.width, row, column)
+    length = nearest(field, search, policy_state.single)
+    policy_state.single[row * field.width + (column >> 6)] = ZERO
     if length == 0:
         length = nearest(field, search, field.occupied)
         if length == 0:
@@ -87,28 +87,28 @@ def decide_elect(field, mind):
 
 
 @kernel
-def decide_depth_first(field, mind):
+def decide_depth_first(field, policy_state):
     """Probe, else step to a cell not visited, else go back one step."""
-    memory, plan = mind.memory, mind.search.plan
-    put(mind.visited, field.width, memory.row, memory.column)
+    memory, plan = policy_state.memory, policy_state.search.plan
+    put(policy_state.visited, field.width, memory.row, memory.column)
     memory.backtracking = 0
-    for command in mind.search.neighbours:
+    for command in policy_state.search.neighbours:
         row, column = ahead(memory.row, memory.column, command, field.rows)
-        fresh = has(field.open, field.width, row, column) and not has(mind.visited, field.width, row, column)
+        fresh = has(field.open, field.width, row, column) and not has(policy_state.visited, field.width, row, column)
         if fresh or not has(field.known, field.width, row, column):
             plan[0] = command
             return 1
     if memory.trail_length == 0:
         return 0
     memory.backtracking = 1
-    plan[0] = opposite(mind.trail[memory.trail_length - 1])
+    plan[0] = opposite(policy_state.trail[memory.trail_length - 1])
     return 1
 
 
 @kernel
-def decide_sweep(mind):
+def decide_sweep(policy_state):
     """Left to the wall; up and right by turns to the other wall; down and left by turns back; and again while it helps."""
-    memory, plan = mind.memory, mind.search.plan
+    memory, plan = policy_state.memory, policy_state.search.plan
     if memory.phase == 3:
         if memory.gain == 0:
             return 0
@@ -123,28 +123,28 @@ def decide_sweep(mind):
 
 
 @kernel
-def decide(code, field, rule, mapping, mind, draw):
+def decide(code, field, rule, mapping, policy_state, draw):
     """Write the next commands into the plan; return how many, 0 if the policy has none left."""
     if code == RANDOM:
-        mind.search.plan[0] = draw
+        policy_state.search.plan[0] = draw
         return 1
     if code == CLOSEST:
         if rule == TILT:
-            return nearest_by_tilts(field, mind.search, mind.slides, field.occupied, mapping)
-        return nearest(field, mind.search, field.occupied)
+            return nearest_by_tilts(field, policy_state.search, policy_state.slides, field.occupied, mapping)
+        return nearest(field, policy_state.search, field.occupied)
     if code == ELECT:
-        return decide_elect(field, mind)
+        return decide_elect(field, policy_state)
     if code == DEPTH_FIRST:
-        return decide_depth_first(field, mind)
+        return decide_depth_first(field, policy_state)
     if code == SWEEP:
-        return decide_sweep(mind)
+        return decide_sweep(policy_state)
     return 0  # MANUAL: its whole plan was there from the start
 
 
 @kernel
-def follow(field, mind, command):
+def follow(field, policy_state, command):
     """Keep track of the driven particle: whoever stands where it should have gone is it now; tell whether anybody does."""
-    memory = mind.memory
+    memory = policy_state.memory
     row, column = ahead(memory.row, memory.column, command, field.rows)
     if not has(field.occupied, field.width, row, column):
         return False
@@ -153,22 +153,22 @@ def follow(field, mind, command):
 
 
 @kernel
-def notice(code, field, mind, command, travelled, done):
+def notice(code, field, policy_state, command, travelled, done):
     """Let the policy see what its last command did."""
-    memory = mind.memory
+    memory = policy_state.memory
     if code == ELECT:
-        follow(field, mind, command)
+        follow(field, policy_state, command)
         if not has(field.frontier, field.width, memory.target_row, memory.target_column):
             memory.plan_length = 0
     elif code == DEPTH_FIRST:
-        if not follow(field, mind, command):
+        if not follow(field, policy_state, command):
             return
         if memory.backtracking == 1:
             memory.trail_length -= 1
         else:
-            mind.trail[memory.trail_length] = command
+            policy_state.trail[memory.trail_length] = command
             memory.trail_length += 1
-            put(mind.visited, field.width, memory.row, memory.column)
+            put(policy_state.visited, field.width, memory.row, memory.column)
     elif code == SWEEP:
         memory.gain += done
         if memory.phase == 0 or memory.second == 1:
@@ -180,25 +180,25 @@ def notice(code, field, mind, command, travelled, done):
 
 
 @kernel
-def begin_run(code, field, rule, mapping, mind, scout, draw):
+def begin_run(code, field, rule, mapping, policy_state, scan_planner, draw):
     """Choose the next run; tell whether there is one."""
-    memory, plan, scanning = mind.memory, mind.search.plan, mind.scanning
+    memory, plan, scanning = policy_state.memory, policy_state.search.plan, policy_state.scanning
     if memory.plan_at >= memory.plan_length:
         memory.plan_at, memory.last_run = 0, 0
-        if scout is None:
-            memory.plan_length = decide(code, field, rule, mapping, mind, draw)
+        if scan_planner is None:
+            memory.plan_length = decide(code, field, rule, mapping, policy_state, draw)
         else:
-            memory.plan_length, memory.last_run = decide_adaptive(field, rule, mapping, mind.search, scout)
+            memory.plan_length, memory.last_run = decide_adaptive(field, rule, mapping, policy_state.search, scan_planner)
         if memory.plan_length == 0 or memory.idle >= PATIENCE:
             return False
     at, length = memory.plan_at, memory.plan_length
     command, steps = plan[at], 1
-    if scout is not None:
+    if scan_planner is not None:
         steps = stretch(plan, at, length)
         memory.plan_at += steps
         if at + steps == length:
-            steps = memory.last_run if memory.last_run > 0 else last_run(field, mapping, plan, at, length, scout)
-        copy(field.known, scout.survey.known)
+            steps = memory.last_run if memory.last_run > 0 else last_run(field, mapping, plan, at, length, scan_planner)
+        copy(field.known, scan_planner.gain.prior.before)
     elif scanning.kind == GIVEN or (scanning.kind == EQUAL and scanning.step == 1):
         memory.plan_at += 1
     else:
@@ -212,33 +212,33 @@ def begin_run(code, field, rule, mapping, mind, scout, draw):
 
 
 @kernel
-def end_run(field, mind, scout, given):
+def end_run(field, policy_state, scan_planner, given):
     """Tell whether to scan after a run: always, but where an adaptive policy knew the outcome beforehand."""
-    memory, scanning = mind.memory, mind.scanning
+    memory, scanning = policy_state.memory, policy_state.scanning
     if scanning.kind == GIVEN:
         return given
-    if scout is not None:
+    if scan_planner is not None:
         if memory.learnt == 0:
             return False
-        take_stock(field, scout.survey, memory.run_command)
+        learn_from_run(field, scan_planner.gain, memory.run_command)
         memory.plan_length = 0
     return True
 
 
 @kernel
-def play(code, field, rule, mapping, mind, scout, trace):
+def play(code, field, rule, mapping, policy_state, scan_planner, trace):
     """Play until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
 
-    ``scout`` is None unless scans are ADAPTIVE. For RANDOM ``trace.commands`` holds the commands to play, drawn beforehand; if
-    scans are GIVEN, ``trace.scanned`` holds them. What a run of commands does is looked at when it is scanned, not before: no
+    ``scan_planner`` is None unless scans are ADAPTIVE. For RANDOM ``trace.commands`` holds the commands to play, drawn beforehand;
+    if scans are GIVEN, ``trace.scanned`` holds them. What a run of commands does is looked at when it is scanned, not before: no
     decision falls within a run.
     """
-    memory = mind.memory
+    memory = policy_state.memory
     for move in range(trace.commands.shape[0]):
         if memory.run_left == 0:
-            if memory.remaining == 0 and (memory.scanned == 1 or mind.scanning.kind != GIVEN):
+            if memory.remaining == 0 and (memory.scanned == 1 or policy_state.scanning.kind != GIVEN):
                 return move, COMPLETE
-            if not begin_run(code, field, rule, mapping, mind, scout, trace.commands[move]):
+            if not begin_run(code, field, rule, mapping, policy_state, scan_planner, trace.commands[move]):
                 return move, STALLED
         command = np.int8(memory.run_command)
         memory.run_left -= 1
@@ -248,11 +248,11 @@ def play(code, field, rule, mapping, mind, scout, trace):
         memory.learnt += done if mapping else 0
         trace.commands[move], trace.classified[move] = command, done
         trace.frontier[move], trace.travelled[move] = memory.remaining, travelled
-        notice(code, field, mind, command, travelled, done)
+        notice(code, field, policy_state, command, travelled, done)
         scan = False
         if memory.run_left == 0:
             memory.idle = 0 if memory.changed else memory.idle + 1
-            scan = end_run(field, mind, scout, trace.scanned[move])
+            scan = end_run(field, policy_state, scan_planner, trace.scanned[move])
         trace.scanned[move] = scan
         memory.scanned = 1 if scan else 0
     done = memory.remaining == 0 and memory.run_left == 0

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from shoal.jit import kernel
-from shoal.swarm.kernels.prediction.expected_gain import Survey, best_length, look_around
-from shoal.swarm.kernels.prediction.lookahead import Prospect, explore, write_plan
+from shoal.swarm.kernels.prediction.expected_gain import ExpectedGain, best_length, gains_of_runs
+from shoal.swarm.kernels.prediction.lookahead import Lookahead, explore, write_plan
 from shoal.swarm.kernels.search.frontier_search import nearest
 
 EQUAL, DOUBLING, HYPER, ADAPTIVE, GIVEN = 0, 1, 2, 3, 4
@@ -20,14 +20,14 @@ class Scanning(NamedTuple):
     step: int  # of EQUAL
 
 
-class Scout(NamedTuple):
+class ScanPlanner(NamedTuple):
     """What an adaptive policy knows and works in.
 
     Kernels take it as an argument that is None for all others: what only it needs, as much as all the rest, is not compiled then.
     """
 
-    survey: Survey
-    prospect: Prospect
+    gain: ExpectedGain
+    lookahead: Lookahead
 
 
 @kernel
@@ -53,20 +53,20 @@ def stretch(plan, at, length):
 
 
 @kernel
-def decide_adaptive(field, rule, mapping, search, scout):
+def decide_adaptive(field, rule, mapping, search, scan_planner):
     """Plan a walk through known cells and a last run; return (length of the plan, steps of its last run, 0 if not yet known).
 
-    The run, or the walk and one more command, that is expected to settle most cells for its cost; the path to the nearest
+    The run, or the walk and one more command, that is expected to classify most cells for its cost; the path to the nearest
     frontier cell if that is better. A coverage has nothing to learn: the path alone, and no scan.
     """
     if not mapping:
         return nearest(field, search, field.occupied), 0
-    survey, plan = scout.survey, search.plan
-    scan, move = survey.prices.scan, survey.prices.move
+    gain, plan = scan_planner.gain, search.plan
+    scan, move = gain.prices.scan, gain.prices.move
     command, steps, rate = -1, 0, 0.0
-    for direction in range(survey.gains.shape[0]):
-        look_around(field, survey, direction)
-        length, reached = best_length(survey, direction, 1)
+    for direction in range(gain.gains.shape[0]):
+        gains_of_runs(field, gain, direction)
+        length, reached = best_length(gain, direction, 1)
         if reached > rate:
             command, steps, rate = direction, length, reached
     length = 0
@@ -76,9 +76,9 @@ def decide_adaptive(field, rule, mapping, search, scout):
             return 0, 0
         if rate * (scan + length * move) < 1:
             command, rate = -1, 1 / (scan + length * move)
-    found = explore(field, rule, scout.prospect, survey.prices, rate)
+    found = explore(field, rule, scan_planner.lookahead, gain.prices, rate)
     if found > rate:
-        return write_plan(scout.prospect, plan), 0
+        return write_plan(scan_planner.lookahead, plan), 0
     if command >= 0:
         plan[0] = command
         return 1, steps
@@ -86,10 +86,10 @@ def decide_adaptive(field, rule, mapping, search, scout):
 
 
 @kernel
-def last_run(field, mapping, plan, at, length, scout):
-    """Return the steps of the last stretch of an adaptive plan: further than planned if that settles more for its cost."""
+def last_run(field, mapping, plan, at, length, scan_planner):
+    """Return the steps of the last stretch of an adaptive plan: further than planned if that classifies more for its cost."""
     steps = stretch(plan, at, length)
     if mapping:
-        look_around(field, scout.survey, plan[at])
-        steps = best_length(scout.survey, plan[at], steps)[0]
+        gains_of_runs(field, scan_planner.gain, plan[at])
+        steps = best_length(scan_planner.gain, plan[at], steps)[0]
     return steps

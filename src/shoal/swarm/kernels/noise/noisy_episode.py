@@ -2,9 +2,9 @@
 
 Of each plan so many commands are sent as the scan rule allows, or all if they are fewer; then a scan follows.
 
-A cell that has been settled once counts as progress once, however often belief changes afterwards. If nothing makes progress within
-a budget of moves that depends on the way to the target, the target is given up for good. Each of the two can happen once a cell,
-so every episode ends.
+A cell counts as progress when it is classified for the first time, however often belief changes afterwards. If nothing makes
+progress within a budget of moves that depends on the path to the target, the target is given up for good. Each of the two can
+happen once a cell, so every episode ends.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from shoal.jit import kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, popcount, put
-from shoal.swarm.kernels.noise.noisy_state import learn_hazy, look, move_hazy, settle, spread_hazy
+from shoal.swarm.kernels.noise.noisy_state import classify, learn_noisy, look, move_noisy, spread_noisy
 from shoal.swarm.kernels.records import record_type
 from shoal.swarm.kernels.search.frontier_search import ahead, nearest
 
@@ -32,17 +32,17 @@ MEMORY = record_type(
 PATIENCE, TIMES = 50, 5  # the budget for a way of d moves: PATIENCE + TIMES d
 
 
-class Guard(NamedTuple):
+class ProgressGuard(NamedTuple):
     """What sees to it that an episode ends."""
 
-    settled: NDArray[np.uint64]  # cells that have been settled at some time
+    classified: NDArray[np.uint64]  # cells that have been classified at some time
     given_up: NDArray[np.uint64]
     memory: Any  # a record of MEMORY
 
 
 @kernel
 def find_frontier(field, given_up):
-    """Fill the frontier with the cells that are not settled, not given up, and beside one settled as free; return how many."""
+    """Fill the frontier with cells that are neither classified nor given up, beside one classified as free; return how many."""
     cells, width, size = field.open, field.width, field.open.shape[0]
     layer = width * field.rows
     count = 0
@@ -67,20 +67,20 @@ def find_frontier(field, given_up):
 
 
 @kernel
-def refresh(haze, field, guard):
-    """Write the boards of the belief; return how many cells are settled for the first time."""
-    settle(haze, field.open, field.known, field.occupied, field.width)
+def refresh(noisy, field, guard):
+    """Write the boards of the belief; return how many cells are classified for the first time."""
+    classify(noisy, field.open, field.known, field.occupied, field.width)
     fresh = 0
     for i in range(field.known.shape[0]):
-        fresh += popcount(field.known[i] & ~guard.settled[i])
-        guard.settled[i] |= field.known[i]
+        fresh += popcount(field.known[i] & ~guard.classified[i])
+        guard.classified[i] |= field.known[i]
     guard.memory.remaining = find_frontier(field, guard.given_up)
     return fresh
 
 
 @kernel
 def wake(field, search, guard):
-    """Plan any command if no cell is settled as free yet, as scans that are often wrong need a few moves to be sure of one."""
+    """Plan any command if no cell is classified as free yet, as scans that are often wrong need a few moves to be sure of one."""
     memory = guard.memory
     if anybody(field.open) or memory.wakes >= PATIENCE:
         return 0
@@ -100,7 +100,7 @@ def anybody(board):
 
 @kernel
 def choose(field, search, guard, most):
-    """Plan the way to the nearest frontier cell, giving up those that take too long.
+    """Plan the path to the nearest frontier cell, giving up those that take too long.
 
     Return how many commands of it to send before the next scan, at most ``most``; 0 if there is none.
     """
@@ -128,7 +128,7 @@ def choose(field, search, guard, most):
 
 
 @kernel
-def play_hazy(haze, field, search, guard, rng, trace, every, limit):
+def play_noisy(noisy, field, search, guard, rng, trace, every, limit):
     """Play until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
 
     A scan follows at most ``every`` commands, and the last of ``limit``, which is at least the length of the trace.
@@ -143,28 +143,28 @@ def play_hazy(haze, field, search, guard, rng, trace, every, limit):
         memory.at += 1
         memory.left -= 1
         trace.scanned[move] = memory.left == 0
-        step_hazy(haze, field, guard, rng, trace, move)
+        step_noisy(noisy, field, guard, rng, trace, move)
         if trace.classified[move] > 0:
             memory.budget = -1
     return trace.commands.shape[0], RUNNING
 
 
 @kernel
-def step_hazy(haze, field, guard, rng, trace, move):
+def step_noisy(noisy, field, guard, rng, trace, move):
     """Send the command that the trace has for a move, scan if it says so, and fill in the other columns."""
     command = trace.commands[move]
-    trace.travelled[move] = move_hazy(haze, command, rng)
+    trace.travelled[move] = move_noisy(noisy, command, rng)
     if trace.scanned[move]:
-        look(haze, rng)
-        learn_hazy(haze, command)
+        look(noisy, rng)
+        learn_noisy(noisy, command)
     else:
-        spread_hazy(haze, command)
-    trace.classified[move] = refresh(haze, field, guard)
+        spread_noisy(noisy, command)
+    trace.classified[move] = refresh(noisy, field, guard)
     trace.frontier[move] = guard.memory.remaining
 
 
 @kernel
-def follow_hazy(haze, field, guard, rng, trace):
+def follow_noisy(noisy, field, guard, rng, trace):
     """Send the commands of the trace, with its scans, instead of planning: a replay."""
     for move in range(trace.commands.shape[0]):
-        step_hazy(haze, field, guard, rng, trace, move)
+        step_noisy(noisy, field, guard, rng, trace, move)

@@ -27,7 +27,7 @@ LEAP = 8.0  # the most that one scan adds or takes
 RATES = record_type(np.float64, "slip", "misplace", "miss", "bound")  # bound: log-odds from which a cell counts as classified
 
 
-class Haze(NamedTuple):
+class NoisyState(NamedTuple):
     """The truth of a simulation, and the belief; flat arrays over the padded workspace, changed in place."""
 
     truth: NDArray[np.bool_]  # free cells
@@ -59,13 +59,13 @@ def first_and_step(size, offset):
 
 
 @kernel
-def move_hazy(haze, command, rng):
+def move_noisy(noisy, command, rng):
     """Move the particles by rule block; each stays of itself with the rate of slips. Return how many moved."""
-    offset = haze.offsets[command]
-    at, step = first_and_step(haze.there.shape[0], offset)
-    there, slip, travelled = haze.there, haze.rates.slip, 0
+    offset = noisy.offsets[command]
+    at, step = first_and_step(noisy.there.shape[0], offset)
+    there, slip, travelled = noisy.there, noisy.rates.slip, 0
     for _ in range(there.shape[0]):
-        if there[at] and rng.random() >= slip and haze.truth[at + offset] and not there[at + offset]:
+        if there[at] and rng.random() >= slip and noisy.truth[at + offset] and not there[at + offset]:
             there[at + offset] = True
             there[at] = False
             travelled += 1
@@ -74,9 +74,9 @@ def move_hazy(haze, command, rng):
 
 
 @kernel
-def look(haze, rng):
+def look(noisy, rng):
     """Fill ``seen``: each particle is missed, seen in a random neighbouring cell, or seen where it is."""
-    there, seen, misplace, miss = haze.there, haze.seen, haze.rates.misplace, haze.rates.miss
+    there, seen, misplace, miss = noisy.there, noisy.seen, noisy.rates.misplace, noisy.rates.miss
     seen[:] = False
     for at in range(there.shape[0]):
         if not there[at]:
@@ -85,30 +85,30 @@ def look(haze, rng):
         if luck < miss:
             continue
         if luck < miss + (1.0 - miss) * misplace:
-            seen[at + haze.offsets[int(rng.random() * haze.offsets.shape[0])]] = True
+            seen[at + noisy.offsets[int(rng.random() * noisy.offsets.shape[0])]] = True
         else:
             seen[at] = True
 
 
 @kernel
-def first_belief(haze):
+def first_belief(noisy):
     """Begin the belief with the first scan: where something is seen there is a particle, unless it was seen beside its cell."""
-    misplace, miss = haze.rates.misplace, haze.rates.miss
+    misplace, miss = noisy.rates.misplace, noisy.rates.miss
     hit = (1.0 - miss) * (1.0 - misplace)
     odds = (hit + CLUTTER) / ((1.0 - miss) * misplace + CLUTTER)
     held = odds / (1.0 + odds)
-    for at in range(haze.seen.shape[0]):
-        if haze.seen[at]:
-            haze.inside[at] = held
-            free = held + (1.0 - held) * chance(haze.logit[at])
-            haze.logit[at] = min(SURE, np.log(free / (1.0 - free)))
+    for at in range(noisy.seen.shape[0]):
+        if noisy.seen[at]:
+            noisy.inside[at] = held
+            free = held + (1.0 - held) * chance(noisy.logit[at])
+            noisy.logit[at] = min(SURE, np.log(free / (1.0 - free)))
 
 
 @kernel
-def foresee(haze, command):
+def foresee(noisy, command):
     """Fill ``staying`` and ``moved``: where particles may be after a command, before it is looked."""
-    inside, staying, moved = haze.inside, haze.staying, haze.moved
-    offset, slip = haze.offsets[command], haze.rates.slip
+    inside, staying, moved = noisy.inside, noisy.staying, noisy.moved
+    offset, slip = noisy.offsets[command], noisy.rates.slip
     at, step = first_and_step(inside.shape[0], offset)
     moved[:] = 0.0
     for _ in range(inside.shape[0]):
@@ -116,7 +116,7 @@ def foresee(haze, command):
         if held > 0.0:
             ahead = at + offset
             taken = inside[ahead]
-            room = max(chance(haze.logit[ahead]), taken) - taken * staying[ahead] if taken > 0.0 else chance(haze.logit[ahead])
+            room = max(chance(noisy.logit[ahead]), taken) - taken * staying[ahead] if taken > 0.0 else chance(noisy.logit[ahead])
             staying[at] = 1.0 - (1.0 - slip) * room
             moved[at] += held * staying[at]
             going = held * (1.0 - staying[at])
@@ -125,21 +125,21 @@ def foresee(haze, command):
 
 
 @kernel
-def spread_hazy(haze, command):
+def spread_noisy(noisy, command):
     """Take in a command that no scan follows: particles go where they may have gone, and nothing is learnt of the cells."""
-    foresee(haze, command)
-    for at in range(haze.inside.shape[0]):
-        haze.inside[at] = haze.moved[at] if haze.moved[at] > FAINT else 0.0
+    foresee(noisy, command)
+    for at in range(noisy.inside.shape[0]):
+        noisy.inside[at] = noisy.moved[at] if noisy.moved[at] > FAINT else 0.0
 
 
 @kernel
-def stray(haze, at, but):
+def stray(noisy, at, but):
     """Return the probability that a scan shows in a cell a particle of a neighbouring one, other than ``but``."""
-    share = (1.0 - haze.rates.miss) * haze.rates.misplace / haze.offsets.shape[0]
+    share = (1.0 - noisy.rates.miss) * noisy.rates.misplace / noisy.offsets.shape[0]
     none = 1.0 - CLUTTER
-    for offset in haze.offsets:
+    for offset in noisy.offsets:
         if at + offset != but:
-            none *= 1.0 - haze.moved[at + offset] * share
+            none *= 1.0 - noisy.moved[at + offset] * share
     return 1.0 - none
 
 
@@ -162,20 +162,20 @@ def likelihood(seen_behind, seen_here, behind, here, stray_behind, stray_here, h
 
 
 @kernel
-def weigh(haze, at, offset):
+def weigh(noisy, at, offset):
     """Weigh what was seen in a cell and behind it; return (log-odds gained that it is free, probability of a particle in it)."""
-    inside, seen, slip = haze.inside, haze.seen, haze.rates.slip
-    miss, misplace = haze.rates.miss, haze.rates.misplace
-    hit, share = (1.0 - miss) * (1.0 - misplace), (1.0 - miss) * misplace / haze.offsets.shape[0]
+    inside, seen, slip = noisy.inside, noisy.seen, noisy.rates.slip
+    miss, misplace = noisy.rates.miss, noisy.rates.misplace
+    hit, share = (1.0 - miss) * (1.0 - misplace), (1.0 - miss) * misplace / noisy.offsets.shape[0]
     behind = at - offset
-    free = chance(haze.logit[at])
+    free = chance(noisy.logit[at])
     taken = min(inside[at], free)
     coming = inside[behind]
     next_coming = inside[behind - offset] * (1.0 - slip) if coming > 0.0 else 0.0
-    stay = haze.staying[at] if taken > 0.0 else 0.0
-    if seen[at] and haze.moved[at] < LOST * free:
+    stay = noisy.staying[at] if taken > 0.0 else 0.0
+    if seen[at] and noisy.moved[at] < LOST * free:
         coming = max(coming, LOST)  # a particle that belief has lost
-    a, b = stray(haze, behind, at), stray(haze, at, behind)
+    a, b = stray(noisy, behind, at), stray(noisy, at, behind)
     held = coming + (1.0 - coming) * next_coming  # somebody behind, if nobody gets in
     gone = coming * (1.0 - slip)
     none = likelihood(seen[behind], seen[at], False, False, a, b, hit, share)
@@ -196,21 +196,21 @@ def weigh(haze, at, offset):
 
 
 @kernel
-def learn_hazy(haze, command):
+def learn_noisy(noisy, command):
     """Take in a scan after one command."""
-    foresee(haze, command)
-    offset = haze.offsets[command]
-    size = haze.inside.shape[0]
-    inside, moved, seen = haze.inside, haze.moved, haze.seen
-    after = haze.staying  # read for the cell itself only, just before it is written
+    foresee(noisy, command)
+    offset = noisy.offsets[command]
+    size = noisy.inside.shape[0]
+    inside, moved, seen = noisy.inside, noisy.moved, noisy.seen
+    after = noisy.staying  # read for the cell itself only, just before it is written
     first, last = max(2 * offset, -offset), min(size - offset, size + 2 * offset)
     after[:first] = 0.0
     after[last:] = 0.0
     for at in range(first, last):
         behind = at - offset
-        if haze.logit[at] >= -SURE and (inside[behind] > 0.0 or moved[at] > 0.0 or seen[at]):
-            gained, held = weigh(haze, at, offset)
-            haze.logit[at] = max(-SURE, min(SURE, haze.logit[at] + max(-LEAP, min(LEAP, gained))))
+        if noisy.logit[at] >= -SURE and (inside[behind] > 0.0 or moved[at] > 0.0 or seen[at]):
+            gained, held = weigh(noisy, at, offset)
+            noisy.logit[at] = max(-SURE, min(SURE, noisy.logit[at] + max(-LEAP, min(LEAP, gained))))
             after[at] = held if held > FAINT else 0.0
         else:
             after[at] = 0.0
@@ -218,11 +218,11 @@ def learn_hazy(haze, command):
 
 
 @kernel
-def settle(haze, open_words, known_words, occupied_words, width):
-    """Write boards of the belief: cells settled as free, settled at all, and holding a particle more likely than not."""
-    rows, columns, bound = haze.rows, haze.columns, haze.rates.bound
-    pad = 0 if haze.layers == 1 else 2
-    for layer in range(haze.layers):
+def classify(noisy, open_words, known_words, occupied_words, width):
+    """Write boards of the belief: cells classified as free, classified at all, and holding a particle more likely than not."""
+    rows, columns, bound = noisy.rows, noisy.columns, noisy.rates.bound
+    pad = 0 if noisy.layers == 1 else 2
+    for layer in range(noisy.layers):
         for row in range(rows):
             start = ((layer + pad) * (rows + 4) + row + 2) * (columns + 4) + 2
             word = (layer * rows + row) * width
@@ -230,11 +230,11 @@ def settle(haze, open_words, known_words, occupied_words, width):
                 free, known, held = ZERO, ZERO, ZERO
                 for column in range(64 * k, min(columns, 64 * k + 64)):
                     bit = ONE << np.uint64(column - 64 * k)
-                    logit = haze.logit[start + column]
+                    logit = noisy.logit[start + column]
                     if logit >= bound:
                         free |= bit
                     if logit >= bound or logit <= -bound:
                         known |= bit
-                    if haze.inside[start + column] > 0.5:
+                    if noisy.inside[start + column] > 0.5:
                         held |= bit
                 open_words[word + k], known_words[word + k], occupied_words[word + k] = free, known, held

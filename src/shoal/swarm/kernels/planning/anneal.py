@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from shoal.jit import kernel
 from shoal.swarm.kernels.planning.completion import most
-from shoal.swarm.kernels.planning.frontier_paths import way
+from shoal.swarm.kernels.planning.frontier_paths import path_to_nearest
 from shoal.swarm.kernels.planning.planner_state import draw
-from shoal.swarm.kernels.prediction.forward_model import FRONTIER, advance, copy_state, count, directions, prospects
+from shoal.swarm.kernels.prediction.forward_model import FRONTIER, advance, copy_state, count, directions, immediate_gains
 
 LONGEST_CHANGE = 8  # commands put in or taken out at once
 _FINENESS = 1 << 30  # of random numbers between 0 and 1
 
 
-class Course(NamedTuple):
+class AnnealedPlan(NamedTuple):
     """Plans under change, and the states on the way of the present one."""
 
     plan: NDArray[np.int8]  # the present one
@@ -35,13 +35,13 @@ class Course(NamedTuple):
 
 
 @kernel
-def change(planner, course, length):
+def change(planner, plans, length):
     """Write the present plan, changed, into the trial; return (first move that is new, length).
 
     At a random place a command is replaced, up to eight equal ones are put in, taken out, or written over what was there, or up
     to four are replaced by one.
     """
-    plan, trial = course.plan, course.trial
+    plan, trial = plans.plan, plans.trial
     at, kind = draw(planner, np.int64(length)), draw(planner, np.int64(5))
     command = draw(planner, np.int64(directions(planner.scene)))
     many = np.int64(1) << draw(planner, np.int64(4))
@@ -54,7 +54,7 @@ def change(planner, course, length):
         added, taken = many, many
     elif kind == 4:
         taken = 1 + draw(planner, np.int64(4))
-    for i in range(at // course.every * course.every, at):
+    for i in range(at // plans.every * plans.every, at):
         trial[i] = plan[i]
     for i in range(at, at + added):
         trial[i] = command
@@ -69,68 +69,68 @@ def change(planner, course, length):
 def finish(planner, state, plan, at, length, limit):
     """Play a plan in ``state`` from move ``at`` on, and go on greedily until nothing is left, writing the commands behind it.
 
-    Returns (moves of the whole plan, moves imagined); the former is ``limit + 1`` if it takes more than ``limit``.
+    Returns (moves of the whole plan, moves simulated); the former is ``limit + 1`` if it takes more than ``limit``.
     """
-    scene, imagined, begin = planner.scene, np.int64(0), at
+    scene, simulated, begin = planner.scene, np.int64(0), at
     last = np.int64(plan[at - 1]) if at > 0 else np.int64(-1)
     left = count(state[FRONTIER])
     while left > 0:
         if at >= limit:
-            return limit + 1, imagined + at - begin
+            return limit + 1, simulated + at - begin
         if at >= length:
-            prospects(scene, state, planner.gains)
-            imagined += 1
+            immediate_gains(scene, state, planner.gains)
+            simulated += 1
             plan[at] = most(planner.gains, last)
             length = at + 1
             if plan[at] < 0:
-                length = at + way(scene, state, planner.planes, plan, at, limit - at)
-                imagined += limit - at
+                length = at + path_to_nearest(scene, state, planner.planes, plan, at, limit - at)
+                simulated += limit - at
                 if length <= at:
-                    return limit + 1, imagined + at - begin
+                    return limit + 1, simulated + at - begin
         last = np.int64(plan[at])
         left -= advance(scene, state, last)
         at += 1
-    return at, imagined + at - begin
+    return at, simulated + at - begin
 
 
 @kernel
-def keep_states(planner, course, at, length):
+def keep_states(planner, plans, at, length):
     """Keep the states on the way of the present plan behind the one that is kept next before move ``at``; return the moves."""
-    place = at // course.every
-    copy_state(course.kept[place], planner.state)
-    for i in range(place * course.every, length):
-        if i % course.every == 0:
-            copy_state(planner.state, course.kept[i // course.every])
-        advance(planner.scene, planner.state, np.int64(course.plan[i]))
-    return length - place * course.every
+    place = at // plans.every
+    copy_state(plans.kept[place], planner.state)
+    for i in range(place * plans.every, length):
+        if i % plans.every == 0:
+            copy_state(planner.state, plans.kept[i // plans.every])
+        advance(planner.scene, planner.state, np.int64(plans.plan[i]))
+    return length - place * plans.every
 
 
 @kernel
-def anneal(planner, course, length, fewest, heat, budget):
-    """Change the plan, which begins at ``planner.root``, until so many moves have been imagined.
+def anneal(planner, plans, length, fewest, heat, budget):
+    """Change the plan, which begins at ``planner.root``, until so many moves have been simulated.
 
     A plan longer by x is gone on with by chance exp(-x / heat). Returns the lengths of the present plan and of the shortest, and
-    the moves imagined.
+    the moves simulated.
     """
-    plan, trial, room = course.plan, course.trial, course.plan.shape[0] - 2 * LONGEST_CHANGE
-    copy_state(planner.root, course.kept[0])
-    spent = keep_states(planner, course, np.int64(0), length)
+    plan, trial, room = plans.plan, plans.trial, plans.plan.shape[0] - 2 * LONGEST_CHANGE
+    copy_state(planner.root, plans.kept[0])
+    spent = keep_states(planner, plans, np.int64(0), length)
     while spent < budget and length > 0:
-        at, end = change(planner, course, length)
+        at, end = change(planner, plans, length)
         chance = (1.0 + draw(planner, np.int64(_FINENESS))) / _FINENESS
         limit = min(np.int64(length - heat * math.log(chance)), room)
-        begin = at // course.every * course.every
-        copy_state(course.kept[begin // course.every], planner.state)
-        end, imagined = finish(planner, planner.state, trial, begin, end, limit)
-        spent += imagined
+        begin = at // plans.every * plans.every
+        copy_state(plans.kept[begin // plans.every], planner.state)
+        end, simulated = finish(planner, planner.state, trial, begin, end, limit)
+        spent += simulated
         if end > limit:
             continue
         for i in range(begin, end):
             plan[i] = trial[i]
         length = end
-        spent += keep_states(planner, course, begin, length)
+        spent += keep_states(planner, plans, begin, length)
         if length < fewest:
             fewest = length
             for i in range(length):
-                course.shortest[i] = plan[i]
+                plans.shortest[i] = plan[i]
     return length, fewest, spent

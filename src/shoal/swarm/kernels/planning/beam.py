@@ -1,4 +1,4 @@
-"""Beam search over imagined commands: the best states of each depth are kept, each once."""
+"""Beam search over simulated commands: the best states of each depth are kept, each once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shoal.jit import kernel
 from shoal.swarm.kernels.planning.frontier_paths import outlook
-from shoal.swarm.kernels.prediction.forward_model import advance, copy_state, digest, prospects
+from shoal.swarm.kernels.prediction.forward_model import advance, copy_state, digest, immediate_gains
 
 
 class Beam(NamedTuple):
@@ -17,7 +17,7 @@ class Beam(NamedTuple):
 
     states: NDArray[np.uint64]  # (2, width, boards, words)
     plans: NDArray[np.int8]  # (2, width, depth)
-    values: NDArray[np.float64]  # (2, width): cells settled, discounted
+    values: NDArray[np.float64]  # (2, width): cells classified, discounted
     ranks: NDArray[np.float64]  # (2, width): by which states are chosen
     marks: NDArray[np.uint64]  # (2, width): hashes
     child: NDArray[np.uint64]  # a state
@@ -51,33 +51,33 @@ def lowest_value(values, size):
 
 @kernel
 def search_beam(scene, root, beam, space, discount, width, depth, weight_ahead, rate, cap):
-    """Search from a state; return (which of the two halves holds the leaves, how many they are, moves imagined).
+    """Search from a state; return (which of the two halves holds the leaves, how many they are, moves simulated).
 
-    States are ranked by the cells settled, discounted, and ``weight_ahead`` times the `outlook` of what is left.
+    States are ranked by the cells classified, discounted, and ``weight_ahead`` times the `outlook` of what is left.
     """
     copy_state(root, beam.states[0, 0])
     beam.values[0, 0], beam.marks[0, 0] = 0.0, digest(root)
-    old, size, weight, imagined = 0, np.int64(1), 1.0, 0
+    old, size, weight, simulated = 0, np.int64(1), 1.0, 0
     gains, child = space.gains, beam.child
     for level in range(depth):
         new, count = 1 - old, np.int64(0)
         ranks, marks = beam.ranks[new, :width], beam.marks[new]
         for parent in range(size):
-            prospects(scene, beam.states[old, parent], gains)
+            immediate_gains(scene, beam.states[old, parent], gains)
             for command in range(gains.shape[0]):
                 value = beam.values[old, parent] + weight * gains[command]
                 if weight_ahead == 0.0 and value <= lowest_value(ranks, count):
                     continue
                 copy_state(beam.states[old, parent], child)
                 advance(scene, child, np.int64(command))
-                imagined += 1
+                simulated += 1
                 mark = digest(child)
                 if mark == beam.marks[old, parent]:  # nothing has moved
                     continue
                 rank = value
                 if weight_ahead > 0.0:
                     rank += weight * weight_ahead * outlook(scene, child, space.planes, rate, cap)
-                    imagined += cap // 2
+                    simulated += cap // 2
                 at = place_for(ranks, marks, count, rank, mark)
                 if at < 0:
                     continue
@@ -88,10 +88,10 @@ def search_beam(scene, root, beam, space, discount, width, depth, weight_ahead, 
                     beam.plans[new, at, i] = beam.plans[old, parent, i]
                 beam.plans[new, at, level] = command
         if count == 0:
-            return old, 0, imagined
+            return old, 0, simulated
         old, size = new, count
         weight *= discount
-    return old, size, imagined
+    return old, size, simulated
 
 
 @kernel

@@ -1,7 +1,7 @@
-"""How an imagined plan goes on: one command after the other, or the whole way to the nearest frontier cell if none settles any.
+"""How a simulated plan goes on: by single commands, or by the whole path to the nearest frontier cell if none classifies any.
 
-Two manners: greedy takes the command that settles most now; careful takes off for each what it would leave behind, that is frontier
-cells beside a particle now and beside none afterwards. In a corridor careful probes both walls before it steps on.
+Two styles: greedy takes the command that classifies most now; careful takes off for each what it would leave behind, that is
+frontier cells beside a particle now and beside none afterwards. In a corridor careful probes both walls before it steps on.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ import numpy as np
 
 from shoal.jit import kernel
 from shoal.swarm.kernels.dynamics.bits import popcount
-from shoal.swarm.kernels.planning.frontier_paths import NEXT, TOO_FAR, WAVE, beside, way
-from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, advance, prospects, push
+from shoal.swarm.kernels.planning.frontier_paths import NEXT, TOO_FAR, WAVE, beside, path_to_nearest
+from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, advance, immediate_gains, push
 from shoal.swarm.kernels.prediction.lookahead import copy
 
 GREEDY, CAREFUL = np.int64(0), np.int64(1)  # typed, since a kernel is compiled anew for each literal argument
@@ -19,7 +19,7 @@ GREEDY, CAREFUL = np.int64(0), np.int64(1)  # typed, since a kernel is compiled 
 
 @kernel
 def most(gains, last):
-    """Return the command that settles most, the last one if it is among them; -1 if none settles anything."""
+    """Return the command that classifies most, the last one if it is among them; -1 if none classifies anything."""
     best = last if last >= 0 and gains[last] > 0 else np.int64(-1)
     for command in range(gains.shape[0]):
         if gains[command] > (gains[best] if best >= 0 else 0):
@@ -29,7 +29,7 @@ def most(gains, last):
 
 @kernel
 def most_careful(scene, state, gains, moved, planes, last, charge):
-    """Return the command for which cells settled less ``charge`` times cells left behind are most, of those that settle any."""
+    """Return the command that classifies most, less ``charge`` times the cells left behind, of those that classify any."""
     best, best_worth = -1, 0.0
     at_hand = planes[WAVE]
     some, only = 0, -1
@@ -62,13 +62,13 @@ def left_behind(scene, occupied, at_hand, still):
 
 
 @kernel
-def complete(scene, state, space, plan, length, horizon, discount, manner, charge, worth, expected, best):
-    """Imagine the first ``length`` commands of a plan and then go on by the base policy, writing its commands behind them.
+def complete(scene, state, space, plan, length, horizon, discount, style, charge, worth, expected, best):
+    """Simulate the first ``length`` commands of a plan and then go on by the base policy, writing its commands behind them.
 
-    Changes ``state``. Gives up when the plan cannot be better than ``best`` any more, if a cell settled at once is worth ``worth``
-    moves and about ``expected`` are to be settled. Returns (time, value, length, moves, settled): when the last cell was
-    settled, ``horizon`` if some are left then; the cells settled, discounted; the commands in the plan; how many were imagined;
-    and the cells settled.
+    Changes ``state``. Gives up when the plan cannot be better than ``best`` any more, if a cell classified at once is worth
+    ``worth`` moves and about ``expected`` are to be classified. Returns (time, value, length, moves, classified): when the last
+    cell was classified, ``horizon`` if some are left then; the cells classified, discounted; the commands in the plan; how many
+    were simulated; and the cells classified.
     """
     value, weight, last, finished, total = 0.0, 1.0, np.int64(-1), 0, 0
     at = np.int64(0)
@@ -77,8 +77,8 @@ def complete(scene, state, space, plan, length, horizon, discount, manner, charg
         if at >= length:
             if worth * (value + weight * max(expected - total, 0.0)) - at <= best:
                 return horizon, value, at, at, total
-            prospects(scene, state, gains)
-            if manner == CAREFUL:
+            immediate_gains(scene, state, gains)
+            if style == CAREFUL:
                 command = most_careful(scene, state, gains, moved, planes, last, charge)
             else:
                 command = most(gains, last)
@@ -86,18 +86,18 @@ def complete(scene, state, space, plan, length, horizon, discount, manner, charg
                 plan[at] = command
                 length = at + 1
             else:
-                found = way(scene, state, planes, plan, at, horizon - at)
+                found = path_to_nearest(scene, state, planes, plan, at, horizon - at)
                 if found == TOO_FAR:
                     return horizon, value, at, at, total
                 if found == 0:
                     return finished, value, at, at, total
                 length = at + found
         command = np.int64(plan[at])
-        settled = advance(scene, state, command)
+        classified = advance(scene, state, command)
         at += 1
-        if settled > 0:
-            value += weight * settled
-            total += settled
+        if classified > 0:
+            value += weight * classified
+            total += classified
             finished = at
         weight *= discount
         last = command

@@ -1,4 +1,4 @@
-"""The nearest frontier cell of an imagined state and a straight way to it: dilation, as in `search`, on fewer boards."""
+"""The nearest frontier cell of a simulated state and a straight way to it: dilation, as in `search`, on fewer boards."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def on_board(scene, row, column):
 
 
 @kernel
-def way(scene, state, planes, plan, at, limit):
+def path_to_nearest(scene, state, planes, plan, at, limit):
     """Write the way to a nearest frontier cell into ``plan[at:]``; return its length.
 
     It is 0 if there is none, TOO_FAR if it has more than ``limit`` moves.

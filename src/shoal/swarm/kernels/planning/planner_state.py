@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from shoal.jit import inlined_kernel, kernel
 from shoal.swarm.kernels.planning.beam import Beam
 from shoal.swarm.kernels.planning.completion import most
-from shoal.swarm.kernels.planning.frontier_paths import way
-from shoal.swarm.kernels.prediction.forward_model import Scene, prospects, take_state
-from shoal.swarm.kernels.prediction.occupancy_prediction import Guess
-from shoal.swarm.kernels.prediction.occupancy_prior import Experience
+from shoal.swarm.kernels.planning.frontier_paths import path_to_nearest
+from shoal.swarm.kernels.prediction.forward_model import Scene, immediate_gains, take_state
+from shoal.swarm.kernels.prediction.occupancy_prediction import OccupancyPrediction
+from shoal.swarm.kernels.prediction.occupancy_prior import OccupancyPrior
 from shoal.swarm.kernels.records import record_type
 
 WHOLE = 1 << 20  # of shares that are counted in whole numbers
@@ -24,35 +24,11 @@ MEMORY = record_type(
     "stale",  # moves since the last search
     "forced",  # commands left of a path that is played whole
     "random",  # state of the generator
-    "imagined",  # moves simulated so far
+    "simulated",  # moves simulated so far
     "remaining",  # cells of the frontier
-    "manner",  # in which the incumbent was completed
+    "style",  # in which the incumbent was completed
     "credit",  # moves that may be simulated
     "surprise",  # share of the cells found free lately that had not been predicted to be, in 1 / WHOLE
-)  # fmt: skip
-OPTIONS = record_type(
-    np.float64,
-    "budget",  # moves that may be simulated for each move sent, on average
-    "few",  # frontier cells up to which the end is in sight
-    "horizon", "discount",  # of plans to the end
-    "near_horizon", "near_discount",  # while the end is out of sight
-    "share",  # moves that classifying all known frontier cells at once is worth
-    "width", "depth", "leaves",  # of the beam, and leaves completed
-    "ahead", "rate", "cap",  # of the outlook that ranks states of the beam: weight, discount a move, furthest
-    "variations",  # of the incumbent
-    "charge",  # cells that a cell left behind costs a careful completion; 0: greedy ones alone
-    "likely", "layers",  # of the prediction
-    "runs",  # whether whole runs in one direction are candidates, too
-    "renew",  # quiet moves after which to search again
-    "patience",  # quiet moves after which a whole path is played
-    "sure",  # chance that all cells up to a predicted one are free
-    "after",  # what a cell counts that will join the frontier if all is as predicted
-    "wonder",  # how much more classifying early is worth if all that is found is a surprise
-    "trust",  # how fast the horizon shrinks with surprises; 0: not at all
-    "calm",  # share of surprises below which the end is in sight, however many frontier cells there are
-    "foreseen",  # share of surprises below which plans are simulated as far as the next two say
-    "far_horizon", "far_discount",
-    "lattices",  # that the free cells may lie on, of periods 2, 4, ...
 )  # fmt: skip
 
 
@@ -60,18 +36,18 @@ class Planner(NamedTuple):
     """Memory, options and work space."""
 
     memory: Any  # a record of MEMORY
-    options: Any  # a record of OPTIONS
+    options: Any  # a record: budget, and the fields of shoal.swarm.policies.planners.tuning.Tuning
     scene: Scene
     root: NDArray[np.uint64]  # a state: the episode now
-    state: NDArray[np.uint64]  # a state: of the plan that is imagined
+    state: NDArray[np.uint64]  # a state: of the plan that is simulated
     ahead: NDArray[np.uint64]  # a board: the particles one move further
     planes: NDArray[np.uint64]  # (PLANES, words)
     gains: NDArray[np.int64]  # (directions,)
     incumbent: NDArray[np.int8]  # the best plan known
-    trial: NDArray[np.int8]  # the plan that is imagined
+    trial: NDArray[np.int8]  # the plan that is simulated
     beam: Beam
-    experience: Experience
-    guess: Guess
+    prior: OccupancyPrior
+    prediction: OccupancyPrediction
 
 
 @kernel
@@ -98,22 +74,22 @@ def next_command(planner):
 
 @kernel
 def force(field, planner):
-    """Take a whole way to the nearest frontier cell as the plan: playing it settles a cell, so every episode ends."""
+    """Take a whole path to the nearest frontier cell as the plan: playing it classifies a cell, so every episode ends."""
     memory = planner.memory
     take_state(field, planner.root)
     for i in range(field.open.shape[0]):
-        planner.guess.open[i] = field.open[i]
+        planner.prediction.open[i] = field.open[i]
     limit = planner.incumbent.shape[0]
-    memory.forced = max(0, way(planner.scene, planner.root, planner.planes, planner.incumbent, np.int64(0), limit))
+    memory.forced = max(0, path_to_nearest(planner.scene, planner.root, planner.planes, planner.incumbent, np.int64(0), limit))
     memory.plan_at, memory.plan_length = 0, memory.forced
 
 
 @kernel
 def take_greedily(field, planner):
-    """Take the command that settles most now as the plan, or the way to the nearest frontier cell if none settles any."""
+    """Take the command that classifies most now as the plan, or the path to the nearest frontier cell if none classifies any."""
     memory = planner.memory
     take_state(field, planner.root)
-    prospects(planner.scene, planner.root, planner.gains)
+    immediate_gains(planner.scene, planner.root, planner.gains)
     planner.incumbent[0] = most(planner.gains, np.int64(-1))
     memory.plan_at, memory.plan_length = 0, 1
     if planner.incumbent[0] < 0:
@@ -122,7 +98,7 @@ def take_greedily(field, planner):
 
 @inlined_kernel
 def choose_greedy(field, planner):
-    """Return the next command of the policy greedy-classify: the one that settles most now, else the way to the nearest."""
+    """Return the next command of the policy greedy-classify: the one that classifies most now, else the path to the nearest."""
     memory = planner.memory
     if memory.plan_at >= memory.plan_length:
         take_greedily(field, planner)

@@ -1,7 +1,7 @@
-"""Imagined moves: what commands would do in a world as it is predicted, without touching the running episode.
+"""Simulated moves: what commands would do in a world as it is predicted, without touching the running episode.
 
-A state is three boards. Both tasks look alike: a cell of the frontier is settled when a particle tries to enter it. In a coverage
-that is the same as entering it, since a frontier cell is free and nobody stands in it; and there is nothing unseen behind it.
+A state is three boards. Both tasks look alike: a cell of the frontier is classified when a particle tries to enter it. In a
+coverage that is the same as entering it, since a frontier cell is free and nobody stands in it; and nothing unseen is behind it.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ def take_state(field, state):
 
 
 @kernel
-def prospects(scene, state, gains):
-    """Write for each command how many frontier cells it would settle."""
+def immediate_gains(scene, state, gains):
+    """Write for each command how many frontier cells it would classify."""
     occupied, frontier, size = state[OCCUPIED], state[FRONTIER], state.shape[1]
     total = 0
     ahead, here, wanted = occupied[1:], occupied[: size - 1], frontier[: size - 1]
@@ -82,16 +82,16 @@ def prospects(scene, state, gains):
 
 @kernel
 def advance(scene, state, command):
-    """Imagine one command, in place; return how many frontier cells it settles. They are left in ``scene.tried``."""
+    """Simulate one command, in place; return how many frontier cells it classifies. They are left in ``scene.tried``."""
     if push(scene, state[OCCUPIED], state[FRONTIER], command) == ZERO:
         return 0
-    tried, frontier, settled = scene.tried, state[FRONTIER], 0
+    tried, frontier, classified = scene.tried, state[FRONTIER], 0
     for i in range(tried.shape[0]):
-        settled += popcount(tried[i])
+        classified += popcount(tried[i])
         frontier[i] &= ~tried[i]
     if scene.mapping:
         discover(scene, frontier, state[UNSEEN])
-    return settled
+    return classified
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""What could be settled by one more scan after a walk through known cells, whose outcome needs none.
+"""What could be classified by one more scan after a walk through known cells, whose outcome needs none.
 
 As long as no particle tries an unknown cell, a command's outcome follows from what is known. So the swarm may shift, and shift
 again across, to where many particles stand beside unknown cells, and only then try them all at once.
@@ -22,7 +22,7 @@ BEST = record_type(np.int64, "first", "first_length", "second", "second_length",
 PRICES = record_type(np.float64, "scan", "move")
 
 
-class Prospect(NamedTuple):
+class Lookahead(NamedTuple):
     """Work space of the search."""
 
     shifted: NDArray[np.uint64]  # a board: the swarm after the first shift
@@ -75,7 +75,7 @@ def shift(field, predicted_field, command, rule):
 
 
 @kernel
-def settle(field, prospect, occupied, prices, steps, rate):
+def best_last_command(field, lookahead, occupied, prices, steps, rate):
     """Return the best last command for a shifted swarm, or -1 if none beats ``rate``, and the rate that is best now."""
     command = -1
     for last in range(4 if field.layers == 1 else 6):
@@ -99,21 +99,21 @@ def copy(source, target):
 
 
 @kernel
-def explore(field, rule, prospect, prices, rate):
-    """Look for a walk and a last command that settle more cells per unit of cost than ``rate``; write it, return its rate.
+def explore(field, rule, lookahead, prices, rate):
+    """Look for a walk and a last command that classify more cells per unit of cost than ``rate``; write it, return its rate.
 
-    ``prospect.best`` holds it: a first shift and its length, a second across it and its length, and the last command.
+    ``lookahead.best`` holds it: a first shift and its length, a second across it and its length, and the last command.
     """
-    best = prospect.best
-    once = predicted(field, prospect.shifted, prospect.counts)
-    twice = predicted(field, prospect.twice, prospect.counts)
+    best = lookahead.best
+    once = predicted(field, lookahead.shifted, lookahead.counts)
+    twice = predicted(field, lookahead.twice, lookahead.counts)
     directions = 4 if field.layers == 1 else 6
     for first in range(directions):
         copy(field.occupied, once.occupied)
         for length in range(1, FIRST_STEPS + 1):
             if not shift(field, once, first, rule):
                 break
-            last, rate = settle(field, prospect, once.occupied, prices, length, rate)
+            last, rate = best_last_command(field, lookahead, once.occupied, prices, length, rate)
             if last >= 0:
                 best.first, best.first_length, best.second_length, best.last = first, length, 0, last
             for second in range(directions):
@@ -123,7 +123,7 @@ def explore(field, rule, prospect, prices, rate):
                 for further in range(1, SECOND_STEPS + 1):
                     if not shift(field, twice, second, rule):
                         break
-                    last, rate = settle(field, prospect, twice.occupied, prices, length + further, rate)
+                    last, rate = best_last_command(field, lookahead, twice.occupied, prices, length + further, rate)
                     if last >= 0:
                         best.first, best.first_length, best.last = first, length, last
                         best.second, best.second_length = second, further
@@ -131,9 +131,9 @@ def explore(field, rule, prospect, prices, rate):
 
 
 @kernel
-def write_plan(prospect, plan):
+def write_plan(lookahead, plan):
     """Write the walk found as a plan; return its length."""
-    best = prospect.best
+    best = lookahead.best
     first, second = best.first_length, best.second_length
     for i in range(first):
         plan[i] = best.first

@@ -17,7 +17,7 @@ UNDECIDED, WALL, FREE = 0, 1, 2
 NOT_ASKED = -1.0
 
 
-class Guess(NamedTuple):
+class OccupancyPrediction(NamedTuple):
     """What is known and predicted; boards."""
 
     open: NDArray[np.uint64]  # free, or taken to be
@@ -33,21 +33,21 @@ class Guess(NamedTuple):
 
 
 @kernel
-def predict(field, experience, manner, guess, depth, likely, sure):
-    """Fill ``guess.open`` with the cells known to be free and those that one manner of `experience` predicts so, layer by layer."""
+def predict(field, prior, model, prediction, depth, likely, sure):
+    """Fill ``prediction.open`` with the cells known to be free and those that one model of `prior` predicts so, layer by layer."""
     size = np.int64(0)
-    guess.chances[:] = NOT_ASKED
+    prediction.chances[:] = NOT_ASKED
     for i in range(field.open.shape[0]):
-        guess.open[i] = field.open[i]
-        guess.known[i] = field.known[i]
-        size = list_cells(guess.cells, size, i, field.frontier[i])
+        prediction.open[i] = field.open[i]
+        prediction.known[i] = field.known[i]
+        size = list_cells(prediction.cells, size, i, field.frontier[i])
     for layer in range(depth):
         # All cells on the way have to be free, so the farther, the surer each of them.
         needed = max(likely, sure ** (1.0 / (layer + 1.0)))
-        find_walls(guess, experience, manner, size)
-        if not find_free(guess, experience, manner, size, needed):
+        find_walls(prediction, prior, model, size)
+        if not find_free(prediction, prior, model, size, needed):
             return
-        size = next_layer(guess, size)
+        size = next_layer(prediction, size)
 
 
 @kernel
@@ -61,51 +61,51 @@ def list_cells(cells, size, i, word):
 
 
 @kernel
-def find_walls(guess, experience, manner, size):
+def find_walls(prediction, prior, model, size):
     """Take those cells of the layer as known that are hardly ever free, so that the way between two walls is seen as such."""
-    opened, known, chances, seen = guess.open, guess.known, guess.chances, experience.tallies[1:]
-    directions = 4 if guess.layers == 1 else 6
+    opened, known, chances, seen = prediction.open, prediction.known, prediction.chances, prior.tallies[1:]
+    directions = 4 if prediction.layers == 1 else 6
     for k in range(size):
-        cell = guess.cells[k]
-        at, places = place(experience, manner, cell)
-        guess.verdicts[k] = UNDECIDED
+        cell = prediction.cells[k]
+        at, places = place(prior, model, cell)
+        prediction.verdicts[k] = UNDECIDED
         for command in range(directions):
-            step, side = steps_of(guess.rows, guess.width, command)
+            step, side = steps_of(prediction.rows, prediction.width, command)
             if not is_open(opened, cell - step):
                 continue
             number = around(opened, known, cell, step, side)
             if chances[number * places + at] == NOT_ASKED:
-                chances[number * places + at] = chance(experience, manner, number, cell)
+                chances[number * places + at] = chance(prior, model, number, cell)
             if chances[number * places + at] < UNLIKELY and seen[number // PAIRS, 0] >= FEWEST:
-                guess.verdicts[k] = WALL
+                prediction.verdicts[k] = WALL
                 break
     for k in range(size):
-        if guess.verdicts[k] == WALL:
-            mark(known, guess.cells[k])
+        if prediction.verdicts[k] == WALL:
+            mark(known, prediction.cells[k])
 
 
 @kernel
-def find_free(guess, experience, manner, size, needed):
+def find_free(prediction, prior, model, size, needed):
     """Find the cells of the layer that are taken to be free from every side that they can be entered from; tell if any are."""
-    opened, known, inner, chances = guess.open, guess.known, guess.inner, guess.chances
-    directions, some = 4 if guess.layers == 1 else 6, False
+    opened, known, inner, chances = prediction.open, prediction.known, prediction.inner, prediction.chances
+    directions, some = 4 if prediction.layers == 1 else 6, False
     for k in range(size):
-        cell = guess.cells[k]
-        if guess.verdicts[k] == WALL or not is_open(inner, cell):
+        cell = prediction.cells[k]
+        if prediction.verdicts[k] == WALL or not is_open(inner, cell):
             continue
-        at, places = place(experience, manner, cell)
+        at, places = place(prior, model, cell)
         for command in range(directions):
-            step, side = steps_of(guess.rows, guess.width, command)
+            step, side = steps_of(prediction.rows, prediction.width, command)
             if not is_open(opened, cell - step):
                 continue
             number = around(opened, known, cell, step, side)
             if chances[number * places + at] == NOT_ASKED:
-                chances[number * places + at] = chance(experience, manner, number, cell)
-            guess.verdicts[k] = FREE
+                chances[number * places + at] = chance(prior, model, number, cell)
+            prediction.verdicts[k] = FREE
             if not chances[number * places + at] > needed:
-                guess.verdicts[k] = UNDECIDED
+                prediction.verdicts[k] = UNDECIDED
                 break
-        some |= guess.verdicts[k] == FREE
+        some |= prediction.verdicts[k] == FREE
     return some
 
 
@@ -123,26 +123,26 @@ def mark(board, cell):
 
 
 @kernel
-def next_layer(guess, size):
+def next_layer(prediction, size):
     """Take the layer as known, and go on behind the cells taken to be free; return how many cells the next layer has."""
     for k in range(size):
-        mark(guess.known, guess.cells[k])
-        if guess.verdicts[k] == FREE:
-            mark(guess.open, guess.cells[k])
-    following, row = np.int64(0), 64 * guess.width
+        mark(prediction.known, prediction.cells[k])
+        if prediction.verdicts[k] == FREE:
+            mark(prediction.open, prediction.cells[k])
+    following, row = np.int64(0), 64 * prediction.width
     for k in range(size):
-        if guess.verdicts[k] != FREE:
+        if prediction.verdicts[k] != FREE:
             continue
-        cell = guess.cells[k]  # it is not on the rim, so it has all its neighbours
-        for step in (np.int64(1), row, row * guess.rows):
-            if step == row * guess.rows and guess.layers == 1:
+        cell = prediction.cells[k]  # it is not on the rim, so it has all its neighbours
+        for step in (np.int64(1), row, row * prediction.rows):
+            if step == row * prediction.rows and prediction.layers == 1:
                 continue
             for near in (cell - step, cell + step):
-                if not (guess.known[near >> 6] >> np.uint64(near & 63)) & ONE:
-                    mark(guess.known, near)  # so that it is listed once
-                    guess.following[following] = near
+                if not (prediction.known[near >> 6] >> np.uint64(near & 63)) & ONE:
+                    mark(prediction.known, near)  # so that it is listed once
+                    prediction.following[following] = near
                     following += 1
     for k in range(following):
-        guess.cells[k] = guess.following[k]
-        guess.known[guess.cells[k] >> 6] &= ~(ONE << np.uint64(guess.cells[k] & 63))
+        prediction.cells[k] = prediction.following[k]
+        prediction.known[prediction.cells[k] >> 6] &= ~(ONE << np.uint64(prediction.cells[k] & 63))
     return following

@@ -1,10 +1,10 @@
 """How likely a cell is to be free, learnt from zero in each episode: from what is around it, or from its place in a lattice.
 
-A manner of telling is a chain of shares of free cells, from coarse to fine, each smoothed towards the one before. Manner 0 looks
+A model of telling is a chain of shares of free cells, from coarse to fine, each smoothed towards the one before. Model 0 looks
 at what is known around a cell, seen from the free neighbour from which it is entered: the cell two behind, the two beside that
-neighbour, and the two beside the cell. Manner m > 0 looks at the cell's place modulo 2 to the m, too: the corridors of mazes,
-trees and chips often lie on a lattice. Whenever a cell is classified, every manner is asked before it learns the answer, and the
-one that has been surprised least so far is believed (prequential selection).
+neighbour, and the two beside the cell. Model m > 0 looks at the cell's place modulo 2 to the m, too: the corridors of mazes,
+trees and chips often lie on a lattice. Whenever a cell is classified, every model is asked before it learns the answer, and the
+one that has been surprised least so far is best_model (prequential selection).
 
 Source: docs/concepts/planners.md; A. P. Dawid, Statistical theory: the prequential approach, J. R. Stat. Soc. A 147 (1984).
 """
@@ -21,19 +21,19 @@ from shoal.jit import kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
 from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP
 
-MANNERS = 4
+MODELS = 4
 STATES, PAIRS = 3, 6  # of a cell: unknown, free, obstacle; unordered pairs of them
 COARSE = STATES * PAIRS  # what is behind the neighbour and beside it
 FINE = COARSE * PAIRS  # and beside the cell
-# The tallies: one of all cells; then, of each manner in turn, those of coarse surroundings at each place, those of fine ones.
+# The tallies: one of all cells; then, of each model in turn, those of coarse surroundings at each place, those of fine ones.
 WEIGHT = 2.0  # cells that the coarser share counts
 
 
-class Experience(NamedTuple):
+class OccupancyPrior(NamedTuple):
     """What was learnt so far."""
 
     tallies: NDArray[np.int64]  # (places, 2): cells classified, and found free; the first is of all cells
-    losses: NDArray[np.float64]  # (MANNERS,): how much each manner was surprised, in nats
+    losses: NDArray[np.float64]  # (MODELS,): how much each model was surprised, in nats
     before: NDArray[np.uint64]  # a board: what was known before the last command
     layers: int
     rows: int  # of a layer
@@ -41,9 +41,9 @@ class Experience(NamedTuple):
 
 
 def size_of(layers: int) -> int:
-    """Return the number of tallies that an experience needs."""
+    """Return the number of tallies that an prior needs."""
     axes = 2 if layers == 1 else 3
-    return 1 + sum((COARSE + FINE) << (manner * axes) for manner in range(MANNERS))
+    return 1 + sum((COARSE + FINE) << (model * axes) for model in range(MODELS))
 
 
 @kernel
@@ -86,14 +86,14 @@ def around(opened, known, cell, step, side):
 
 
 @kernel
-def place(experience, manner, cell):
-    """Return (number of the place of a cell modulo 2 to the ``manner``, how many places there are)."""
-    mask = (np.int64(1) << manner) - 1
-    row = (cell >> 6) // experience.width
-    if experience.layers == 1:
-        return ((row & mask) << manner) | (cell & mask), np.int64(1) << (2 * manner)
-    layer, within = row // experience.rows, row % experience.rows
-    return ((((layer & mask) << manner) | (within & mask)) << manner) | (cell & mask), np.int64(1) << (3 * manner)
+def place(prior, model, cell):
+    """Return (number of the place of a cell modulo 2 to the ``model``, how many places there are)."""
+    mask = (np.int64(1) << model) - 1
+    row = (cell >> 6) // prior.width
+    if prior.layers == 1:
+        return ((row & mask) << model) | (cell & mask), np.int64(1) << (2 * model)
+    layer, within = row // prior.rows, row % prior.rows
+    return ((((layer & mask) << model) | (within & mask)) << model) | (cell & mask), np.int64(1) << (3 * model)
 
 
 @kernel
@@ -103,32 +103,32 @@ def smoothed(tallies, entry, likely):
 
 
 @kernel
-def chance(experience, manner, number, cell):
-    """Return how likely a cell is to be free, as one manner tells; ``number`` tells what is around it."""
-    tallies, coarse, first = experience.tallies, number // PAIRS, 1
+def chance(prior, model, number, cell):
+    """Return how likely a cell is to be free, as one model tells; ``number`` tells what is around it."""
+    tallies, coarse, first = prior.tallies, number // PAIRS, 1
     likely = smoothed(tallies, 0, 0.5)
-    for level in range(manner):
-        at, places = place(experience, level, cell)
+    for level in range(model):
+        at, places = place(prior, level, cell)
         likely = smoothed(tallies, first + coarse * places + at, likely)
         first += (COARSE + FINE) * places
-    at, places = place(experience, manner, cell)
+    at, places = place(prior, model, cell)
     likely = smoothed(tallies, first + coarse * places + at, likely)
     return smoothed(tallies, first + (COARSE + number) * places + at, likely)
 
 
 @kernel
-def learn(experience, number, cell, free):
-    """Ask every manner about a cell, as `chance` does, and count it: what a manner is asked for, the next one goes on from."""
-    tallies, losses, coarse, first = experience.tallies, experience.losses, number // PAIRS, 1
+def learn(prior, number, cell, free):
+    """Ask every model about a cell, as `chance` does, and count it: what a model is asked for, the next one goes on from."""
+    tallies, losses, coarse, first = prior.tallies, prior.losses, number // PAIRS, 1
     likely, one = smoothed(tallies, 0, 0.5), np.int64(1) if free else np.int64(0)
     tallies[0, 0] += 1
     tallies[0, 1] += one
-    for manner in range(MANNERS):
-        at, places = place(experience, manner, cell)
+    for model in range(MODELS):
+        at, places = place(prior, model, cell)
         coarsely, finely = first + coarse * places + at, first + (COARSE + number) * places + at
         likely = smoothed(tallies, coarsely, likely)
         told = smoothed(tallies, finely, likely)
-        losses[manner] -= math.log(told if free else 1.0 - told)
+        losses[model] -= math.log(told if free else 1.0 - told)
         for entry in (coarsely, finely):
             tallies[entry, 0] += 1
             tallies[entry, 1] += one
@@ -136,23 +136,23 @@ def learn(experience, number, cell, free):
 
 
 @kernel
-def take_note(field, experience, command):
+def learn_from_command(field, prior, command):
     """Learn from what the last command has classified."""
-    before = experience.before
-    step, side = steps_of(experience.rows, experience.width, command)
+    before = prior.before
+    step, side = steps_of(prior.rows, prior.width, command)
     for i in range(field.known.shape[0]):
         new = field.known[i] & ~before[i]
         while new != ZERO:
             cell = 64 * i + lowest(new)
-            learn(experience, around(field.open, before, cell, step, side), cell, field.open[i] & new & (~new + ONE) != ZERO)
+            learn(prior, around(field.open, before, cell, step, side), cell, field.open[i] & new & (~new + ONE) != ZERO)
             new &= new - ONE
 
 
 @kernel
-def believed(experience, last):
-    """Return the manner, of those up to the last to ask, that was surprised least."""
+def best_model(prior, last):
+    """Return the model, of those up to the last to ask, that was surprised least."""
     best = 0
-    for manner in range(1, last + 1):
-        if experience.losses[manner] < experience.losses[best]:
-            best = manner
+    for model in range(1, last + 1):
+        if prior.losses[model] < prior.losses[best]:
+            best = model
     return best

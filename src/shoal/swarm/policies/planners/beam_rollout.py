@@ -5,34 +5,35 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from shoal.swarm.policies.planners.tuning import MOST_FEW, MOST_MANY, USUAL, Budgeted, Tuning
+from shoal.swarm.policies.planners.planner_policy import MOST_FEW, MOST_MANY, USUAL, Budgeted
+from shoal.swarm.policies.planners.tuning import Tuning
 
 TUNING = Tuning(
-    few=200,
+    end_frontier=200,
     horizon=300,
     discount=0.99,
     near_horizon=60,
     near_discount=0.98,
-    share=25,
-    width=10,
-    depth=5,
-    leaves=8,
-    ahead=1,
-    rate=0.9,
-    cap=8,
+    frontier_worth=25,
+    beam_width=10,
+    beam_depth=5,
+    beam_leaves=8,
+    outlook_weight=1,
+    outlook_discount=0.9,
+    outlook_cap=8,
     variations=6,
-    charge=1,
-    likely=0.75,
-    layers=200,
-    runs=1,
-    renew=8,
-    patience=450,
-    sure=0.7,
-    after=1,
-    wonder=35,
-    trust=2,
-    calm=0.4,
-    foreseen=0.03,
+    left_behind_cost=1,
+    free_threshold=0.75,
+    prediction_layers=200,
+    run_candidates=1,
+    replan_after=8,
+    force_after=450,
+    joint_chance=0.7,
+    future_weight=1,
+    surprise_weight=35,
+    surprise_shrink=2,
+    end_surprise=0.4,
+    far_surprise=0.03,
     far_horizon=1000,
     far_discount=0.999,
     lattices=3,
@@ -43,7 +44,7 @@ TUNING = Tuning(
 class BeamRollout(Budgeted):
     """As rollout, with three things added: it is the one that ``best`` stands for.
 
-    Plans are imagined until nothing is left to do from the first move on. They are also completed carefully, probing what would be
+    Plans are simulated until nothing is left to do from the first move on. They are also completed carefully, probing what would be
     left behind before stepping on. And the prediction goes on as long as all cells up to there are likely to be free together.
     Source: docs/concepts/planners.md.
     """
@@ -56,12 +57,12 @@ class BeamRollout(Budgeted):
     def settings(self, particles: int) -> tuple[float, ...]:
         """Return budget and tuning for so many particles.
 
-        The more thought that few and many are given goes into variations. The more they are, the sooner all is settled: then
-        the end is in sight of more frontier cells, and what is settled early counts less.
+        The more thought that few and many are given goes into variations. The more they are, the sooner all is classified: then
+        the end is in sight of more frontier cells, and what is classified early counts less.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
         tuning, many = self.tuning, max(1.0, more)
-        tuning = tuning._replace(few=tuning.few * many, share=tuning.share / many)
+        tuning = tuning._replace(end_frontier=tuning.end_frontier * many, frontier_worth=tuning.frontier_worth / many)
         if not self.milliseconds:
             tuning = tuning._replace(variations=tuning.variations * max(fewer, more))
         return (super().settings(particles)[0], *tuning)

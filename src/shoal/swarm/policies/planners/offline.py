@@ -40,7 +40,7 @@ class FirstPlan(BeamRollout):
     """beam-rollout that searches wider; its plan is where annealing begins."""
 
     kind: ClassVar[str] = "offline"
-    tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(width=24, depth=12, leaves=6, variations=12)
+    tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(beam_width=24, beam_depth=12, beam_leaves=6, variations=12)
 
     def settings(self, particles: int) -> tuple[float, ...]:
         """Return the budget as it is, however many particles there are, and the tuning."""
@@ -54,7 +54,7 @@ class Offline:
     Parameters
     ----------
     budget : float
-        Moves that may be imagined for each command of the plan, on average.
+        Moves that may be simulated for each command of the plan, on average.
     """
 
     kind: ClassVar[str] = "offline"
@@ -62,7 +62,7 @@ class Offline:
 
     def __post_init__(self) -> None:
         if not 0 < self.budget <= 1e12:
-            raise InvalidInputError(f"budget: expected imagined moves a command, above 0 and at most 1e12, got {self.budget:g}")
+            raise InvalidInputError(f"budget: expected simulated moves a command, above 0 and at most 1e12, got {self.budget:g}")
 
     @property
     def name(self) -> str:
@@ -104,7 +104,7 @@ def plan_coverage(
     rule : str
         "block" or "merge".
     budget : float
-        Moves that may be imagined for each command of the plan, on average; of at least 200 commands.
+        Moves that may be simulated for each command of the plan, on average; of at least 200 commands.
     attempts : int
         Plans of which the shortest is returned; each with other random changes.
     seed : int
@@ -137,18 +137,18 @@ def plan_from(belief: Belief, state: SwarmState, rule: str, budget: float, rng: 
     FirstPlan().check(state.occupied.layout, rule)
     if belief.complete:
         return ""
-    mind, first = first_plan(belief, state, rule, budget * FIRST_SHARE, rng)
+    planner, first = first_plan(belief, state, rule, budget * FIRST_SHARE, rng)
     room = 2 * len(first) + 8 * anneal.LONGEST_CHANGE
     every = max(4, -(-room // PLACES))
     plan, trial, shortest = (np.zeros(room, dtype=np.int8) for _ in range(3))
-    kept = np.zeros((room // every + 1, *mind.root.shape), dtype=np.uint64)
-    course = anneal.Course(plan, trial, shortest, kept, every)
+    kept = np.zeros((room // every + 1, *planner.root.shape), dtype=np.uint64)
+    course = anneal.AnnealedPlan(plan, trial, shortest, kept, every)
     plan[: len(first)] = shortest[: len(first)] = first
     length = fewest = len(first)
-    rollout.look(field_of(belief.open.words, state, belief), False, mind)
+    rollout.prepare(field_of(belief.open.words, state, belief), False, planner)
     whole = budget * (1 - FIRST_SHARE) * max(LEAST, len(first))
     for heat in np.geomspace(HEAT, COOL, PIECES):
-        length, fewest, _ = anneal.anneal(mind, course, length, fewest, heat, whole / PIECES)
+        length, fewest, _ = anneal.anneal(planner, course, length, fewest, heat, whole / PIECES)
     return decode(shortest[:fewest])
 
 
@@ -156,11 +156,11 @@ def first_plan(belief: Belief, state: SwarmState, rule: str, budget: float, rng:
     """Return the planner that made it, and the commands of a first plan."""
     policy = FirstPlan(budget=budget)
     options = policy.settings(len(state.occupied))
-    mind = planner_of(belief.open.layout, belief, rule=rule, mapping=False, seed=seed_of(rng), options=options)
+    planner = planner_of(belief.open.layout, belief, rule=rule, mapping=False, seed=seed_of(rng), options=options)
     field = field_of(belief.open.words, state, belief)  # changed as the plan is played
     pieces, status = [], policy_episode.RUNNING
     while status == policy_episode.RUNNING:
         trace = Trace.empty(256)
-        played, status = planner_episode.play_planned(policy.code, field, RULE_CODES[rule], False, mind, trace)
+        played, status = planner_episode.play_planner(policy.code, field, RULE_CODES[rule], False, planner, trace)
         pieces.append(trace.commands[:played])
-    return mind, np.concatenate(pieces)
+    return planner, np.concatenate(pieces)

@@ -5,34 +5,35 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from shoal.swarm.policies.planners.tuning import Budgeted, Tuning
+from shoal.swarm.policies.planners.planner_policy import Budgeted
+from shoal.swarm.policies.planners.tuning import Tuning
 
 P1 = Tuning(
-    few=200,
+    end_frontier=200,
     horizon=150,
     discount=0.99,
     near_horizon=60,
     near_discount=0.98,
-    share=30,
-    width=24,
-    depth=12,
-    leaves=6,
-    ahead=0,
-    rate=0,
-    cap=0,
+    frontier_worth=30,
+    beam_width=24,
+    beam_depth=12,
+    beam_leaves=6,
+    outlook_weight=0,
+    outlook_discount=0,
+    outlook_cap=0,
     variations=8,
-    charge=0,
-    likely=0.75,
-    layers=12,
-    runs=0,
-    renew=8,
-    patience=450,
-    sure=0,
-    after=0,
-    wonder=0,
-    trust=0,
-    calm=0,
-    foreseen=0,
+    left_behind_cost=0,
+    free_threshold=0.75,
+    prediction_layers=12,
+    run_candidates=0,
+    replan_after=8,
+    force_after=450,
+    joint_chance=0,
+    future_weight=0,
+    surprise_weight=0,
+    surprise_shrink=0,
+    end_surprise=0,
+    far_surprise=0,
     far_horizon=150,
     far_discount=0.99,
     lattices=0,
@@ -41,10 +42,10 @@ P1 = Tuning(
 
 @dataclass(frozen=True)
 class Rollout(Budgeted):
-    """Imagine several plans in the world as predicted; send the first command of the best.
+    """Simulate several plans in the world as predicted; send the first command of the best.
 
     Candidates are what is left of the last plan, the single commands, the best leaves of a beam search and variations of the
-    best so far; each is completed greedily. If nothing is settled for 450 moves, a whole way to the nearest frontier cell is
+    best so far; each is completed greedily. If nothing is classified for 450 moves, a whole path to the nearest frontier cell is
     played, so every episode ends. Source: docs/concepts/planners.md (the prototype there).
     """
 

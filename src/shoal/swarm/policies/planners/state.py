@@ -13,16 +13,30 @@ from numpy.random import Generator
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.commands import letters_of
-from shoal.swarm.grid.fields import RULE_CODES
+from shoal.swarm.grid.fields import RULE_CODES, empty_boards
 from shoal.swarm.kernels.planning import beam, frontier_paths, planner_state
 from shoal.swarm.kernels.planning.rollout import SAVINGS
 from shoal.swarm.kernels.prediction import forward_model, occupancy_prediction, occupancy_prior
-from shoal.swarm.kernels.records import new_record
+from shoal.swarm.kernels.records import new_record, record_type
+from shoal.swarm.policies.planners.tuning import Tuning
 
+OPTIONS = record_type(np.float64, "budget", *Tuning._fields)  # budget: moves that may be simulated for each move sent, on average
 BEAM_WIDTH, BEAM_DEPTH = 24, 12
 LONGEST_PLAN = 2_000
 FIRST_RATE = 200.0  # simulated moves a millisecond, while nothing is known of the machine
 ADVANCE = 10  # moves whose time may be spent before they are sent: most is to be thought about in the first ones
+
+
+def new_prior(layout: GridLayout) -> occupancy_prior.OccupancyPrior:
+    """Return a prior that has learnt nothing yet."""
+    return occupancy_prior.OccupancyPrior(
+        tallies=np.zeros((occupancy_prior.size_of(layout.layers), 2), dtype=np.int64),
+        losses=np.zeros(occupancy_prior.MODELS),
+        before=empty_boards(layout, 1)[0],
+        layers=layout.layers,
+        rows=layout.rows,
+        width=layout.words[1],
+    )
 
 
 def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, seed: int, options: tuple[float, ...] = ()) -> Any:
@@ -34,14 +48,14 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
     def boards(*shape: int) -> Any:
         return np.zeros((*shape, size), dtype=np.uint64)
 
-    foreseen = occupancy_prediction.Guess(
+    foreseen = occupancy_prediction.OccupancyPrediction(
         open=boards(),
         known=boards(),
         inner=layout.pack(layout.rim(np.ones(layout.shape, dtype=np.bool_))).ravel(),
         cells=np.zeros(64 * size, dtype=np.int64),
         following=np.zeros(64 * size, dtype=np.int64),
         verdicts=np.zeros(64 * size, dtype=np.int8),
-        chances=np.zeros(occupancy_prior.FINE << ((occupancy_prior.MANNERS - 1) * (2 if layout.layers == 1 else 3))),
+        chances=np.zeros(occupancy_prior.FINE << ((occupancy_prior.MODELS - 1) * (2 if layout.layers == 1 else 3))),
         **extents,
     )
     memory = new_record(planner_state.MEMORY)
@@ -50,7 +64,7 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
     memory.surprise = planner_state.WHOLE // 4 if mapping else 0  # of a known map nothing is a surprise
     return planner_state.Planner(
         memory=memory,
-        options=new_record(planner_state.OPTIONS, **dict(zip(planner_state.OPTIONS.names or (), options, strict=False))),
+        options=new_record(OPTIONS, **dict(zip(OPTIONS.names or (), options, strict=False))),
         scene=forward_model.Scene(
             ground=foreseen.open,
             tried=boards(),
@@ -75,13 +89,8 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
             marks=np.zeros((2, BEAM_WIDTH), dtype=np.uint64),
             child=boards(forward_model.BOARDS),
         ),
-        experience=occupancy_prior.Experience(
-            tallies=np.zeros((occupancy_prior.size_of(layout.layers), 2), dtype=np.int64),
-            losses=np.zeros(occupancy_prior.MANNERS),
-            before=boards(),
-            **extents,
-        ),
-        guess=foreseen,
+        prior=new_prior(layout),
+        prediction=foreseen,
     )
 
 
@@ -91,25 +100,25 @@ def seed_of(rng: Generator) -> int:
 
 
 class Pace:
-    """Turns a time for each move into a budget of imagined moves, from what they have taken so far."""
+    """Turns a time for each move into a budget of simulated moves, from what they have taken so far."""
 
     def __init__(self, milliseconds: float) -> None:
-        self.milliseconds, self.spent, self.imagined, self.moves = milliseconds, 0.0, 0, 0
+        self.milliseconds, self.spent, self.simulated, self.moves = milliseconds, 0.0, 0, 0
 
     @contextmanager
-    def timed(self, mind: Any, moves: int) -> Iterator[None]:
+    def timed(self, planner: Any, moves: int) -> Iterator[None]:
         """Set the budget for so many moves, and time the block, which plays them."""
         if not self.milliseconds:
             yield
             return
-        rate = self.imagined / self.spent if self.imagined else FIRST_RATE
+        rate = self.simulated / self.spent if self.simulated else FIRST_RATE
         budget = max(1.0, self.milliseconds * rate)
-        mind.options.budget = budget
+        planner.options.budget = budget
         # What earlier moves have saved or overdrawn is known in milliseconds: it replaces what the planner has counted itself.
         saved = (self.milliseconds * (self.moves + ADVANCE) - self.spent) * rate
-        mind.memory.credit = int(min(SAVINGS * budget, saved))
-        before, began = int(mind.memory.imagined), time.perf_counter()
+        planner.memory.credit = int(min(SAVINGS * budget, saved))
+        before, began = int(planner.memory.simulated), time.perf_counter()
         yield
         self.spent += (time.perf_counter() - began) * 1e3
-        self.imagined += int(mind.memory.imagined) - before
+        self.simulated += int(planner.memory.simulated) - before
         self.moves += moves

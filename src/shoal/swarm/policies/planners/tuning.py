@@ -1,127 +1,38 @@
-"""What the planners share: they see every move, and remember in arrays that kernels work in."""
+"""Tuning: what planners weigh."""
 
 from __future__ import annotations
 
-import copy
-from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
-
-from numpy.random import Generator
-
-from shoal.errors import InvalidInputError
-from shoal.swarm.grid.commands import letters_of
-from shoal.swarm.grid.fields import field_of
-from shoal.swarm.grid.state import SwarmState
-from shoal.swarm.kernels.episodes import planner_episode
-from shoal.swarm.policies.compiled_policy import Compiled
-from shoal.swarm.policies.planners.state import Pace, planner_of, seed_of
-from shoal.swarm.policies.protocol import Decision, View
-
-UNLIMITED = 1e9
-USUAL = 1000  # particles that are given the budget as it is
-MOST_FEW, MOST_MANY = 10.0, 4.0  # times as much is given to fewer and to more
+from typing import NamedTuple
 
 
 class Tuning(NamedTuple):
     """What a planner weighs; docs/concepts/planners.md says why these numbers."""
 
-    few: float  # frontier cells up to which plans are imagined to the end
+    end_frontier: float  # frontier cells up to which plans are simulated to the end
     horizon: float  # moves, of plans to the end
     discount: float
     near_horizon: float  # moves, while there are more frontier cells
     near_discount: float
-    share: float  # moves that settling all at once is worth
-    width: float  # of the beam
-    depth: float
-    leaves: float  # of the beam that are completed
-    ahead: float  # weight of the outlook in the beam
-    rate: float  # its discount for each move
-    cap: float  # its farthest cells
+    frontier_worth: float  # moves that classifying all at once is worth
+    beam_width: float  # of the beam
+    beam_depth: float
+    beam_leaves: float  # of the beam that are completed
+    outlook_weight: float  # weight of the outlook in the beam
+    outlook_discount: float  # its discount for each move
+    outlook_cap: float  # its farthest cells
     variations: float  # of the incumbent
-    charge: float  # cells settled that a cell left behind offsets; 0: greedy completions alone
-    likely: float  # chance from which a cell is predicted to be free
-    layers: float  # cells that predictions go on
-    runs: float  # 1: runs in one direction are candidates, too
-    renew: float  # moves that settle nothing, after which to search again
-    patience: float  # moves that settle nothing, after which a whole way is played
-    sure: float  # chance that all cells up to a predicted one are free
-    after: float  # what a cell counts that will join the frontier if all is as predicted
-    wonder: float  # how much more settling early is worth if all that is found is a surprise
-    trust: float  # how fast the horizon shrinks towards the near one with surprises; 0: not at all
-    calm: float  # share of surprises below which plans are imagined to the end, however many frontier cells there are
-    foreseen: float  # share of surprises below which plans to the end are imagined as far as the next two say
+    left_behind_cost: float  # cells classified that a cell left behind offsets; 0: greedy completions alone
+    free_threshold: float  # chance from which a cell is predicted to be free
+    prediction_layers: float  # cells that predictions go on
+    run_candidates: float  # 1: runs in one direction are candidates, too
+    replan_after: float  # moves that classify nothing, after which to search again
+    force_after: float  # moves that classify nothing, after which a whole way is played
+    joint_chance: float  # chance that all cells up to a predicted one are free
+    future_weight: float  # what a cell counts that will join the frontier if all is as predicted
+    surprise_weight: float  # how much more classifying early is worth if all that is found is a surprise
+    surprise_shrink: float  # how fast the horizon shrinks towards the near one with surprises; 0: not at all
+    end_surprise: float  # share of surprises below which plans are simulated to the end, however many frontier cells there are
+    far_surprise: float  # share of surprises below which plans to the end are simulated as far as the next two say
     far_horizon: float
     far_discount: float
     lattices: float  # that the free cells may lie on, of periods 2, 4, ...
-
-
-@dataclass(frozen=True)
-class PlannerPolicy(Compiled):
-    """Base of the policies that imagine moves before they choose one."""
-
-    runs: ClassVar[bool] = False
-    rules: ClassVar[frozenset[str]] = frozenset({"block", "merge"})
-    tuning: ClassVar[Tuning | None] = None
-    milliseconds: ClassVar[float] = 0.0
-
-    def settings(self, particles: int) -> tuple[float, ...]:
-        """Return budget and tuning as kernels know them, for so many particles."""
-        return () if self.tuning is None else (UNLIMITED, *self.tuning)
-
-    def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return the next command; memory is all that the planner has learnt, and the last command."""
-        belief, layout, memory = view.belief, view.occupied.layout, copy.deepcopy(memory)
-        field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # the truth is not looked at
-        if memory is None:
-            options = self.settings(len(view.occupied))
-            mind = planner_of(layout, belief, rule=view.rule, mapping=view.mapping, seed=seed_of(rng), options=options)
-            pace = Pace(self.milliseconds)
-        else:
-            mind, pace = memory.planner, memory.pace
-            mind.memory.remaining = len(belief.frontier)
-            planner_episode.heed(field, view.mapping, mind, memory.command, view.classified)
-        with pace.timed(mind, 1):
-            command = int(planner_episode.choose(self.code, field, view.mapping, mind))
-        if command < 0:
-            return "", None
-        mind.experience.before[:] = field.known
-        return letters_of(layout.ndim)[command], _Remembered(mind, command, pace)
-
-
-@dataclass(frozen=True)
-class _Remembered:
-    planner: Any
-    command: int
-    pace: Pace
-
-
-@dataclass(frozen=True)
-class Budgeted(PlannerPolicy):
-    """Base of the planners that can be told how much to think.
-
-    Parameters
-    ----------
-    budget : float
-        Moves that may be imagined for each move sent, on average, by 1000 particles. The fewer they are, the more moves are needed
-        and the more it is worth to think: n particles are given (1000 / n) squared times as many, at most ten times. The more they
-        are, the fewer moves are sent in all: n particles are given n / 1000 times as many, at most four times. The same seed and
-        budget give the same commands on every machine.
-    milliseconds : float
-        If above 0, time for each move, on average, instead of a budget. Then the commands depend on the machine and on what else
-        runs there; an episode replays all the same, since it holds its commands.
-    """
-
-    budget: float = UNLIMITED
-    milliseconds: float = 0.0  # type: ignore[misc]  # an option here, no choice in the base class
-
-    def __post_init__(self) -> None:
-        if not 0 < self.budget <= 1e12:
-            raise InvalidInputError(f"budget: expected imagined moves a move, above 0 and at most 1e12, got {self.budget:g}")
-        if not 0 <= self.milliseconds <= 1e9:
-            raise InvalidInputError(f"milliseconds: expected a time a move, 0 to 1e9, got {self.milliseconds:g}")
-
-    def settings(self, particles: int) -> tuple[float, ...]:
-        """Return budget and tuning as kernels know them, for so many particles."""
-        assert self.tuning is not None
-        few, many = min(MOST_FEW, (USUAL / max(1, particles)) ** 2), min(MOST_MANY, particles / USUAL)
-        return (self.budget * max(few, many), *self.tuning)

@@ -1,0 +1,95 @@
+"""What the planners share: they see every move, and remember in arrays that kernels work in."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from numpy.random import Generator
+
+from shoal.errors import InvalidInputError
+from shoal.swarm.grid.commands import letters_of
+from shoal.swarm.grid.fields import field_of
+from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.kernels.episodes import planner_episode
+from shoal.swarm.policies.compiled_policy import Compiled
+from shoal.swarm.policies.planners.state import Pace, planner_of, seed_of
+from shoal.swarm.policies.planners.tuning import Tuning
+from shoal.swarm.policies.protocol import Decision, View
+
+UNLIMITED = 1e9
+USUAL = 1000  # particles that are given the budget as it is
+MOST_FEW, MOST_MANY = 10.0, 4.0  # times as much is given to fewer and to more
+
+
+@dataclass(frozen=True)
+class PlannerPolicy(Compiled):
+    """Base of the policies that simulate moves before they choose one."""
+
+    runs: ClassVar[bool] = False
+    rules: ClassVar[frozenset[str]] = frozenset({"block", "merge"})
+    tuning: ClassVar[Tuning | None] = None
+    milliseconds: ClassVar[float] = 0.0
+
+    def settings(self, particles: int) -> tuple[float, ...]:
+        """Return budget and tuning as kernels know them, for so many particles."""
+        return () if self.tuning is None else (UNLIMITED, *self.tuning)
+
+    def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
+        """Return the next command; memory is all that the planner has learnt, and the last command."""
+        belief, layout, memory = view.belief, view.occupied.layout, copy.deepcopy(memory)
+        field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # the truth is not looked at
+        if memory is None:
+            options = self.settings(len(view.occupied))
+            planner = planner_of(layout, belief, rule=view.rule, mapping=view.mapping, seed=seed_of(rng), options=options)
+            pace = Pace(self.milliseconds)
+        else:
+            planner, pace = memory.planner, memory.pace
+            planner.memory.remaining = len(belief.frontier)
+            planner_episode.observe_outcome(field, view.mapping, planner, memory.command, view.classified)
+        with pace.timed(planner, 1):
+            command = int(planner_episode.choose(self.code, field, view.mapping, planner))
+        if command < 0:
+            return "", None
+        planner.prior.before[:] = field.known
+        return letters_of(layout.ndim)[command], _Remembered(planner, command, pace)
+
+
+@dataclass(frozen=True)
+class _Remembered:
+    planner: Any
+    command: int
+    pace: Pace
+
+
+@dataclass(frozen=True)
+class Budgeted(PlannerPolicy):
+    """Base of the planners that can be told how much to think.
+
+    Parameters
+    ----------
+    budget : float
+        Moves that may be simulated for each move sent, on average, by 1000 particles. The fewer they are, the more moves are needed
+        and the more it is worth to think: n particles are given (1000 / n) squared times as many, at most ten times. The more they
+        are, the fewer moves are sent in all: n particles are given n / 1000 times as many, at most four times. The same seed and
+        budget give the same commands on every machine.
+    milliseconds : float
+        If above 0, time for each move, on average, instead of a budget. Then the commands depend on the machine and on what else
+        runs there; an episode replays all the same, since it holds its commands.
+    """
+
+    budget: float = UNLIMITED
+    milliseconds: float = 0.0  # type: ignore[misc]  # an option here, no choice in the base class
+
+    def __post_init__(self) -> None:
+        if not 0 < self.budget <= 1e12:
+            raise InvalidInputError(f"budget: expected simulated moves a move, above 0 and at most 1e12, got {self.budget:g}")
+        if not 0 <= self.milliseconds <= 1e9:
+            raise InvalidInputError(f"milliseconds: expected a time a move, 0 to 1e9, got {self.milliseconds:g}")
+
+    def settings(self, particles: int) -> tuple[float, ...]:
+        """Return budget and tuning as kernels know them, for so many particles."""
+        assert self.tuning is not None
+        few, many = min(MOST_FEW, (USUAL / max(1, particles)) ** 2), min(MOST_MANY, particles / USUAL)
+        return (self.budget * max(few, many), *self.tuning)
