@@ -164,7 +164,7 @@ def test_a_certain_shift_is_what_the_world_does():
 
 def test_expected_gains_and_the_best_length():
     for scene, rng in scenes(83):
-        tallies = random_tallies(rng, scene.gain.tallies)
+        tallies = random_tallies(rng, scene.gain.prior.tallies)
         for command in scene.view.directions:
             expected_gain.gains_of_runs(scene.field, scene.gain, command)
             gains = expected_gains(scene.view, tallies, command)
