@@ -15,7 +15,8 @@ from shoal import GridWorkspace, InvalidInputError, open_map, read_map, write_ma
 from shoal.cli import run as shoal
 from shoal.swarm import SwarmEpisode
 from shoal.swarm.grid import belief as belief_states
-from shoal.swarm.kernels.search.breadth_first import path_lengths
+from shoal.swarm.grid.commands import offsets_of
+from shoal.swarm.kernels.search.breadth_first import nearest_cells
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.generators.vessels3d import grow_tree, murray_radius
 from shoal.views import film
@@ -190,7 +191,7 @@ def test_cells_in_the_order_of_their_paths():
                     distance[near] = distance[cell] + 1
                     wave.append(near)
     flat = [int(np.ravel_multi_index(cell, free.shape)) for cell in wave]
-    order = path_lengths(free.ravel(), np.array(free.shape), flat[0]).tolist()
+    order = nearest_cells(free.ravel(), offsets_of(free.shape), flat[0], free.size).tolist()
     assert sorted(order) == sorted(flat)
     lengths = [distance[tuple(int(i) for i in np.unravel_index(cell, free.shape))] for cell in order]
     assert lengths == sorted(lengths)

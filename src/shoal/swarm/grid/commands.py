@@ -24,6 +24,19 @@ def letters_of(ndim: int) -> str:
     return LETTERS[: 2 * ndim]
 
 
+def offsets_of(shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Return how far each command moves in a flat array of this shape, in the order of the letters.
+
+    Examples
+    --------
+    >>> offsets_of((5, 7)).tolist()
+    [-1, -7, 1, 7]
+    """
+    row = shape[-1]
+    layer = row * shape[-2]
+    return np.array([-1, -row, 1, row, -layer, layer][: 2 * len(shape)], dtype=np.int64)
+
+
 def encode(commands: str, *, ndim: int = 2) -> NDArray[np.int8]:
     """Turn a command string into codes 0 to 5.
 

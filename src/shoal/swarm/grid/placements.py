@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.registry import Registry
-from shoal.swarm.grid.board import GridLayout
+from shoal.swarm.grid.commands import offsets_of
 from shoal.swarm.grid.world import check_start
 from shoal.swarm.maps.workspace import GridWorkspace
 
@@ -89,22 +89,17 @@ def uniform(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int6
 @PLACEMENTS.register("flood-fill")
 def flood_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
     """Take the n cells nearest to a random free cell by path length, in breadth-first order."""
-    from shoal.swarm.kernels.search import breadth_first
+    from shoal.swarm.kernels.search.breadth_first import nearest_cells
 
-    layout = GridLayout(workspace.shape)
-    start = tuple(int(i) for i in workspace.cells[rng.integers(workspace.n_free)])
-    free = layout.pack(layout.rim(workspace.free)).ravel()
-    queue = np.zeros((n, 2), dtype=np.int32)
-    state = breadth_first.Flood(free, np.zeros_like(free), queue, layout.layers, layout.rows, layout.words[1])
-    layer = start[0] + 1 if workspace.ndim == 3 else 0
-    size = breadth_first.flood(state, layer * layout.rows + start[-2] + 1, start[-1] + 1)
-    if size < n:
+    padded, start = np.pad(workspace.free, 1), workspace.cells[rng.integers(workspace.n_free)]
+    flat = int(np.ravel_multi_index(tuple(start + 1), padded.shape))
+    found = nearest_cells(padded.ravel(), offsets_of(padded.shape), flat, n)
+    if len(found) < n:
         raise InvalidInputError(
-            f"flood-fill: expected {n} connected free cells around {start} of {workspace.name}, got {size} (its connected part)"
+            f"flood-fill: expected {n} connected free cells around {tuple(start.tolist())} of {workspace.name}, "
+            f"got {len(found)} (its connected part)"
         )
-    rows, columns = queue[:, 0] % layout.rows - 1, queue[:, 1] - 1
-    axes = [rows, columns] if workspace.ndim == 2 else [queue[:, 0] // layout.rows - 1, rows, columns]
-    return np.stack(axes, axis=1).astype(np.int64)
+    return np.stack(np.unravel_index(found, padded.shape), axis=1) - 1
 
 
 @PLACEMENTS.register("region-fill")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.swarm.grid.commands import letters_of
+from shoal.swarm.grid.commands import offsets_of
 from shoal.swarm.grid.world import check_start
 from shoal.swarm.maps.workspace import GridWorkspace
 
@@ -43,10 +43,7 @@ class LowerBound:
 def flat_cells(workspace: GridWorkspace) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Return the free cells with a rim of one, flat, and the offset of each command."""
     padded = np.pad(workspace.free, 1)
-    row = padded.shape[-1]
-    layer = row * padded.shape[-2]
-    offsets = np.array([-1, -row, 1, row, -layer, layer][: len(letters_of(workspace.ndim))], dtype=np.int64)
-    return padded.ravel(), offsets
+    return padded.ravel(), offsets_of(padded.shape)
 
 
 def flat_mask(workspace: GridWorkspace, cells: NDArray[np.int64]) -> NDArray[np.bool_]:

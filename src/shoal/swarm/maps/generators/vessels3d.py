@@ -181,12 +181,13 @@ def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: ND
 
 def _trimmed(free: Mask, count: int) -> Mask:
     """Return the ``count`` free cells that are nearest to the inlet by path, without an empty rim: ends of twigs go."""
-    from shoal.swarm.kernels.search.breadth_first import path_lengths  # needs Numba, which takes long to import
+    from shoal.swarm.kernels.search.breadth_first import nearest_cells  # needs Numba, which takes long to import
 
     padded = np.pad(free, 1)
     lowest = int(np.flatnonzero(padded.any(axis=(0, 2)))[-1])
     inlet = (layer_column := np.argwhere(padded[:, lowest])[0])[0], lowest, layer_column[1]
-    order = path_lengths(padded.ravel(), np.array(padded.shape), int(np.ravel_multi_index(tuple(inlet), padded.shape)))
+    row, layer = padded.shape[2], padded.shape[1] * padded.shape[2]
+    offsets = np.array([-1, 1, -row, row, -layer, layer])
     kept = np.zeros_like(padded)
-    kept.ravel()[order[:count]] = True
+    kept.ravel()[nearest_cells(padded.ravel(), offsets, int(np.ravel_multi_index(tuple(inlet), padded.shape)), count)] = True
     return crop(kept)
