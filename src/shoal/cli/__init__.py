@@ -11,8 +11,11 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from shoal.cli import demo, driving, maps, missions, replay, reproduce, search, steering, swarm, sweep, theory, tour
+from shoal.cli import demo, replay, reproduce, steering
 from shoal.cli.output import say
+from shoal.cli.search import missions, searching, tour
+from shoal.cli.swarm import driving, exploration, maps, theory
+from shoal.cli.sweep import running
 from shoal.errors import ShoalError
 from shoal.version import __version__
 
@@ -23,8 +26,8 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("map", epilog=swarm.MAP_EXAMPLE)(swarm.map_)
-app.command("cover", epilog=swarm.COVER_EXAMPLE)(swarm.cover)
+app.command("map", epilog=exploration.MAP_EXAMPLE)(exploration.map_)
+app.command("cover", epilog=exploration.COVER_EXAMPLE)(exploration.cover)
 app.command("maps", epilog=maps.EXAMPLE)(maps.maps)
 app.command("replay", epilog=replay.EXAMPLE)(replay.replay)
 app.command("drive", epilog=driving.EXAMPLE)(driving.drive)
@@ -32,10 +35,10 @@ app.command("line", epilog=theory.LINE_EXAMPLE)(theory.line)
 app.command("schedule", epilog=theory.SCHEDULE_EXAMPLE)(theory.schedule)
 app.command("steer", epilog=steering.STEER_EXAMPLE)(steering.steer)
 app.command("reach", epilog=steering.REACH_EXAMPLE)(steering.reach)
-app.command("search", epilog=search.SEARCH_EXAMPLE)(search.search)
+app.command("search", epilog=searching.SEARCH_EXAMPLE)(searching.search)
 app.command("tour", epilog=tour.TOUR_EXAMPLE)(tour.tour)
 app.add_typer(missions.app, name="missions")
-app.add_typer(sweep.app, name="sweep")
+app.add_typer(running.app, name="sweep")
 app.command("reproduce", epilog=reproduce.EXAMPLE)(reproduce.reproduce)
 app.command("demo", epilog=demo.EXAMPLE)(demo.demo)
 

@@ -45,7 +45,7 @@ def demo(
 
         demo_steer(out, seed=seed, json_=json_)
     elif what == "search":
-        from shoal.cli.search import demo_search
+        from shoal.cli.search.searching import demo_search
 
         demo_search(out, seed=seed, json_=json_)
     elif what == "vessels":
@@ -58,7 +58,7 @@ def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
     """Map the vessels of an eye."""
     from PIL import Image
 
-    from shoal.cli.swarm import summary, write_outputs
+    from shoal.cli.swarm.exploration import summary, write_outputs
     from shoal.files import atomic
     from shoal.swarm import GridWorkspace, SwarmProblem
     from shoal.swarm.maps.files import write_map

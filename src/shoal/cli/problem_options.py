@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from shoal.checks import parse_json, read_text
+from shoal.checks import parse_json, read_text, shortened
 from shoal.errors import InvalidInputError
 from shoal.problem import LARGEST_PROBLEM, Declaration, Problem
 
@@ -78,6 +78,11 @@ def _problem_of(kind: type[Problem], taken: dict[str, Declaration], texts: dict[
     if isinstance(source, str) and Path(source).suffix == ".json":
         data = parse_json(read_text(Path(source), what="problem file", most=LARGEST_PROBLEM), where=source)
         if isinstance(data, dict) and (place in data or "kind" in data):
+            for name in set(fixed) & set(data):
+                if data[name] != fixed[name]:
+                    raise InvalidInputError(
+                        f"{source}: {name}: expected {shortened(fixed[name])}, as of this command, got {shortened(data[name])}"
+                    )
             return kind.load(source).replaced(**fixed, **{name: value for name, value in given.items() if name != place})
     return kind(**fixed, **given)
 

@@ -41,11 +41,11 @@ def replay(
     """Replay an episode file, check that it is what it says, and draw or film it. Exit code 1 if it is not."""
     check_outputs(out, film)
     if is_search(episode_file):
-        from shoal.cli.search import replay_search
+        from shoal.cli.search.searching import replay_search
 
         replay_search(episode_file, seed, out, film, json_)
     elif episode_file.suffix.lower() == ".jsonl":
-        from shoal.cli.driving import replay_drive
+        from shoal.cli.swarm.driving import replay_drive
 
         replay_drive(episode_file, seed, out, film, json_)
     elif episode_file.suffix.lower() == ".json":
@@ -53,7 +53,7 @@ def replay(
 
         replay_steering(episode_file, seed, out, film, json_)
     else:
-        from shoal.cli.swarm import replay_swarm
+        from shoal.cli.swarm.exploration import replay_swarm
 
         replay_swarm(episode_file, seed, out, film, json_)
 

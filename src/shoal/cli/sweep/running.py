@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shoal.cli import options, results
+from shoal.cli import options
 from shoal.cli.output import check_folder, patience, print_json, print_table, quiet, say, warnings_said
-from shoal.cli.results import StoreFile, Unused, check_table
+from shoal.cli.sweep import results
+from shoal.cli.sweep.results import StoreFile, Unused, check_table
 from shoal.errors import InvalidInputError
 from shoal.files import write_json
 

@@ -214,7 +214,7 @@ def demo_search(out: Path, *, seed: int, json_: bool) -> None:
 
     check_folder(out)
     problem = SearchProblem(
-        Path(__file__).parent / "data" / "marsh.geojson",
+        Path(__file__).parents[1] / "data" / "marsh.geojson",
         robots=12,
         footprint=20.0,
         loss=0.3,

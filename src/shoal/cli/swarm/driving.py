@@ -17,7 +17,7 @@ from shoal.checks import check_integer
 from shoal.cli import options
 from shoal.cli.output import check_outputs, check_seed, moves_told, print_json, print_table, say
 from shoal.cli.problem_options import takes_problem
-from shoal.cli.swarm import load_kernels_for
+from shoal.cli.swarm.exploration import load_kernels_for
 from shoal.errors import InvalidInputError
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
@@ -173,7 +173,7 @@ def _report(
     seed: int,
     verified: Verification | None = None,
 ) -> None:
-    from shoal.cli.swarm import write_outputs
+    from shoal.cli.swarm.exploration import write_outputs
 
     about = summary(result, rig, truth, seed=seed)
     written = [] if log is None else [log]

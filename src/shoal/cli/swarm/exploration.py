@@ -35,7 +35,7 @@ MAP_EXAMPLE = "Example: shoal map vessels:1000 --particles 100 --seed 1"
 COVER_EXAMPLE = "Example: shoal cover maze:21x15 --particles 20 --subset 0.1"
 
 
-@takes_problem(SwarmProblem, task="mapping", subset=None)
+@takes_problem(SwarmProblem, from_file=True, task="mapping", subset=None)
 def map_(
     problem: SwarmProblem,
     trials: options.Trials = 1,
@@ -49,7 +49,7 @@ def map_(
     _play(problem, trials, seed, workers, out, film, json_)
 
 
-@takes_problem(SwarmProblem, task="coverage", slip=0.0, misplace=0.0, miss=0.0, confidence=0.99)
+@takes_problem(SwarmProblem, from_file=True, task="coverage", slip=0.0, misplace=0.0, miss=0.0, confidence=0.99)
 def cover(
     problem: SwarmProblem,
     trials: options.Trials = 1,

@@ -1,0 +1,1 @@
+"""Commands of the swarm: map, cover, maps, drive, line, schedule."""

@@ -1,0 +1,1 @@
+"""Commands of sweeps: run, status, summary, export, check."""
