@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from shoal.cli import command_names
-from shoal.lab.problems import KINDS, problem_type
+from shoal.lab.problems import KINDS, trial_problem_type
 from shoal.problem import Declaration, Problem
 
 TARGET = Path(__file__).parent / "reference"
@@ -61,7 +61,7 @@ these fields with the `kind` of the problem; a sweep file has them under `[probl
 
 def problems() -> str:
     """Return the text of docs/reference/problems.md."""
-    return PROBLEMS + "".join(section(kind, problem_type(kind)) for kind in KINDS)
+    return PROBLEMS + "".join(section(kind, trial_problem_type(kind)) for kind in KINDS)
 
 
 def section(kind: str, problem: type[Problem]) -> str:

@@ -231,12 +231,12 @@ def shortened(value: Any) -> str:
         return "a number of too many digits"
 
 
-def bounds(least: float, most: float, above: float = -inf, below: float = inf) -> str:
+def range_text(least: float, most: float, above: float = -inf, below: float = inf) -> str:
     """Return the range of a number for people: "from 0 to 1", "1 or more", "above 0 and below 1"; empty if it has none.
 
     Examples
     --------
-    >>> bounds(0, 1), bounds(1, inf), bounds(-inf, inf, above=0, below=1)
+    >>> range_text(0, 1), range_text(1, inf), range_text(-inf, inf, above=0, below=1)
     ('from 0 to 1', '1 or more', 'above 0 and below 1')
     """
     if least > -inf and most < inf:
@@ -248,7 +248,7 @@ def bounds(least: float, most: float, above: float = -inf, below: float = inf) -
 
 def _ranged(least: float, most: float, above: float = -inf, below: float = inf) -> str:
     """Return the range of a number as a message goes on: " from 0 to 1", ", 1 or more"."""
-    text = bounds(least, most, above, below)
+    text = range_text(least, most, above, below)
     return f" {text}" if text.startswith("from") else f", {text}" if text else ""
 
 

@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
 
 from shoal.checks import (
-    bounds,
     check_bool,
     check_choice,
     check_integer,
     check_number,
     check_text,
     parse_json,
+    range_text,
     read_text,
     shortened,
     suggestion,
@@ -117,7 +117,7 @@ class Declaration:
     def range(self) -> str:
         """The range of a number for people; empty if it has none."""
         option = self.option
-        return bounds(option.least, option.most, option.above, option.below)
+        return range_text(option.least, option.most, option.above, option.below)
 
     def checked(self, value: Any) -> Any:
         """Return the value as the field holds it.

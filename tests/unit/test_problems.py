@@ -40,7 +40,7 @@ def test_every_field_is_everywhere_with_one_default(part, name):
         assert declared.required or one.default in (None, declared.default, str(declared.default))
     # a sweep and a file
     fields = {"kind": part} | SMALLEST[part]
-    assert problems.problem_of(fields) == problems.problem_of(fields | {name: value})
+    assert problems.trial_problem(fields) == problems.trial_problem(fields | {name: value})
     assert kind.from_dict(json.loads(json.dumps(fields | {name: value}))) == smallest
     # the reference
     section = REFERENCE.partition(f'## kind = "{part}"')[2].partition("\n## ")[0]

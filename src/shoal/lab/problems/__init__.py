@@ -17,13 +17,13 @@ from shoal.lab.problems.function import FunctionProblem
 from shoal.lab.problems.line import LineProblem, ScheduleProblem
 from shoal.problem import Problem
 
-__all__ = ["KINDS", "FunctionProblem", "LineProblem", "ScheduleProblem", "problem_of", "problem_type", "trial"]
+__all__ = ["KINDS", "FunctionProblem", "LineProblem", "ScheduleProblem", "trial", "trial_problem", "trial_problem_type"]
 
 _OWN: dict[str, type[MeasuredProblem]] = {kind.part: kind for kind in (LineProblem, ScheduleProblem, FunctionProblem)}
 KINDS = (*parts.PARTS, *_OWN)
 
 
-def problem_of(fields: Mapping[str, Any], *, where: str = "problem") -> Problem:
+def trial_problem(fields: Mapping[str, Any], *, where: str = "problem") -> Problem:
     """Return the problem that fields describe; ``kind`` is one of `KINDS`.
 
     Raises
@@ -36,10 +36,10 @@ def problem_of(fields: Mapping[str, Any], *, where: str = "problem") -> Problem:
         raise InvalidInputError(
             f"{where}: expected a kind, one of {', '.join(KINDS)}, got {shortened(kind)}{suggestion(kind, KINDS)}"
         )
-    return problem_type(str(kind)).from_dict(fields, where=where)
+    return trial_problem_type(str(kind)).from_dict(fields, where=where)
 
 
-def problem_type(kind: str) -> type[Problem]:
+def trial_problem_type(kind: str) -> type[Problem]:
     """Return the class of a kind of problem."""
     return _OWN.get(kind) or parts.problem_type(kind)
 

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
 from shoal.checks import check_integer, validation_message
 from shoal.errors import InvalidInputError
-from shoal.lab.problems import FunctionProblem, problem_of
+from shoal.lab.problems import FunctionProblem, trial_problem
 from shoal.lab.sweeps.axes import MAX_POINTS, axis_values
 from shoal.lab.sweeps.toml_location import line_of
 from shoal.problem import Problem
@@ -152,7 +152,7 @@ class Sweep:
             fields["arguments"] = dict(fields.get("arguments", {})) | values
         else:
             fields |= values
-        problem = problem_of(fields, where=f"problem at {_words(values)}" if values else "problem")
+        problem = trial_problem(fields, where=f"problem at {_words(values)}" if values else "problem")
         if isinstance(problem, FunctionProblem):
             kept = {name: value for name, value in (problem.arguments or {}).items() if name not in self.paired}
             seeds = problem.replaced(arguments=kept).canonical()
