@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from shoal.checks import check_bool, check_integer, check_number, parse_json, read_text, shortened
 from shoal.episode import Episode, Status, Verification
-from shoal.errors import InvalidInputError
+from shoal.errors import InvalidInputError, ShoalError
 from shoal.files import write_json
 from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.cells.routing import Route
@@ -305,5 +305,5 @@ class SearchEpisode(Episode):
                 seconds=check_number(told["seconds"], what="seconds"),
                 versions={str(name): str(version) for name, version in dict(told["versions"]).items()},
             )
-        except InvalidInputError as error:
+        except (ShoalError, TypeError, ValueError) as error:
             raise InvalidInputError(f"{source}: not a search episode: {error}") from None
