@@ -71,7 +71,7 @@ def test_links_are_those_of_sampled_contacts(kind):
     for _ in range(60):
         space = random_polygon(rng) if kind == "polygon" else disk(0.5)
         walls, friction = normalize_walls(space), float(rng.choice([0.3, 1.0, 3.0]))
-        points = walls.inward(np.array([random_point(rng, space) for _ in range(4)]))
+        points = walls.normalized(np.array([random_point(rng, space) for _ in range(4)]))
         before = points[1] - points[0]
         after = before + (points[3] - points[2] - before) * rng.random()
         room = best_room(walls, before, after, friction)

@@ -163,7 +163,7 @@ def test_shortest_chains_are_those_of_a_general_optimizer():
     while compared < 4:
         space = random_polygon(rng, sides=int(rng.integers(3, 7)))
         walls = normalize_walls(space)
-        points = walls.inward(np.array([random_point(rng, space) for _ in range(4)]))
+        points = walls.normalized(np.array([random_point(rng, space) for _ in range(4)]))
         query = ChainQuery(walls, np.ascontiguousarray(points[:2]), np.ascontiguousarray(points[2:]))
         cycles = int(rng.integers(1, 4))
         touchers, on = rng.integers(0, 2, size=cycles), rng.integers(0, len(walls.normals), size=cycles)
@@ -274,7 +274,7 @@ def test_chains_over_a_circle_beat_random_ones():
     space = disk(0.5)
     walls = normalize_walls(space)
     for _ in range(4):
-        points = walls.inward(np.array([random_point(rng, space) for _ in range(4)]))
+        points = walls.normalized(np.array([random_point(rng, space) for _ in range(4)]))
         query = ChainQuery(walls, np.ascontiguousarray(points[:2]), np.ascontiguousarray(points[2:]))
         best = shortest_chain(query)
         length = np.inf if best is None else best.length

@@ -96,7 +96,7 @@ def _attempted(problem: SteeringProblem, planner: Any, start: Points, goal: Poin
     if why_never is None and hasattr(planner, "control"):
         inputs, states = planner.control(task, Apparatus(problem, start, seed=seed))
     elif why_never is None and task.error(start) > task.tolerance:
-        inputs = task.straight()
+        inputs = task.translation()
         inputs = planner.plan(task) if inputs is None else inputs
     found = 0 if inputs is None else len(inputs)
     if inputs is None or (found > task.max_moves and states is None):

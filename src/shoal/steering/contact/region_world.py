@@ -7,16 +7,15 @@ from functools import cached_property
 from math import inf
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_points
+from shoal.steering.contact.world import World
 from shoal.steering.kernels import region_contact as kernels
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
 
 
 @dataclass(frozen=True, eq=False)
-class RegionWorld:
+class RegionWorld(World):
     """The dynamics of particles under one shared displacement, in a region whose walls hold what is pushed into them.
 
     A particle on an edge does not move while that edge has ``N u <= 0``, N its inward normal. In a corner that is narrower than
@@ -46,52 +45,6 @@ class RegionWorld:
 
     friction = inf
 
-    @property
-    def room(self) -> Region:
-        """Where the particles can be."""
-        return self.workspace
-
-    def initial(self, points: ArrayLike) -> Points:
-        """Return the state with particles at ``points``, float64, shape (n, 2).
-
-        Raises
-        ------
-        InvalidInputError
-            If one is outside.
-        """
-        return self.check_state(points, what="start")
-
-    def check_state(self, points: ArrayLike, *, what: str) -> Points:
-        """Return points where particles can be, float64, shape (n, 2); raise InvalidInputError for others."""
-        return self.workspace.check_inside(points, what=what)
-
-    def step(self, points: ArrayLike, move: ArrayLike) -> Points:
-        """Return where particles at ``points`` are after one straight move, float64, shape (n, 2).
-
-        Raises
-        ------
-        InvalidInputError
-            If the move is no vector of finite numbers.
-        """
-        state = np.array(check_points(points, what="points", dimensions=2), order="C")
-        vector = check_points([move], what="move", dimensions=2, count=1)
-        return self._moved(state, np.ascontiguousarray(vector[0]))
-
-    def play(self, points: ArrayLike, moves: ArrayLike) -> Points:
-        """Return the states at the start and after each move; float64, shape (moves + 1, n, 2)."""
-        vectors = np.asarray(moves, dtype=np.float64)
-        vectors = check_points(vectors.reshape(-1, 2) if vectors.size == 0 else vectors, what="moves", dimensions=2)
-        states = [self.initial(points)]
-        for move in vectors:
-            states.append(self._moved(np.array(states[-1], order="C"), np.ascontiguousarray(move)))
-        return np.array(states)
-
-    def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
-        """Tell which particles the boundary would hold at the start of a move; bool, shape (n,)."""
-        state = np.ascontiguousarray(check_points(points, what="points", dimensions=2))
-        vector = check_points([move], what="move", dimensions=2, count=1)[0]
-        return np.array([kernels.is_held(point, vector, *self.edges) for point in state])
-
     @cached_property
     def edges(self) -> kernels.Edges:
         """What kernels take."""
@@ -109,7 +62,12 @@ class RegionWorld:
         reflex = before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0] < 0
         return kernels.Edges(edges, normals, lengths, links, reflex, float(self.workspace.size))
 
-    def _moved(self, state: Points, move: Points) -> Points:
+    def is_held(self, point: Points, move: Points) -> bool:
+        """Tell whether an edge would hold a particle at the start of a move."""
+        return bool(kernels.is_held(point, move, *self.edges))
+
+    def moved(self, state: Points, move: Points) -> Points:
+        """Move the particles, in place, without any checks."""
         for point in state:
             kernels.advance(point, move, self.edges)
         return state

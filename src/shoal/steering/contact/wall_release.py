@@ -1,4 +1,4 @@
-"""Getting off walls: the small moves without which a translation that starts on a wall would be held."""
+"""Wall release: the small moves off walls without which a translation that starts on a wall would be held."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points
 
     For states in which no move lifts both, as on opposite walls.
     """
-    ways = []
+    found = []
     for held in (0, 1):
         for wall in touched_normals(workspace, points[held]):
             for length in RELEASE_LENGTHS:
@@ -56,9 +56,9 @@ def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points
                 if away is not None:
                     after = points.copy()
                     after[1 - held] += length * workspace.size * away
-                    ways.append((length * workspace.size * away, after))
+                    found.append((length * workspace.size * away, after))
                     break
-    return ways
+    return found
 
 
 def direction_away_from(rows: Points) -> Points | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
@@ -19,8 +20,78 @@ from shoal.steering.workspaces.convex_geometry import Points
 PUSHED = kernels.PUSHED
 
 
+class World(ABC):
+    """What all worlds of steering have: particles that one shared displacement moves, in a workspace.
+
+    Attributes
+    ----------
+    workspace : ConvexWorkspace or Region
+    friction : float
+    """
+
+    workspace: Any
+    friction: float
+
+    @property
+    def room(self) -> Any:
+        """Where the centres of the particles can be."""
+        return self.workspace
+
+    def initial(self, points: ArrayLike) -> Points:
+        """Return the state with particles at ``points``, float64, shape (n, dimensions).
+
+        Raises
+        ------
+        InvalidInputError
+            If one is outside, or if two overlap.
+        """
+        return self.check_state(points, what="start")
+
+    def check_state(self, points: ArrayLike, *, what: str) -> Points:
+        """Return points where particles can be, float64, shape (n, dimensions); raise InvalidInputError for others."""
+        state: Points = self.room.check_inside(points, what=what)
+        return state
+
+    def step(self, points: ArrayLike, move: ArrayLike) -> Points:
+        """Return where particles at ``points`` are after one straight move, float64, shape (n, dimensions).
+
+        Raises
+        ------
+        InvalidInputError
+            If the move is no vector of finite numbers.
+        """
+        dimensions = self.workspace.dimensions
+        state = np.array(check_points(points, what="points", dimensions=dimensions), order="C")
+        vector = check_points([move], what="move", dimensions=dimensions, count=1)[0]
+        return self.moved(state, np.ascontiguousarray(vector))
+
+    def play(self, points: ArrayLike, moves: ArrayLike) -> Points:
+        """Return the states at the start and after each move; float64, shape (moves + 1, n, dimensions)."""
+        d = self.workspace.dimensions
+        vectors = np.asarray(moves, dtype=np.float64)
+        vectors = check_points(vectors.reshape(-1, d) if vectors.size == 0 else vectors, what="moves", dimensions=d)
+        states = [self.initial(points)]
+        for move in vectors:
+            states.append(self.moved(np.array(states[-1], order="C"), np.ascontiguousarray(move)))
+        return np.array(states)
+
+    def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
+        """Tell which particles a wall would hold at the start of a move, were friction endless; bool, shape (n,)."""
+        state = np.ascontiguousarray(check_points(points, what="points", dimensions=self.workspace.dimensions))
+        vector = check_points([move], what="move", dimensions=self.workspace.dimensions, count=1)[0]
+        return np.array([self.is_held(point, vector) for point in state])
+
+    @abstractmethod
+    def moved(self, state: Points, move: Points) -> Points:
+        """Move the particles, in place, without any checks."""
+
+    @abstractmethod
+    def is_held(self, point: Points, move: Points) -> bool:
+        """Tell whether a wall would hold a particle at the start of a move."""
+
+
 @dataclass(frozen=True, eq=False)
-class ContactWorld:
+class ContactWorld(World):
     """The dynamics of particles under one shared displacement, between walls with friction.
 
     A particle on a wall does not move while that wall has ``N u <= 0``, N its inward normal; so a push along the wall is held,
@@ -93,19 +164,9 @@ class ContactWorld:
             raise InvalidInputError(f"gain: expected one that is positive everywhere, got one that varies by {reach:.3g} of itself")
         return np.concatenate([[1 - gradient @ center], gradient])
 
-    def initial(self, points: ArrayLike) -> Points:
-        """Return the state with particles at ``points``, float64, shape (n, dimensions).
-
-        Raises
-        ------
-        InvalidInputError
-            If one is outside, or if two overlap.
-        """
-        return self.check_state(points, what="start")
-
     def check_state(self, points: ArrayLike, *, what: str) -> Points:
         """Return points where particles can be, float64, shape (n, dimensions); raise InvalidInputError for others."""
-        state = self.room.check_inside(points, what=what)
+        state = super().check_state(points, what=what)
         if self.radius:
             away = np.linalg.norm(state[:, None] - state[None], axis=-1) + np.eye(len(state)) * 4 * self.radius
             if away.min() < 2 * self.radius * (1 - 1e-12):
@@ -116,35 +177,6 @@ class ContactWorld:
                 )
         return state
 
-    def step(self, points: ArrayLike, move: ArrayLike) -> Points:
-        """Return where particles at ``points`` are after one straight move, float64, shape (n, dimensions).
-
-        Raises
-        ------
-        InvalidInputError
-            If the move is no vector of finite numbers.
-        """
-        dimensions = self.workspace.dimensions
-        state = check_points(points, what="points", dimensions=dimensions).copy()
-        vector = check_points([move], what="move", dimensions=dimensions, count=1)[0]
-        return self._moved(state, np.ascontiguousarray(vector))
-
-    def play(self, points: ArrayLike, moves: ArrayLike) -> Points:
-        """Return the states at the start and after each move; float64, shape (moves + 1, n, dimensions)."""
-        d = self.workspace.dimensions
-        vectors = np.asarray(moves, dtype=np.float64)
-        vectors = check_points(vectors.reshape(-1, d) if vectors.size == 0 else vectors, what="moves", dimensions=d)
-        states = [self.initial(points)]
-        for move in vectors:
-            states.append(self._moved(states[-1].copy(), np.ascontiguousarray(move)))
-        return np.array(states)
-
-    def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
-        """Tell which particles a wall would hold at the start of a move, were friction endless; bool, shape (n,)."""
-        state = check_points(points, what="points", dimensions=self.workspace.dimensions)
-        vector = check_points([move], what="move", dimensions=self.workspace.dimensions, count=1)[0]
-        return np.array([kernels.is_held(point, vector, self.walls) for point in state])
-
     @cached_property
     def walls(self) -> kernels.Walls:
         """What kernels take."""
@@ -152,7 +184,12 @@ class ContactWorld:
         normals, circle = np.ascontiguousarray(room.normals), np.array([*room.center, room.radius])
         return kernels.Walls(normals, room.offsets, circle, float(self.workspace.size), float(self.friction), self.gain)
 
-    def _moved(self, state: Points, move: Points) -> Points:
+    def is_held(self, point: Points, move: Points) -> bool:
+        """Tell whether a wall would hold a particle at the start of a move."""
+        return bool(kernels.is_held(point, move, self.walls))
+
+    def moved(self, state: Points, move: Points) -> Points:
+        """Move the particles, in place, without any checks."""
         shares = np.ones(len(state))
         before = state.copy()
         for index, point in enumerate(state):

@@ -86,8 +86,8 @@ def reached_in_two_moves(workspace: ConvexWorkspace, before: ArrayLike, after: A
     True
     """
     start, goal = (_check_difference(workspace, value, what) for value, what in ((before, "before"), (after, "after")))
-    ways = _disk_ways(workspace, start, goal) if workspace.round else _polygon_ways(workspace, start, goal)
-    return max(ways, key=lambda way: way.slack, default=None)
+    crossings = _disk_crossings(workspace, start, goal) if workspace.round else _polygon_crossings(workspace, start, goal)
+    return max(crossings, key=lambda crossing: crossing.slack, default=None)
 
 
 def _check_difference(workspace: ConvexWorkspace, value: ArrayLike, what: str) -> Points:
@@ -100,8 +100,8 @@ def _check_difference(workspace: ConvexWorkspace, value: ArrayLike, what: str) -
     return np.asarray(difference)
 
 
-def _polygon_ways(workspace: ConvexWorkspace, before: Points, after: Points) -> list[Crossing]:
-    ways = []
+def _polygon_crossings(workspace: ConvexWorkspace, before: Points, after: Points) -> list[Crossing]:
+    crossings = []
     corners, ends = workspace.vertices, np.roll(workspace.vertices, -1, axis=0)
     for toucher, sign in ((1, 1.0), (2, -1.0)):
         depth = sign * (workspace.normals @ before)
@@ -111,8 +111,8 @@ def _polygon_ways(workspace: ConvexWorkspace, before: Points, after: Points) -> 
         room = np.minimum(np.minimum(target, depth - target), (high - low) * lengths)
         for wall in np.flatnonzero((depth > 0) & (room >= 0)):
             first, last = (corners[wall] + share * (ends[wall] - corners[wall]) for share in (low[wall], high[wall]))
-            ways.append(Crossing(toucher, int(wall), first, last, (first + last) / 2, float(room[wall]) / workspace.size))
-    return ways
+            crossings.append(Crossing(toucher, int(wall), first, last, (first + last) / 2, float(room[wall]) / workspace.size))
+    return crossings
 
 
 def toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -134,7 +134,7 @@ def toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tupl
     return low, high
 
 
-def _disk_ways(workspace: ConvexWorkspace, before: Points, after: Points) -> list[Crossing]:
+def _disk_crossings(workspace: ConvexWorkspace, before: Points, after: Points) -> list[Crossing]:
     angles = contact_angles(workspace.radius, before, after)
     if angles is None:
         return []

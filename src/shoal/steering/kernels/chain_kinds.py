@@ -2,7 +2,7 @@
 
 A kind is dropped by a lower bound of its length: a particle that touches walls goes at least to its goal mirrored in them; all that
 changes the difference is a move while one particle is held. So with one toucher the length is at least its way plus |Dg - Ds|; with
-both, half of the sum of both ways and |Dg - Ds|.
+both, half of the sum of both lengths and |Dg - Ds|.
 """
 
 from __future__ import annotations
@@ -76,15 +76,15 @@ def bent(one, other, circle, angle):
 def reflected_lengths(start, goal, shape):
     """Return each particle's shortest way to its goal over each wall; shape (2, walls + 1), the last is the circle."""
     walls = shape.normals.shape[0]
-    ways = np.full((2, walls + 1), np.inf)
+    lengths = np.full((2, walls + 1), np.inf)
     for p in range(2):
         for wall in range(walls + (1 if shape.circle[2] > 0 else 0)):
-            ways[p, wall] = reflected(start[p], goal[p], wall, shape)
-    return ways
+            lengths[p, wall] = reflected(start[p], goal[p], wall, shape)
+    return lengths
 
 
 @kernel
-def bound_of(touchers, walls, start, goal, ways, shape):
+def bound_of(touchers, walls, start, goal, lengths, shape):
     """Return a lower bound of the length of all chains of a kind, given what `reflected_lengths` returns."""
     d, normals, offsets = start.shape[1], shape.normals, shape.offsets
     apart = distance_between(start[1] - start[0], goal[1] - goal[0])
@@ -98,7 +98,7 @@ def bound_of(touchers, walls, start, goal, ways, shape):
             if touchers[m] != p:
                 continue
             used[p] = True
-            least[p] = max(least[p], ways[p, walls[m]])
+            least[p] = max(least[p], lengths[p, walls[m]])
             if walls[m] < normals.shape[0]:
                 over = 2 * (dot(normals[walls[m]], image) - offsets[walls[m]])
                 for i in range(d):
@@ -130,7 +130,7 @@ def room_for(delta, sign, wall, reaches, shape):
 
 
 @kernel
-def kinds_of(cycles, start, goal, reaches, shape, push, bound, ways):
+def kinds_of(cycles, start, goal, reaches, shape, push, bound, lengths):
     """Return the kinds of chains of so many cycles over flat walls that may be shorter than a bound: touchers, walls and bounds."""
     before, after = start[1] - start[0], goal[1] - goal[0]
     options = 2 * shape.normals.shape[0]
@@ -159,7 +159,7 @@ def kinds_of(cycles, start, goal, reaches, shape, push, bound, ways):
             if walls[m] == walls[m - 1] and touchers[m] == touchers[m - 1]:
                 good = False
         if good:
-            least = bound_of(touchers, walls, start, goal, ways, shape)
+            least = bound_of(touchers, walls, start, goal, lengths, shape)
             if least < bound:
                 if found == bounds.shape[0]:
                     kept_touchers = np.concatenate((kept_touchers, np.zeros_like(kept_touchers)))

@@ -48,13 +48,9 @@ def new_place(cycles, d):
 def new_work(unknowns, d):
     size = 4 * d
     return Work(
-        np.zeros((1 + size, d)),
-        np.zeros(size, dtype=np.int64),
-        np.zeros(size),
-        np.zeros((size, size)),
-        np.zeros((2 + d, d)),
+        np.zeros((1 + size, d)), np.zeros(size, dtype=np.int64), np.zeros(size), np.zeros((size, size)), np.zeros((2 + d, d)),
         np.zeros((unknowns + 1, unknowns)),
-    )
+    )  # fmt: skip
 
 
 @kernel

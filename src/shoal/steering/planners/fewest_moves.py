@@ -54,7 +54,7 @@ class FewestMoves:
     def _raised(self, task: Task) -> Points | None:
         """Return the plan of the plane with heights."""
         below = planar_task(task)
-        flat = below.straight() if why_unreachable(below) is None else None
+        flat = below.translation() if why_unreachable(below) is None else None
         if flat is None and why_unreachable(below) is None:
             flat = self.plan(below)
         return None if flat is None else with_vertical_moves(task, flat)

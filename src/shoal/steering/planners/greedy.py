@@ -17,8 +17,8 @@ from shoal.steering.workspaces.convex_geometry import Points
 _PATIENCE = 4  # cycles by whose progress the rest is judged
 _SLOW = 16  # cycles: if more are left another chain is looked for
 _LONG = 24  # moves: each makes the errors before it larger, so a chain of fewer is looked for
-_LADDER = 48  # cycles of a chain that is planned from its end
-_EQUAL = 1e-9  # of the size: ways that come as near as that are chosen between by their length
+_BACKWARD = 48  # cycles of a chain that is planned from its end
+_EQUAL = 1e-9  # of the size: cycles that come equally near are chosen between by their length
 
 
 @PLANNERS.register("greedy")
@@ -43,7 +43,7 @@ class Greedy:
             moves = None if chain is None else task.moves_of(chain, query)
             slipped = moves is not None and query.friction < inf and misses(task, np.array([*first, *moves]))
             if moves is None or slipped or (len(moves) > _LONG and not query.walls.round):
-                chain = any_chain(query, grow=slipped)
+                chain = any_chain(query, roadmap=slipped)
                 few = None if chain is None else task.moves_of(chain, query)
                 moves = moves if few is None else few
             if moves is not None:
@@ -80,8 +80,8 @@ def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain |
         halted = step is None or not step[0].distance < left - 1e-12
         if step is None or halted or (not alone and _is_slow(left, lefts[-1 - _PATIENCE], tolerance)):
             # No way on, or hardly one, from a difference none of whose neighbours is nearer: another chain may pass it by.
-            grow = halted or query.friction < inf
-            other_chain = None if alone and query.friction < inf else any_chain(query, grow=grow)
+            roadmap = halted or query.friction < inf
+            other_chain = None if alone and query.friction < inf else any_chain(query, roadmap=roadmap)
             if other_chain is not None or step is None or halted:
                 return other_chain
             alone = True
@@ -109,15 +109,15 @@ def _is_slow(left: float, before: float, tolerance: float) -> bool:
     )
 
 
-def any_chain(query: ChainQuery, *, grow: bool = True) -> Chain | None:
-    """Return a chain that ends with the goal's difference exactly, of any length if it may grow; None if none is found."""
+def any_chain(query: ChainQuery, *, roadmap: bool = True) -> Chain | None:
+    """Return a chain that ends with the goal's difference exactly, of any length with a roadmap; None if none is found."""
     if query.walls.round and query.friction == inf:
-        ladder = antipodal_chain(query, cycles=_LADDER)
-        if ladder is not None:
-            return ladder
+        backward = antipodal_chain(query, cycles=_BACKWARD)
+        if backward is not None:
+            return backward
     few = (1, 2) if query.friction < inf else (1, 2, 3)
     chain = shortest_chain(query, cycles=few, first_found=True)
-    if chain is None and grow and query.walls.dimensions == 2:
+    if chain is None and roadmap and query.walls.dimensions == 2:
         chain = roadmap_chain(query)
     return chain
 

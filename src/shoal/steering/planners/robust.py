@@ -102,7 +102,7 @@ class _Loop:
                 return False
         walls = query.walls
         toucher = int(found.touchers[0])
-        contact = walls.outward(found.contacts(walls)[0])
+        contact = walls.restored(found.contacts(walls)[0])
         target = found.differences(query.before, query.after)[1] * walls.scale
         last = found.cycles == 1
         if not self._touch(toucher, contact, spread):

@@ -23,7 +23,7 @@ def shooting_plan(task: Task, count: int) -> Points | None:
     """Return a plan of so many moves, 2 to 6, that was found by playing; shape (count, d); None if there was none."""
     walls = normalize_walls(task.world.room)
     d = walls.dimensions
-    start, goal = walls.inward(task.start), walls.inward(task.aim)
+    start, goal = walls.normalized(task.start), walls.normalized(task.aim)
     between = Walls(walls.normals, walls.offsets, walls.circle, 1.0, float(task.world.friction), np.eye(d + 1)[0])
     if count == 2:
         two = _of_two(start, goal, between)
@@ -36,8 +36,8 @@ def shooting_plan(task: Task, count: int) -> Points | None:
             found = shooting.search(start, goal, directions(d, DENSE * DIRECTIONS[d]), SHARES, nudges, 1, between, moves)
     else:
         picks = np.random.default_rng(0).integers(0, 2**31, (*REPAIRS[count], count - 2, 2))
-        ways = directions(d, DENSE * DIRECTIONS[d])
-        found = plan_repair.search_guided(start, goal, ways, SHARES, picks, nudges, ENOUGH, between, moves)
+        dense = directions(d, DENSE * DIRECTIONS[d])
+        found = plan_repair.search_guided(start, goal, dense, SHARES, picks, nudges, ENOUGH, between, moves)
     if not found:
         return None
     shooting.improve(start, goal, count - 2, 0.05, nudges, between, moves)

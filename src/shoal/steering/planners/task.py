@@ -1,4 +1,4 @@
-"""Task: what a planner is given, and what two particles on convex ground can never do."""
+"""Task: what a planner is given, and what two particles in a convex workspace can never do."""
 
 from __future__ import annotations
 
@@ -82,8 +82,8 @@ class Task:
         margin = min(MARGIN, 0.02 * self.tolerance / walls.scale)
         return ChainQuery(
             walls,
-            walls.inward(self.start if start is None else start),
-            walls.inward(self.aim if aim is None else aim),
+            walls.normalized(self.start if start is None else start),
+            walls.normalized(self.aim if aim is None else aim),
             friction=float(self.world.friction) * _CONE,
             margin=max(margin, 2e-9),
         )
@@ -92,7 +92,7 @@ class Task:
         """Return the largest distance of a particle to its goal."""
         return float(np.linalg.norm(points - self.goal, axis=1).max())
 
-    def straight(self) -> Points | None:
+    def translation(self) -> Points | None:
         """Return the moves of a mere translation, shape (moves, d), if that will do; else None."""
         shifts = self.goal - self.start
         if float(np.linalg.norm(shifts - shifts.mean(axis=0), axis=1).max()) > self.tolerance * (1 - 1e-9):
@@ -111,7 +111,7 @@ class Task:
         Where contacts graze their walls beside corners, roundings may grow to more than the tolerance: there the chain is made
         short again a little farther from all walls.
         """
-        start, moves = query.walls.outward(query.start), self._played(chain, query)
+        start, moves = query.walls.restored(query.start), self._played(chain, query)
         if moves is None or not self._arrives(moves, start) or self._is_sure(moves, start):
             return moves
         for margin in _WIDER:
@@ -133,9 +133,9 @@ class Task:
     def _played(self, chain: Chain, query: ChainQuery) -> Points | None:
         """Return the moves of a chain; each starts from where those before it have really led, so that roundings do not add up."""
         room, walls = self.world.room, query.walls
-        state = walls.outward(query.start)
+        state = walls.restored(query.start)
         moves: list[Points] = []
-        contacts = walls.outward(chain.contacts(walls))
+        contacts = walls.restored(chain.contacts(walls))
         deltas = chain.differences(query.before, query.after)[1:] * walls.scale
         for toucher, contact, delta in zip(chain.touchers, contacts, deltas, strict=True):
             way = contact - state[toucher]
@@ -147,11 +147,11 @@ class Task:
                 state = self._sent(steps, state, moves)
             sign = 1.0 if toucher == 0 else -1.0
             state = self._sent([self._held(state[toucher], sign * (delta - (state[1] - state[0])))], state, moves)
-        steps = released_translation(room, state, (walls.outward(query.goal) - state).mean(axis=0))
+        steps = released_translation(room, state, (walls.restored(query.goal) - state).mean(axis=0))
         if steps is None:
             return None
         self._sent(steps, state, moves)
-        return self.tidied(np.array(moves), start=walls.outward(query.start))
+        return self.tidied(np.array(moves), start=walls.restored(query.start))
 
     def _held(self, point: Points, move: Points) -> Points:
         """Return a move that pushes a toucher into its wall by a little at least: roundings must not lead it off."""
@@ -190,7 +190,7 @@ class Task:
         return moves
 
     def departures(self) -> list[tuple[list[Points], Points]]:
-        """Return ways to begin: moves and the state after them; nothing at all, and small steps where no move lifts both."""
+        """Return first moves and the state after them: none at all, or small ones where no move releases both particles."""
         room = self.world.room
         if released_translation(room, self.start, np.zeros(room.dimensions)) is not None:
             return [([], self.start)]
@@ -203,11 +203,13 @@ class Task:
         if apart <= 2 * self.tolerance:
             return max(direct - self.tolerance, 0.0)
         walls = normalize_walls(self.world.room)
-        ways = reflected_lengths(walls.inward(self.start), walls.inward(self.goal), walls.shape).min(axis=1) * walls.scale
+        lengths = (
+            reflected_lengths(walls.normalized(self.start), walls.normalized(self.goal), walls.shape).min(axis=1) * walls.scale
+        )
         if self.world.friction < inf:  # a toucher that slides moves and changes Δ at once
-            return max(direct - self.tolerance, float(ways.min()) - self.tolerance, apart - 2 * self.tolerance, 0.0)
-        one = float(ways.min()) + apart - 3 * self.tolerance
-        both = (float(ways.sum()) + apart) / 2 - 2 * self.tolerance
+            return max(direct - self.tolerance, float(lengths.min()) - self.tolerance, apart - 2 * self.tolerance, 0.0)
+        one = float(lengths.min()) + apart - 3 * self.tolerance
+        both = (float(lengths.sum()) + apart) / 2 - 2 * self.tolerance
         return max(min(one, both), direct - self.tolerance, 0.0)
 
 

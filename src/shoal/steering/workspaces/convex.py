@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_bool, check_integer, check_number, check_points
 from shoal.errors import InvalidInputError
-from shoal.steering.workspaces.convex_geometry import Points, clipped, convex_outline, hull
+from shoal.steering.workspaces.convex_geometry import Points, check_inside, clipped, convex_outline, hull
 
 TOUCH = 1e-9  # of the size: who is nearer to a wall than this is on it
 
@@ -119,17 +119,8 @@ class ConvexWorkspace:
         return np.asarray(self.depth(points) >= -TOUCH * self.size)
 
     def check_inside(self, points: ArrayLike, *, what: str) -> Points:
-        """Return two points or more as float64, shape (n, dimensions); raise InvalidInputError if one lies outside."""
-        array = check_points(points, what=what, dimensions=self.dimensions)
-        outside = ~self.contains(array)
-        if outside.any():
-            index = int(np.argmax(outside))
-            place = tuple(array[index].tolist())
-            raise InvalidInputError(
-                f"{what}: expected points inside the {self.kind}, got {place} at point {index + 1}, "
-                f"{-float(self.depth(array[index])):.3g} outside"
-            )
-        return array
+        """Return points as float64, shape (n, dimensions); raise InvalidInputError if one lies outside."""
+        return check_inside(self, points, what=what)
 
     def extent(self, direction: ArrayLike) -> float:
         """Return how far the workspace reaches from its centre along a vector, times the length of that."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -12,6 +14,25 @@ Points = NDArray[np.float64]
 
 _FLAT = 1e-9  # of the size: what is thinner has no inside
 _STRAIGHT = 1e-12  # of the size squared: a corner that turns less is none
+
+
+def check_inside(workspace: Any, points: ArrayLike, *, what: str) -> Points:
+    """Return points of a workspace as float64, shape (n, dimensions).
+
+    Raises
+    ------
+    InvalidInputError
+        If one lies outside.
+    """
+    array = check_points(points, what=what, dimensions=workspace.dimensions)
+    outside = ~workspace.contains(array)
+    if outside.any():
+        index = int(np.argmax(outside))
+        raise InvalidInputError(
+            f"{what}: expected points inside the {workspace.kind}, got {tuple(array[index].tolist())} at point {index + 1}, "
+            f"{-float(workspace.depth(array[index])):.3g} outside"
+        )
+    return array
 
 
 def convex_outline(vertices: ArrayLike) -> Points:

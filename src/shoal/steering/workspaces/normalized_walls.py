@@ -66,11 +66,11 @@ class NormalizedWalls:
         """What the kernels of chains take."""
         return Shape(self.frames, self.normals, self.offsets, self.circle, self.near)
 
-    def inward(self, points: Points) -> Points:
+    def normalized(self, points: Points) -> Points:
         """Return points of the workspace in these units."""
         return np.ascontiguousarray((points - self.origin) / self.scale)
 
-    def outward(self, points: Points) -> Points:
+    def restored(self, points: Points) -> Points:
         """Return points in these units as those of the workspace."""
         return points * self.scale + self.origin
 

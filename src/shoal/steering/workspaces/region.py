@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.checks import check_points
 from shoal.errors import InvalidInputError
 from shoal.steering.workspaces.convex import TOUCH
-from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.convex_geometry import Points, check_inside
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,16 +72,8 @@ class Region:
         return np.asarray(self.depth(points) >= -TOUCH * self.size)
 
     def check_inside(self, points: ArrayLike, *, what: str) -> Points:
-        """Return two points or more as float64, shape (n, 2); raise InvalidInputError if one lies outside."""
-        array = check_points(points, what=what, dimensions=2)
-        outside = ~self.contains(array)
-        if outside.any():
-            index = int(np.argmax(outside))
-            raise InvalidInputError(
-                f"{what}: expected points inside the region, got {tuple(array[index].tolist())} at point {index + 1}, "
-                f"{-float(self.depth(array[index])):.3g} outside"
-            )
-        return array
+        """Return points as float64, shape (n, dimensions); raise InvalidInputError if one lies outside."""
+        return check_inside(self, points, what=what)
 
     def __repr__(self) -> str:
         return f"<Region, {len(self.outline)} corners, {len(self.obstacles)} obstacles>"

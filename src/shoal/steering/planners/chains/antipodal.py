@@ -28,19 +28,19 @@ def antipodal_chain(query: ChainQuery, *, cycles: int) -> Chain | None:
     length, angle = float(np.hypot(*query.after)), float(np.arctan2(query.after[1], query.after[0]))
     if length <= NEAR * 2 * radius or query.walls.dimensions != 2:
         return None
-    rungs, contacts = [(min(length, far), angle)], []
+    steps, contacts = [(min(length, far), angle)], []
     side = 1.0
-    while rungs[-1][0] > NEAR * 2 * radius and len(rungs) < cycles - 3:
-        length, angle = rungs[-1]
+    while steps[-1][0] > NEAR * 2 * radius and len(steps) < cycles - 3:
+        length, angle = steps[-1]
         turn = TURN * float(np.arccos(length / (2 * radius)))
         angle += side * turn
         contacts.append(angle + pi)
         shorter = length * float(np.cos(turn)) + 2 * query.push
         if shorter >= length:  # with so much of a push no cycle gets there
             return None
-        rungs.append((shorter, angle))
+        steps.append((shorter, angle))
         side = -side
-    first = rungs[-1]
+    first = steps[-1]
     if first[0] > NEAR * 2 * radius:
         return None
     bottom = first[0] * np.array([np.cos(first[1]), np.sin(first[1])])
@@ -57,7 +57,7 @@ def antipodal_chain(query: ChainQuery, *, cycles: int) -> Chain | None:
         return None
     deltas = [
         *begun.differences(query.before, bottom)[1:],
-        *(size * np.array([np.cos(a), np.sin(a)]) for size, a in rungs[-2::-1]),
+        *(size * np.array([np.cos(a), np.sin(a)]) for size, a in steps[-2::-1]),
     ]
     along = np.concatenate([begun.unknowns[: begun.cycles], radius * np.array(contacts[::-1])])
     touchers = np.concatenate([begun.touchers, np.zeros(len(contacts), dtype=np.int64)])

@@ -131,7 +131,7 @@ class ChainQuery:
         return float(settle(guess, enough, self.rounds if rounds is None else rounds, bound, kind))
 
     @property
-    def ways(self) -> NDArray[np.float64]:
+    def lengths_over_walls(self) -> NDArray[np.float64]:
         """Each particle's shortest way to its goal over each wall; shape (2, walls + 1)."""
         return np.asarray(reflected_lengths(self.start, self.goal, self.walls.shape))
 
@@ -173,7 +173,9 @@ def _flat(query: ChainQuery, cycles: int, best: Chain | None) -> Iterator[Chain]
     """Yield ever shorter chains over flat walls only."""
     walls = query.walls
     bound = inf if best is None else best.length
-    touchers, on, bounds = kinds_of(cycles, query.start, query.goal, walls.reaches, walls.shape, query.push, bound, query.ways)
+    touchers, on, bounds = kinds_of(
+        cycles, query.start, query.goal, walls.reaches, walls.shape, query.push, bound, query.lengths_over_walls
+    )
     for kind, least in enumerate(bounds):
         if least >= bound - 1e-9:
             break
@@ -188,14 +190,14 @@ def _round(query: ChainQuery, cycles: int, best: Chain | None) -> Iterator[Chain
     """Yield ever shorter chains with a round wall."""
     bound = inf if best is None else best.length
     firsts = list(_guesses(query, cycles))
-    ways = query.ways
+    lengths = query.lengths_over_walls
     rough: list[tuple[float, int, NDArray[np.int64], NDArray[np.float64]]] = []
     met: set[tuple[float, ...]] = set()
     on = np.full(cycles, len(query.walls.normals))
     d = query.walls.dimensions
     for kind in product((0, 1), repeat=cycles):
         touchers = np.array(kind, dtype=np.int64)
-        if bound_of(touchers, on, query.start, query.goal, ways, query.walls.shape) >= bound:
+        if bound_of(touchers, on, query.start, query.goal, lengths, query.walls.shape) >= bound:
             continue
         for first in firsts:
             guess = first.copy()

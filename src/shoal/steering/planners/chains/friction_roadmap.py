@@ -1,4 +1,4 @@
-"""Differences on a disk with friction that lie on the ways to a large one: from its end, and around the middle."""
+"""Nodes of the roadmap on a disk with friction: differences from which cycles lead to a large one, and around the middle."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from shoal.steering.contact.friction_limits import turn_on_the_way
 from shoal.steering.workspaces.convex_geometry import Points
 
-RUNGS = 500
-WAYS, TILTS = 129, 9  # contacts and directions among which a rung is sought
+MOST_CYCLES = 500
+CONTACTS, TILTS = 129, 9  # contacts and directions among which a rung is sought
 LEAST = 1e-3  # of the radius: no need to begin with a smaller difference
 SAME = 1e-9
-BENDS = 300  # differences on a way around the middle
+BETWEEN = 300  # differences on a way around the middle
 
 
 def backward_nodes(after: Points, *, radius: float, friction: float, margin: float) -> Points:
@@ -22,27 +22,27 @@ def backward_nodes(after: Points, *, radius: float, friction: float, margin: flo
     """
     cone = float(np.arctan(friction)) * (1 - 1e-6)
     sizes, turns = [float(np.hypot(*after))], list[float]()
-    for _rung in range(RUNGS):
-        size, turn = _rung_below(sizes[-1], radius, cone, margin)
+    for _cycle in range(MOST_CYCLES):
+        size, turn = _smallest_before(sizes[-1], radius, cone, margin)
         if not size < sizes[-1] * (1 - SAME):
             break
         sizes.append(size)
         turns.append(turn)
         if size < LEAST * radius:
             break
-    ways = []
+    nodes = []
     signs = (-1.0) ** np.arange(len(turns))
     for side in (np.ones(len(turns)), -np.ones(len(turns)), signs, -signs):
         angles = np.arctan2(after[1], after[0]) + np.cumsum(side * turns)
-        ways.append(np.array(sizes[1:])[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
-    return np.concatenate(ways)
+        nodes.append(np.array(sizes[1:])[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+    return np.concatenate(nodes)
 
 
-def _rung_below(size: float, radius: float, cone: float, margin: float) -> tuple[float, float]:
+def _smallest_before(size: float, radius: float, cone: float, margin: float) -> tuple[float, float]:
     """Return the smallest |Δ| from which one cycle leads to one of a size at the angle 0, and its angle."""
     inner = radius - margin
     half = np.arccos(min(1.0, (radius**2 + size**2 - inner**2) / (2 * radius * size)))
-    contact = np.pi + half * (1 - SAME) * np.linspace(-1, 1, WAYS)[:, None]
+    contact = np.pi + half * (1 - SAME) * np.linspace(-1, 1, CONTACTS)[:, None]
     way = contact + cone * np.linspace(-1, 1, TILTS)
     x, y = radius * np.cos(contact) + size, radius * np.sin(contact)  # of the other particle at the end
     along = x * np.cos(way) + y * np.sin(way)
@@ -66,7 +66,7 @@ def turning_nodes(before: Points, after: Points, *, radius: float, friction: flo
     for _halving in range(60):
         middle = (low + cone) / 2
         low, cone = (middle, cone) if turn_on_the_way(large, small, radius, middle) < abs(turn) else (low, middle)
-    angles = np.linspace(np.arccos(large / (2 * radius)), np.arccos(small / (2 * radius)), BENDS + 2)[1:-1]
+    angles = np.linspace(np.arccos(large / (2 * radius)), np.arccos(small / (2 * radius)), BETWEEN + 2)[1:-1]
     sizes: NDArray[np.float64] = 2 * radius * np.cos(angles)
     whole = turn_on_the_way(large, small, radius, cone)
     bends = begin + np.array([turn_on_the_way(large, float(size), radius, cone) for size in sizes]) * (turn / whole)

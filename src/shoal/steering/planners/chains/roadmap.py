@@ -45,7 +45,7 @@ def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int],
 
 
 def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: float) -> Points:
-    """Return the outermost differences on ways from the start's, and the innermost on ways to the goal's."""
+    """Return the outermost differences that come from the start's, and the innermost that lead to the goal's."""
     walls = query.walls
     if walls.round and query.friction < inf:
         radius, friction = float(walls.circle[2]), model.friction
