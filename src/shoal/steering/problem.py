@@ -116,11 +116,11 @@ class SteeringProblem(Problem):
 
     Examples
     --------
-    >>> problem = SteeringProblem("square", [(0.2, 0.2), (0.4, 0.3)], [(0.7, 0.7), (0.6, 0.2)])
+    >>> problem = SteeringProblem("hexagon", [(0.1, 0.2), (0.2, 0.3)], [(0.0, 0.1), (0.3, 0.2)])
     >>> problem.canonical()
-    '{"goal":[[0.7,0.7],[0.6,0.2]],"kind":"steering","start":[[0.2,0.2],[0.4,0.3]],"workspace":"square"}'
+    '{"goal":[[0.0,0.1],[0.3,0.2]],"kind":"steering","start":[[0.1,0.2],[0.2,0.3]],"workspace":"hexagon"}'
     >>> problem.place
-    <ConvexWorkspace polygon, 4 corners>
+    <ConvexWorkspace polygon, 6 corners>
     """
 
     part: ClassVar[str] = "steering"
