@@ -69,7 +69,7 @@ def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[
     OutputError
         If it cannot be written; nothing is left behind.
     """
-    from shoal.views.drawing.encoding import check_film, encode
+    from shoal.views.drawing.encoding import check_film, encode_film
 
     target = check_film(path)
     suffix = target.suffix.lower()
@@ -77,7 +77,7 @@ def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[
         if suffix == ".html":
             temporary.write_text(_views_of(episode, "page").player_page(episode), encoding="utf-8")
         else:
-            encode(temporary, _views_of(episode, "films").clip(episode, suffix), gif=suffix == ".gif", on_frame=on_frame)
+            encode_film(temporary, _views_of(episode, "films").clip(episode, suffix), gif=suffix == ".gif", on_frame=on_frame)
 
 
 def _views_of(episode: Any, room: str) -> Any:

@@ -34,11 +34,6 @@ def field_of(free: Words, state: SwarmState, belief: Belief) -> moves.Field:
     )
 
 
-def empty_field(layout: GridLayout) -> moves.Field:
-    """Return the kernels' boards, all empty."""
-    return new_field(layout)
-
-
 def new_field(layout: GridLayout, *, counts: NDArray[np.int32] | None = None, **boards: Words) -> moves.Field:
     """Return the kernels' boards: the given ones, flat, empty ones for all others, and blocks of work space."""
     block = max(moves.BLOCK_WORDS, layout.words[1])

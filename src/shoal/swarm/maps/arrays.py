@@ -24,7 +24,7 @@ def read_npy(path: Path, options: MapOptions) -> NDArray[Any]:
             found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else "an archive"
             raise InvalidInputError(f"{path}: expected a 2-D or 3-D array of booleans or numbers, got {found}")
         check_size(path, *array.shape)
-        return free_cells(np.array(array), options, where=str(path))
+        return free_by_number(np.array(array), options, where=str(path))
 
 
 def encode_npy(workspace: GridWorkspace) -> bytes:
@@ -34,7 +34,7 @@ def encode_npy(workspace: GridWorkspace) -> bytes:
     return buffer.getvalue()
 
 
-def free_cells(array: NDArray[Any], options: MapOptions, *, where: str) -> NDArray[Any]:
+def free_by_number(array: NDArray[Any], options: MapOptions, *, where: str) -> NDArray[Any]:
     """Return the free cells of an array of numbers, by level, by label, or because there are two numbers only.
 
     Raises

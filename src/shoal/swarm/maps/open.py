@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from shoal.errors import InvalidInputError
 from shoal.swarm.maps import imaging
-from shoal.swarm.maps.arrays import free_cells
+from shoal.swarm.maps.arrays import free_by_number
 from shoal.swarm.maps.files import named_after, read_map
 from shoal.swarm.maps.generators import generate_cached, is_spec
 from shoal.swarm.maps.pictures import read_pixels
@@ -65,7 +65,7 @@ def open_map(
     if not isinstance(place, str | os.PathLike):
         array = np.asarray(place)
         by_number = chosen.level is not None or chosen.label is not None
-        return GridWorkspace(free_cells(array, chosen, where="map") if by_number else array)
+        return GridWorkspace(free_by_number(array, chosen, where="map") if by_number else array)
     text = os.fspath(place)
     path = Path(text)
     named = is_spec(text) and not os.path.isfile(path)  # unlike Path.is_file it takes names of any length

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError, MissingExtraError
-from shoal.swarm.maps.arrays import free_cells
+from shoal.swarm.maps.arrays import free_by_number
 from shoal.swarm.maps.reading import MapOptions, check_size, reading
 from shoal.swarm.maps.workspace import GridWorkspace
 
@@ -50,7 +50,7 @@ def read_nifti(path: Path, options: MapOptions) -> tuple[NDArray[Any], tuple[flo
         sides = tuple(float(side) * _unit(image.header) for side in image.header.get_zooms()[:3])
     if not all(isfinite(side) and side > 0 for side in sides):
         raise InvalidInputError(f"{path}: expected voxels with sides above 0, got {sides}")
-    free = free_cells(np.ascontiguousarray(data[::-1, ::-1, ::-1].transpose(1, 2, 0)), options, where=str(path))
+    free = free_by_number(np.ascontiguousarray(data[::-1, ::-1, ::-1].transpose(1, 2, 0)), options, where=str(path))
     return free, (sides[1], sides[2], sides[0])
 
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.commands import encode, letters_of
+from shoal.swarm.grid.fields import new_field
 from shoal.swarm.grid.trace import Trace
-from shoal.swarm.kernels.dynamics import moves
 from shoal.swarm.kernels.noise import noisy_episode
 from shoal.swarm.kernels.noise import noisy_state as kernels
 from shoal.swarm.kernels.records import new_record
@@ -107,7 +107,7 @@ class NoisyBelief:
         self.layout, self.noise, self.confidence = GridLayout(shape), noise, confidence
         self.state = noisy_state_of(self.layout, noise, confidence) if noisy is None else noisy
         self.guard = guard_of(self.layout)
-        self._field = field_of(self.layout)
+        self._field = new_field(self.layout)
         self._show(seen)
         kernels.first_belief(self.state)
         noisy_episode.refresh(self.state, self._field, self.guard)
@@ -188,10 +188,3 @@ def guard_of(layout: GridLayout) -> noisy_episode.ProgressGuard:
     size = layout.words[0] * layout.words[1]
     memory = new_record(noisy_episode.MEMORY, budget=-1)
     return noisy_episode.ProgressGuard(np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory)
-
-
-def field_of(layout: GridLayout) -> moves.Field:
-    """Return empty boards for the search."""
-    from shoal.swarm.grid.fields import empty_field
-
-    return empty_field(layout)

@@ -92,7 +92,7 @@ class Clip(Generic[At]):
     palette: bytes | None = None
 
 
-def encode(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | None) -> None:
+def encode_film(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | None) -> None:
     """Write a film: a GIF, or H.264."""
     frames, moments = counted(clip.frames(clip.moments), len(clip.moments), on_frame), clip.moments
     if gif:
