@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import importlib
 import inspect
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Generic, TypeVar, cast
 
@@ -86,6 +87,43 @@ class Registry(Generic[T]):
             what = " ".join(str(error).split())
             raise UnknownNameError(f"cannot import the {self.kind} {name!r}: {type(error).__name__}: {what}") from error
         return found
+
+
+def name_of(thing: Any, registry: Registry[Any]) -> str:
+    """Return the name by which an object can be made again: registered, with options, or ``module:attribute``.
+
+    An object that has neither is told as what it is; nothing can be made from that.
+
+    Examples
+    --------
+    >>> colours = Registry[int]("colour")
+    >>> colours.add("red", 1)
+    1
+    >>> name_of(1, colours), name_of("red", colours)
+    ('red', 'red')
+    """
+    if isinstance(thing, str):
+        return thing
+    for name in registry:
+        if registry.get(name) is thing:
+            return name
+        if registry.get(name) is type(thing):
+            changed = [f"{key}={value}" for key, value in vars(thing).items() if value != getattr(type(thing), key, None)]
+            return f"{name}:{','.join(changed)}" if changed else name
+    kind = thing if hasattr(thing, "__qualname__") else type(thing)
+    module = sys.modules.get(kind.__module__)
+    for attribute, found in vars(module).items() if module is not None else ():
+        if (type(found) is type(thing) and found == thing) or (found is kind and _is_made_by(thing, kind)):
+            return f"{kind.__module__}:{attribute}"
+    return f"{kind.__module__}:{' '.join(repr(thing).split())[:80]}"
+
+
+def _is_made_by(thing: Any, kind: Any) -> bool:
+    """Tell whether a class without arguments makes such an object."""
+    try:
+        return bool(vars(kind()) == vars(thing))
+    except (TypeError, ValueError):
+        return False
 
 
 def configured(registry: Registry[type[T]], text: str) -> T:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from shoal.episode import Episode, Status, Verification
 from shoal.errors import InvalidInputError
-from shoal.swarm import episode_file
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.commands import decode
 from shoal.swarm.grid.state import SwarmState
@@ -27,6 +26,7 @@ from shoal.swarm.noise.map_errors import MapErrors
 from shoal.swarm.noise.model import Noise
 from shoal.swarm.noise.moments import Moment
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
+from shoal.swarm.simulation import episode_file
 from shoal.swarm.simulation.replay import ExactReplay, NoisyReplay, ObservedReplay, Replay
 from shoal.version import versions
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import os
-import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from shoal.checks import check_text, shortened
+from shoal.checks import shortened
 from shoal.errors import InvalidInputError
 from shoal.problem import Problem, option
-from shoal.registry import Registry
+from shoal.registry import Registry, name_of
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.commands import RULES
 from shoal.swarm.grid.scans import DEAREST, MOVE_COST, SCAN_COST, ScanRule
@@ -47,133 +46,46 @@ def _check_map(given: Any) -> Any:
         return given
     if isinstance(given, os.PathLike):
         return os.fspath(given)
-    if isinstance(given, dict):
-        return _read_workspace(given)
-    return GridWorkspace(given)
+    return GridWorkspace.from_dict(given) if isinstance(given, dict) else GridWorkspace(given)
 
 
-def _dump_map(given: Any) -> Any:
-    if isinstance(given, str):
+def _named(kind: str) -> dict[str, Any]:
+    """Return how a field is checked and written whose value is a name, or an object of that kind."""
+
+    def registry() -> tuple[Registry[Any], Any]:
+        if kind == "task":
+            from shoal.swarm.grid.tasks import TASKS, make_task
+
+            return TASKS, make_task
+        if kind == "placement":
+            from shoal.swarm.grid.placements import PLACEMENTS
+
+            return PLACEMENTS, PLACEMENTS.get
+        from shoal.swarm.policies import POLICIES, make_policy
+
+        return POLICIES, make_policy
+
+    def check(given: Any) -> Any:
+        known, make = registry()
+        if isinstance(given, str):
+            if given != "auto" and (given.partition(":")[0] in known or ":" not in given):
+                make(given)  # what lies in a module is not imported yet
+        elif kind == "task":
+            make(given)
+        elif kind == "placement" and not callable(given):
+            raise InvalidInputError(
+                f"placement: expected a name or a function (workspace, n, rng) -> cells, got {shortened(given)}"
+            )
+        elif kind == "policy" and not (hasattr(given, "name") and callable(getattr(given, "decide", None))):
+            expected = "a name, or an object with a name and a method decide"
+            raise InvalidInputError(f"policy: expected {expected}, got {shortened(given)}")
         return given
-    layers = given.free if given.ndim == 3 else given.free[np.newaxis]
-    rows = [["".join(np.where(row, ".", "#")) for row in layer] for layer in layers]
-    told = {"name": given.name, "rows": rows if given.ndim == 3 else rows[0]}
-    return told if given.spacing is None else told | {"spacing": list(given.spacing)}
 
-
-def _read_workspace(told: dict[str, Any]) -> GridWorkspace:
-    """Return the workspace that `_dump_map` wrote: rows of ``.`` (free) and ``#``, in 3-D layers of rows."""
-    unknown = set(told) - {"name", "rows", "spacing"}
-    rows: Any = told.get("rows")
-    flat: list[Any] = []
-    if not isinstance(rows, list) or unknown:
-        raise InvalidInputError(f"map: expected a name, a path, an array or name, rows and spacing, got {shortened(told)}")
-    for layer in rows if rows and isinstance(rows[0], list) else [rows]:
-        for row in layer:
-            if not isinstance(row, str) or set(row) - {".", "#"}:
-                raise InvalidInputError(f"map: expected rows of . and #, got {shortened(row)}")
-        flat.append([[letter == "." for letter in row] for row in layer])
-    free: Any = flat if rows and isinstance(rows[0], list) else flat[0]
-    return GridWorkspace(free, name=check_text(told.get("name", "workspace"), what="map"), spacing=told.get("spacing"))
-
-
-def _check_name(given: str, registry: Any, make: Any) -> None:
-    """Refuse an unknown name; what lies in a module is not imported yet."""
-    if given.partition(":")[0] in registry or ":" not in given:
-        make(given)
-
-
-def _check_task(given: Any) -> Any:
-    from shoal.swarm.grid.tasks import TASKS, make_task
-
-    if isinstance(given, str):
-        _check_name(given, TASKS, make_task)
-        return given
-    return make_task(given)
-
-
-def _check_policy(given: Any) -> Any:
-    from shoal.swarm.policies import POLICIES, Policy, make_policy
-
-    if isinstance(given, str):
-        if given != "auto":
-            _check_name(given, POLICIES, make_policy)
-    elif not isinstance(given, Policy):
-        raise InvalidInputError(f"policy: expected a name, or an object with a name and a method decide, got {shortened(given)}")
-    return given
-
-
-def _check_placement(given: Any) -> Any:
-    from shoal.swarm.grid.placements import PLACEMENTS
-
-    if isinstance(given, str):
-        _check_name(given, PLACEMENTS, PLACEMENTS.get)
-    elif not callable(given):
-        raise InvalidInputError(f"placement: expected a name or a function (workspace, n, rng) -> cells, got {shortened(given)}")
-    return given
-
-
-def name_of(thing: Any, registry: Registry[Any]) -> str:
-    """Return the name by which a task, policy or placement can be made again: registered, or ``module:attribute``.
-
-    An object that has neither is told as what it is; nothing can be made from that.
-
-    Examples
-    --------
-    >>> from shoal.swarm.grid.tasks import TASKS, SubsetCoverage
-    >>> name_of(SubsetCoverage(fraction=0.2), TASKS), name_of("coverage", TASKS)
-    ('subset-coverage:fraction=0.2', 'coverage')
-    """
-    if isinstance(thing, str):
-        return thing
-    for name in registry:
-        if registry.get(name) is thing:
-            return name
-        if registry.get(name) is type(thing):
-            changed = [f"{key}={value}" for key, value in vars(thing).items() if value != getattr(type(thing), key, None)]
-            return f"{name}:{','.join(changed)}" if changed else name
-    kind = thing if hasattr(thing, "__qualname__") else type(thing)
-    module = sys.modules.get(kind.__module__)
-    for attribute, found in vars(module).items() if module is not None else ():
-        if (type(found) is type(thing) and found == thing) or (found is kind and _is_made_by(thing, kind)):
-            return f"{kind.__module__}:{attribute}"
-    return f"{kind.__module__}:{shortened(thing)}"
-
-
-def _is_made_by(thing: Any, kind: Any) -> bool:
-    """Tell whether a class without arguments makes such an object."""
-    try:
-        return bool(vars(kind()) == vars(thing))
-    except (TypeError, ValueError):
-        return False
-
-
-def _is_builtin(task: str) -> bool:
-    from shoal.swarm.grid.tasks import TASKS
-
-    return task.partition(":")[0] in TASKS
+    return {"check": check, "dump": lambda given: name_of(given, registry()[0])}
 
 
 def _name_for_people(given: Any) -> str:
     return given if isinstance(given, str) else str(getattr(given, "name", getattr(given, "__name__", "custom")))
-
-
-def _dump_task(given: Any) -> str:
-    from shoal.swarm.grid.tasks import TASKS
-
-    return name_of(given, TASKS)
-
-
-def _dump_policy(given: Any) -> str:
-    from shoal.swarm.policies import POLICIES
-
-    return name_of(given, POLICIES)
-
-
-def _dump_placement(given: Any) -> str:
-    from shoal.swarm.grid.placements import PLACEMENTS
-
-    return name_of(given, PLACEMENTS)
 
 
 def _check_start(given: Any) -> Cells:
@@ -188,10 +100,6 @@ def _check_start(given: Any) -> Cells:
 
 def _parse_start(text: str) -> list[list[int]]:
     return [[int(number) for number in cell.split(",")] for cell in text.split()]
-
-
-def _dump_start(given: Cells) -> list[list[int]]:
-    return [list(cell) for cell in given]
 
 
 def _check_scan_every(given: Any) -> int | str:
@@ -234,20 +142,18 @@ class SwarmProblem(Problem):
     map: Any = option(
         help="A generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy, .csv, NIfTI, a "
         "TIFF of several pages, or a folder of slices.",
-        argument=True, metavar="MAP", check=_check_map, dump=_dump_map,
+        argument=True, metavar="MAP", check=_check_map, dump=lambda given: given if isinstance(given, str) else given.to_dict(),
     )  # fmt: skip
-    task: Any = option(
-        "mapping", help="mapping, coverage, subset-coverage or MODULE:ATTRIBUTE.", check=_check_task, dump=_dump_task
-    )
+    task: Any = option("mapping", help="mapping, coverage, subset-coverage or MODULE:ATTRIBUTE.", **_named("task"))
     subset: float | None = option(None, help="Coverages: cover a random share of the free cells only.", above=0, most=1)
     particles: int = option(100, help="Number of particles.", short="-n", least=1)
     placement: Any = option(
         "uniform", help="Where the particles start: uniform, flood-fill, region-fill, left-wall or MODULE:ATTRIBUTE.",
-        check=_check_placement, dump=_dump_placement,
+        **_named("placement"),
     )  # fmt: skip
     start: Cells | None = option(
         None, help="Cells where the particles start, instead of a placement, as '0,3 0,4': row, column (in 3-D layer first).",
-        metavar="CELLS", parse=_parse_start, check=_check_start, dump=_dump_start,
+        metavar="CELLS", parse=_parse_start, check=_check_start, dump=lambda given: [list(cell) for cell in given],
     )  # fmt: skip
     rule: str = option("block", help="Move rule.", choices=tuple(RULES))
     policy: Any = option(
@@ -256,7 +162,7 @@ class SwarmProblem(Problem):
         "sweep, offline (coverages), manual:COMMANDS or MODULE:ATTRIBUTE; options follow a colon, as in "
         "closest-frontier:ties=row-major. auto is best for mappings without noise that scan after each move, under the rules "
         "block and merge, else closest-frontier.",
-        check=_check_policy, dump=_dump_policy,
+        **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
         None,
@@ -314,7 +220,7 @@ class SwarmProblem(Problem):
             object.__setattr__(self, "particles", len(self.start))
         if self.subset is not None and self.task not in ("coverage", "subset-coverage"):
             raise InvalidInputError(
-                f"subset: expected it only together with the task coverage, got the task {_dump_task(self.task)}"
+                f"subset: expected it only together with the task coverage, got the task {_name_for_people(self.task)}"
             )
         if self.budget is not None and self.time_per_move is not None:
             raise InvalidInputError("budget: expected a budget or a time per move, got both")
@@ -327,8 +233,8 @@ class SwarmProblem(Problem):
         object.__setattr__(self, "measures", (*self.measures, *NOISE_MEASURES))
         if self.rule != "block":
             raise InvalidInputError(f"noise: expected rule block, got {self.rule}")
-        if _dump_task(self.task) != "mapping":
-            raise InvalidInputError(f"noise: expected the task mapping, got {_dump_task(self.task)}")
+        if self.task_name != "mapping":
+            raise InvalidInputError(f"noise: expected the task mapping, got {self.task_name}")
         if isinstance(self.scan_every, str):
             raise InvalidInputError(
                 f"noise: expected scan-every as a number of commands, as no outcome is certain beforehand, got {self.scan_every}"
@@ -353,7 +259,8 @@ class SwarmProblem(Problem):
         """Name of the task, for people; nothing is imported for it."""
         if self.subset is not None:
             return "subset-coverage"
-        return self.task.partition(":")[0] if isinstance(self.task, str) and _is_builtin(self.task) else _name_for_people(self.task)
+        name = _name_for_people(self.task)
+        return name.partition(":")[0] if name.startswith("subset-coverage:") else name
 
     @property
     def placement_name(self) -> str:
@@ -362,12 +269,7 @@ class SwarmProblem(Problem):
 
     @cached_property
     def chosen_task(self) -> Task:
-        """The task as an object.
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
-        """
+        """The task as an object."""
         from shoal.swarm.grid.tasks import SubsetCoverage, make_task
 
         return make_task(self.task) if self.subset is None else SubsetCoverage(self.subset)
@@ -382,7 +284,7 @@ class SwarmProblem(Problem):
             Also if a budget or a time per move is given and the policy has none.
         """
         from shoal.swarm.grid.tasks import Mapping
-        from shoal.swarm.policies import Policy, make_policy
+        from shoal.swarm.policies import Policy, make_policy, with_budget
 
         thinking = {"budget": self.budget, "milliseconds": self.time_per_move}
         wanted = {name: value for name, value in thinking.items() if value is not None}
@@ -393,22 +295,14 @@ class SwarmProblem(Problem):
         made = make_policy(policy)
         if not isinstance(made, Policy):
             raise InvalidInputError(f"policy: expected an object with a name and a method decide, got {made!r}")
-        for name, value in wanted.items():
-            if not hasattr(made, name) or not hasattr(made, "__dataclass_fields__") or name not in made.__dataclass_fields__:
-                option, able = ("budget", "best, beam-rollout, rollout or offline") if name == "budget" else (
-                    "time-per-move", "best, beam-rollout or rollout",
-                )  # fmt: skip
-                raise InvalidInputError(f"{option}: expected a policy that plans ({able}), got {made.name}")
-            made = replace(made, **{name: value})  # type: ignore[type-var]
-        return made
+        return with_budget(made, **wanted)
 
     def open_place(self) -> GridWorkspace:
         """Open the map."""
         from shoal.swarm.maps.open import open_map
 
-        workspace = (
-            self.map if isinstance(self.map, GridWorkspace) else open_map(self.map, **{one: getattr(self, one) for one in READING})
-        )
+        reading = {name: getattr(self, name) for name in READING}
+        workspace = self.map if isinstance(self.map, GridWorkspace) else open_map(self.map, **reading)
         return workspace.largest_component() if self.largest_component else workspace
 
     def place_key(self) -> str | None:
@@ -445,12 +339,7 @@ class SwarmProblem(Problem):
             )
 
     def check_policy(self, layout: GridLayout) -> None:
-        """Refuse a policy that cannot do the task under the move rule and the scan rule, in a workspace of that size.
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
-        """
+        """Refuse a policy that cannot do the task under the move rule and the scan rule, in a workspace of that size."""
         from shoal.swarm.policies import Compiled, Offline, check_scanning
 
         policy, mapping = self.chosen_policy, getattr(self.chosen_task, "mapping", True)

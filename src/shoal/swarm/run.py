@@ -73,7 +73,7 @@ def run(
     else:
         trace, status, first, seconds = _with_noise(problem, start, rng, noise_rng(seed, trial), stepwise, on_moves)
     return SwarmEpisode(
-        problem=problem.at_place(workspace),
+        problem=problem,
         start=start,
         targets=targets,
         trace=trace,

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import check_text, shortened
 from shoal.errors import InvalidInputError
 from shoal.swarm.maps import raster
 from shoal.swarm.maps.reading import MAX_CELLS
@@ -138,6 +141,31 @@ class GridWorkspace:
         sizes = np.bincount(self.components.ravel())
         sizes[0] = 0
         return GridWorkspace(self.components == int(np.argmax(sizes)), name=self.name, spacing=self.spacing)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the workspace as JSON holds it: rows of ``.`` and ``#``; in 3-D an empty row stands before each layer."""
+        rows = str(self).split("\n")
+        told: dict[str, Any] = {"name": self.name, "rows": ["", *rows] if self.ndim == 3 else rows}
+        return told if self.spacing is None else told | {"spacing": list(self.spacing)}
+
+    @classmethod
+    def from_dict(cls, told: Mapping[str, Any]) -> GridWorkspace:
+        """Return the workspace that `to_dict` wrote.
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        rows: Any = told.get("rows")
+        if not isinstance(rows, list) or set(told) - {"name", "rows", "spacing"} or not all(isinstance(row, str) for row in rows):
+            raise InvalidInputError(f"map: expected a name, a path, an array or name, rows and spacing, got {shortened(told)}")
+        for row in rows:
+            if set(row) - {".", "#"}:
+                raise InvalidInputError(f"map: expected rows of . and #, got {shortened(row)}")
+        layers = [layer.split("\n") for layer in "\n".join(rows).strip("\n").split("\n\n")]
+        free: Any = [[[letter == "." for letter in row] for row in layer] for layer in layers]
+        name = check_text(told.get("name", "workspace"), what="map")
+        return cls(free if rows and not rows[0] else free[0], name=name, spacing=told.get("spacing"))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, GridWorkspace) and np.array_equal(self.free, other.free)

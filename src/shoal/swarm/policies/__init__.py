@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from shoal.errors import InvalidInputError
 from shoal.registry import Registry, configured
 from shoal.swarm.policies.closest_frontier import ClosestFrontier
 from shoal.swarm.policies.compiled_policy import Compiled, check_scanning
@@ -40,6 +43,23 @@ def make_policy(policy: str | Policy) -> Policy:
     return configured(POLICIES, policy) if isinstance(policy, str) else policy
 
 
+def with_budget(policy: Policy, **wanted: float) -> Policy:
+    """Return a policy that may plan so much: ``budget`` in simulated moves a move, or ``milliseconds`` a move.
+
+    Raises
+    ------
+    InvalidInputError
+        If the policy does not plan, or a number does not fit.
+    """
+    for name, value in wanted.items():
+        if name not in getattr(policy, "__dataclass_fields__", {}):
+            able = "best, beam-rollout, rollout" + (" or offline" if name == "budget" else "")
+            option = "budget" if name == "budget" else "time-per-move"
+            raise InvalidInputError(f"{option}: expected a policy that plans ({able}), got {policy.name}")
+        policy = replace(policy, **{name: value})  # type: ignore[type-var]
+    return policy
+
+
 __all__ = [
     "POLICIES",
     "BeamRollout",
@@ -60,4 +80,5 @@ __all__ = [
     "View",
     "check_scanning",
     "make_policy",
+    "with_budget",
 ]
