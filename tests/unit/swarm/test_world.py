@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shoal import GridWorkspace, GridWorld, InvalidInputError, UnknownNameError
+from shoal import GridWorkspace, InvalidInputError, UnknownNameError
+from shoal.swarm import GridWorld
 from shoal.testing import check_world
 
 
