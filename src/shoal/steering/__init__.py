@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from shoal.registry import loaded_on_use
 
 if TYPE_CHECKING:
     from shoal.steering.contact.region_world import RegionWorld
@@ -20,41 +21,29 @@ if TYPE_CHECKING:
     from shoal.steering.workspaces.region import Region, region
 
 _HOMES = {
-    "contact.world": ("ContactWorld",),
-    "contact.region_world": ("RegionWorld",),
-    "delta_space.disk_reach": (
-        "DiskReach",
-        "disk_reach",
-    ),
-    "delta_space.polygon_reach": (
-        "PolygonReach",
-        "polygon_reach",
-    ),
-    "delta_space.two_moves": (
-        "Crossing",
-        "reached_in_two_moves",
-    ),
-    "episode": ("SteeringEpisode",),
-    "planners": (
-        "PLANNERS",
-        "Planner",
-        "make_planner",
-    ),
-    "planners.task": ("Task",),
-    "problem": ("SteeringProblem",),
-    "workspaces.convex": (
-        "ConvexWorkspace",
-        "cylinder",
-        "disk",
-        "polygon",
-        "prism",
-        "regular_polygon",
-    ),
-    "workspaces.formats": ("open_workspace",),
-    "workspaces.region": (
-        "Region",
-        "region",
-    ),
+    "PLANNERS": "planners",
+    "ContactWorld": "contact.world",
+    "ConvexWorkspace": "workspaces.convex",
+    "Crossing": "delta_space.two_moves",
+    "DiskReach": "delta_space.disk_reach",
+    "Planner": "planners",
+    "PolygonReach": "delta_space.polygon_reach",
+    "Region": "workspaces.region",
+    "RegionWorld": "contact.region_world",
+    "SteeringEpisode": "episode",
+    "SteeringProblem": "problem",
+    "Task": "planners.task",
+    "cylinder": "workspaces.convex",
+    "disk": "workspaces.convex",
+    "disk_reach": "delta_space.disk_reach",
+    "make_planner": "planners",
+    "open_workspace": "workspaces.formats",
+    "polygon": "workspaces.convex",
+    "polygon_reach": "delta_space.polygon_reach",
+    "prism": "workspaces.convex",
+    "reached_in_two_moves": "delta_space.two_moves",
+    "region": "workspaces.region",
+    "regular_polygon": "workspaces.convex",
 }
 
 __all__ = [
@@ -84,11 +73,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    for module, names in _HOMES.items():
-        if name in names:
-            return getattr(importlib.import_module(f"shoal.steering.{module}"), name)
-    raise AttributeError(f"module 'shoal.steering' has no attribute {name!r}")
+__getattr__ = loaded_on_use(__name__, _HOMES)
 
 
 def __dir__() -> list[str]:
