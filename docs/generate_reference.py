@@ -82,7 +82,8 @@ def row(declared: Declaration) -> str:
         option.help + (f" Range: {declared.range}." if declared.range else "") + (f" Unit: {option.unit}." if option.unit else "")
     )
     meaning += f" One of {', '.join(f'`{choice}`' for choice in option.choices)}." if option.choices else ""
-    return f"| `{declared.name}` | {kind} | {default} | {meaning.replace('|', chr(92) + '|')} |\n"
+    cells = [f"`{declared.name}`", kind, default, meaning]
+    return f"| {' | '.join(cell.replace('|', ' or ') for cell in cells)} |\n"
 
 
 PAGES = {"commands.md": commands, "problems.md": problems}

@@ -7,8 +7,11 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+import shoal
 
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "src" / "shoal"
@@ -19,8 +22,8 @@ GLOSSARY = {
     for word in re.findall(r"[a-z]+", term.lower())
 }
 
-# Verbs that the parts share, since who knows one part is to know the others, and the hooks of plug-ins of one kind.
-SHARED = {"run", "read", "write", "main"}
+# Verbs that the parts share, since who knows one part is to know the others, and what each format or view of a kind has.
+SHARED = {"run", "main", "scan", "write", "clip", "page_data", "player_page"}
 
 
 def words_of(name: str) -> list[str]:
@@ -67,12 +70,36 @@ def strange_words(names: Iterator[tuple[str, str]]) -> dict[str, str]:
         word: f"{name} in {where}"
         for name, where in names
         for word in words_of(name)
-        if len(word) > 1 and word not in PLAIN and word not in GLOSSARY
+        if len(word) > 1 and not {word, word.removesuffix("s")} & (PLAIN | GLOSSARY)
     }
 
 
 def test_every_word_is_plain_english_or_in_the_glossary():
     assert strange_words(public_names()) == {}, "add it to docs/glossary.md with its meaning, or choose a plain word"
+
+
+@pytest.mark.parametrize(
+    ("place", "fields"),
+    [
+        ("maze:9x7", {"particles": 4, "policy": "closest-frontier", "slip": 0.1}),
+        ("square", {"start": [(0.2, 0.5), (0.4, 0.5)], "goal": [(0.3, 0.5), (0.4, 0.5)], "planner": "greedy"}),
+        ("square:60", {"robots": 3, "footprint": 10.0, "targets": 2}),
+    ],
+)
+def test_fields_of_json_are_plain_english_or_in_the_glossary(place, fields):
+    episode = shoal.run(place, **fields)
+    told = [episode.report(), episode.problem.to_dict(defaults=True), episode.metrics]
+    assert strange_words((name, episode.part) for one in told for name in fields_of(one)) == {}
+
+
+def fields_of(told: Any) -> Iterator[str]:
+    """Yield the names of fields of what JSON holds, at any depth."""
+    if isinstance(told, dict):
+        yield from told
+        told = list(told.values())
+    if isinstance(told, list):
+        for one in told:
+            yield from fields_of(one)
 
 
 def test_no_two_public_things_share_a_name():
