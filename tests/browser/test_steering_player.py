@@ -15,7 +15,7 @@ from tests.steering import steer, thrown
 from shoal.steering import SteeringProblem, open_workspace, prism, region, regular_polygon
 from shoal.views.player import render
 from shoal.views.steering.page import page_data, player_page
-from shoal.views.steering.trajectories import Schedule, trajectories_of
+from shoal.views.steering.trajectories import FilmSchedule, trajectories_of
 
 pytestmark = pytest.mark.browser
 
@@ -71,7 +71,7 @@ def test_states_after_each_move(make, open_player):
 def test_moments_are_those_of_films(open_player):
     episode = noisy()
     trajectories = trajectories_of(episode)
-    schedule = Schedule(trajectories, size=1.0)
+    schedule = FilmSchedule(trajectories, size=1.0)
     page = open_player(player_page(episode))
     times = np.linspace(0, schedule.seconds, 40)
     shown = page.evaluate(
@@ -133,7 +133,7 @@ def test_list_chart_and_themes(open_player):
     assert page.locator("#moves [aria-current]").count() == 1
     box = page.locator("#chart").bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + 10)
-    seconds = Schedule(trajectories_of(episode), size=4.0).seconds
+    seconds = FilmSchedule(trajectories_of(episode), size=4.0).seconds
     assert abs(page.evaluate("shoalPlayer.time") - seconds / 2) < 0.1
     assert page.locator("#deltaStage").is_hidden()
     before = page.screenshot()

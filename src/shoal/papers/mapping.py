@@ -39,28 +39,32 @@ WITHIN = 0.15  # of the published mean, at every published n
 OTHER_MAP = "the picture of the paper's complex map is not published; this is another one of its kind"
 
 
-def free_cells(name: str) -> int:
+def _free_cells(name: str) -> int:
     """Return the number of free cells of a map."""
     return open_map(name).n_free
 
 
-def slug(name: str) -> str:
+def _slug(name: str) -> str:
     """Return a map's name as part of the name of a sweep."""
     plain = "".join(c if c.isascii() and c.isalnum() else "-" for c in name)[:30]
     return f"{plain}-{digest_of(name)[:6]}"
 
 
-def on_complex(name: str, settings: Settings, **axes: Any) -> Sweep:
+def _on_complex(name: str, settings: Settings, **axes: Any) -> Sweep:
     """Return a sweep on the complex map over numbers of particles, all axes but these paired."""
     chosen = settings.complex
     return Sweep(
-        name=f"{name}.{slug(chosen)}", problem={"kind": "swarm", "map": chosen},
-        axes=axes | {"particles": counts_of(free_cells(chosen))},
+        name=f"{name}.{_slug(chosen)}", problem={"kind": "swarm", "map": chosen},
+        axes=axes | {"particles": counts_of(_free_cells(chosen))},
         trials=settings.of(100, 20), seed=settings.seed, paired=tuple(axes),
     )  # fmt: skip
 
 
-def note_of(settings: Settings) -> str:
+def _capital(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}"
+
+
+def _note_of(settings: Settings) -> str:
     """Return what is to be said of the map."""
     return f"map {settings.complex}: {OTHER_MAP}" if settings.map is None else f"map {settings.map}, not the paper's"
 
@@ -77,7 +81,7 @@ def _fig7_sweeps(settings: Settings) -> list[Sweep]:
     )  # fmt: skip
     chosen = settings.complex
     other = Sweep(
-        name=f"m-fig7.{slug(chosen)}", problem=problem | {"map": chosen}, axes={"particles": counts_of(free_cells(chosen))},
+        name=f"m-fig7.{_slug(chosen)}", problem=problem | {"map": chosen}, axes={"particles": counts_of(_free_cells(chosen))},
         trials=settings.of(100, 20), seed=settings.seed,
     )  # fmt: skip
     line = {"kind": "line", "cells": 5000, "placements": 20}
@@ -102,9 +106,9 @@ def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         f"({len(compared.rows)} numbers of particles; the aim is {100 * WITHIN:.0f} %); the tie rule of closest-frontier is not "
         "fully published, and the H-tree's curve is of ten trials a point. One dimension: the published curve lies "
         f"{min(excess):.1f} to {max(excess):.1f} moves above ours, as it takes gaps as differences of positions. "
-        f"{note_of(settings)[0].upper()}{note_of(settings)[1:]}."
+        f"{_capital(_note_of(settings))}."
     )
-    labels = Labels("Mapping by closest-frontier", "particles", "mean moves", note=note_of(settings))
+    labels = Labels("Mapping by closest-frontier", "particles", "mean moves", note=_note_of(settings))
     shown = (compared, beside, table_of("complex map", other, shown=False), table_of("published maps", maps, shown=False))
     return Outcome(mean_curves(curves, labels), sentence, shown, worst <= WITHIN)
 
@@ -143,10 +147,10 @@ def _one_dimension(rows: list[Row]) -> Table:
 
 def _fig8_sweeps(settings: Settings) -> list[Sweep]:
     chosen = settings.complex
-    particles = max(1, free_cells(chosen) // 5)
+    particles = max(1, _free_cells(chosen) // 5)
     return [
         Sweep(
-            name=f"m-fig8.{slug(chosen)}",
+            name=f"m-fig8.{_slug(chosen)}",
             problem={"kind": "swarm", "map": chosen, "particles": particles},
             axes={"policy": [*POLICIES]},
             trials=settings.of(100, 20),
@@ -185,11 +189,11 @@ def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     sentence = (
         f"Random moves need {means['random-moves'] / means['closest-frontier']:.1f} and elect-particle "
         f"{means['elect-particle'] / means['closest-frontier']:.1f} times the moves of closest-frontier; printed are "
-        f"{1683 / 215:.1f} and {578 / 215:.1f} (the text says ten and two). {note_of(settings)[0].upper()}{note_of(settings)[1:]}; "
+        f"{1683 / 215:.1f} and {578 / 215:.1f} (the text says ten and two). {_capital(_note_of(settings))}; "
         f"{NO_DATA} but the three means."
     )
     data = Table("frontier cells by move, every k-th", ["policy", "trial", "every", "frontier cells"], lines, shown=False)
-    figure = frontier_curves(groups, title=f"{particles} particles on {settings.complex}", note=f"{note_of(settings)}; {NO_DATA}")
+    figure = frontier_curves(groups, title=f"{particles} particles on {settings.complex}", note=f"{_note_of(settings)}; {NO_DATA}")
     return Outcome(figure, sentence, (table, data), means["closest-frontier"] < means["elect-particle"] < means["random-moves"])
 
 
@@ -230,9 +234,9 @@ def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     sentence = (
         f"Closest-frontier is best at {100 * np.mean((closest.mean <= elect.mean) & (closest.mean <= random.mean)):.0f} % of the "
         f"numbers of particles; random moves beat elect-particle from {min(crossing) if crossing else 'no'} particles on, as "
-        f"printed for large numbers. {_off(table)[0].upper()}{_off(table)[1:]}: {note_of(settings)}."
+        f"printed for large numbers. {_capital(_off(table))}: {_note_of(settings)}."
     )
-    labels = Labels("Mapping by three policies", "particles", "mean moves", "published, another map", note_of(settings))
+    labels = Labels("Mapping by three policies", "particles", "mean moves", "published, another map", _note_of(settings))
     return Outcome(mean_curves(curves, labels), sentence, (table, table_of("all points", rows, shown=False)), len(crossing) > 0)
 
 
@@ -247,10 +251,10 @@ def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     easier = float(np.mean((subset <= covering) & (covering <= mapping)))
     sentence = (
         f"Subset coverage is no harder than coverage, and coverage no harder than mapping, at {100 * easier:.0f} % of the numbers "
-        f"of particles, as printed. {_off(table)[0].upper()}{_off(table)[1:]}: {note_of(settings)}. With a particle in every cell "
+        f"of particles, as printed. {_capital(_off(table))}: {_note_of(settings)}. With a particle in every cell "
         f"coverage takes {covering[-1]:.0f} moves; the published curve says 1."
     )
-    labels = Labels("Mapping, coverage, subset coverage", "particles", "mean moves", "published, another map", note_of(settings))
+    labels = Labels("Mapping, coverage, subset coverage", "particles", "mean moves", "published, another map", _note_of(settings))
     shown = [_positive(curve) for curve in curves]
     return Outcome(mean_curves(shown, labels), sentence, (table, table_of("all points", rows, shown=False)), easier > 0.9)
 
@@ -276,7 +280,7 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     sentence = (
         f"Uniform placement needs {np.median(uniform[below] / flood[below]):.2f} of the moves of flood fill (median over the "
         f"numbers of particles). Flood fill and region fill differ by {100 * np.median(apart):.0f} % (median); in print they "
-        f"overlap. {note_of(settings)[0].upper()}{note_of(settings)[1:]}; {NO_DATA} but the points of the uniform placement."
+        f"overlap. {_capital(_note_of(settings))}; {NO_DATA} but the points of the uniform placement."
     )
     table = _compared(curves, settings)
     labels = Labels(
@@ -284,7 +288,7 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         "particles",
         "mean moves",
         "published, another map",
-        f"{note_of(settings)}; for the other two {NO_DATA}",
+        f"{_note_of(settings)}; for the other two {NO_DATA}",
     )
     holds = bool((uniform[below] <= flood[below]).mean() > 0.9)
     return Outcome(mean_curves(curves, labels), sentence, (table, table_of("all points", rows, shown=False)), holds)
@@ -294,15 +298,15 @@ RECIPES = (
     Recipe("m-fig7", "paper M, Fig. 7", "Mapping four maps by closest-frontier", _fig7_sweeps, _fig7, True, "D, Fig. 5"),
     Recipe("m-fig8", "paper M, Fig. 8", "Frontier cells by move", _fig8_sweeps, _fig8, True, "D, Fig. 9"),
     Recipe(
-        "m-fig9", "paper M, Fig. 9", "Three policies", lambda s: [on_complex("m-fig9", s, policy=[*POLICIES])], _fig9, True,
+        "m-fig9", "paper M, Fig. 9", "Three policies", lambda s: [_on_complex("m-fig9", s, policy=[*POLICIES])], _fig9, True,
         "D, Fig. 6",
     ),
     Recipe(
-        "m-fig10", "paper M, Fig. 10", "Mapping, coverage and subset coverage", lambda s: [on_complex("m-fig10", s, task=[*TASKS])],
-        _fig10, True, "D, Fig. 7",
+        "m-fig10", "paper M, Fig. 10", "Mapping, coverage and subset coverage",
+        lambda s: [_on_complex("m-fig10", s, task=[*TASKS])], _fig10, True, "D, Fig. 7",
     ),
     Recipe(
-        "m-fig11", "paper M, Fig. 11", "Three placements", lambda s: [on_complex("m-fig11", s, placement=[*PLACEMENTS])], _fig11,
+        "m-fig11", "paper M, Fig. 11", "Three placements", lambda s: [_on_complex("m-fig11", s, placement=[*PLACEMENTS])], _fig11,
         True, "D, Fig. 8",
     ),
 )  # fmt: skip

@@ -77,7 +77,7 @@ def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[
         if suffix == ".html":
             temporary.write_text(_views_of(episode, "page").player_page(episode), encoding="utf-8")
         else:
-            encode_film(temporary, _views_of(episode, "films").clip(episode, suffix), gif=suffix == ".gif", on_frame=on_frame)
+            encode_film(temporary, _views_of(episode, "films").clip_of(episode, suffix), gif=suffix == ".gif", on_frame=on_frame)
 
 
 def _views_of(episode: Any, room: str) -> Any:

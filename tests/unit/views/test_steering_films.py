@@ -31,7 +31,7 @@ from shoal.views.steering.camera import Frame3D, camera_for
 from shoal.views.steering.figures import plan_figure
 from shoal.views.steering.films import SteeringFilm
 from shoal.views.steering.page import page_data
-from shoal.views.steering.trajectories import Moment, Schedule, Trajectory, trajectories_of, two_move_rings
+from shoal.views.steering.trajectories import FilmMoment, FilmSchedule, MoveTrajectory, trajectories_of, two_move_rings
 
 SQUARE = open_workspace("square")
 PLANE = [(0.2, 0.3), (0.5, 0.35)], [(0.8, 0.2), (0.3, 0.75)]
@@ -98,15 +98,15 @@ def test_a_wall_is_shown_while_it_holds(episodes):
 
 
 def test_moves_last_as_long_as_they_are_long():
-    trajectories = [Trajectory(np.array([x, 0.0]), np.array([0.0, 1.0]), np.zeros((2, 2, 2)), ((),)) for x in (1.0, 2.0, 0.01)]
-    schedule = Schedule(trajectories, size=1.0)
+    trajectories = [MoveTrajectory(np.array([x, 0.0]), np.array([0.0, 1.0]), np.zeros((2, 2, 2)), ((),)) for x in (1.0, 2.0, 0.01)]
+    schedule = FilmSchedule(trajectories, size=1.0)
     assert schedule.lasting[1] == pytest.approx(2 * schedule.lasting[0])
-    assert schedule.at(0) == Moment(0, 0.0)
-    assert schedule.at(schedule.seconds) == Moment(2, 1.0)
+    assert schedule.at(0) == FilmMoment(0, 0.0)
+    assert schedule.at(schedule.seconds) == FilmMoment(2, 1.0)
     moments, rate = schedule.moments(30, 60)
     assert (len(moments), rate) == (60, pytest.approx(60 / schedule.seconds))
     assert [(m.move, m.share) for m in moments] == sorted((m.move, m.share) for m in moments)
-    assert Schedule(trajectories * 200, size=1.0).seconds < 60
+    assert FilmSchedule(trajectories * 200, size=1.0).seconds < 60
 
 
 def test_shaded_is_what_two_moves_reach(episodes):
@@ -128,7 +128,7 @@ def test_gif(name, width, episodes, tmp_path, monkeypatch):
     told = []
     film(episodes[name], tmp_path / "film.gif", on_frame=lambda done, total: told.append((done, total)))
     assert told == [(k, 16) for k in range(1, 17)]
-    seconds = Schedule(trajectories_of(episodes[name]), size=episodes[name].problem.place.size).seconds
+    seconds = FilmSchedule(trajectories_of(episodes[name]), size=episodes[name].problem.place.size).seconds
     with Image.open(tmp_path / "film.gif") as picture:
         assert picture.size == (width, 432)
         assert 6 <= picture.n_frames <= 16  # what rests is one frame that lasts
@@ -150,7 +150,7 @@ def test_mp4(episodes, tmp_path, monkeypatch):
     ).stdout
     frames = np.frombuffer(decoded, np.uint8).reshape(-1, 720, 1280, 3)
     assert len(frames) == 12
-    drawn = next(SteeringFilm(episodes["square"], trajectories_of(episodes["square"])).frames([Moment(0, 0.0)]))
+    drawn = next(SteeringFilm(episodes["square"], trajectories_of(episodes["square"])).frames([FilmMoment(0, 0.0)]))
     assert np.abs(frames[0].astype(int) - drawn).mean() < 3  # a lossy format
 
 
@@ -159,7 +159,7 @@ def test_particles_are_drawn_where_they_are(episodes):
     episode = episodes["region"]
     trajectories = trajectories_of(episode)
     film = SteeringFilm(episode, trajectories, height=720)
-    frame = next(film.frames([Moment(2, 0.5)]))
+    frame = next(film.frames([FilmMoment(2, 0.5)]))
     blue = np.argwhere((frame == (0, 114, 178)).all(axis=2))
     here = trajectories[2].at(0.5)[0]
     scale = min(880 / 4, (720 - 86 - 124) / 3)
@@ -170,7 +170,7 @@ def test_particles_are_drawn_where_they_are(episodes):
 def test_nothing_to_play(tmp_path):
     still = thrown(SQUARE, PLANE[0], np.zeros((0, 2)))
     film(still, tmp_path / "film.html")
-    assert len(list(SteeringFilm(still, []).frames([Moment(0, 0.0)]))) == 1
+    assert len(list(SteeringFilm(still, []).frames([FilmMoment(0, 0.0)]))) == 1
     assert page_data(still)["trajectories"] == []
 
 

@@ -25,7 +25,7 @@ _GROUND, _EDGE, _BAR = "#f1f3f5", "#39424e", "#dfe3e8"
 _FLASH = 40  # rings of a takeover grow for so large a part of the film: 1/40
 
 
-def clip(episode: SearchEpisode, suffix: str) -> Clip[float]:
+def clip_of(episode: SearchEpisode, suffix: str) -> Clip[float]:
     """Return the film of a search, for a GIF or H.264."""
     film = SearchFilm(episode, height=HEIGHT[suffix])
     times = film.times(RATE[suffix], LONGEST[suffix])

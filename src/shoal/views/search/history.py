@@ -49,7 +49,7 @@ class Activity:
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class RobotTrajectory:
     """Where a robot is at each time.
 
     Parameters
@@ -194,7 +194,7 @@ class SearchHistory:
         return found
 
     @cached_property
-    def trajectories(self) -> tuple[Trajectory, ...]:
+    def trajectories(self) -> tuple[RobotTrajectory, ...]:
         """Where each robot was."""
         return tuple(self._trajectory(robot) for robot in range(self.n_robots))
 
@@ -217,7 +217,7 @@ class SearchHistory:
                 rates[times > fault.time] /= fault.factor
         return rates
 
-    def _trajectory(self, robot: int) -> Trajectory:
+    def _trajectory(self, robot: int) -> RobotTrajectory:
         """Lay the route of a robot out in time: it comes to each cell when it has searched it, and sets out as late as it can."""
         log = self.episode.trace.robots[robot]
         if not len(log.cells):
@@ -239,9 +239,9 @@ class SearchHistory:
         points = np.insert(route.points, ends[:-1] + 1, route.points[ends[:-1]], axis=0)
         times = np.maximum.accumulate(times)
         new = np.concatenate([[True], (np.diff(times) > 1e-9) | (np.abs(np.diff(points, axis=0)).max(axis=1) > 0)])
-        return self._with_ways_home(robot, Trajectory(times[new], points[new]))
+        return self._with_ways_home(robot, RobotTrajectory(times[new], points[new]))
 
-    def _with_ways_home(self, robot: int, trajectory: Trajectory) -> Trajectory:
+    def _with_ways_home(self, robot: int, trajectory: RobotTrajectory) -> RobotTrajectory:
         """Lay in the ways to the start and back where a robot recharged: so long was it away between two cells."""
         plan, log, brief = self.episode.plan, self.episode.trace.robots[robot], self.episode.scenario.brief
         if brief.energy == inf or plan.tour_cost.stepwise:  # the latter's ways home are a part of the route
@@ -266,22 +266,22 @@ class SearchHistory:
             ]
             times = np.concatenate([times[:first], *moments, times[last:]])
             points = np.concatenate([points[:first], *ways, points[last:]])
-        return Trajectory(times, points)
+        return RobotTrajectory(times, points)
 
-    def _first_leg(self, robot: int) -> Trajectory:
+    def _first_leg(self, robot: int) -> RobotTrajectory:
         """Return the trajectory of a robot that searched nothing: as far as it came on the way to its part."""
         plan, died = self.episode.plan, self.death(robot)
         home = plan.places[robot]
         cells = plan.numbers(self.arcs(robot))
         began = next((moment for moment, state in self.episode.trace.robots[robot].states if state == "searching"), inf)
         if not (len(cells) and began < died < inf):
-            return Trajectory(np.zeros(1), home[None])
+            return RobotTrajectory(np.zeros(1), home[None])
         way = plan.paths.legs(np.stack([home, plan.grid.waypoint(tuple(plan.tour.cells[cells[0]]))])).points
         rate = float(self._rate(robot, np.array([died]))[0])
         times = began + np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))]) / plan.grid.size / rate
-        whole = Trajectory(times, way)
+        whole = RobotTrajectory(times, way)
         kept = whole.until(min(died, float(times[-1])))
-        return Trajectory(np.append(times[: len(kept) - 1], min(died, float(times[-1]))), kept)
+        return RobotTrajectory(np.append(times[: len(kept) - 1], min(died, float(times[-1]))), kept)
 
     def raster(self, values: Any, empty: Any) -> Any:
         """Return values by number on the tour as an array of the grid's shape."""

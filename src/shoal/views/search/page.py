@@ -13,7 +13,7 @@ from shoal.errors import InvalidInputError
 from shoal.search import SearchEpisode
 from shoal.views.drawing.rings import rings_of
 from shoal.views.player import render
-from shoal.views.search.history import SearchHistory, Trajectory
+from shoal.views.search.history import RobotTrajectory, SearchHistory
 
 LARGEST = 300_000
 """Visits of cells that a page still plays smoothly enough."""
@@ -110,7 +110,7 @@ def _robot(history: SearchHistory, robot: int) -> dict[str, Any]:
     }
 
 
-def simplified(trajectory: Trajectory, tolerance: float) -> Trajectory:
+def simplified(trajectory: RobotTrajectory, tolerance: float) -> RobotTrajectory:
     """Return the same trajectory without moments at which it goes on straight and evenly, to a tolerance in metres."""
     times, points = trajectory.times, trajectory.points
     if len(times) < 3:
@@ -118,7 +118,7 @@ def simplified(trajectory: Trajectory, tolerance: float) -> Trajectory:
     spans = np.maximum(times[2:] - times[:-2], 1e-12)
     guess = points[:-2] + ((times[1:-1] - times[:-2]) / spans)[:, None] * (points[2:] - points[:-2])
     kept = np.concatenate([[True], np.abs(guess - points[1:-1]).max(axis=1) > tolerance, [True]])
-    return Trajectory(times[kept], points[kept])
+    return RobotTrajectory(times[kept], points[kept])
 
 
 def _text(values: NDArray[Any], kind: str) -> str:

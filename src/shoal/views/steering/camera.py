@@ -122,7 +122,7 @@ def camera_for(workspace: ConvexWorkspace, states: Any, *, azimuth: float) -> Ca
     return Camera(center, float(np.hypot(reach_flat, (high - low) / 2)), azimuth)
 
 
-def spread(workspace: ConvexWorkspace, states: Any) -> tuple[float, float, float]:
+def picture_extent(workspace: ConvexWorkspace, states: Any) -> tuple[float, float, float]:
     """Return how far right, up and down a workspace reaches in the picture, from whichever side it is looked at."""
     frame = Frame3D.of(workspace)
     corners = np.concatenate([frame.floor, frame.ceiling, states.reshape(-1, 3)])

@@ -14,7 +14,7 @@ from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.steering.camera import Camera
 from shoal.views.steering.panels import Box, DeltaPanel, PlanePanel, SpacePanel
-from shoal.views.steering.trajectories import Moment, Schedule, Trajectory, has_delta, trajectories_of
+from shoal.views.steering.trajectories import FilmMoment, FilmSchedule, MoveTrajectory, has_delta, trajectories_of
 
 RATE = {".gif": 20, ".mp4": 30}  # frames a second
 HEIGHT = {".gif": 432, ".mp4": 720}
@@ -22,10 +22,10 @@ _TURN = 0.5  # radians to both sides by which a camera turns in a film
 _LINE, _BAR = "#dfe3e8", "#0072b2"
 
 
-def clip(episode: SteeringEpisode, suffix: str) -> Clip[Moment]:
+def clip_of(episode: SteeringEpisode, suffix: str) -> Clip[FilmMoment]:
     """Return the film of an episode, for a GIF or H.264."""
     trajectories = trajectories_of(episode)
-    moments, rate = Schedule(trajectories, size=episode.problem.place.size).moments(RATE[suffix], LONGEST[suffix])
+    moments, rate = FilmSchedule(trajectories, size=episode.problem.place.size).moments(RATE[suffix], LONGEST[suffix])
     film = SteeringFilm(episode, trajectories, height=HEIGHT[suffix])
     return Clip(film.frames, moments, rate, max(film.width, film.height), quality=20)
 
@@ -36,13 +36,13 @@ class SteeringFilm:
     Parameters
     ----------
     episode : SteeringEpisode
-    trajectories : list of Trajectory
+    trajectories : list of MoveTrajectory
         As `trajectories_of` returns them.
     height : int
         Pixels.
     """
 
-    def __init__(self, episode: SteeringEpisode, trajectories: list[Trajectory], *, height: int = 720) -> None:
+    def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], *, height: int = 720) -> None:
         self._episode, self._trajectories = episode, trajectories
         pair, space = has_delta(episode), episode.problem.place.dimensions == 3
         self.height, self.width = height, 2 * round(height * (16 / 9 if pair else 4 / 3) / 2)
@@ -64,7 +64,7 @@ class SteeringFilm:
             panel.draw_background()
         self._canvas.keep()
 
-    def frames(self, moments: Sequence[Moment]) -> Iterator[NDArray[np.uint8]]:
+    def frames(self, moments: Sequence[FilmMoment]) -> Iterator[NDArray[np.uint8]]:
         """Yield the picture of each moment; uint8, shape (height, width, 3)."""
         for number, moment in enumerate(moments):
             self._canvas.clear()
@@ -86,7 +86,7 @@ class SteeringFilm:
         for middle, name in zip(middles, names, strict=True):
             canvas.text((middle, 66 * unit), name, MUTED, 14 * unit, align=0.5)
 
-    def _draw_foot(self, moment: Moment, turn: float) -> None:
+    def _draw_foot(self, moment: FilmMoment, turn: float) -> None:
         """Draw the command as an arrow, what happens in words, and how far the plan is."""
         canvas, unit, trajectories = self._canvas, self._unit, self._trajectories
         middle = np.array([76 * unit, self.height - 66 * unit])
@@ -117,7 +117,7 @@ class SteeringFilm:
             if share > 0:
                 canvas.line([(first, level), (first + share * (final - first), level)], _BAR, 5 * unit)
 
-    def _draw_command(self, middle: NDArray[np.float64], radius: float, moment: Moment, turn: float) -> None:
+    def _draw_command(self, middle: NDArray[np.float64], radius: float, moment: FilmMoment, turn: float) -> None:
         """Draw the dial with the present command, its length in proportion to the longest; in space as the camera sees it."""
         canvas, unit = self._canvas, self._unit
         canvas.disc(middle, radius, "#ffffff", edge="#cfd5dc", width=1.6 * unit)

@@ -10,7 +10,7 @@ from shoal.errors import InvalidInputError
 from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.views.player import render
 from shoal.views.steering.axes import outlines_of
-from shoal.views.steering.trajectories import Schedule, delta_outline, has_delta, trajectories_of, two_move_rings
+from shoal.views.steering.trajectories import FilmSchedule, delta_outline, has_delta, trajectories_of, two_move_rings
 
 LARGEST = 200_000
 """Points of ways that a page still plays smoothly enough."""
@@ -38,7 +38,7 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
         - ``walls`` : what `_walls` returns, of the workspace.
         - ``start``, ``goal`` : lists of points.
         - ``trajectories`` : list of ``{"sent", "length", "shares", "points", "held"}``;
-          see `shoal.views.steering.trajectories.Trajectory`.
+          see `shoal.views.steering.trajectories.MoveTrajectory`.
         - ``starts``, ``lasting``, ``seconds`` : when the moves begin, how long they last and how long the film is.
         - ``delta`` : None, or ``{"walls", "sets", "which"}``: the sets of Δ that two moves reach, and which of them belongs to
           each move.
@@ -52,7 +52,7 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
     points = sum(trajectory.points.shape[0] * trajectory.points.shape[1] for trajectory in trajectories)
     if points > LARGEST:
         raise InvalidInputError(f"the HTML player: expected ways of at most {LARGEST} points, got {points} (use .gif or .mp4)")
-    schedule = Schedule(trajectories, size=problem.place.size)
+    schedule = FilmSchedule(trajectories, size=problem.place.size)
     names = {2: "Two", 3: "Three", 4: "Four", 5: "Five"}
     count = names.get(problem.n_particles, str(problem.n_particles))
     return {

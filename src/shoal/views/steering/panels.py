@@ -12,8 +12,8 @@ from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.steering.axes import colour_of, outlines_of
-from shoal.views.steering.camera import Frame3D, camera_for, flattened, spread
-from shoal.views.steering.trajectories import Moment, Trajectory, delta_outline, two_move_rings
+from shoal.views.steering.camera import Frame3D, camera_for, flattened, picture_extent
+from shoal.views.steering.trajectories import FilmMoment, MoveTrajectory, delta_outline, two_move_rings
 
 FLOOR, OBSTACLE, REACHED, FAINT = "#f4f6f8", "#d6d9de", "#cfe3f5", "#b9c0c9"
 _ARC = 0.2  # radians of a round wall, to both sides of the contact, that are shown as holding
@@ -67,7 +67,7 @@ def wall_shape(workspace: ConvexWorkspace | Region, wall: int, contact: NDArray[
 class PlanePanel:
     """The workspace in the plane, from above."""
 
-    def __init__(self, episode: SteeringEpisode, trajectories: list[Trajectory], canvas: Canvas, box: Box, unit: float) -> None:
+    def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
         outlines = outlines_of(episode.problem.place)
         self._view = PlaneView(outlines[0], box)
@@ -87,7 +87,7 @@ class PlanePanel:
             canvas.line(self._view.at(start) + square, colour, 1.5 * unit, closed=True)
             canvas.disc(self._view.at(goal), 1.32 * self._radius, "#ffffff", edge=colour, width=2.6 * unit)
 
-    def draw(self, moment: Moment, _turn: float) -> None:
+    def draw(self, moment: FilmMoment, _turn: float) -> None:
         """Draw what moves."""
         canvas, unit = self._canvas, self._unit
         workspace = self._episode.problem.place
@@ -104,19 +104,19 @@ class PlanePanel:
 class SpacePanel:
     """The workspace in space, seen by a camera that turns."""
 
-    def __init__(self, episode: SteeringEpisode, trajectories: list[Trajectory], canvas: Canvas, box: Box, unit: float) -> None:
+    def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
         workspace = episode.problem.place
         assert isinstance(workspace, ConvexWorkspace)
         self._workspace, self._frame = workspace, Frame3D.of(workspace)
-        right, up, down = spread(workspace, episode.states)
+        right, up, down = picture_extent(workspace, episode.states)
         self._scale = min(box.width / (2 * right), box.height / (up + down))
         self._center = np.array([box.left + box.width / 2, box.top + (box.height + (up - down) * self._scale) / 2])
 
     def draw_background(self) -> None:
         """Draw nothing: all of it turns."""
 
-    def draw(self, moment: Moment, turn: float) -> None:
+    def draw(self, moment: FilmMoment, turn: float) -> None:
         """Draw everything, what is behind first: the camera looks from the azimuth ``turn``."""
         self._camera = camera_for(self._workspace, self._episode.states, azimuth=turn)
         canvas, unit = self._canvas, self._unit
@@ -141,7 +141,7 @@ class SpacePanel:
         seen = self._camera.project(points)
         return np.asarray(self._center + self._scale * seen[..., :2] * np.array([1, -1]))
 
-    def _draw_shadows(self, here: NDArray[np.float64], moment: Moment) -> None:
+    def _draw_shadows(self, here: NDArray[np.float64], moment: FilmMoment) -> None:
         """Draw on the floor what is right below: the ways and the particles, and a line down from each particle."""
         unit = self._unit
         draw_trails(self._canvas, self._trajectories, moment, lambda points: self._at(flattened(points)), unit, shadow=True)
@@ -152,7 +152,7 @@ class SpacePanel:
             self._canvas.area([self._at(ring)], "#2b3038", alpha=0.22)
             self._canvas.line(self._at([below, point]), colour_of(particle), 1.3 * unit, alpha=0.8, dashes=(3 * unit, 3 * unit))
 
-    def _draw_ends(self, _moment: Moment) -> None:
+    def _draw_ends(self, _moment: FilmMoment) -> None:
         """Draw starts and goals, each with a line down to a cross or ring on the floor."""
         canvas, unit = self._canvas, self._unit
         angles = 2 * np.pi * np.arange(24) / 24
@@ -172,7 +172,7 @@ class SpacePanel:
 class DeltaPanel:
     """The Δ configuration space: Δ, its way, its goal, and what two moves can make of it."""
 
-    def __init__(self, episode: SteeringEpisode, trajectories: list[Trajectory], canvas: Canvas, box: Box, unit: float) -> None:
+    def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
         outline = outlines_of(delta_outline(episode))[0]
         self._view = PlaneView(outline, box)
@@ -183,7 +183,7 @@ class DeltaPanel:
         """Draw the outline; what lies in it is drawn over it."""
         self._canvas.area([self._outline], FLOOR, edge=INK, width=2 * self._unit)
 
-    def draw(self, moment: Moment, _turn: float) -> None:
+    def draw(self, moment: FilmMoment, _turn: float) -> None:
         """Draw what moves."""
         canvas, unit, view = self._canvas, self._unit, self._view
         canvas.area(self._rings[moment.move] if self._rings else [], REACHED)
@@ -202,13 +202,13 @@ class DeltaPanel:
         canvas.disc(view.at(here[1] - here[0]), 7 * unit, INK, edge="#ffffff", width=1.5 * unit)
 
 
-def points_at(episode: SteeringEpisode, trajectories: list[Trajectory], moment: Moment) -> NDArray[np.float64]:
+def points_at(episode: SteeringEpisode, trajectories: list[MoveTrajectory], moment: FilmMoment) -> NDArray[np.float64]:
     """Return where the particles are at a moment."""
     return trajectories[moment.move].at(moment.share) if trajectories else np.asarray(episode.states[0])
 
 
 def draw_trails(
-    canvas: Canvas, trajectories: list[Trajectory], moment: Moment, at: Any, unit: float, *, shadow: bool = False
+    canvas: Canvas, trajectories: list[MoveTrajectory], moment: FilmMoment, at: Any, unit: float, *, shadow: bool = False
 ) -> None:
     """Draw where the particles have gone: paler in earlier moves; as a shadow, grey."""
     for k, trajectory in enumerate(trajectories[: moment.move + 1]):

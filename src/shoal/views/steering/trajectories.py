@@ -27,7 +27,7 @@ _LONGEST = 36.0  # seconds: episodes of many moves are shown faster
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class MoveTrajectory:
     """One move: the way of each particle in straight pieces, and what holds it.
 
     Parameters
@@ -72,7 +72,7 @@ class Trajectory:
         return min(max(bisect_right(self.shares, share) - 1, 0), len(self.shares) - 2)
 
 
-def trajectories_of(episode: SteeringEpisode) -> list[Trajectory]:
+def trajectories_of(episode: SteeringEpisode) -> list[MoveTrajectory]:
     """Return what happens within each move, from the world of the episode and the noise that its seed draws.
 
     Examples
@@ -96,7 +96,7 @@ def trajectories_of(episode: SteeringEpisode) -> list[Trajectory]:
         shares, points = _in_pieces(at, before, FINE * workspace.size)
         touches = [_touching(workspace, state, moved, problem.particle_radius) for state in points]
         held = tuple(tuple(sorted(one & other)) for one, other in pairwise(touches))
-        trajectories.append(Trajectory(sent, shares, points, held))
+        trajectories.append(MoveTrajectory(sent, shares, points, held))
     return trajectories
 
 
@@ -143,31 +143,31 @@ def _touching(workspace: ConvexWorkspace | Region, points: Points, move: Points,
 
 
 @dataclass(frozen=True)
-class Moment:
+class FilmMoment:
     """A moment of a film: in which move, from 0, and what share of it is done."""
 
     move: int
     share: float
 
 
-class Schedule:
+class FilmSchedule:
     """When a film shows what: each move takes as long as it is long, with a rest after it and a longer one at the end.
 
     Parameters
     ----------
-    trajectories : list of Trajectory
+    trajectories : list of MoveTrajectory
     size : float
         Of the workspace.
 
     Examples
     --------
-    >>> trajectory = Trajectory(np.array([0.62, 0.0]), np.array([0.0, 1.0]), np.zeros((2, 2, 2)), ((),))
-    >>> schedule = Schedule([trajectory, trajectory], size=1.0)
+    >>> trajectory = MoveTrajectory(np.array([0.62, 0.0]), np.array([0.0, 1.0]), np.zeros((2, 2, 2)), ((),))
+    >>> schedule = FilmSchedule([trajectory, trajectory], size=1.0)
     >>> schedule.seconds, schedule.at(1.2), schedule.at(schedule.seconds)
-    (5.05, Moment(move=0, share=0.5), Moment(move=1, share=1.0))
+    (5.05, FilmMoment(move=0, share=0.5), FilmMoment(move=1, share=1.0))
     """
 
-    def __init__(self, trajectories: list[Trajectory], *, size: float) -> None:
+    def __init__(self, trajectories: list[MoveTrajectory], *, size: float) -> None:
         lengths = [max(trajectory.length / size / _SPEED, _QUICKEST) for trajectory in trajectories]
         pace = min(1.0, _LONGEST / max(sum(lengths) + _REST * len(lengths), 1e-9))
         self.lasting = [pace * length for length in lengths]
@@ -177,15 +177,15 @@ class Schedule:
         )  # the last is the film's end
         self.seconds = self.starts[-1] if trajectories else _FIRST_REST + _LAST_REST
 
-    def at(self, seconds: float) -> Moment:
+    def at(self, seconds: float) -> FilmMoment:
         """Return what is shown then; moves begin and end gently."""
         if not self.lasting:
-            return Moment(0, 0.0)
+            return FilmMoment(0, 0.0)
         move = min(max(bisect_right(self.starts, seconds) - 1, 0), len(self.lasting) - 1)
         part = min(max((seconds - self.starts[move]) / self.lasting[move], 0.0), 1.0)
-        return Moment(move, part * part * (3 - 2 * part))
+        return FilmMoment(move, part * part * (3 - 2 * part))
 
-    def moments(self, rate: float, at_most: int) -> tuple[list[Moment], float]:
+    def moments(self, rate: float, at_most: int) -> tuple[list[FilmMoment], float]:
         """Return what the frames of a film show, and how many there are in a second: ``rate``, or less for long films."""
         count = max(2, min(round(self.seconds * rate), at_most))
         return [self.at(self.seconds * k / (count - 1)) for k in range(count)], count / self.seconds

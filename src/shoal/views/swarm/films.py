@@ -20,7 +20,7 @@ VOLUME_SIDE = {".gif": 440, ".mp4": 670}  # pixels of the view that turns
 VOLUME_FRAMES = 400  # of a film of one
 
 
-def clip(episode: SwarmEpisode, suffix: str) -> Clip[int]:
+def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
     """Return the film of an episode, for a GIF or H.264; of longer episodes it shows every k-th move."""
     workspace, volume = episode.workspace, episode.workspace.ndim == 3
     side = (VOLUME_SIDE if volume else SIDE)[suffix]
