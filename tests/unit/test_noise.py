@@ -172,7 +172,7 @@ def test_bad_rates(rate):
         Noise(slip=rate)
 
 
-def test_a_noisy_plant_is_driven(tmp_path):
+def test_a_noisy_rig_is_driven(tmp_path):
     workspace = open_map("maze:11x9")
     rng = np.random.default_rng(2)
     for policy, every in (("closest-frontier", 1), ("elect-particle", 1), ("closest-frontier", 3)):

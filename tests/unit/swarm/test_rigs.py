@@ -93,7 +93,7 @@ def bench(workspace, particles=5, wear=lambda data: data, seed=2):
 
 @pytest.mark.parametrize("every", ["1", "3", "doubling", "adaptive"])
 @pytest.mark.parametrize("rule", ["block", "merge", "tilt"])
-def test_a_simulated_plant_is_driven_as_an_episode_is_run(every, rule):
+def test_a_simulated_rig_is_driven_as_an_episode_is_run(every, rule):
     if rule == "tilt" and every != "1":
         return
     workspace = open_map("cave:24x18:2")
@@ -139,7 +139,7 @@ class Faulty(SimulatedRig):
         (lambda cells: cells + np.array([0, 99]), "expected cells inside (4, 9), got (0, 100)"),
     ],
 )
-def test_positions_that_cannot_be_are_refused_and_the_plant_stopped(wrong, words):
+def test_positions_that_cannot_be_are_refused_and_the_rig_stopped(wrong, words):
     rig = Faulty(GridWorkspace(np.ones((4, 9))), [(0, 0), (0, 3), (3, 6)], wrong=wrong)
     with pytest.raises((RigError, InvalidInputError), match=re.escape(words)):
         drive(rig, policy="manual:drur")
@@ -153,7 +153,7 @@ def test_a_particle_that_slips_is_noticed_where_nothing_is_in_its_way():
         drive(rig, policy="manual:llrr")
 
 
-def test_ctrl_c_stops_the_plant_and_ends_the_log(tmp_path):
+def test_ctrl_c_stops_the_rig_and_ends_the_log(tmp_path):
     rig = Faulty(open_map("maze:9x7"), open_map("maze:9x7").cells[:1], wrong=lambda cells: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         drive(rig, policy="closest-frontier", log=DriveLog(tmp_path / "log.jsonl"))
