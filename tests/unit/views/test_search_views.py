@@ -18,7 +18,7 @@ from shoal.search import SearchEpisode, region_of
 from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.views import film
 from shoal.views.drawing.charts import save_figure
-from shoal.views.drawing.rings import rings_of
+from shoal.views.drawing.polygon_paths import rings_of
 from shoal.views.search.figures import routes_figure, spread_out
 from shoal.views.search.films import SearchFilm
 from shoal.views.search.history import SearchHistory

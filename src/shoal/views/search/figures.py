@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shoal.search import SearchEpisode
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
-from shoal.views.drawing.rings import hole_in, rings_of
+from shoal.views.drawing.polygon_paths import hole_in, rings_of
 from shoal.views.search.history import SearchHistory, long_legs, robot_colour
 from shoal.views.search.timeline import draw_heading, timeline_figure
 

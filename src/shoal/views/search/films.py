@@ -12,7 +12,7 @@ from shoal.search import SearchEpisode
 from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.drawing.encoding import LONGEST, Clip
-from shoal.views.drawing.rings import hole_in, rings_of
+from shoal.views.drawing.polygon_paths import hole_in, rings_of
 from shoal.views.search.figures import cell_colours
 from shoal.views.search.history import Activity, SearchHistory, robot_colour
 

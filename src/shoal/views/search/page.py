@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.search import SearchEpisode
-from shoal.views.drawing.rings import rings_of
+from shoal.views.drawing.polygon_paths import rings_of
 from shoal.views.player import render
 from shoal.views.search.history import RobotTrajectory, SearchHistory
 
