@@ -192,9 +192,11 @@ def hop_costs(tour, team, firsts, latest):
 
     One row for each of ``firsts``, where the first arc begins, one column a turn: which robot takes it. The order is kept.
     """
-    m, n, ahead = team.places.shape[0], tour.points.shape[0], tour.ahead
-    powers = team.rates * team.gains
-    whole, power = ahead[n], powers.sum()
+    # Unpacked for the inner loop: a tuple that is passed on there counts its references, which takes longer than all the rest.
+    ahead, points, places, rates, far = tour.ahead, tour.points, team.places, team.rates, team.far
+    m, n = places.shape[0], points.shape[0]
+    powers = rates * team.gains
+    whole, power, straight = ahead[n], powers.sum(), far.shape[0] == 0
     best = np.inf
     alike = powers.max() == powers.min()
     cells = np.zeros(m, dtype=np.int64)
@@ -205,8 +207,8 @@ def hop_costs(tour, team, firsts, latest):
                 robot = (i + turn) % m
                 if turn == 0 or not alike:  # else all turns have the same arcs
                     cells[i] = np.searchsorted(ahead, level + 1e-9, side="right") - 1
-                way = away(tour, team, robot, cells[i] % n)
-                worst = max(worst, way / team.rates[robot] + whole / power)
+                way = flown(points, places, robot, cells[i] % n) if straight else far[robot, cells[i] % n]
+                worst = max(worst, way / rates[robot] + whole / power)
                 if worst > 1.5 * best and turn > 0:  # bisection will not make that the best
                     worst = np.inf
                     break
