@@ -33,7 +33,7 @@ def test_same_for_any_workers(problem):
 
 def test_python_policies_run_in_processes():
     workspace = open_map("maze:9x7")
-    problem = {"policy": "tests.unit.test_policies:ThirdParty", "particles": 3}
+    problem = {"policy": "tests.unit.swarm.test_policies:ThirdParty", "particles": 3}
     one, two = (run_trials(workspace, trials=3, workers=workers, **problem) for workers in (1, 2))
     assert [e.commands for e in one] == [e.commands for e in two]
 

@@ -54,9 +54,9 @@ def run(
 
     Examples
     --------
-    >>> episode = run(SwarmProblem([[1, 1, 1, 1]], particles=4))
-    >>> episode.status, episode.commands
-    (<Status.COMPLETE: 'complete'>, 'ludr')
+    >>> episode = run(SwarmProblem([[1, 1, 1, 1]], particles=4, policy="closest-frontier"))
+    >>> str(episode.status), episode.commands
+    ('complete', 'ludr')
     """
     if not isinstance(problem, SwarmProblem):
         raise InvalidInputError(f"problem: expected a SwarmProblem, got {type(problem).__name__}")

@@ -19,7 +19,7 @@ def new_record(kind: np.dtype[Any], **values: float) -> Any:
     --------
     >>> memory = new_record(record_type(np.int64, "at", "length"), length=3)
     >>> memory.at += 1
-    >>> memory.at, memory.length
+    >>> int(memory.at), int(memory.length)
     (1, 3)
     """
     record = np.rec.array(np.zeros(1, dtype=kind))[0]

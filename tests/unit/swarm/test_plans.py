@@ -73,7 +73,7 @@ def test_nothing_to_do():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: plan_coverage(open_map("line:4"), [(0, 0)], attempts=0), "attempts: expected 1 or more, got 0"),
+        (lambda: plan_coverage(open_map("line:4"), [(0, 0)], attempts=0), "attempts: expected a whole number, 1 or more, got 0"),
         (
             lambda: plan_coverage(open_map("line:4"), [(0, 0)], rule="tilt"),
             "policy offline: expected rule block or merge, got tilt",

@@ -70,7 +70,7 @@ def test_third_party_gives_the_same_episode(name):
 
 
 def test_third_party_by_name():
-    assert run(open_map("maze:9x7"), policy="tests.unit.test_policies:ThirdParty", particles=3).status == "complete"
+    assert run(open_map("maze:9x7"), policy="tests.unit.swarm.test_policies:ThirdParty", particles=3).status == "complete"
 
 
 @pytest.mark.parametrize(
@@ -208,9 +208,9 @@ class WithOptions:
 
 
 def test_options_of_third_parties():
-    made = make_policy("tests.unit.test_policies:WithOptions:letters=lr,times=2,share=0.25,reverse=true")
+    made = make_policy("tests.unit.swarm.test_policies:WithOptions:letters=lr,times=2,share=0.25,reverse=true")
     assert (made.letters, made.times, made.share, made.reverse) == ("lr", 2, 0.25, True)
-    assert make_policy("tests.unit.test_policies:WithOptions:ud").letters == "ud"
+    assert make_policy("tests.unit.swarm.test_policies:WithOptions:ud").letters == "ud"
     for options, words in (("speed=3", "has no option 'speed'"), ("times=x", "times: expected a whole number, got 'x'")):
         with pytest.raises(InvalidInputError, match=words):
-            make_policy(f"tests.unit.test_policies:WithOptions:{options}")
+            make_policy(f"tests.unit.swarm.test_policies:WithOptions:{options}")

@@ -145,7 +145,7 @@ def test_a_time_is_kept_to_from_the_first_moves_on(monkeypatch):
     """The first ten moves may be overdrawn. What earlier ones took counts once, and the rate of simulation tells the rest."""
     clock = iter(range(100))
     monkeypatch.setattr(state.time, "perf_counter", lambda: next(clock) * 4e-3)  # each block takes 4 ms
-    planner = SimpleNamespace(options=new_record(planner_state.OPTIONS), memory=new_record(planner_state.MEMORY))
+    planner = SimpleNamespace(options=new_record(state.OPTIONS), memory=new_record(planner_state.MEMORY))
     pace = state.Pace(0.5)
     seen = []
     for _ in range(3):
