@@ -32,7 +32,7 @@
 
   function describe(data, track) {
     $("title").textContent = data.title;
-    ShoalDesk.showFacts([`planner ${data.planner}`, data.noise ? "with noise" : "", data.status, data.reason]);
+    ShoalDesk.showFacts([`planner ${data.planner}`, data.noise ? "with noise" : "", data.reason, data.status]);
     $("of").textContent = `of ${number(track.moves)}`;
     $("ofLength").textContent = `of ${figure(data.length)}`;
     const space = data.walls.height > 0;
