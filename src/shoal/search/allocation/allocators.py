@@ -1,4 +1,4 @@
-"""The ways to share a tour: each gives the arcs of robots that lie round it in the order of their starts."""
+"""Allocators: rules that share a tour among robots, which lie around it in the order of their starts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parts of a tour as a robot sees them: whose they are, who takes over, and what is left costs."""
+"""Partition of a tour: which robot searches which part, which one takes over, and what the rest costs."""
 
 from __future__ import annotations
 

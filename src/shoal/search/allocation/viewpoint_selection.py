@@ -1,4 +1,4 @@
-"""Where a robot with a wide footprint stops so that it sees the cells of its part: not in each, and not in the order of the tour.
+"""Viewpoint selection: where a robot with a wide footprint stops to see its part, which is neither in each cell nor in tour order.
 
 It goes where it sees most that is new for the way there, and rather along the border of what is done than away from it, for strips
 that are left over cost as much as wide ones. So it goes round and round in its part, whatever the tour.

@@ -1,4 +1,4 @@
-"""How far it is from one cell to another: inside the region, or from cell to cell round what is found to be in the way."""
+"""Distances between cells: along the shortest way inside the region, or from cell to cell around known obstacles."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class Footprint(Protocol):
 
 
 class MaskFootprint:
-    """Sight over the cells of a tour, of any number of dimensions: what is no cell hides what is behind it.
+    """What is seen from the cells of a tour, of any number of dimensions: what is no cell hides what is behind it.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class MaskFootprint:
 
 
 class RegionFootprint(MaskFootprint):
-    """Sight inside a region: a robot does not see what is behind a wall, but what it sees of the region may go round a corner.
+    """What is seen inside a region: a robot does not see what is behind a wall, but what it sees of the region may go round a corner.
 
     Parameters
     ----------

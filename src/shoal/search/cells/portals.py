@@ -1,4 +1,4 @@
-"""Which pieces of cells share a stretch of a grid line, and where a vehicle passes from one to the other."""
+"""Portals between pieces of cells: stretches of grid lines through which a vehicle passes."""
 
 from __future__ import annotations
 

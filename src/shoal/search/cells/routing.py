@@ -1,4 +1,4 @@
-"""Ways between viewpoints that never leave the region."""
+"""Routing: ways between viewpoints that never leave the region."""
 
 from __future__ import annotations
 

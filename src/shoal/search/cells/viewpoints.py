@@ -1,4 +1,4 @@
-"""Where a vehicle stands so that its footprint covers a piece of a cell, without leaving the piece."""
+"""Viewpoints: where a vehicle stands so that its footprint covers a piece of a cell, without leaving the piece."""
 
 from __future__ import annotations
 

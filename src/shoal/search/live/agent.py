@@ -36,8 +36,8 @@ from shoal.search.protocol.messages import decode_beacon, encode_beacon
 from shoal.search.protocol.robot import LOOK, Robot, advance
 from shoal.search.simulation.scenario import first_obstacle
 
-_TRIES = 8  # how often a robot knocks at a cell that another one is in, before it goes elsewhere
-_KNOCK = 0.25  # cells, in time, between
+_TRIES = 8  # how often a robot tries to enter an occupied cell before it goes elsewhere
+_RETRY = 0.25  # time of a cell, between two tries
 _LONGEST = 0.5  # seconds: no sleep is longer
 
 
@@ -249,7 +249,7 @@ class Agent:
         self._stand_aside()
         if self._tries < _TRIES:
             self._tries += 1
-            self._rest = now + _KNOCK / self.robot.rate
+            self._rest = now + _RETRY / self.robot.rate
             return
         if isinstance(self._going, Go):
             self._passed += self._going.through

@@ -1,4 +1,4 @@
-"""What happens to a robot, and what a robot does: the events and actions of the state machine in `shoal.search.protocol.robot`."""
+"""Events and actions of the state machine in `shoal.search.protocol.robot`."""
 
 from __future__ import annotations
 

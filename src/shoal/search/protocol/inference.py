@@ -1,4 +1,4 @@
-"""What a robot concludes from what it has sensed and heard: who lives, what is done, what can be reached, what a way costs."""
+"""Inference of a robot from what it has sensed and heard: which robots live, what is searched, what can be reached."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from shoal.search.cells.distances import CellDistances
 from shoal.search.protocol.state import Robot
 from shoal.search.tours.bitset import at_least
 
-_SURE = 0.01  # a live robot is taken for dead by as large a share of silences
-_BEATS = (3.0, 40.0)  # silences that are always and never taken for death
+_FALSE_POSITIVE_RATE = 0.01  # of the failure detector
+_SILENCE = (3.0, 40.0)  # beats: the least and the greatest silence after which a robot is presumed dead
 
 
 def step_cost(tour_cost: TourCost, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
@@ -43,8 +43,8 @@ def reachable(robot: Robot, time: float) -> tuple[int, int]:
 def silence_limit(robot: Robot) -> float:
     """Return after how long a silence a robot is taken for dead: longer where many messages are lost."""
     share = robot.lost / (robot.lost + robot.got) if robot.got else 0.5
-    beats = log(_SURE) / log(share) if 0 < share < 1 else 0.0
-    return robot.brief.beat * (min(max(_BEATS[0], beats), _BEATS[1]) + 0.5)
+    beats = log(_FALSE_POSITIVE_RATE) / log(share) if 0 < share < 1 else 0.0
+    return robot.brief.beat * (min(max(_SILENCE[0], beats), _SILENCE[1]) + 0.5)
 
 
 def is_live(robot: Robot, number: int, time: float) -> bool:

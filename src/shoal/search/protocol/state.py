@@ -1,4 +1,4 @@
-"""What a robot is told, what it knows of others, and the whole state of one."""
+"""State of a robot: what it is told at the beginning, what it knows of other robots, what it does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a robot knows when it has come somewhere: to the cell that it wanted to search, or before one that it cannot enter."""
+"""Transitions of a robot's state when it arrives: in the cell that it searches, or before one that it cannot enter."""
 
 from __future__ import annotations
 

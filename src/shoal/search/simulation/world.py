@@ -37,8 +37,8 @@ from shoal.search.simulation.outcome import SimulatedRobot, SimulationOutcome
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours.bitset import members
 
-_TRIES = 8  # how often a robot knocks at a cell that another one is in, before it goes elsewhere
-_KNOCK = 0.25  # cells, in time, between
+_TRIES = 8  # how often a robot tries to enter an occupied cell before it goes elsewhere
+_RETRY = 0.25  # time of a cell, between two tries
 
 
 class World:
@@ -96,7 +96,7 @@ class World:
         heapq.heappush(self._queue, (time, self._number, robot, kind, what))
 
     def run(self, *, until: float = inf) -> SimulationOutcome:
-        """Play all events up to a time; return what came of it."""
+        """Play all events up to a time; return the outcome."""
         while self._queue and self._queue[0][0] <= until:
             self.time, _, number, kind, what = heapq.heappop(self._queue)
             vehicle = self.vehicles[number]
@@ -176,8 +176,8 @@ class World:
             vehicle.searching = None
             if vehicle.tries < _TRIES:
                 vehicle.tries += 1
-                vehicle.waited += _KNOCK / rate
-                self._post(self.time + _KNOCK / rate, vehicle.robot.number, "enter", cell)
+                vehicle.waited += _RETRY / rate
+                self._post(self.time + _RETRY / rate, vehicle.robot.number, "enter", cell)
             else:
                 vehicle.place, vehicle.going = cell, None
                 vehicle.passing += vehicle.robot.through
