@@ -80,7 +80,7 @@ class MaskFootprint:
 
 
 class RegionFootprint(MaskFootprint):
-    """What is seen inside a region: a robot does not see what is behind a wall, but what it sees of the region may go round a corner.
+    """What is seen inside a region: not what is behind a wall, though what is seen may go round a corner.
 
     Parameters
     ----------
