@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import inf
 
 from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
-from shoal.search.simulation.world import Scenario, SimulationOutcome, World
+from shoal.search.simulation.world import Scenario, SearchWorld, SimulationOutcome
 from shoal.search.tours.bitset import at_least
 
 
@@ -35,7 +35,7 @@ class Checker:
         self.liars = {fault.robot for fault in scenario.faults if isinstance(fault, Liar)}
         self.known: dict[int, Mapping[int, int]] = {}
 
-    def __call__(self, world: World, number: int) -> None:
+    def __call__(self, world: SearchWorld, number: int) -> None:
         """Check what the last event, of that robot, may have broken."""
         vehicle = world.vehicles[number]
         n = len(self.scenario.brief.tour_cost)
@@ -54,7 +54,7 @@ class Checker:
         if world.lost > world.sent:
             self._fail(world, number, "has lost more messages than were sent")
 
-    def _check_beliefs(self, world: World, number: int) -> None:
+    def _check_beliefs(self, world: SearchWorld, number: int) -> None:
         robot = world.vehicles[number].robot
         before, self.known[number] = self.known.get(number), robot.searched
         if before is not robot.searched:
@@ -67,7 +67,7 @@ class Checker:
             if other not in self.liars and bits & ~self.scenario.blocked:
                 self._fail(world, number, f"believes what robot {other} never found, that a free cell is obstructed")
 
-    def _fail(self, world: World, number: int, what: str) -> None:
+    def _fail(self, world: SearchWorld, number: int, what: str) -> None:
         raise InvariantError(f"at {world.time:.6g} robot {number} {what} (seed {self.scenario.seed}): {self.scenario.faults}")
 
 

@@ -13,7 +13,7 @@ from shoal.search.cells.distances import CellDistances
 from shoal.search.problem.faults import Battery, Crash, Fault, Liar, Pause, Slow, WrongPosition
 from shoal.search.problem.network import RadioNetwork, network_of
 from shoal.search.protocol.robot import Brief
-from shoal.search.simulation.world import Scenario
+from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours import make_tour
 
 TOURS = ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree", "open-hilbert")

@@ -15,7 +15,7 @@ from tests.properties.search_scenarios import random_scenario
 from shoal.search.problem.faults import Crash, Liar, Pause
 from shoal.search.protocol import robot as robots
 from shoal.search.simulation import world as worlds
-from shoal.search.simulation.world import World
+from shoal.search.simulation.world import SearchWorld
 
 SEARCHES = int(os.environ.get("SHOAL_SOAK", "2000"))
 CHUNKS = 20
@@ -23,7 +23,7 @@ CHUNKS = 20
 
 def play(seed, *, wide=False):
     scenario = random_scenario(seed, wide=wide)
-    world = World(scenario, check=Checker(scenario))
+    world = SearchWorld(scenario, check=Checker(scenario))
     outcome = world.run(until=60 * scenario.brief.tour_cost.whole * scenario.brief.multiplicity + 1000)
     check_outcome(scenario, outcome)
     return scenario, outcome
@@ -54,7 +54,7 @@ def test_scenarios_are_of_all_kinds():
 
 def test_the_same_seed_gives_the_same_trace():
     for seed in range(12):
-        traces = [World(random_scenario(seed), trace=True).run(until=2000).trace for _ in range(2)]
+        traces = [SearchWorld(random_scenario(seed), trace=True).run(until=2000).trace for _ in range(2)]
         assert traces[0] == traces[1]
         assert traces[0].count(b"\n") > 0
 
@@ -100,7 +100,7 @@ def test_bug_3_no_right_of_way(monkeypatch):
         vehicle.searching = vehicle.place = cell
         world._post(world.time + 1.0 / world._rate(vehicle), vehicle.robot.number, "sense", cell)
 
-    monkeypatch.setattr(World, "_do_enter", enter)
+    monkeypatch.setattr(SearchWorld, "_do_enter", enter)
     assert found_within(60)
 
 
@@ -114,7 +114,7 @@ def test_bug_5_an_empty_battery_goes_on(monkeypatch):
         vehicle.energy -= cost
         return True
 
-    monkeypatch.setattr(World, "_spend", spend)
+    monkeypatch.setattr(SearchWorld, "_spend", spend)
     assert found_within(200)
 
 
@@ -132,10 +132,10 @@ def test_liars_are_outvoted():
             continue
         brief = robots.Brief(scenario.brief.tour_cost, scenario.brief.allocator, multiplicity=2)
         lying = worlds.Scenario(brief, scenario.starts, faults=(Liar(1),), seed=seed)
-        world = World(lying, check=Checker(lying))
+        world = SearchWorld(lying, check=Checker(lying))
         check_outcome(lying, world.run(until=1e5))
         single = worlds.Scenario(robots.Brief(brief.tour_cost, brief.allocator), scenario.starts, faults=(Liar(1),), seed=seed)
-        outcome = World(single).run(until=1e5)
+        outcome = SearchWorld(single).run(until=1e5)
         believed += any(when < outcome.covered_at for when in outcome.declared.values())
     assert believed > 2
 
@@ -150,7 +150,7 @@ def test_who_declares_is_right_and_complete():
 def test_crashes_and_pauses_do_what_they_say():
     scenario = random_scenario(2)
     faulty = worlds.Scenario(robots.Brief(scenario.brief.tour_cost), (0, 0, 0), faults=(Crash(1, 3.0), Pause(2, 2.0, 30.0)), seed=1)
-    outcome = World(faulty).run(until=1e4)
+    outcome = SearchWorld(faulty).run(until=1e4)
     assert outcome.vehicles[1].states[-1] == (3.0, "dead")
     assert all(when <= 3.0 for when, _ in outcome.vehicles[1].visits)
     assert not any(2.0 < when < 30.0 for when, _ in outcome.vehicles[2].visits)

@@ -18,7 +18,7 @@ from shoal.search.cells.footprint import MaskFootprint, RegionFootprint, cell_si
 from shoal.search.missions import check_missions
 from shoal.search.problem.faults import Crash, Liar
 from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
-from shoal.search.simulation.world import World
+from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.bitset import at_least, bitset_of
 
 TEAM = [2.0, 2.0, 6.0]
@@ -26,16 +26,16 @@ TEAM = [2.0, 2.0, 6.0]
 
 def test_a_robot_that_claims_what_it_does_not_see_is_found(monkeypatch):
     """Planted: the robot tells of all cells around, but in truth it sees only the one in which it stands."""
-    true = World._do_sense
+    true = SearchWorld._do_sense
 
     def sense(world, vehicle, cell):
         with monkeypatch.context() as patch:
             patch.setattr(type(world.scenario), "seen", lambda scenario, number, one: 1 << one)
             true(world, vehicle, cell)
 
-    monkeypatch.setattr(World, "_do_sense", sense)
+    monkeypatch.setattr(SearchWorld, "_do_sense", sense)
     scenario = next(one for one in (random_scenario(seed, wide=True) for seed in range(20)) if 3 in one.widths)
-    world = World(scenario, check=Checker(scenario))
+    world = SearchWorld(scenario, check=Checker(scenario))
     with pytest.raises(InvariantError, match="has searched what it has not"):
         world.run(until=1000)
 

@@ -23,7 +23,7 @@ from shoal.search.protocol.events import Begin, Blocked, Declare, Go, Heard, Sen
 from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
 from shoal.search.protocol.robot import Brief, Robot, advance
 from shoal.search.simulation.trace import RobotLog
-from shoal.search.simulation.world import Scenario, World
+from shoal.search.simulation.world import Scenario, SearchWorld
 from shoal.search.tours.bitset import arc_bits, at_least, members, next_in, runs, turned
 
 ALLOCATORS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
@@ -203,7 +203,7 @@ def test_messages_come_back_and_damage_is_noticed():
 
 def test_a_robot_alone_searches_everything_in_the_time_of_one_round():
     tour_cost = TourCost(make_tour("moore", (8, 8)))
-    outcome = World(Scenario(Brief(tour_cost), (5,))).run()
+    outcome = SearchWorld(Scenario(Brief(tour_cost), (5,))).run()
     assert outcome.covered_at == 65.0  # one for listening
     assert outcome.declared == {1: 65.0}
 
@@ -326,7 +326,7 @@ def test_a_plan_without_a_simulation():
 
 def test_nothing_is_lost_on_a_perfect_network():
     tour_cost = TourCost(make_tour("moore", (8, 8)))
-    outcome = World(Scenario(Brief(tour_cost), (0, 20, 40), network=RadioNetwork())).run()
+    outcome = SearchWorld(Scenario(Brief(tour_cost), (0, 20, 40), network=RadioNetwork())).run()
     assert outcome.lost == 0
     assert outcome.takeovers == 0
     assert outcome.covered_at < inf
@@ -342,7 +342,7 @@ def corridor(obstacles, *, starts=(0,), multiplicity=1, **more):
 
 def test_an_obstacle_is_met_told_and_gone_round():
     _, scenario = corridor([(1, 2), (2, 2)], starts=(0, 9))
-    world = World(scenario, check=Checker(scenario))
+    world = SearchWorld(scenario, check=Checker(scenario))
     outcome = world.run(until=1e4)
     check_outcome(scenario, outcome)
     assert outcome.covered == scenario.brief.everything & ~scenario.blocked
@@ -356,7 +356,7 @@ def test_an_obstacle_is_met_told_and_gone_round():
 
 def test_what_is_walled_in_is_left_out_and_not_declared_searched():
     _, scenario = corridor([(0, 3), (1, 3), (1, 4)], starts=(0,))
-    outcome = World(scenario, check=Checker(scenario)).run(until=1e4)
+    outcome = SearchWorld(scenario, check=Checker(scenario)).run(until=1e4)
     walled = scenario.brief.everything & ~scenario.blocked & ~scenario.reach(1)
     assert walled.bit_count() == 1
     assert outcome.covered == scenario.reach(1)
@@ -376,7 +376,7 @@ def test_a_robot_with_little_energy_comes_home_round_obstacles():
     tour = make_tour("comb", (4, 5))
     brief = Brief(TourCost(tour, distances=CellDistances(tour)), energy=24.0, recharge=2.0)
     scenario = Scenario(brief, (0,), obstacles=(int(tour.position[1, 2]), int(tour.position[2, 2])))
-    outcome = World(scenario, check=Checker(scenario)).run(until=1e4)
+    outcome = SearchWorld(scenario, check=Checker(scenario)).run(until=1e4)
     check_outcome(scenario, outcome)
     assert outcome.vehicles[1].alive
     assert outcome.vehicles[1].travelled > 24.0  # it has recharged
@@ -444,7 +444,7 @@ def test_parts_are_shared_by_the_ways_that_robots_go():
 def test_two_robots_share_the_part_of_a_dead_one():
     tour = make_tour("moore", (8, 8))
     scenario = Scenario(Brief(TourCost(tour), "stay"), (0, 20, 21), faults=(Crash(1, 0.0),))
-    outcome = World(scenario, check=Checker(scenario)).run(until=1e4)
+    outcome = SearchWorld(scenario, check=Checker(scenario)).run(until=1e4)
     check_outcome(scenario, outcome)
     whose = {number: {cell for _, cell in vehicle.visits} for number, vehicle in outcome.vehicles.items()}
     assert len(whose[2] & set(range(20))) > 4  # from behind

@@ -14,7 +14,7 @@ from shoal.checks import check_integer, check_number, check_text, shortened
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.plan import SearchPlan
 from shoal.search.simulation.scenario import Scenario
-from shoal.search.simulation.world import World
+from shoal.search.simulation.world import SearchWorld
 
 _HORIZON = 60.0  # times the way of one robot alone
 
@@ -165,7 +165,7 @@ def planned_trace(plan: SearchPlan) -> SearchTrace:
 
 def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
     """Return what the simulation of a scenario comes to."""
-    outcome = World(scenario).run(until=_HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0)
+    outcome = SearchWorld(scenario).run(until=_HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0)
     logs = tuple(
         RobotLog(
             cells=np.array([cell for _, cell in vehicle.visits], dtype=np.int64),

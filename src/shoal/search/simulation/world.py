@@ -41,7 +41,7 @@ _TRIES = 8  # how often a robot tries to enter an occupied cell before it goes e
 _RETRY = 0.25  # time of a cell, between two tries
 
 
-class World:
+class SearchWorld:
     """The simulation of one scenario.
 
     Parameters
@@ -53,7 +53,7 @@ class World:
         Write down every event.
     """
 
-    def __init__(self, scenario: Scenario, *, check: Callable[[World, int], None] | None = None, trace: bool = False) -> None:
+    def __init__(self, scenario: Scenario, *, check: Callable[[SearchWorld, int], None] | None = None, trace: bool = False) -> None:
         self.scenario, self.check, self.tracing = scenario, check, trace
         self.rng = np.random.default_rng(scenario.seed)
         self.time = 0.0
