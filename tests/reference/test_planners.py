@@ -15,7 +15,7 @@ from tests.steering import steer
 from shoal.steering import (
     ContactWorld,
     SteeringProblem,
-    Task,
+    SteeringTask,
     cylinder,
     disk,
     polygon,
@@ -100,7 +100,7 @@ def test_plans_of_four_to_six_moves_arrive_in_the_plain_simulation():
     for shape in ("disk", "hexagon", "7-gon", "disk", "square"):
         space = SHAPES[shape](rng)
         problem = instance(rng, space)
-        task = Task(ContactWorld(space), problem.start, problem.goal, problem.tolerance)
+        task = SteeringTask(ContactWorld(space), problem.start, problem.goal, problem.tolerance)
         for count in found:
             plan = shooting_plan(task, count)
             if plan is None:
@@ -196,7 +196,7 @@ def test_nearest_differences_are_members_and_none_is_nearer(shape):
     for _ in range(12):
         space = SHAPES[shape](rng)
         points = np.array([random_point(rng, space) for _ in range(4)])
-        task = Task(ContactWorld(space), points[:2], points[2:], 1e-6)
+        task = SteeringTask(ContactWorld(space), points[:2], points[2:], 1e-6)
         query = task.chain_query()
         cycle = min(nearest_cycles(query, query.before, query.after), key=lambda one: one.distance)
         away, delta = cycle.distance, cycle.after
@@ -218,7 +218,7 @@ def test_grown_chains_obey_walls_and_friction(friction):
     for _ in range(12):
         space = random_polygon(rng, sides=6)
         points = np.array([random_point(rng, space) for _ in range(4)])
-        task = Task(ContactWorld(space, friction=friction), points[:2], points[2:], 1e-6)
+        task = SteeringTask(ContactWorld(space, friction=friction), points[:2], points[2:], 1e-6)
         query = task.chain_query()
         chain = roadmap_chain(query)
         if chain is None:
@@ -257,7 +257,7 @@ def test_plans_of_the_plane_take_heights():
     space, raised = prism(SQUARE, 1.0), 0
     for _ in range(12):
         points = np.array([[*random_point(rng, SQUARE), rng.random()] for _ in range(4)])
-        task = Task(ContactWorld(space), points[:2], points[2:], 1e-6)
+        task = SteeringTask(ContactWorld(space), points[:2], points[2:], 1e-6)
         below = planar_task(task)
         flat = Shortest().plan(below)
         moves = with_vertical_moves(task, flat)

@@ -67,7 +67,7 @@ for shape in ((3, 5), (1, 9), (2, 63), (3, 64), (2, 65), (2, 126), (2, 2, 4)):
 
 STEERING = """
 import numpy as np
-from shoal.steering import SteeringProblem, Task, cylinder, disk, polygon_reach, prism, regular_polygon
+from shoal.steering import SteeringProblem, SteeringTask, cylinder, disk, polygon_reach, prism, regular_polygon
 from shoal.steering.run import run
 from shoal.steering.planners import shooting
 shooting.DIRECTIONS = {2: 8, 3: 8}
@@ -82,7 +82,7 @@ for space in (regular_polygon(3, radius=0.8), disk(0.5), prism(regular_polygon(4
         print(space.kind, planner, e.status, e.moves, np.round(e.inputs, 6).tolist())
 for space, goal in ((regular_polygon(3, radius=0.8), pair[1]), (disk(0.5), pair[1]), (prism(regular_polygon(4), 0.7), high[1])):
     start = (pair if space.dimensions == 2 else high)[0]
-    task = Task(SteeringProblem(space, start, goal).world(), np.array(start), np.array(goal), 1e-6)
+    task = SteeringTask(SteeringProblem(space, start, goal).world(), np.array(start), np.array(goal), 1e-6)
     for count in (3, 4, 5):
         plan = shooting.shooting_plan(task, count)
         print(space.kind, count, None if plan is None else np.round(plan, 5).tolist())
@@ -96,7 +96,7 @@ from shoal.steering.planners.chains import roadmap
 friction_limits._ANGLES = 30
 roadmap.MAPS = ((8, 14, 1.05, 8),)
 for space in (regular_polygon(5), disk(0.5)):
-    task = Task(SteeringProblem(space, *pair, friction=1.0).world(), np.array(pair[0]), np.array(pair[1]), 1e-6)
+    task = SteeringTask(SteeringProblem(space, *pair, friction=1.0).world(), np.array(pair[0]), np.array(pair[1]), 1e-6)
     chain = roadmap.roadmap_chain(task.chain_query(), maps=roadmap.MAPS)
     print(None if chain is None else (chain.touchers.tolist(), chain.walls.tolist(), np.round(chain.unknowns, 5).tolist()))
     print(friction_limits.friction_limit(space, 0.2, task.before, task.after))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from shoal.steering.delta_space.two_moves import Crossing, reached_in_two_moves
     from shoal.steering.episode import SteeringEpisode
     from shoal.steering.planners import PLANNERS, Planner, make_planner
-    from shoal.steering.planners.task import Task
+    from shoal.steering.planners.task import SteeringTask
     from shoal.steering.problem import SteeringProblem
     from shoal.steering.workspaces.convex import ConvexWorkspace, cylinder, disk, polygon, prism, regular_polygon
     from shoal.steering.workspaces.formats import open_workspace
@@ -32,7 +32,7 @@ _HOMES = {
     "RegionWorld": "contact.region_world",
     "SteeringEpisode": "episode",
     "SteeringProblem": "problem",
-    "Task": "planners.task",
+    "SteeringTask": "planners.task",
     "cylinder": "workspaces.convex",
     "disk": "workspaces.convex",
     "disk_reach": "delta_space.disk_reach",
@@ -58,7 +58,7 @@ __all__ = [
     "RegionWorld",
     "SteeringEpisode",
     "SteeringProblem",
-    "Task",
+    "SteeringTask",
     "cylinder",
     "disk",
     "disk_reach",

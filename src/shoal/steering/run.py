@@ -13,7 +13,7 @@ from shoal.checks import check_integer
 from shoal.episode import Status
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
-from shoal.steering.planners.task import Task, why_approachable, why_unreachable
+from shoal.steering.planners.task import SteeringTask, why_approachable, why_unreachable
 from shoal.steering.problem import SteeringProblem, check_can_part
 from shoal.steering.simulation.apparatus import Apparatus, replay
 from shoal.steering.workspaces.convex_geometry import Points
@@ -85,7 +85,7 @@ class _Attempt:
 def _attempted(problem: SteeringProblem, planner: Any, start: Points, goal: Points, order: tuple[int, ...], seed: int) -> _Attempt:
     """Plan and play with a settled goal for each particle."""
     world = problem.world(gain=0.0)  # as planners know it
-    task = Task(world, start, goal, problem.tolerance, problem.max_moves, seed)
+    task = SteeringTask(world, start, goal, problem.tolerance, problem.max_moves, seed)
     simple = isinstance(world, ContactWorld) and len(start) == 2
     outside = ~problem.place.contains(goal)
     inputs: Points | None = np.zeros((0, problem.place.dimensions))

@@ -7,7 +7,7 @@ import pytest
 from tests.steering import steer
 
 from shoal.errors import InvalidInputError
-from shoal.steering import ContactWorld, SteeringProblem, Task, disk, polygon, prism, region, regular_polygon
+from shoal.steering import ContactWorld, SteeringProblem, SteeringTask, disk, polygon, prism, region, regular_polygon
 from shoal.steering.contact.region_world import RegionWorld
 from shoal.steering.planners import sampling
 from shoal.steering.planners.sampling import Sampling
@@ -20,7 +20,7 @@ POSTS = region([(0, 0), (6, 0), (6, 4), (0, 4)], [[(1, 1), (2, 0.8), (2.2, 2.5)]
 
 def planned(world, start, goal, tolerance=1e-6, *, max_moves=100, seed=0):
     """The moves, replayed by the stepper alone."""
-    task = Task(world, np.array(start, dtype=float), np.array(goal, dtype=float), tolerance, max_moves, seed)
+    task = SteeringTask(world, np.array(start, dtype=float), np.array(goal, dtype=float), tolerance, max_moves, seed)
     moves = Sampling().plan(task)
     assert moves is not None
     assert len(moves) <= max_moves
@@ -80,7 +80,7 @@ def test_friction_and_goals_on_walls():
 def test_few_moves_are_enough_or_nothing_is_found():
     world, pairs = ContactWorld(SQUARE), ([(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.4, 0.5)])
     assert len(planned(world, *pairs, max_moves=3)) == 3
-    assert Sampling().plan(Task(world, *(np.array(pair) for pair in pairs), 1e-6, 1)) is None
+    assert Sampling().plan(SteeringTask(world, *(np.array(pair) for pair in pairs), 1e-6, 1)) is None
 
 
 def test_seeds():
@@ -95,14 +95,14 @@ def test_what_cannot_be(monkeypatch):
     monkeypatch.setattr(sampling, "TREES", 1)
     monkeypatch.setattr(sampling, "ROUNDS", 10_000)
     apart = region([(0, 0), (9, 0), (9, 1), (5, 1), (4.5, 1e-3), (4, 1), (0, 1)])
-    task = Task(RegionWorld(CORNER), np.array([(0.5, 0.5), (0.5, 0.5)]), np.array([(0.5, 0.5), (0.6, 0.5)]), 1e-6, 100, 0)
+    task = SteeringTask(RegionWorld(CORNER), np.array([(0.5, 0.5), (0.5, 0.5)]), np.array([(0.5, 0.5), (0.6, 0.5)]), 1e-6, 100, 0)
     assert Sampling().plan(task) is None
-    few = Task(RegionWorld(apart), np.array([(0.5, 0.5), (0.7, 0.5)]), np.array([(8.5, 0.5), (0.3, 0.2)]), 1e-6, 2, 0)
+    few = SteeringTask(RegionWorld(apart), np.array([(0.5, 0.5), (0.7, 0.5)]), np.array([(8.5, 0.5), (0.3, 0.2)]), 1e-6, 2, 0)
     assert Sampling().plan(few) is None
     space = prism(SQUARE, 1.0)
     high = np.array([(0.2, 0.2, 0.2), (0.4, 0.4, 0.4)])
     with pytest.raises(InvalidInputError, match="planner sampling: expected a plane workspace, got a prism"):
-        Sampling().plan(Task(ContactWorld(space), high, high[::-1], 1e-6))
+        Sampling().plan(SteeringTask(ContactWorld(space), high, high[::-1], 1e-6))
 
 
 def test_steer_with_it():

@@ -8,14 +8,14 @@ from math import inf
 
 import numpy as np
 
-from shoal.steering.contact.world import World
+from shoal.steering.contact.world import SteeringWorld
 from shoal.steering.kernels import region_contact as kernels
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
 
 
 @dataclass(frozen=True, eq=False)
-class RegionWorld(World):
+class RegionWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, in a region whose walls hold what is pushed into them.
 
     A particle on an edge does not move while that edge has ``N u <= 0``, N its inward normal. In a corner that is narrower than

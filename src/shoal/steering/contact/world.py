@@ -20,7 +20,7 @@ from shoal.steering.workspaces.convex_geometry import Points
 PUSHED = kernels.PUSHED
 
 
-class World(ABC):
+class SteeringWorld(ABC):
     """What all worlds of steering have: particles that one shared displacement moves, in a workspace.
 
     Attributes
@@ -91,7 +91,7 @@ class World(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class ContactWorld(World):
+class ContactWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, between walls with friction.
 
     A particle on a wall does not move while that wall has ``N u <= 0``, N its inward normal; so a push along the wall is held,

@@ -13,7 +13,7 @@ from shoal.steering.planners.greedy import misses
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shooting import shooting_plan
 from shoal.steering.planners.shortest import Shortest
-from shoal.steering.planners.task import Task, path_length, why_unreachable
+from shoal.steering.planners.task import SteeringTask, path_length, why_unreachable
 from shoal.steering.planners.vertical_moves import planar_task, with_vertical_moves
 from shoal.steering.workspaces.convex_geometry import Points
 
@@ -33,7 +33,7 @@ class FewestMoves:
     name = "fewest-moves"
     prefers = "moves"
 
-    def plan(self, task: Task) -> Points | None:
+    def plan(self, task: SteeringTask) -> Points | None:
         """Return moves; see `Planner`."""
         best: Points | None = None
         chains = self._chains(task)
@@ -51,7 +51,7 @@ class FewestMoves:
             best = _finished(task, chains)
         return _fewer(best, chains)
 
-    def _raised(self, task: Task) -> Points | None:
+    def _raised(self, task: SteeringTask) -> Points | None:
         """Return the plan of the plane with heights."""
         below = planar_task(task)
         flat = below.translation() if why_unreachable(below) is None else None
@@ -59,7 +59,7 @@ class FewestMoves:
             flat = self.plan(below)
         return None if flat is None else with_vertical_moves(task, flat)
 
-    def _chains(self, task: Task) -> Points | None:
+    def _chains(self, task: SteeringTask) -> Points | None:
         """Return the plan of the chain with the fewest cycles."""
         best = None
         for first, state in task.departures():
@@ -70,7 +70,7 @@ class FewestMoves:
                 best = np.array([*first, *moves])
         return _fewer(self._long(task), Shortest().plan(task)) if best is None else best
 
-    def _long(self, task: Task) -> Points | None:
+    def _long(self, task: SteeringTask) -> Points | None:
         """Return the plan of a chain of more cycles, the fewest over a dense map, None if that has none."""
         if task.world.room.dimensions == 3 or task.world.friction < inf:
             return None
@@ -84,7 +84,7 @@ class FewestMoves:
         return best
 
 
-def _finished(task: Task, plan: Points) -> Points | None:
+def _finished(task: SteeringTask, plan: Points) -> Points | None:
     """Return the beginning of a plan with three or four moves that finish it, as few as can be; None if that is no fewer."""
     states = task.world.play(task.start, plan)
     lasts = (3, 4) if len(plan) <= LONGEST else (3,)

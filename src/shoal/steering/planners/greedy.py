@@ -11,7 +11,7 @@ from shoal.steering.planners.chains.chain import Chain, ChainQuery, shortest_cha
 from shoal.steering.planners.chains.cycles import Cycle, nearest_cycles
 from shoal.steering.planners.chains.roadmap import roadmap_chain
 from shoal.steering.planners.protocol import PLANNERS
-from shoal.steering.planners.task import Task
+from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 
 _PATIENCE = 4  # cycles by whose progress the rest is judged
@@ -35,7 +35,7 @@ class Greedy:
 
     name = "greedy"
 
-    def plan(self, task: Task) -> Points | None:
+    def plan(self, task: SteeringTask) -> Points | None:
         """Return moves; see `Planner`."""
         for first, state in task.departures():
             query = task.chain_query(start=state)
@@ -51,7 +51,7 @@ class Greedy:
         return None
 
 
-def misses(task: Task, moves: Points) -> bool:
+def misses(task: SteeringTask, moves: Points) -> bool:
     """Tell whether a plan is too long or does not end within the tolerance."""
     return len(moves) > task.max_moves or task.error(task.world.play(task.start, moves)[-1]) > task.tolerance
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from shoal.registry import Registry
-from shoal.steering.planners.task import Task
+from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 
 
@@ -19,7 +19,7 @@ class Planner(Protocol):
 
     name: str
 
-    def plan(self, task: Task) -> Points | None:
+    def plan(self, task: SteeringTask) -> Points | None:
         """Return moves, float64, shape (moves, d), that bring the particles to the goal, or near it; None if it finds none."""
         ...
 

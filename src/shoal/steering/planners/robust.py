@@ -14,7 +14,7 @@ from shoal.steering.planners.chains.chain import Chain, ChainQuery, shortest_cha
 from shoal.steering.planners.greedy import any_chain
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shortest import Shortest
-from shoal.steering.planners.task import Task
+from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 
 SURE = 4.0  # standard deviations that count as never
@@ -38,11 +38,11 @@ class Robust:
 
     name = "robust"
 
-    def plan(self, task: Task) -> Points | None:
+    def plan(self, task: SteeringTask) -> Points | None:
         """Return the shortest moves: in a world without noise there is nothing to survive."""
         return Shortest().plan(task)
 
-    def control(self, task: Task, apparatus: Any) -> tuple[Points, Points]:
+    def control(self, task: SteeringTask, apparatus: Any) -> tuple[Points, Points]:
         """Return the moves that were sent and the states that they led to."""
         loop = _Loop(task, apparatus)
         loop.run()
@@ -53,7 +53,7 @@ class Robust:
 class _Loop:
     """One run of the closed loop."""
 
-    def __init__(self, task: Task, apparatus: Any) -> None:
+    def __init__(self, task: SteeringTask, apparatus: Any) -> None:
         self.task, self.apparatus = task, apparatus
         self.room = task.world.room
         self.noise = apparatus.problem

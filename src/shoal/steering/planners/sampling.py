@@ -16,7 +16,7 @@ from shoal.steering.kernels import sampling as kernels
 from shoal.steering.kernels.contact import Walls
 from shoal.steering.kernels.region_contact import Edges
 from shoal.steering.planners.protocol import PLANNERS
-from shoal.steering.planners.task import Task
+from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
 
@@ -47,7 +47,7 @@ class Sampling:
     name = "sampling"
     general = True
 
-    def plan(self, task: Task) -> Points | None:
+    def plan(self, task: SteeringTask) -> Points | None:
         """Return moves; see `Planner`.
 
         Raises
@@ -100,7 +100,7 @@ def world_of(world: Any) -> kernels.World:
 class _Tree:
     """Nodes with their states, what they come from and by which moves."""
 
-    task: Task
+    task: SteeringTask
     world: kernels.World
     rng: np.random.Generator
     left: int
@@ -120,7 +120,7 @@ class _Tree:
         for _hit in range(HITS):
             moves = self.direct(translations)
             if moves is not None:
-                moves = shortened(self.task, moves)
+                moves = _shortened(self.task, moves)
                 if len(moves) <= self.task.max_moves:
                     return moves
             if not self.grow():
@@ -270,7 +270,7 @@ def _nearest(inner: Any, offset: Points, reach: float) -> Points | None:
     return np.array(line.coords[0])
 
 
-def shortened(task: Task, moves: Points) -> Points:
+def _shortened(task: SteeringTask, moves: Points) -> Points:
     """Return a plan without moves that it can do without, and with pairs of moves made one, as long as it still works."""
     changed = True
     while changed:

@@ -6,7 +6,7 @@ import numpy as np
 
 from shoal.steering.kernels import plan_repair, shooting
 from shoal.steering.kernels.contact import Walls
-from shoal.steering.planners.task import Task, path_length
+from shoal.steering.planners.task import SteeringTask, path_length
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import normalize_walls
 
@@ -19,7 +19,7 @@ ENOUGH = 4  # plans, of which the shortest is taken
 _ALL = 1_000_000
 
 
-def shooting_plan(task: Task, count: int) -> Points | None:
+def shooting_plan(task: SteeringTask, count: int) -> Points | None:
     """Return a plan of so many moves, 2 to 6, that was found by playing; shape (count, d); None if there was none."""
     walls = normalize_walls(task.world.room)
     d = walls.dimensions

@@ -7,7 +7,7 @@ import numpy as np
 from shoal.steering.planners.chains.chain import Chain, ChainQuery, refined, shortest_chain
 from shoal.steering.planners.greedy import greedy_chain, misses
 from shoal.steering.planners.protocol import PLANNERS
-from shoal.steering.planners.task import Task, path_length
+from shoal.steering.planners.task import SteeringTask, path_length
 from shoal.steering.workspaces.convex_geometry import Points
 
 
@@ -22,7 +22,7 @@ class Shortest:
 
     name = "shortest"
 
-    def plan(self, task: Task) -> Points | None:
+    def plan(self, task: SteeringTask) -> Points | None:
         """Return moves; see `Planner`."""
         best: Points | None = None
         for first, state in task.departures():
@@ -37,12 +37,12 @@ class Shortest:
         return best
 
 
-def _rank(task: Task, moves: Points) -> tuple[bool, float]:
+def _rank(task: SteeringTask, moves: Points) -> tuple[bool, float]:
     """Order plans: those that end within the tolerance first, then by length."""
     return misses(task, moves), path_length(moves)
 
 
-def shortened_greedy(query: ChainQuery, task: Task) -> Chain | None:
+def shortened_greedy(query: ChainQuery, task: SteeringTask) -> Chain | None:
     """Return the chain of the planner greedy, of any number of cycles, made shorter."""
     chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
     return None if chain is None else refined(query, chain)

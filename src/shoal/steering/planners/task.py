@@ -1,4 +1,4 @@
-"""Task: what a planner is given, and what two particles in a convex workspace can never do."""
+"""SteeringTask: what a planner is given, and what two particles in a convex workspace can never do."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _WIDER = (1e-7, 1e-6, 1e-5)  # margins for chains whose moves are fragile
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class SteeringTask:
     """From one state to another in a world: what planners plan.
 
     Parameters
@@ -213,7 +213,7 @@ class Task:
         return max(min(one, both), direct - self.tolerance, 0.0)
 
 
-def why_unreachable(task: Task) -> str | None:
+def why_unreachable(task: SteeringTask) -> str | None:
     """Return why no plan can exist, None if one may."""
     room = task.world.room
     flat = float(np.hypot(*(task.before[:2])))
@@ -229,7 +229,7 @@ def why_unreachable(task: Task) -> str | None:
     return None
 
 
-def why_approachable(task: Task) -> str | None:
+def why_approachable(task: SteeringTask) -> str | None:
     """Return why the goal can only be approached, None if it can be reached."""
     room = task.world.room
     if float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:

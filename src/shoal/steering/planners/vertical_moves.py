@@ -7,19 +7,19 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from shoal.steering.contact.world import ContactWorld
-from shoal.steering.planners.task import Task
+from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 
 _OFF_CAPS = 1e-4  # of the height: how far the particles stay off the end caps on the way
 
 
-def planar_task(task: Task) -> Task:
+def planar_task(task: SteeringTask) -> SteeringTask:
     """Return a task of space without its heights: that of its base."""
     room = task.world.room
-    return Task(ContactWorld(room.base), task.start[:, :2], task.goal[:, :2], task.tolerance / 2, task.max_moves, task.seed)
+    return SteeringTask(ContactWorld(room.base), task.start[:, :2], task.goal[:, :2], task.tolerance / 2, task.max_moves, task.seed)
 
 
-def with_vertical_moves(task: Task, flat: Points) -> Points | None:
+def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
     """Return a plan of the plane with a height in each move, so that both particles come to the heights of their goals.
 
     Side walls hold by the plane's part of a move alone, so what share of each move a particle makes is known; its height at the end
@@ -27,7 +27,7 @@ def with_vertical_moves(task: Task, flat: Points) -> Points | None:
 
     Parameters
     ----------
-    task : Task
+    task : SteeringTask
         In a prism or a cylinder.
     flat : ndarray of float64, shape (moves, 2)
         A plan of `planar_task`.
