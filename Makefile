@@ -66,7 +66,7 @@ test: $(VENV)/.dev-installed $(VENV)/.kernels-compiled chromium
 	@$(BIN)/python -m pytest -n 2 --dist loadfile --durations=15
 
 # What people install: the wheel, in an environment of its own, away from the checkout; the tests come from the sdist.
-WHEEL_SAMPLE := tests/golden/test_reach_counts.py tests/golden/test_tours.py tests/unit/swarm/test_formats.py tests/unit/test_mission_lint.py
+WHEEL_SAMPLE := tests/golden/test_reach_counts.py tests/golden/test_tours.py tests/unit/swarm/test_map_files.py tests/unit/search/test_mission_lint.py
 test-wheel: $(VENV)/.dev-installed
 	@rm -rf dist && $(BIN)/python -m hatchling build >/dev/null
 	@set -e; folder=$$(mktemp -d); trap 'rm -rf "$$folder"' EXIT; wheel=$$(ls $(CURDIR)/dist/*.whl); \

@@ -18,10 +18,10 @@ from shoal.swarm.policies.planners.planner_policy import Budgeted, PlannerPolicy
 from shoal.swarm.policies.planners.rollout import Rollout
 from shoal.swarm.policies.protocol import Decision, Policy, View
 from shoal.swarm.policies.random_moves import RandomMoves
-from shoal.swarm.policies.sweep import Sweep
+from shoal.swarm.policies.sweep import WallSweep
 
 POLICIES: Registry[type[Policy]] = Registry("policy")
-for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, Sweep, GreedyClassify, Rollout, BeamRollout, Manual):
+for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, WallSweep, GreedyClassify, Rollout, BeamRollout, Manual):
     POLICIES.add(_policy.kind, _policy)
 POLICIES.add(Offline.kind, Offline)
 POLICIES.add("best", BeamRollout)  # an alias, which may stand for another one some day
@@ -76,8 +76,8 @@ __all__ = [
     "Policy",
     "RandomMoves",
     "Rollout",
-    "Sweep",
     "View",
+    "WallSweep",
     "check_scanning",
     "make_policy",
     "with_budget",

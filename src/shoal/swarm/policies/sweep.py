@@ -19,7 +19,7 @@ class _Phase:
 
 
 @dataclass(frozen=True)
-class Sweep(Compiled):
+class WallSweep(Compiled):
     """Left to the wall; up and right by turns until nothing goes right; down and left by turns back; again while it helps.
 
     For a rectangle k cells tall with k particles along its left wall (placement left-wall) this takes 4m/k moves. It is no strategy
