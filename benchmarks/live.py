@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from shoal.search import TourCost, allocate, make_tour
-from shoal.search.live import run_live
 from shoal.search.problem.faults import Crash
 from shoal.search.protocol.robot import Brief
+from shoal.search.simulation.live import run_live
 
 ROBOTS, KILLED, LOSS = 12, 8, 0.3
 MARK = f"SHOAL_BENCHMARK={os.getpid()}"

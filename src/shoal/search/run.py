@@ -8,8 +8,8 @@ from math import inf
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.plan import plan_search
 from shoal.search.episode import SearchEpisode
-from shoal.search.live.trace import live_trace
 from shoal.search.problem import SearchProblem
+from shoal.search.simulation.live.trace import live_trace
 from shoal.search.simulation.scenario import scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
 from shoal.version import versions

@@ -20,13 +20,13 @@ import pytest
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.search import TourCost, make_tour
 from shoal.search.cells.distances import CellDistances
-from shoal.search.live import LiveEvent, LiveOutcome, cell_locks, process, process_pool, radio, run_live, supervisor
-from shoal.search.live.outcome import covered_share, searched_by
-from shoal.search.live.vehicle import Vehicle
 from shoal.search.problem.faults import Crash, Pause
 from shoal.search.protocol.events import Begin, Declare, Heard, Wake
 from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
 from shoal.search.protocol.robot import Brief, Robot, advance
+from shoal.search.simulation.live import LiveEvent, LiveOutcome, cell_locks, process, process_pool, radio, run_live, supervisor
+from shoal.search.simulation.live.outcome import covered_share, searched_by
+from shoal.search.simulation.live.vehicle import Vehicle
 
 
 def brief_of(rows: int, columns: int, **options: object) -> Brief:
@@ -60,7 +60,7 @@ def children() -> set[int]:
             starter = (folder / "stat").read_text().rpartition(")")[2].split()[1]
         except (FileNotFoundError, ProcessLookupError):
             continue
-        if b"shoal.search.live.process" in words and runs(int(folder.name)) and mine(int(starter)):
+        if b"shoal.search.simulation.live.process" in words and runs(int(folder.name)) and mine(int(starter)):
             found.add(int(folder.name))
     return found
 
@@ -215,7 +215,7 @@ SCRIPT = """
     import sys
     from pathlib import Path
     from shoal.search import TourCost, make_tour
-    from shoal.search.live import run_live
+    from shoal.search.simulation.live import run_live
     from shoal.search.protocol.robot import Brief
 
     def show(event):
@@ -323,7 +323,7 @@ def test_vehicle_stops_before_a_cell_until_it_may_enter():
 def test_only_one_process_is_in_a_cell_and_death_frees_it():
     with tempfile.TemporaryFile() as ground:
         code = (
-            "import os, sys; from shoal.search.live import cell_locks; ground = int(sys.argv[1])\n"
+            "import os, sys; from shoal.search.simulation.live import cell_locks; ground = int(sys.argv[1])\n"
             "print(cell_locks.enter(ground, 3), cell_locks.enter(ground, 4), flush=True); sys.stdin.read()"
         )
         assert cell_locks.enter(ground.fileno(), 3)

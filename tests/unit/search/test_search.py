@@ -16,12 +16,12 @@ from shoal.errors import InvalidInputError, UnknownNameError
 from shoal.search import Arc, SearchEpisode, TourCost, allocate, make_tour, open_region
 from shoal.search.allocation.partition import cost_of_all
 from shoal.search.cells.distances import CellDistances
-from shoal.search.live.trace import takeovers_of
 from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, check_faults
 from shoal.search.problem.network import RadioNetwork, network_of
 from shoal.search.protocol.events import Begin, Blocked, Declare, Go, Heard, Send, Sensed, Wake, WakeAt
 from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
 from shoal.search.protocol.robot import Brief, Robot, advance
+from shoal.search.simulation.live.trace import takeovers_of
 from shoal.search.simulation.trace import RobotLog
 from shoal.search.simulation.world import Scenario, SearchWorld
 from shoal.search.tours.bitset import arc_bits, at_least, members, next_in, runs, turned

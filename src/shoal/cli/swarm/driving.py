@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -92,8 +92,7 @@ def drive(
             fields = {name: getattr(problem, name) for name in DRIVEN}
             result = drive_rig(opened, seed=seed, log=book, on_moves=moves_told(opened.name), **fields)
         finally:
-            close: Callable[[], None] = getattr(opened, "close", lambda: None)
-            close()
+            getattr(opened, "close", lambda: None)()
     _report(result, opened, truth, log, out, film, json_, seed=seed)
 
 

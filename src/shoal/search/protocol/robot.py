@@ -1,6 +1,6 @@
 """The robot: a pure state machine, (state, event) -> (state, actions). It knows what it has sensed and heard, and nothing else.
 
-The same machine runs in the simulation (`shoal.search.simulation`) and in processes with radios (`shoal.search.live`).
+The same machine runs in the simulation (`shoal.search.simulation`) and in processes with radios (`shoal.search.simulation.live`).
 
 It listens, allots the tour to all that it has heard of, searches its own part, and then what those ahead of it that have fallen
 silent leave, as far as the next live robot's part; that one comes to meet it if it has nothing else to do. While others are at

@@ -6,7 +6,7 @@ joins the pure robot (`shoal.search.protocol.robot`) to a `radio`, a `vehicle` a
 
 from __future__ import annotations
 
-from shoal.search.live.outcome import LiveEvent, LiveOutcome
-from shoal.search.live.supervisor import run_live
+from shoal.search.simulation.live.outcome import LiveEvent, LiveOutcome
+from shoal.search.simulation.live.supervisor import run_live
 
 __all__ = ["LiveEvent", "LiveOutcome", "run_live"]

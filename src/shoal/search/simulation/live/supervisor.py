@@ -11,14 +11,14 @@ from typing import Any, Literal
 
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.partition import partition
-from shoal.search.live.outcome import LiveEvent, LiveOutcome, covered_share
-from shoal.search.live.process_pool import Member, ProcessPool, Report
-from shoal.search.live.radio import LARGEST, Channel, reserve
-from shoal.search.live.task import LiveTask
 from shoal.search.problem.faults import Crash
 from shoal.search.problem.network import network_of
 from shoal.search.protocol.messages import Beacon, Heartbeat, encode_beacon
 from shoal.search.protocol.robot import Brief
+from shoal.search.simulation.live.outcome import LiveEvent, LiveOutcome, covered_share
+from shoal.search.simulation.live.process_pool import Member, ProcessPool, Report
+from shoal.search.simulation.live.radio import LARGEST, Channel, reserve
+from shoal.search.simulation.live.task import LiveTask
 from shoal.search.simulation.scenario import Scenario
 
 _STARTUP = 120.0  # seconds

@@ -1,4 +1,4 @@
-"""The robots' processes: python -m shoal.search.live.process FILE SIZE IN:OUT ..., started by `shoal.search.live.process_pool`.
+"""The robots' processes: python -m shoal.search.simulation.live.process FILE SIZE IN:OUT ..., started by `shoal.search.simulation.live.process_pool`.
 
 This first process loads what takes long, once, splits off one process per robot, and then does nothing but wait: when its standard
 input closes it ends what is left of them. A robot's process has nothing in common with the others but the open file that stands for
@@ -19,10 +19,10 @@ from random import Random
 from typing import Any
 
 from shoal.search.allocation.partition import partition
-from shoal.search.live.agent import Agent
-from shoal.search.live.radio import Radio
-from shoal.search.live.task import LiveTask
 from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
+from shoal.search.simulation.live.agent import Agent
+from shoal.search.simulation.live.radio import Radio
+from shoal.search.simulation.live.task import LiveTask
 
 _STARTER = 0  # standard input
 

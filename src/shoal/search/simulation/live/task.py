@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from shoal.search.cells.distances import CellDistances
-from shoal.search.live.radio import Channel
 from shoal.search.protocol.robot import Brief, Robot
+from shoal.search.simulation.live.radio import Channel
 
 
 @dataclass(frozen=True)

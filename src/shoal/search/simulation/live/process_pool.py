@@ -19,7 +19,7 @@ from types import TracebackType
 from typing import Any
 
 from shoal.errors import ShoalError
-from shoal.search.live.task import LiveTask
+from shoal.search.simulation.live.task import LiveTask
 
 Report = dict[str, Any]
 _QUIET = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}  # a process with threads cannot be split
@@ -100,7 +100,7 @@ class ProcessPool:
                 self._selector.register(reports, selectors.EVENT_READ, self.members[number])
             paths = [str(Path(__file__).parents[3]), os.environ.get("PYTHONPATH", "")]
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "shoal.search.live.process", *words],
+                [sys.executable, "-m", "shoal.search.simulation.live.process", *words],
                 stdin=subprocess.PIPE,
                 stdout=self._errors,
                 stderr=self._errors,

@@ -10,9 +10,9 @@ import numpy as np
 
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.partition import partition
-from shoal.search.live.outcome import LiveEvent
-from shoal.search.live.supervisor import run_live
 from shoal.search.problem.faults import Crash
+from shoal.search.simulation.live.outcome import LiveEvent
+from shoal.search.simulation.live.supervisor import run_live
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.trace import RobotLog, SearchTrace
 from shoal.search.tours.bitset import bitset_of

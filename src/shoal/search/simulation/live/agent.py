@@ -11,10 +11,6 @@ from math import dist, inf
 from typing import Any
 
 from shoal.errors import InvalidInputError
-from shoal.search.live import cell_locks
-from shoal.search.live.radio import Radio
-from shoal.search.live.task import LiveTask
-from shoal.search.live.vehicle import Vehicle
 from shoal.search.protocol.events import (
     Action,
     Begin,
@@ -34,6 +30,10 @@ from shoal.search.protocol.events import (
 from shoal.search.protocol.inference import step_cost
 from shoal.search.protocol.messages import decode_beacon, encode_beacon
 from shoal.search.protocol.robot import LOOK, Robot, advance
+from shoal.search.simulation.live import cell_locks
+from shoal.search.simulation.live.radio import Radio
+from shoal.search.simulation.live.task import LiveTask
+from shoal.search.simulation.live.vehicle import Vehicle
 from shoal.search.simulation.scenario import first_obstacle
 
 _TRIES = 8  # how often a robot tries to enter an occupied cell before it goes elsewhere
