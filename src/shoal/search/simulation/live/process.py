@@ -1,4 +1,4 @@
-"""The robots' processes: python -m shoal.search.simulation.live.process FILE SIZE IN:OUT ..., started by `shoal.search.simulation.live.process_pool`.
+"""The robots' processes: python -m shoal.search.simulation.live.process FILE SIZE IN:OUT ..., started by `process_pool`.
 
 This first process loads what takes long, once, splits off one process per robot, and then does nothing but wait: when its standard
 input closes it ends what is left of them. A robot's process has nothing in common with the others but the open file that stands for
