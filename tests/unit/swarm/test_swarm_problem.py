@@ -50,7 +50,7 @@ GIVEN = [
 ]
 
 
-@pytest.mark.parametrize("given", GIVEN, ids=str)
+@pytest.mark.parametrize("given", GIVEN, ids=range(len(GIVEN)))
 @pytest.mark.parametrize(
     "place",
     ["line:9", GridWorkspace([[1, 1, 0], [0, 1, 1]], name="stairs", spacing=(1, 2)), np.ones((2, 3, 4))],
