@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from tests.swarm_runs import run, run_trials
 
 from shoal import GridWorkspace, open_map
+from shoal.swarm.episode import SwarmEpisode
 from shoal.swarm.maps.generators import generate
-from shoal.swarm.noise import Noise, NoisyEpisode
+from shoal.swarm.noise import Noise
 from shoal.swarm.noise.model import PRIOR
 
 MAP, PARTICLES = "vessels:5000", 1000
@@ -38,7 +39,6 @@ def measure(trials: int, image: Path) -> int:
         rows, pairs, moves = [], [], []
         for trial in range(trials):
             episode = run(workspace, particles=PARTICLES, noise=noise, trial=trial)
-            assert isinstance(episode, NoisyEpisode)
             errors = episode.errors
             rows.append((errors.right, errors.false_free_rate, errors.false_obstacle_rate, episode.status == "complete"))
             moves.append(episode.moves)
@@ -67,7 +67,7 @@ def fewer_scans(every: list[int], trials: int, particles: int) -> int:
     for step in every:
         episodes = [run(workspace, particles=particles, noise=NOISE, trial=trial, scan_every=step) for trial in range(trials)]
         moves, scans, cost = (np.mean([getattr(e, name) for e in episodes]) for name in ("moves", "scans", "cost"))
-        errors = [episode.errors for episode in episodes if isinstance(episode, NoisyEpisode)]
+        errors = [episode.errors for episode in episodes]
         right, worst = np.mean([e.right for e in errors]), min(e.right for e in errors)
         wrong = ", ".join(f"{sum(getattr(e, n) for e in errors)} {n}" for n in ("false_free", "false_obstacles", "undecided"))
         print(
@@ -78,13 +78,13 @@ def fewer_scans(every: list[int], trials: int, particles: int) -> int:
     return broken
 
 
-def stated_and_true(episode: NoisyEpisode) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def stated_and_true(episode: SwarmEpisode) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the probabilities of all cells that something is known of, after a third of the moves, and whether they are free."""
     from dataclasses import replace
 
     third = episode.moves // 3
-    columns = {name: getattr(episode, name)[:third] for name in ("codes", "done", "frontier", "travelled", "scanned")}
-    probability = replace(episode, **columns).probability
+    probability = replace(episode, trace=episode.trace.part(0, third)).probability
+    assert probability is not None
     told = np.abs(logit(probability) - logit(PRIOR)) > 0.1
     return probability[told], np.pad(episode.workspace.free, 1)[told]
 

@@ -49,6 +49,7 @@ def sweep_goals(
 
     Examples
     --------
+    >>> from shoal.papers.steering.goals import DISK_GOALS, DISK_START
     >>> from shoal.steering import disk
     >>> sweep = sweep_goals(disk(), DISK_START, DISK_GOALS[0], samples=5)
     >>> int(np.isfinite(sweep.moves).sum()), float(np.nanmin(sweep.moves)) >= 3

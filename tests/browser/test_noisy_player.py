@@ -56,7 +56,7 @@ def test_a_drive_says_that_particles_are_where_they_were_seen(open_player):
     assert page.locator("#wrongRow").is_hidden()
     page.keyboard.press("End")
     until(page, "document.getElementById('share').textContent === '100 %'")
-    assert page.locator("#particles").inner_text() == str(len(driven.episode.sights[-1]))
+    assert page.locator("#particles").inner_text() == str(len(driven.episode.observations[-1]))
 
 
 @pytest.mark.parametrize("text", ["AAAA", "//////8=", ""])

@@ -38,7 +38,7 @@ EPISODE = run(WORKSPACE, particles=2, policy="random-moves", seed=3, task="cover
 def _small_and_tidy():
     """Take only small maps, as a damaged header may ask for a huge one; find files that were left open."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("maps.reading", "maps.workspace", "episode_file"):
+        for module in ("maps.reading", "maps.workspace", "simulation.episode_file"):
             patch.setattr(f"shoal.swarm.{module}.MAX_CELLS", 2**16)
         yield
         gc.collect()

@@ -31,7 +31,7 @@ for width in (1, 5, 62, 63, 64, 65, 126, 128):
                     if policy == "closest-frontier" and rule != "tilt":
                         for every in ("3", "doubling", "hyper", "adaptive"):
                             scans = run(GridWorkspace(free), task=task, start=start, rule=rule, max_moves=20, scan_every=every)
-                            print(every, scans.commands, scans.status, scans.scanned.tolist())
+                            print(every, scans.commands, scans.status, scans.trace.scanned.tolist())
                     print(width, rule, policy, task, e.commands, e.status, e.trace.classified.tolist(), e.trace.travelled.tolist())
 """
 
@@ -156,7 +156,7 @@ for shape in ((3, 5), (6, 64), (2, 3, 4)):
     free.flat[0] = True
     cells = np.argwhere(free)
     start = cells[rng.choice(len(cells), size=max(1, len(cells) // 4), replace=False)]
-    for noise, every in ((Noise(0.1, 0.05, 0.1), 1), (Noise(), 2), (Noise(0.0, 0.2, 0.0), 5)):
+    for noise, every in ((Noise(0.1, 0.05, 0.1), 1), (Noise(0.0, 0.0, 0.05), 2), (Noise(0.0, 0.2, 0.0), 5)):
         e = run(GridWorkspace(free), start=start, noise=noise, scan_every=every, max_moves=60)
         print(shape, e.commands, e.status, e.trace.classified.tolist(), e.trace.frontier.tolist(), e.trace.travelled.tolist())
         print(e.trace.scanned.tolist(), e.probability.round(9).tolist(), e.errors)

@@ -13,6 +13,7 @@ import pytest
 
 from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.lab import Store, Sweep, run_sweep
+from shoal.lab.storage.integrity import faults_of
 
 distributed = pytest.importorskip("distributed")  # an extra
 
@@ -39,7 +40,7 @@ def cluster(monkeypatch):
 
 def rows_of(path):
     with Store(path) as store:
-        assert store.check() == []
+        assert faults_of(store) == []
         return [*store.rows("numbers")]
 
 

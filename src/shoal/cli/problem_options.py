@@ -97,7 +97,7 @@ def _parameter(declared: Declaration, *, from_file: bool) -> inspect.Parameter:
     shown: Any = default not in (None, "", inspect.Parameter.empty)
     help_, metavar = help_of(declared), option.metavar
     if from_file and option.argument:
-        default, shown, metavar, help_ = inspect.Parameter.empty, False, "PROBLEM", f"A problem file (JSON), or: {help_}"
+        default, shown, help_ = inspect.Parameter.empty, False, f"A problem file (JSON), or: {help_}"
     elif from_file:
         default, shown = None, str(default) if shown and default is not False else False
     if declared.optional or default is None:

@@ -92,7 +92,7 @@ def test_steer_writes_and_prints(tmp_path, capsys):
             "workspace: type: expected one of polygon, regular, disk, prism, cylinder",
         ),
         ({"workspace": "octogon"}, "unknown workspace 'octogon'"),
-        ({"extra": 1}, "expected no such field, got 'extra'"),
+        ({"extra": 1}, "extra: expected no such field, got 1"),
     ],
 )
 def test_bad_problems_get_one_sentence(changes, wanted, tmp_path, capsys):

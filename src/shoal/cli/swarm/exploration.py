@@ -1,4 +1,4 @@
-"""shoal map, shoal cover, shoal replay: runs of the swarm part."""
+"""shoal map, shoal cover: runs of the swarm part, and what shoal replay shows of them."""
 
 from __future__ import annotations
 
@@ -86,6 +86,8 @@ def _play(
     with quiet():
         workspace = problem.place
     check_integer(trials, what="trials", least=1)
+    if workers is not None:
+        check_integer(workers, what="workers", least=1)
     problem.check_at_place()  # before half a minute of compiling
     load_kernels_for(problem)
     whole = isinstance(problem.chosen_policy, Offline)

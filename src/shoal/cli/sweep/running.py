@@ -1,4 +1,4 @@
-"""shoal sweep: many trials into a store, and what is in it."""
+"""shoal sweep run, status: many trials into a store, and how far they are."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Plans of few straight moves where random ones do not fit: what comes nearest is changed until it does.
 
-That a plan does not fit is measured, as a length: how much too early the other particle meets a wall. See `plays`.
+That a plan does not fit is measured, as a length: how much too early the other particle meets a wall.
 """
 
 from __future__ import annotations

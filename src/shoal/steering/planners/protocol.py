@@ -1,4 +1,4 @@
-"""What a planner is."""
+"""Planner: what finds the inputs of a steering problem; PLANNERS has the built-in ones by name."""
 
 from __future__ import annotations
 
@@ -15,6 +15,14 @@ class Planner(Protocol):
     Attributes
     ----------
     name : str
+
+    Notes
+    -----
+    Three attributes more are looked for, and need not be there:
+
+    - ``general``: true if regions with obstacles and more than two particles are taken, too; else they are refused.
+    - ``prefers``: "length" or "moves", which of two plans is better where goals are interchangeable.
+    - ``control(task, apparatus)``: plays in a closed loop instead of planning; see `shoal.steering.simulation.apparatus`.
     """
 
     name: str

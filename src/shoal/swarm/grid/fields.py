@@ -1,4 +1,4 @@
-"""Boards and states as kernels take them: flat words that are changed in place, with room to work in."""
+"""Boards and states as kernels take them, flat words with room to work in; and one push of a world by its kernel."""
 
 from __future__ import annotations
 

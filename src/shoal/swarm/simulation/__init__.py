@@ -1,1 +1,1 @@
-"""The closed loop: observe, decide, send, record; in Python, the same compiled, and the trace that both return."""
+"""The closed loop (observe, decide, send, record) in Python and compiled, replays, and the file of an episode."""

@@ -40,7 +40,7 @@ class MoveTrajectory:
         Where the particles are when that share of the move is done.
     held : tuple of tuple of (int, int)
         For each piece the pairs (particle, wall) where a wall holds a particle or has it slide. Walls are numbered as in
-        `wall_shapes`.
+        the workspace.
     """
 
     sent: Points
