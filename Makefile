@@ -49,10 +49,10 @@ demo: install
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
 	@find src -name '*.nb[ic]' -delete
 	@map='$(BIN)/shoal map rectangle:9x9 --particles 3 --json'; folder=$$(mktemp -d); \
-	  { $$map --policy closest-frontier && $$map --scan-every adaptive --scan-cost 2 && $$map --slip 0.1; } >/dev/null & swarm=$$!; \
-	  { $$map && $(BIN)/shoal demo steer --json --out $$folder; } >/dev/null && rm -r $$folder && wait $$swarm
-	@for tour in hilbert moore hilbert-rectangle comb spanning-tree; do $(BIN)/shoal tour $$tour cave:20x15 --json >/dev/null; done
-	@$(BIN)/shoal tour hilbert 3x3x3 --json >/dev/null
+	  { $$map --policy closest-frontier && $$map --scan-every adaptive --scan-cost 2 && $$map --slip 0.1 --policy closest-frontier; \
+	    for tour in hilbert moore hilbert-rectangle comb spanning-tree; do $(BIN)/shoal tour $$tour cave:20x15 --json; done; \
+	    $(BIN)/shoal tour hilbert 3x3x3 --json; } >/dev/null & rest=$$!; \
+	  { $$map && $(BIN)/shoal demo steer --json --out $$folder; } >/dev/null && rm -r $$folder && wait $$rest
 	@touch $@
 
 # The browser tests need Debian's Chromium, and the program that drives it a small library.
@@ -62,8 +62,9 @@ chromium:
 	  || { echo 'installing Chromium for the browser tests ...'; \
 	  $(APT) update -qq && $(APT) install -y -qq chromium libatomic1 >/dev/null; }
 
+# Three workers on two cores, since many tests wait for processes; files in their order, so that small ones come last.
 test: $(VENV)/.dev-installed $(VENV)/.kernels-compiled chromium
-	@$(BIN)/python -m pytest -n 2 --dist loadfile --durations=15
+	@$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=15
 
 # What people install: the wheel, in an environment of its own, away from the checkout; the tests come from the sdist.
 WHEEL_SAMPLE := tests/golden/test_reach_counts.py tests/golden/test_tours.py tests/unit/swarm/test_map_files.py tests/unit/search/test_mission_lint.py
