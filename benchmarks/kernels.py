@@ -40,7 +40,7 @@ def bench_move() -> None:
     commands = np.random.default_rng(0).integers(0, 4, 4000)
     world = GridWorld(workspace)
     state = world.initial(start)
-    known = Belief(world.free, Board.full(world.layout), Board.empty(world.frame))
+    known = Belief(world.free, Board.full(world.layout), Board.empty(world.layout))
     field = field_of(world.free.words, state, known)
     reference = plain.make_world(workspace.free, start, rule="block", task="mapping", targets=None)
     packed_moves(field, commands)

@@ -12,9 +12,10 @@ from typing import Any
 
 from shoal.lab import Store, Sweep
 from shoal.lab.storage.export import export, frame
+from shoal.lab.storage.integrity import faults_of
 from shoal.lab.sweeps.batches import Answer
 from shoal.lab.sweeps.sweep import trial_seed
-from shoal.lab.versions import versions
+from shoal.lab.versions import worker_versions
 
 TRIALS = 1_000_000
 POINTS = 1000
@@ -42,7 +43,7 @@ def fill(store: Store, sweep: Sweep, skip: int) -> None:
             for k in range(gap.first, gap.stop)
             if (gap.id * sweep.trials + k) % skip
         ]
-        store.commit(sweep, Answer(rows, [], 0.5, [], versions(), "benchmark"))
+        store.commit(sweep, Answer(rows, [], 0.5, [], worker_versions(), "benchmark"))
 
 
 def main() -> None:
@@ -62,7 +63,7 @@ def main() -> None:
             measure("status", lambda: store.status("large"))
             measure("export to CSV", lambda: export(store, "large", Path(folder) / "large.csv"))
             measure("export to Parquet", lambda: export(store, "large", Path(folder) / "large.parquet"))
-            measure("check", store.check)
+            measure("check", lambda: faults_of(store))
             measure("data frame", lambda: len(frame(store, "large")))
 
 
