@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -131,17 +132,17 @@ class ExactReplay:
         return f"no scan after the last move, {self.trace.moves}" if unseen else None
 
 
-class _BeliefReplay:
+class _BeliefReplay(ABC):
     """What replays with noise share: they go from belief to belief."""
 
     trace: Trace
 
+    @abstractmethod
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
         """Yield the belief, which changes in place, and where particles are (of a rig: where they were seen), with the rim."""
-        raise NotImplementedError
 
-    def _truth(self) -> NDArray[np.bool_] | None:
-        raise NotImplementedError
+    @abstractmethod
+    def _truth(self) -> NDArray[np.bool_] | None: ...
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield at the start and after each command where particles are believed to be, and the belief."""
