@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 LARGEST_TEXT = 200_000_000
 """Bytes of a text file: what is larger is refused before it is read."""
 
+DEEPEST = 50
+"""Lists and objects in one another in a JSON or TOML file."""
+
 
 def check_integer(value: Any, *, what: str, least: float = -inf, most: float = inf) -> int:
     """Return a whole number as an int; NumPy's integers are whole numbers, truth values are not.
@@ -179,7 +182,7 @@ def read_text(path: Path, *, what: str, most: int = LARGEST_TEXT) -> str:
 
 
 def parse_json(text: str, *, where: str) -> Any:
-    """Return what a JSON text says.
+    """Return what a JSON text says; at most `DEEPEST` lists and objects may lie in one another.
 
     Raises
     ------
@@ -187,7 +190,7 @@ def parse_json(text: str, *, where: str) -> Any:
         With line and column.
     """
     try:
-        return json.loads(text)
+        found = json.loads(text)
     except json.JSONDecodeError as error:
         raise InvalidInputError(
             f"{where}: expected JSON, got something else in line {error.lineno}, column {error.colno}: {error.msg.lower()}"
@@ -195,6 +198,29 @@ def parse_json(text: str, *, where: str) -> Any:
     except (RecursionError, ValueError) as error:
         why = "is nested too deeply" if isinstance(error, RecursionError) else "has a number of too many digits"
         raise InvalidInputError(f"{where}: expected JSON of modest depth and numbers, got one that {why}") from None
+    check_depth(found, where=where)
+    return found
+
+
+def check_depth(data: Any, *, where: str) -> None:
+    """Refuse data in which more than `DEEPEST` lists and objects lie in one another: much that takes them would not end well.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    level = [data]
+    for _ in range(DEEPEST + 1):
+        level = [
+            one
+            for outer in level
+            if isinstance(outer, list | dict)
+            for one in (outer.values() if isinstance(outer, dict) else outer)
+            if isinstance(one, list | dict)
+        ]
+        if not level:
+            return
+    raise InvalidInputError(f"{where}: expected at most {DEEPEST} lists and objects in one another, got more")
 
 
 def validation_message(error: ValidationError, *, where: str, without: Iterable[str] = ()) -> str:

@@ -102,8 +102,8 @@ class Episode(ABC):
 
     @classmethod
     @abstractmethod
-    def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read an episode that `save` wrote."""
+    def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> Self:
+        """Read an episode that `save` wrote; refuse one whose replay runs somebody's code, unless ``trust`` is true."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.sentence}>"

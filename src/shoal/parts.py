@@ -43,15 +43,18 @@ def problem_of(data: Mapping[str, Any], *, where: str = "problem") -> Problem:
     return problem_type(kind).from_dict(data, where=where)
 
 
-def load_problem(path: str | os.PathLike[str]) -> Problem:
-    """Read a problem file (JSON); see `problem_of`.
+def load_problem(path: str | os.PathLike[str], *, trust: bool = False) -> Problem:
+    """Read a problem file (JSON); see `problem_of`. Code that it names, MODULE:ATTRIBUTE, is run only if ``trust`` is true.
 
     Raises
     ------
     InvalidInputError
     """
-    text = read_text(Path(path), what="problem file", most=LARGEST_PROBLEM)
-    return problem_of(parse_json(text, where=str(path)), where=str(path))
+    data = parse_json(read_text(Path(path), what="problem file", most=LARGEST_PROBLEM), where=str(path))
+    kind = data.get("kind") if isinstance(data, dict) else None
+    if kind in PARTS and not trust:
+        problem_type(kind).refuse_code(data, where=str(path))
+    return problem_of(data, where=str(path))
 
 
 def problem_for(place: Any, fields: Mapping[str, Any]) -> Problem:
@@ -116,8 +119,14 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
     return found
 
 
-def load(path: str | os.PathLike[str]) -> Episode:
+def load(path: str | os.PathLike[str], *, trust: bool = False) -> Episode:
     """Open an episode of any part.
+
+    Parameters
+    ----------
+    path : path
+    trust : bool
+        Whether code that the file names, as the task MODULE:ATTRIBUTE, may be imported and run.
 
     Raises
     ------
@@ -134,5 +143,7 @@ def load(path: str | os.PathLike[str]) -> Episode:
             raise InvalidInputError(
                 f"{source}: expected an episode of {', '.join(PARTS)}, got JSON without a problem of such a kind"
             )
-    found: Episode = getattr(importlib.import_module(f"shoal.{part}.episode"), f"{part.capitalize()}Episode").load(source)
+    found: Episode = getattr(importlib.import_module(f"shoal.{part}.episode"), f"{part.capitalize()}Episode").load(
+        source, trust=trust
+    )
     return found

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from functools import cache, cached_property
 from math import inf
@@ -62,6 +62,8 @@ class Option:
         Takes the value, returns the checked one; in place of the check that the type implies.
     dump : callable, optional
         Makes of the value what JSON can hold.
+    names : tuple of str, optional
+        For a field whose value may name somebody's code, MODULE:ATTRIBUTE: the names that are built in.
     """
 
     help: str
@@ -79,6 +81,7 @@ class Option:
     parse: Callable[[Any], Any] | None = None
     check: Callable[[Any], Any] | None = None
     dump: Callable[[Any], Any] | None = None
+    names: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -178,6 +181,9 @@ class Problem:
     measures: ClassVar[tuple[str, ...]] = ()
     """The metrics of an episode that a sweep stores."""
 
+    censored: ClassVar[tuple[str, ...]] = ()
+    """Those that grow until the task is done: of an episode that ended before they are lower bounds."""
+
     def __post_init__(self) -> None:
         for name, declared in self.declarations().items():
             object.__setattr__(self, name, declared.checked(getattr(self, name)))
@@ -217,17 +223,48 @@ class Problem:
             raise type(error)(f"{where}: {error}") from None
 
     @classmethod
-    def load(cls, path: Any) -> Self:
-        """Read a problem file (JSON).
+    def load(cls, path: Any, *, trust: bool = False) -> Self:
+        """Read a problem file (JSON). Code that it names, MODULE:ATTRIBUTE, is run only if ``trust`` is true.
 
         Raises
         ------
         InvalidInputError
         """
         source = Path(path)
-        return cls.from_dict(
-            parse_json(read_text(source, what="problem file", most=LARGEST_PROBLEM), where=str(source)), where=str(source)
-        )
+        data = parse_json(read_text(source, what="problem file", most=LARGEST_PROBLEM), where=str(source))
+        if not trust:
+            cls.refuse_code(data, where=str(source))
+        return cls.from_dict(data, where=str(source))
+
+    @classmethod
+    def refuse_code(cls, data: Any, *, where: str, names: Iterable[str] | None = None) -> None:
+        """Refuse fields of a file that name somebody's code, which would be imported and run.
+
+        Parameters
+        ----------
+        data : mapping
+            Fields with values, as in the file.
+        where : str
+        names : iterable of str, optional
+            Look at these fields only: those whose code would run.
+
+        Raises
+        ------
+        InvalidInputError
+            It says whose code.
+        """
+        known = cls.declarations()
+        for name in known if names is None else names:
+            built_in = known[name].option.names
+            value = data.get(name) if built_in is not None and isinstance(data, Mapping) else None
+            if built_in is None or not isinstance(value, str) or ":" not in value:
+                continue
+            module = value.partition(":")[0]
+            if module not in built_in:
+                raise InvalidInputError(
+                    f"{where}: {name}: expected a built-in one, got {shortened(value)}, which runs the code of the Python module "
+                    f"{shortened(module)}: allow it with --trust (in Python trust=True) if you know whose it is"
+                )
 
     def to_dict(self, *, defaults: bool = False) -> dict[str, Any]:
         """Return the fields as JSON holds them, with ``kind``; those at their default only if asked for."""

@@ -46,3 +46,13 @@ def endless(*, seed: int) -> dict[str, object]:
 
 
 endless.measures = ("value",)
+
+
+def strange(*, seed: int, kind: str) -> dict[str, object]:
+    """Return or do what no store can take."""
+    if kind == "exit":
+        raise SystemExit(0)
+    return {"value": {"huge": 10**400, "list": [1, 2], "surrogate": "\ud800", "long": "x" * 10**6, "nan": float("nan")}[kind]}
+
+
+strange.measures = ("value",)

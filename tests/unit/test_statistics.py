@@ -15,10 +15,23 @@ NUMBER = {"kind": "function", "function": "tests.unit.sweep_functions:number"}
 
 def test_student_interval_is_that_of_scipy():
     values = np.random.default_rng(1).normal(5, 2, 17)
-    found = estimate(values, level=0.9)
+    found = estimate(values, level=0.9, method="t")
     low, high = stats.t.interval(0.9, 16, loc=values.mean(), scale=stats.sem(values))
     assert (found.low, found.high) == pytest.approx((low, high))
     assert (found.mean, found.std, found.count) == (values.mean(), values.std(ddof=1), 17)
+
+
+def test_counts_get_intervals_on_a_logarithmic_scale_which_hold_a_skewed_mean_more_often():
+    few = [3, 900, 12, 5]
+    assert estimate(few, method="t").low < 0 < estimate(few).low
+    assert (estimate(few).method, estimate([-1, 2, 3]).method) == ("log", "t")
+    rng, held = np.random.default_rng(5), {"t": 0, "log": 0}
+    for _ in range(1000):
+        values = rng.lognormal(0, 1, 8)
+        for method in held:
+            found = estimate(values, method=method)
+            held[method] += found.low <= np.exp(0.5) <= found.high
+    assert held["log"] > held["t"] + 20
 
 
 @pytest.mark.parametrize("method", ["t", "bootstrap"])
@@ -60,7 +73,8 @@ def test_pairs():
         (lambda: estimate([1, np.nan]), "one finite number or more"),
         (lambda: estimate(["x"]), "expected numbers"),
         (lambda: estimate([1, 2], level=1), "above 0 and below 1, got 1"),
-        (lambda: estimate([1, 2], method="guess"), "'t' or 'bootstrap', got 'guess'"),
+        (lambda: estimate([1, 2], method="guess"), "one of auto, t, log, bootstrap, got 'guess'"),
+        (lambda: estimate([-1, 2], method="log"), "values of 0 or more, got -1"),
         (lambda: compare([1, 2], [1]), "equal length, 2 or more, got 2 and 1"),
         (lambda: compare([1], [1]), "equal length, 2 or more, got 1 and 1"),
     ],
@@ -93,3 +107,37 @@ def test_sweeps_are_summarised_and_compared_along_paired_axes(tmp_path):
             summarise(store, "s", "word")
         with pytest.raises(UnknownNameError, match="no sweep 't'"):
             summarise(store, "t", "value")
+
+
+def test_trials_that_did_not_finish_are_counted_and_never_averaged_as_if_they_had(tmp_path):
+    problem = {"kind": "swarm", "map": "line:40", "particles": 1}
+    axes = {"policy": ["closest-frontier", "random-moves"], "max_moves": [5, 5000]}
+    sweep = Sweep(name="s", problem=problem, axes=axes, trials=6, paired=("policy",))
+    run_sweep(sweep, tmp_path / "s", workers=0)
+    with Store(tmp_path / "s") as store:
+        rows = {(row.values["policy"], row.values["max_moves"]): row for row in summarise(store, "s", "moves")}
+        all_of = {key: [] for key in rows}
+        for policy, most, _, _, status, moves, *_ in store.rows("s"):
+            all_of[policy, most].append((status, moves))
+        for key, row in rows.items():
+            done = [moves for status, moves in all_of[key] if status == "complete"]
+            assert (row.counted, row.completed) == (6, len(done))
+            if len(done) == 6:
+                assert (row.bound, row.estimate.mean) == (None, np.mean(done))
+                assert "completed" not in str(row)
+            elif not done:
+                assert row.estimate is None
+                assert str(row) == f"more than {key[1]}: 0 of 6 trials completed"
+            else:
+                assert row.estimate.mean == np.mean([min(moves, key[1]) for _, moves in all_of[key]])
+                assert str(row).startswith(f"restricted mean to {key[1]}: ")
+                assert str(row).endswith(f"({len(done)} of 6 trials completed)")
+        assert {len([m for s, m in all_of[key] if s == "complete"]) for key in rows} >= {0, 6}
+        assert any(0 < row.completed < 6 for row in rows.values())
+        compared = {others["max_moves"]: found for others, _, _, found in compare_along(store, "s", "moves", "policy")}
+        assert compared[5] is None
+        assert compared[5000].unfinished > 0
+        assert compared[5000].bound == 5000
+        assert "restricted to 5000" in str(compared[5000])
+        shares = summarise(store, "s", "distance")
+        assert [row.completed for row in shares] == [row.completed for row in rows.values()]

@@ -28,7 +28,7 @@ def demo(
             help="steer: two particles, one input; search: robots in a marsh; without it: an eye's vessels.",
         ),
     ] = "vessels",
-    particles: options.Particles = 300,
+    particles: Annotated[int, typer.Option("-n", "--particles", help="Number of particles.")] = 300,
     seed: options.Seed = 0,
     out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where the results go.")] = Path("demo"),
     json_: options.Json = False,

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from shoal.checks import parse_json, read_text, shortened
+from shoal.cli.options import Trust
 from shoal.errors import InvalidInputError
 from shoal.problem import LARGEST_PROBLEM, Declaration, Problem
 
@@ -55,12 +56,14 @@ def takes_problem(
         def wrapped(**given: Any) -> None:
             texts = {name: given.pop(name) for name in taken if name in given}
             if from_file:
-                command(_problem_of(kind, taken, texts, fixed), **given)
+                command(_problem_of(kind, taken, texts, fixed, trust=given.pop("trust", False)), **given)
                 return
             values = {name: parsed(taken[name], text) for name, text in texts.items()}
             command(kind(**fixed, **values), **given)
 
         made = [_parameter(declared, from_file=from_file) for declared in taken.values()]
+        if from_file:
+            made.append(inspect.Parameter("trust", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Trust))
         made = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in [*made, *own]]
         vars(wrapped)["__signature__"] = inspect.Signature(made)
         wrapped.__annotations__ = {one.name: one.annotation for one in made}
@@ -70,7 +73,9 @@ def takes_problem(
     return decorate
 
 
-def _problem_of(kind: type[Problem], taken: dict[str, Declaration], texts: dict[str, Any], fixed: dict[str, Any]) -> Problem:
+def _problem_of(
+    kind: type[Problem], taken: dict[str, Declaration], texts: dict[str, Any], fixed: dict[str, Any], *, trust: bool
+) -> Problem:
     """Return the problem of a file with the options that were given in place of its fields, or the one of the options alone."""
     given = {name: parsed(taken[name], text) for name, text in texts.items() if text is not None}
     place = next(name for name, declared in taken.items() if declared.option.argument)
@@ -83,7 +88,9 @@ def _problem_of(kind: type[Problem], taken: dict[str, Declaration], texts: dict[
                     raise InvalidInputError(
                         f"{source}: {name}: expected {shortened(fixed[name])}, as of this command, got {shortened(data[name])}"
                     )
-            return kind.load(source).replaced(**fixed, **{name: value for name, value in given.items() if name != place})
+            return kind.load(source, trust=trust).replaced(
+                **fixed, **{name: value for name, value in given.items() if name != place}
+            )
     return kind(**fixed, **given)
 
 

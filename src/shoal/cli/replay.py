@@ -36,6 +36,7 @@ def replay(
         ),
     ] = None,
     film: options.Film = None,
+    trust: options.Trust = False,
     json_: options.Json = False,
 ) -> None:
     """Replay an episode file, check that it is what it says, and draw or film it. Exit code 1 if it is not."""
@@ -43,19 +44,19 @@ def replay(
     if is_search(episode_file):
         from shoal.cli.search.searching import replay_search
 
-        replay_search(episode_file, seed, out, film, json_)
+        replay_search(episode_file, seed, out, film, json_, trust=trust)
     elif episode_file.suffix.lower() == ".jsonl":
         from shoal.cli.swarm.driving import replay_drive
 
-        replay_drive(episode_file, seed, out, film, json_)
+        replay_drive(episode_file, seed, out, film, json_, trust=trust)
     elif episode_file.suffix.lower() == ".json":
         from shoal.cli.steering import replay_steering
 
-        replay_steering(episode_file, seed, out, film, json_)
+        replay_steering(episode_file, seed, out, film, json_, trust=trust)
     else:
         from shoal.cli.swarm.exploration import replay_swarm
 
-        replay_swarm(episode_file, seed, out, film, json_)
+        replay_swarm(episode_file, seed, out, film, json_, trust=trust)
 
 
 def is_search(path: Path) -> bool:

@@ -95,11 +95,13 @@ def _write_plan(episode: SteeringEpisode, result: dict[str, Any], out: Path | No
     return written + write_films(episode, film)
 
 
-def replay_steering(episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:
+def replay_steering(
+    episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool, *, trust: bool
+) -> None:
     """Replay a steering episode: ``shoal replay EPISODE.json``."""
     from shoal.steering import SteeringEpisode
 
-    episode = SteeringEpisode.load(episode_file)
+    episode = SteeringEpisode.load(episode_file, trust=trust)
     check_seed(episode_file, seed, episode.seed)
     with patience(COMPILING):
         proof = episode.verify()

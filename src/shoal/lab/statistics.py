@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.checks import shortened
+from shoal.episode import Status
 from shoal.errors import InvalidInputError
 from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.batches import is_storable
+from shoal.parts import PARTS, problem_type
 
-Method = Literal["t", "bootstrap"]
+Method = Literal["auto", "t", "log", "bootstrap"]
+METHODS: tuple[Method, ...] = ("auto", "t", "log", "bootstrap")
 RESAMPLES = 2000
+_DONE = tuple(str(status) for status in Status if status.done)
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,7 @@ class Estimate:
     level : float
         Of confidence.
     method : str
+        "t", "log" or "bootstrap".
     """
 
     mean: float
@@ -64,6 +71,10 @@ class Comparison:
         Share of the pairs in which b is smaller; ties count a half.
     p_value : float
         Of Wilcoxon's signed-rank test, two-sided; 1 if all differences are 0.
+    unfinished : int
+        Pairs of which a trial, or both, ended before its task was done.
+    bound : float, optional
+        Values above it were compared as equal to it: the least at which an unfinished trial ended.
     """
 
     difference: Estimate
@@ -71,12 +82,18 @@ class Comparison:
     effect: float
     smaller: float
     p_value: float
+    unfinished: int = 0
+    bound: float | None = None
 
     def __str__(self) -> str:
-        return f"difference {self.difference}, ratio {self.ratio:.4g}, effect {self.effect:.3g}, p {self.p_value:.2g}"
+        told = f"difference {self.difference}, ratio {self.ratio:.4g}, effect {self.effect:.3g}, p {self.p_value:.2g}"
+        if not self.unfinished:
+            return told
+        restricted = "" if self.bound is None else f", values restricted to {self.bound:.6g}"
+        return f"{told} ({self.unfinished} of {self.difference.count} pairs unfinished{restricted})"
 
 
-def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "t", seed: int = 0) -> Estimate:
+def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "auto", seed: int = 0) -> Estimate:
     """Return the mean of independent values with a confidence interval.
 
     Parameters
@@ -86,8 +103,10 @@ def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "t", se
     level : float
         Above 0 and below 1.
     method : str
-        "t": Student's interval, right for means of many values or of normal ones. "bootstrap": the bias-corrected and accelerated
-        bootstrap, for few values of a skewed distribution.
+        "t": Student's interval, right for means of many values or of normal ones. "log": Student's interval of the logarithm of
+        the mean, whose standard error is std / (mean * sqrt(n)), the delta method. It never goes below zero, and holds a skewed
+        mean more often than "t" does. "bootstrap": the bias-corrected and accelerated bootstrap. "auto": "log" if no value is
+        below zero, as of counts and times, else "t".
     seed : int
         Of the bootstrap.
 
@@ -98,25 +117,35 @@ def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "t", se
     Examples
     --------
     >>> print(estimate([2, 4, 4, 6]))
-    4 [1.40154, 6.59846]
+    4 [2.08907, 7.65891]
     """
     array = _checked(values, level)
     mean, count = float(array.mean()), len(array)
+    if method not in METHODS:
+        raise InvalidInputError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
+    if method == "log" and array.min() < 0:
+        raise InvalidInputError(f"method log: expected values of 0 or more, got {array.min():g}")
+    if method == "auto":
+        method = "log" if array.min() >= 0 else "t"
     std = float(array.std(ddof=1)) if count > 1 else float("nan")
-    if method not in {"t", "bootstrap"}:
-        raise InvalidInputError(f"method: expected 't' or 'bootstrap', got {method!r}")
-    if count < 2:
-        return Estimate(mean, float("nan"), float("nan"), std, count, level, method)
-    if std == 0:
-        return Estimate(mean, mean, mean, 0.0, count, level, method)
+    low, high = (float("nan"),) * 2 if count < 2 else (mean, mean) if std == 0 else _interval(array, std, level, method, seed)
+    return Estimate(mean, low, high, std, count, level, method)
+
+
+def _interval(array: NDArray[np.float64], std: float, level: float, method: Method, seed: int) -> tuple[float, float]:
+    """Return the ends of the interval of values that differ."""
     from scipy import stats
 
-    if method == "t":
-        half = float(stats.t.ppf((1 + level) / 2, count - 1)) * std / count**0.5
-        return Estimate(mean, mean - half, mean + half, std, count, level, method)
-    rng = np.random.default_rng(seed)
-    found = stats.bootstrap((array,), np.mean, confidence_level=level, n_resamples=RESAMPLES, rng=rng).confidence_interval
-    return Estimate(mean, float(found.low), float(found.high), std, count, level, method)
+    mean, count = float(array.mean()), len(array)
+    if method == "bootstrap":
+        rng = np.random.default_rng(seed)
+        found = stats.bootstrap((array,), np.mean, confidence_level=level, n_resamples=RESAMPLES, rng=rng).confidence_interval
+        return float(found.low), float(found.high)
+    half = float(stats.t.ppf((1 + level) / 2, count - 1)) * std / count**0.5
+    if method == "log":
+        factor = float(np.exp(half / mean))
+        return mean / factor, mean * factor
+    return mean - half, mean + half
 
 
 def _checked(values: ArrayLike, level: float) -> NDArray[np.float64]:
@@ -176,67 +205,135 @@ class Row:
     values : dict
         By axis.
     estimate : Estimate or None
-        None if no trial has the measure.
+        Of the mean; None if no trial has the measure, or if it grows until the task is done and no trial has done it.
     missing : int
-        Trials that have it not: not done yet, failed, or None.
+        Trials that have it not: not played yet, failed, or None.
+    counted : int
+        Trials that have it.
+    completed : int or None
+        Those of them whose task is done; None if trials have no status.
+    bound : float or None
+        If not all are done and the measure grows until then: the estimate is of a restricted mean, in which larger values count
+        as this one, the least at which an unfinished trial ended. The mean is larger.
     """
 
     values: dict[str, Any]
     estimate: Estimate | None
     missing: int
+    counted: int
+    completed: int | None = None
+    bound: float | None = None
+
+    def __str__(self) -> str:
+        if not self.counted:
+            return "no trial yet"
+        if self.estimate is None:
+            return f"more than {self.bound:.6g}: 0 of {self.counted} trials completed"
+        if self.completed is None or self.completed == self.counted:
+            return f"{self.estimate}" + (f" ({self.counted} of {self.counted + self.missing} trials)" if self.missing else "")
+        told = f"{self.estimate}" if self.bound is None else f"restricted mean to {self.bound:.6g}: {self.estimate}"
+        return f"{told} ({self.completed} of {self.counted} trials completed)"
 
 
-def measured(store: Store, name: str, measure: str) -> list[tuple[dict[str, Any], dict[int, float]]]:
-    """Return (values by axis, {trial: value}) for each point of a sweep, in its order; trials without a number are left out.
+@dataclass(frozen=True)
+class Measured:
+    """The values of one measure at a point of a sweep.
+
+    Parameters
+    ----------
+    values : dict
+        By axis.
+    trials : dict of int to float
+        By trial; those without a number are left out.
+    unfinished : set of int
+        Trials whose task was not done.
+    has_status : bool
+        Whether trials say so.
+    censored : bool
+        Whether the measure grows until the task is done: what an unfinished trial has is a lower bound.
+    """
+
+    values: dict[str, Any]
+    trials: dict[int, float]
+    unfinished: frozenset[int]
+    has_status: bool
+    censored: bool
+
+    def bound(self) -> float | None:
+        """Return the least value at which an unfinished trial ended; None if none did or its value is none of a bound."""
+        return min((self.trials[trial] for trial in self.unfinished), default=None) if self.censored else None
+
+
+def measured(store: Store, name: str, measure: str) -> list[Measured]:
+    """Return what was measured at each point of a sweep, in its order. No code that the store names is imported.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
     """
-    sweep = store.sweep(name)
-    if measure not in sweep.measures:
-        raise InvalidInputError(f"measure: expected one of {', '.join(sweep.measures)}, got {measure!r}")
-    width, at = len(sweep.axes), store.columns(name).index(measure)
+    stored = store.stored(name)
+    axes, kind, measures = stored.axes, stored.form.problem.get("kind"), stored.measures
+    if measure not in measures:
+        raise InvalidInputError(f"measure: expected one of {', '.join(measures)}, got {measure!r}")
+    censored = kind in PARTS and measure in problem_type(kind).censored
+    at = len(axes) + 2 + measures.index(measure)
+    status = len(axes) + 2 + measures.index("status") if kind in PARTS and "status" in measures else None
     trials: dict[str, dict[int, float]] = {}
+    unfinished: dict[str, set[int]] = {}
     for row in store.rows(name):
-        value = row[at]
-        if isinstance(value, str):
+        value, trial = row[at], row[len(axes)]
+        if value is not None and not (isinstance(value, int | float) and is_storable(value)):
             raise InvalidInputError(
-                f"measure: expected one that is a number, got {measure!r}, which is {value!r} in trial {row[width]}"
+                f"measure: expected one that is a number, got {measure!r}, which is {shortened(value)} in trial {trial}"
             )
         if value is not None:
-            trials.setdefault(repr(row[:width]), {})[row[width]] = float(value)
-    return [(dict(point.values), trials.get(repr(_row_key(point.values)), {})) for point in sweep.points]
+            key = repr(row[: len(axes)])
+            trials.setdefault(key, {})[trial] = float(value)
+            if status is not None and row[status] not in _DONE:
+                unfinished.setdefault(key, set()).add(trial)
+    return [
+        Measured(values, trials.get(key, {}), frozenset(unfinished.get(key, ())), status is not None, censored)
+        for _, values in store.points(name)
+        for key in [repr(tuple(values.values()))]
+    ]
 
 
-def _row_key(values: Any) -> tuple[Any, ...]:
-    return tuple([*value] if isinstance(value, tuple) else value for value in values.values())
-
-
-def summarise(store: Store, name: str, measure: str, *, level: float = 0.95, method: Method = "t") -> list[Row]:
+def summarise(store: Store, name: str, measure: str, *, level: float = 0.95, method: Method = "auto") -> list[Row]:
     """Return the mean of a measure with its interval at each point of a sweep.
+
+    A measure that grows until the task is done is known of unfinished trials as a lower bound only: then the estimate is of the
+    restricted mean, and the row says so.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
     """
-    expected = store.sweep(name).trials
+    expected = store.stored(name).trials
     rows = []
-    for values, trials in measured(store, name, measure):
-        found = estimate([*trials.values()], level=level, method=method) if trials else None
-        rows.append(Row(values, found, expected - len(trials)))
+    for point in measured(store, name, measure):
+        bound, count = point.bound(), len(point.trials)
+        completed = count - len(point.unfinished) if point.has_status else None
+        found = None
+        if count and not (bound is not None and completed == 0):
+            found = estimate(_restricted(point, [*point.trials], bound), level=level, method=method)
+        rows.append(Row(point.values, found, expected - count, count, completed, bound))
     return rows
 
 
+def _restricted(point: Measured, trials: Sequence[int], bound: float | None) -> list[float]:
+    """Return the values of trials, none above the bound."""
+    return [point.trials[trial] if bound is None else min(point.trials[trial], bound) for trial in trials]
+
+
 def compare_along(
-    store: Store, name: str, measure: str, axis: str, *, level: float = 0.95, method: Method = "t"
+    store: Store, name: str, measure: str, axis: str, *, level: float = 0.95, method: Method = "auto"
 ) -> list[tuple[dict[str, Any], Any, Any, Comparison | None]]:
     """Compare the values of a paired axis with its first one, at each combination of the other axes.
 
     Returns
     -------
     list of (values of the other axes, first value, other value, Comparison)
-        None instead of a comparison if fewer than two trials have both.
+        None instead of a comparison if fewer than two trials have both, or the task of no trial is done.
 
     Raises
     ------
@@ -244,29 +341,34 @@ def compare_along(
         If the axis is not paired: then the seeds differ.
     UnknownNameError
     """
-    sweep = store.sweep(name)
-    if axis not in sweep.paired:
+    paired = store.stored(name).form.paired
+    if axis not in paired:
         raise InvalidInputError(
-            f"axis: expected a paired one ({', '.join(sweep.paired) or 'none'}), whose points share their seeds, got {axis!r}"
+            f"axis: expected a paired one ({', '.join(paired) or 'none'}), whose points share their seeds, got {axis!r}"
         )
-    groups: dict[str, list[tuple[dict[str, Any], dict[int, float]]]] = {}
-    for values, trials in measured(store, name, measure):
-        others = {other: value for other, value in values.items() if other != axis}
-        groups.setdefault(repr(others), []).append((values, trials))
-    rows = []
-    for group in groups.values():
-        first, base = group[0]
-        for values, trials in group[1:]:
-            both = sorted(base.keys() & trials.keys())
-            found = None
-            if len(both) > 1:
-                found = compare([base[k] for k in both], [trials[k] for k in both], level=level, method=method)
-            others = {other: value for other, value in values.items() if other != axis}
-            rows.append((others, first[axis], values[axis], found))
-    return rows
+    groups: dict[str, list[Measured]] = {}
+    for point in measured(store, name, measure):
+        groups.setdefault(repr(_without(point.values, axis)), []).append(point)
+    return [
+        (_without(point.values, axis), group[0].values[axis], point.values[axis], _compared(group[0], point, level, method))
+        for group in groups.values()
+        for point in group[1:]
+    ]
 
 
-def by_axis(rows: Sequence[Row], axis: str, **others: Any) -> tuple[NDArray[np.float64], list[Estimate]]:
-    """Return the values of an axis and the estimates there, of the rows with the given values on other axes."""
-    kept = [row for row in rows if all(row.values[name] == value for name, value in others.items()) and row.estimate is not None]
-    return np.array([float(row.values[axis]) for row in kept]), [row.estimate for row in kept if row.estimate is not None]
+def _without(values: dict[str, Any], axis: str) -> dict[str, Any]:
+    return {other: value for other, value in values.items() if other != axis}
+
+
+def _compared(first: Measured, second: Measured, level: float, method: Method) -> Comparison | None:
+    """Compare two points on the trials that both have; None if these are fewer than two, or no trial of either is done."""
+    both = sorted(first.trials.keys() & second.trials.keys())
+    unfinished = [trial for trial in both if trial in first.unfinished or trial in second.unfinished]
+    bounds = [bound for bound in (first.bound(), second.bound()) if bound is not None]
+    bound = min(bounds, default=None)
+    if len(both) < 2 or (bound is not None and first.unfinished & second.unfinished >= {*both}):
+        return None
+    found = compare(
+        _restricted(first, both, bound), _restricted(second, both, bound), level=level, method="t" if method == "auto" else method
+    )
+    return replace(found, unfinished=len(unfinished), bound=bound)

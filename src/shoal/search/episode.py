@@ -279,8 +279,8 @@ class SearchEpisode(Episode):
         return problem.replaced(**changes)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> SearchEpisode:
-        """Read an episode.
+    def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SearchEpisode:
+        """Read an episode; a tour or an allocation of somebody's code is run only if ``trust`` is true.
 
         Raises
         ------
@@ -293,6 +293,8 @@ class SearchEpisode(Episode):
             raise InvalidInputError(f"{source}: not a search episode of format {FORMAT}: got {shortened(told)}")
         try:
             seed = check_integer(told["seed"], what="seed", least=0)
+            if not trust:
+                SearchProblem.refuse_code(told["problem"], where="problem")
             problem = SearchProblem.from_dict(told["problem"])
             plan = plan_search(problem, seed=seed)
             return cls(

@@ -160,8 +160,8 @@ class SteeringEpisode(Episode):
         write_json(target, data, indent=None)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> SteeringEpisode:
-        """Read an episode.
+    def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SteeringEpisode:
+        """Read an episode; its planner is not run.
 
         Raises
         ------

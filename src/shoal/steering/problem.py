@@ -23,6 +23,7 @@ from shoal.steering.workspaces.region import Region
 
 FINEST = 1e-8  # of the size: contacts are no more exact
 RANDOM = "random"
+PLANNER_NAMES = ("shortest", "greedy", "fewest-moves", "robust", "sampling")
 
 
 def _check_workspace(given: Any) -> Any:
@@ -73,10 +74,11 @@ def _dump_places(given: Any) -> Any:
 def _check_planner(given: Any) -> Any:
     if given == "auto":
         return given
-    from shoal.steering.planners import make_planner
+    from shoal.steering.planners import PLANNERS, make_planner
 
-    if not callable(getattr(make_planner(given), "plan", None)):
-        raise InvalidInputError(f"planner: expected a name, or an object with a name and plan(task), got {shortened(given)}")
+    if isinstance(given, str) and ":" in given and given.partition(":")[0] not in PLANNERS:
+        return given  # what lies in a module is not imported yet
+    make_planner(given)
     return given
 
 
@@ -144,9 +146,9 @@ class SteeringProblem(Problem):
     interchangeable: bool = option(False, help="Any particle may go to any goal.")
     planner: Any = option(
         "auto",
-        help="auto, shortest, greedy, fewest-moves, robust, sampling or MODULE:ATTRIBUTE. auto is shortest for two particles in a "
+        help=f"auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto is shortest for two particles in a "
         "convex workspace, else sampling.",
-        check=_check_planner, dump=_dump_planner,
+        check=_check_planner, dump=_dump_planner, names=PLANNER_NAMES,
     )  # fmt: skip
     max_moves: int = option(100, help="Longer plans are of no use.", least=1)
     friction: float = option(
@@ -216,14 +218,14 @@ class SteeringProblem(Problem):
         return planner
 
     @classmethod
-    def load(cls, path: Any) -> Self:
+    def load(cls, path: Any, *, trust: bool = False) -> Self:
         """Read a problem file (JSON); a workspace that is a text is a name, or a file beside the problem's.
 
         Raises
         ------
         InvalidInputError, UnknownNameError
         """
-        problem = super().load(path)
+        problem = super().load(path, trust=trust)
         if isinstance(problem.workspace, str):
             beside = os.path.join(os.path.dirname(os.fspath(path)), problem.workspace)
             if os.path.isfile(beside):

@@ -272,15 +272,15 @@ class SwarmEpisode(Episode):
         episode_file.write(path, self.problem, told, self.trace, start=self.start, targets=self.targets)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> SwarmEpisode:
-        """Read an episode that `save` wrote.
+    def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SwarmEpisode:
+        """Read an episode that `save` wrote; a task of somebody's code is run only if ``trust`` is true.
 
         Raises
         ------
         InvalidInputError
             If the file is missing, damaged, or of another format.
         """
-        problem, told, trace, arrays = episode_file.read(path)
+        problem, told, trace, arrays = episode_file.read(path, trust=trust)
         return cls(problem=problem, trace=trace, **told, **arrays)
 
     def __repr__(self) -> str:

@@ -38,6 +38,12 @@ DRIVEN = (
 )  # fmt: skip
 """The fields that say how a rig is driven; the others are the rig's own."""
 
+TASK_NAMES = ("mapping", "coverage", "subset-coverage")
+PLACEMENT_NAMES = ("uniform", "flood-fill", "region-fill", "left-wall")
+POLICY_NAMES = (
+    "best", "beam-rollout", "rollout", "greedy-classify", "closest-frontier", "elect-particle", "random-moves", "depth-first",
+    "sweep", "offline", "manual",
+)  # fmt: skip
 NOISE_MEASURES = ("right", "false_free", "false_obstacles", "undecided")
 
 
@@ -138,17 +144,18 @@ class SwarmProblem(Problem):
 
     part: ClassVar[str] = "swarm"
     measures: ClassVar[tuple[str, ...]] = ("status", "moves", "scans", "cost", "distance")
+    censored: ClassVar[tuple[str, ...]] = ("moves", "scans", "cost", "distance")
 
     map: Any = option(
         help="A generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy, .csv, NIfTI, a "
         "TIFF of several pages, or a folder of slices.",
         argument=True, metavar="MAP", check=_check_map, dump=lambda given: given if isinstance(given, str) else given.to_dict(),
     )  # fmt: skip
-    task: Any = option("mapping", help="mapping, coverage, subset-coverage or MODULE:ATTRIBUTE.", **_named("task"))
+    task: Any = option("mapping", help=f"{', '.join(TASK_NAMES)} or MODULE:ATTRIBUTE.", names=TASK_NAMES, **_named("task"))
     subset: float | None = option(None, help="Coverages: cover a random share of the free cells only.", above=0, most=1)
     particles: int = option(100, help="Number of particles.", short="-n", least=1)
     placement: Any = option(
-        "uniform", help="Where the particles start: uniform, flood-fill, region-fill, left-wall or MODULE:ATTRIBUTE.",
+        "uniform", help=f"Where the particles start: {', '.join(PLACEMENT_NAMES)} or MODULE:ATTRIBUTE.", names=PLACEMENT_NAMES,
         **_named("placement"),
     )  # fmt: skip
     start: Cells | None = option(
@@ -162,7 +169,7 @@ class SwarmProblem(Problem):
         "sweep, offline (coverages), manual:COMMANDS or MODULE:ATTRIBUTE; options follow a colon, as in "
         "closest-frontier:ties=row-major. auto is best for mappings without noise that scan after each move, under the rules "
         "block and merge, else closest-frontier.",
-        **_named("policy"),
+        names=POLICY_NAMES, **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
         None,

@@ -83,7 +83,7 @@ def test_table_of_fig7_has_every_published_n_and_finds_the_worst():
         curve = published_curve(file)
         for n, mean in zip(curve.x.astype(int).tolist(), curve.mean.tolist(), strict=True):
             off = 1.16 if (name, n) == ("htree:5000", 700) else 0.97
-            rows.append(Row({"map": name, "particles": n}, estimate([mean * off] * 2), 0))
+            rows.append(Row({"map": name, "particles": n}, estimate([mean * off] * 2), 0, 2))
     table, worst = _side_by_side(rows)
     assert worst == pytest.approx(0.16)
     assert worst > WITHIN

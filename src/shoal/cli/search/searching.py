@@ -189,12 +189,14 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
     print_table(rows, title=f"{result['allocation']} along {result['tour']}")
 
 
-def replay_search(episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:
+def replay_search(
+    episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool, *, trust: bool
+) -> None:
     """Replay a search: ``shoal replay EPISODE.json``."""
     from shoal.search import SearchEpisode
 
     with patience(COMPILING):
-        episode = SearchEpisode.load(episode_file)
+        episode = SearchEpisode.load(episode_file, trust=trust)
         check_seed(episode_file, seed, episode.seed)
         verified = episode.verify()
         result = episode.report() | {"verified": verified.ok, "message": verified.message}

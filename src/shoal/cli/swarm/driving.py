@@ -209,12 +209,12 @@ def _with_truth(episode: SwarmEpisode, truth: GridWorkspace | None) -> SwarmEpis
     return replace(episode, truth=truth.free) if episode.observations is not None and truth is not None else episode
 
 
-def replay_drive(log: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:
+def replay_drive(log: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool, *, trust: bool) -> None:
     """Replay the log of a drive: ``shoal replay LOG.jsonl``."""
     from shoal.swarm.rigs.driving import replay_log
     from shoal.swarm.rigs.log import read_log
 
-    rig = read_log(log)
+    rig = read_log(log, trust=trust)
     check_seed(log, seed, rig.seed)
     result, verified = replay_log(log)
     shown = (out, film) if verified else (None, None)

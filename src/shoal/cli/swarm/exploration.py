@@ -238,11 +238,13 @@ def _remove_earlier(out: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def replay_swarm(episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool) -> None:
+def replay_swarm(
+    episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool, *, trust: bool
+) -> None:
     """Replay a swarm episode: ``shoal replay EPISODE.npz``."""
     from shoal.swarm import SwarmEpisode
 
-    episode = SwarmEpisode.load(episode_file)
+    episode = SwarmEpisode.load(episode_file, trust=trust)
     check_seed(episode_file, seed, episode.seed)
     try:
         verified = episode.verify()

@@ -48,29 +48,43 @@ def summary(
         ),
     ] = None,
     level: Annotated[float, typer.Option("--level", help="Of confidence.")] = 0.95,
-    bootstrap: Annotated[bool, typer.Option("--bootstrap", help="Intervals by the bootstrap instead of Student's t.")] = False,
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            help="Of the intervals: t (Student), log (Student on a log scale: none below 0), bootstrap; auto is log for counts.",
+        ),
+    ] = "auto",
     seed: Annotated[int, typer.Option("--seed", help="Not used: the bootstrap draws the same numbers each time.")] = 0,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it as JSON, too.", show_default=False)] = None,
     json_: options.Json = False,
 ) -> None:
-    """Show means with confidence intervals, and what differs along a paired axis."""
+    """Show means with confidence intervals, and what differs along a paired axis.
+
+    Where trials ended before their task was done, it says how many, and a mean of what they needed is a restricted one: it counts
+    no value above the least at which one ended.
+    """
+    from shoal.checks import check_choice
     from shoal.lab import Store
-    from shoal.lab.statistics import compare_along, summarise
+    from shoal.lab.statistics import METHODS, compare_along, summarise
 
     if out is not None:
         check_folder(out.parent)
-    method: Any = "bootstrap" if bootstrap else "t"
+    way: Any = check_choice(method, what="--method", choices=METHODS)
     with Store(store) as opened:
         chosen = opened.only(name)
-        sweep = opened.sweep(chosen)
-        wanted = measure or next((column for column in ("moves", "share") if column in sweep.measures), sweep.measures[0])
+        measures = opened.stored(chosen).measures
+        wanted = measure or next((column for column in ("moves", "share") if column in measures), next(iter(measures), ""))
         _say_if_mixed(opened, chosen)
-        rows = summarise(opened, chosen, wanted, level=level, method=method)
-        pairs = compare_along(opened, chosen, wanted, compare, level=level, method=method) if compare else []
+        rows = summarise(opened, chosen, wanted, level=level, method=way)
+        pairs = compare_along(opened, chosen, wanted, compare, level=level, method=way) if compare else []
     result = {
         "sweep": chosen, "measure": wanted, "level": level, "method": method,
         "points": [
-            {"axes": row.values, "missing": row.missing, "estimate": row.estimate and _numbers(asdict(row.estimate))}
+            {
+                "axes": row.values, "trials": row.counted, "missing": row.missing, "completed": row.completed, "bound": row.bound,
+                "estimate": row.estimate and _numbers(asdict(row.estimate)),
+            }
             for row in rows
         ],
         "comparisons": [
@@ -84,12 +98,15 @@ def summary(
         print_json(result)
         return
     print_table(
-        [(_words(row.values), "no trial yet" if row.estimate is None else str(row.estimate)) for row in rows],
+        [(_words(row.values), str(row)) for row in rows],
         title=f"{wanted} of {chosen}: mean [{100 * level:g} % interval]",
     )
     if pairs:
         lines = [
-            (_words(others | {compare: f"{second} less {first}"}), "fewer than two pairs" if found is None else str(found))
+            (
+                _words(others | {compare: f"{second} less {first}"}),
+                "not comparable: fewer than two trials of both, or none of them finished" if found is None else str(found),
+            )
             for others, first, second, found in pairs
         ]
         print_table(lines, title=f"{wanted} along {compare}, on the same seeds")

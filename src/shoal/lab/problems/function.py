@@ -30,7 +30,7 @@ class FunctionProblem(MeasuredProblem):
 
     part = "function"
 
-    function: str = option(help="The function, as MODULE:ATTRIBUTE.")
+    function: str = option(help="The function, as MODULE:ATTRIBUTE.", names=())
     arguments: Mapping[str, Any] | None = option(None, help="What it is called with, besides a seed.", check=_check_arguments)
 
     @property

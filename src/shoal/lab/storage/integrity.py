@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 
+from shoal.errors import InvalidInputError
 from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.batches import is_storable
 from shoal.lab.sweeps.sweep import trial_seed
 
 
@@ -23,14 +25,20 @@ def faults_of(store: Store) -> list[str]:
 
 
 def _faults_of(store: Store, name: str) -> Iterator[str]:
-    sweep, (number, _, _, measures, *_) = store.sweep(name), store.row(name)
+    try:
+        stored = store.stored(name)
+        sweep = stored.sweep()
+    except InvalidInputError as error:
+        yield str(error)
+        return
     points = {point.key: point for point in sweep.points}
-    width = len(json.loads(measures))
-    stored = store.ask("SELECT id, key FROM points WHERE sweep = ? ORDER BY number", number)
-    if {key for _, key in stored} != {*points}:
+    width = len(stored.measures)
+    rows_of_points = store.ask("SELECT id, key, axes FROM points WHERE sweep = ? ORDER BY number", stored.id)
+    told = {key: text for _, key, text in rows_of_points}
+    if told != {key: json.dumps([*point.values.values()]) for key, point in points.items()}:
         yield f"sweep {name}: its points are not those of its spec"
         return
-    for point, key in stored:
+    for point, key, _ in rows_of_points:
         rows = store.ask("SELECT trial, seed, result FROM trials WHERE point = ?", point)
         wrong = next((trial for trial, seed, _ in rows if seed != trial_seed(sweep.seed, points[key].seeds, trial)), None)
         if wrong is not None:
@@ -38,8 +46,11 @@ def _faults_of(store: Store, name: str) -> Iterator[str]:
         if any(not 0 <= trial < sweep.trials for trial, _, _ in rows):
             yield f"sweep {name}, point {points[key].number}: a trial that is not of the sweep"
         try:
-            short = any(len(values) != width for values in json.loads(f"[{','.join([row[2] for row in rows])}]"))
-        except (ValueError, TypeError):
-            short = True
-        if short:
-            yield f"sweep {name}, point {points[key].number}: a row that has not {width} values"
+            whole = all(
+                len(values) == width and all(map(is_storable, values))
+                for values in json.loads(f"[{','.join([row[2] for row in rows])}]")
+            )
+        except (ValueError, TypeError, RecursionError):
+            whole = False
+        if not whole:
+            yield f"sweep {name}, point {points[key].number}: a row that has not {width} numbers or texts"

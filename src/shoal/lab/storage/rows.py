@@ -1,17 +1,104 @@
-"""What SQLite has joined, as the columns of a table."""
+"""What the tables of a store say, checked: a sweep, and the columns of its results."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
+from shoal.checks import parse_json, shortened
+from shoal.errors import InvalidInputError
+from shoal.lab.sweeps.sweep import Sweep, SweepForm, form_of, sweep_of
 
-def columns_of(axes: list[tuple[list[Any], int]], parts: tuple[list[str], ...], width: int) -> list[Sequence[Any]]:
-    """Return the columns of a chunk; axes come as (values, how many rows)."""
+
+@dataclass(frozen=True)
+class StoredSweep:
+    """A sweep as a store has it. No problem is made of it before `sweep` is called.
+
+    Parameters
+    ----------
+    id : int
+        Of its row.
+    where : str
+        File and sweep, for messages.
+    spec : dict
+        What `shoal.lab.Sweep.describe` returned.
+    inputs : mapping of str to str
+        Digests of what it opened.
+    measures : tuple of str
+    trials, n_points : int
+        Trials of a point, and points.
+    """
+
+    id: int
+    where: str
+    spec: Mapping[str, Any]
+    inputs: Mapping[str, str]
+    measures: tuple[str, ...]
+    trials: int
+    n_points: int
+
+    @cached_property
+    def form(self) -> SweepForm:
+        """The fields of the sweep, each of its type."""
+        return form_of(self.spec, where=self.where)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The names of the axes."""
+        return tuple(self.form.axes)
+
+    def sweep(self) -> Sweep:
+        """Return the sweep as it was run."""
+        return sweep_of(self.spec, where=self.where)
+
+    def values(self, text: str) -> dict[str, Any]:
+        """Return the values by axis of a point's row."""
+        values = parse_json(text, where=f"{self.where}: point")
+        if not isinstance(values, list) or len(values) != len(self.axes):
+            raise InvalidInputError(f"{self.where}: expected {len(self.axes)} values of axes at a point, got {shortened(values)}")
+        return dict(zip(self.axes, values, strict=True))
+
+
+def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:
+    """Return the sweep of a row (id, spec, inputs, measures, trials, points).
+
+    Raises
+    ------
+    InvalidInputError
+        If it is damaged.
+    """
+    number, *texts, trials, points = row
+    spec, inputs, measures = (
+        parse_json(text if isinstance(text, str) else "", where=f"{where}: {column}")
+        for column, text in zip(("spec", "inputs", "measures"), texts, strict=True)
+    )
+    if not isinstance(spec, dict) or not isinstance(inputs, dict):
+        raise InvalidInputError(f"{where}: expected a spec and inputs with fields, got {shortened(spec)} and {shortened(inputs)}")
+    if not isinstance(measures, list) or not all(isinstance(name, str) for name in measures):
+        raise InvalidInputError(f"{where}: measures: expected a list of names, got {shortened(measures)}")
+    if not isinstance(trials, int) or not isinstance(points, int):
+        raise InvalidInputError(f"{where}: expected numbers of trials and points, got {shortened(trials)} and {shortened(points)}")
+    return StoredSweep(number, where, spec, inputs, tuple(measures), trials, points)
+
+
+def columns_of(axes: list[tuple[list[Any], int]], parts: tuple[list[str], ...], stored: StoredSweep) -> list[Sequence[Any]]:
+    """Return the columns of a chunk; axes come as (values, how many rows).
+
+    Raises
+    ------
+    InvalidInputError
+        If a row is damaged.
+    """
     first: list[list[Any]] = [[] for _ in axes[0][0]]
     for values, count in axes:
         for column, value in zip(first, values, strict=True):
             column.extend([value] * count)
-    trials, seeds, results = (json.loads(f"[{','.join(part)}]") for part in parts)
+    trials, seeds, results = (parse_json(f"[{','.join(part)}]", where=f"{stored.where}: results") for part in parts)
+    width = len(stored.measures)
+    bad = next((one for one in results if not isinstance(one, list) or len(one) != width), None)
+    if bad is not None or not len(trials) == len(seeds) == len(results):
+        got = f"{len(results)} rows for {len(trials)} trials" if bad is None else shortened(bad)
+        raise InvalidInputError(f"{stored.where}: results: expected rows of {width} values, got {got}")
     return [*first, trials, seeds, *(zip(*results, strict=True) if width else ())]

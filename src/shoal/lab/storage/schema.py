@@ -8,11 +8,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from shoal.checks import shortened
 from shoal.errors import InvalidInputError, OutputError
 from shoal.version import __version__
 
 APPLICATION = 0x53484F41  # "SHOA"
 FORMAT = 1
+_NAMES = ("sweeps", "points", "batches", "trials", "failures")
 _WAIT = 30.0  # seconds for another process to finish its commit
 
 TABLES = """
@@ -66,6 +68,7 @@ def connect(path: Path, *, write: bool) -> sqlite3.Connection:
     with told(path):
         connection = _opened(path, write=write)
         try:
+            connection.execute("PRAGMA trusted_schema = OFF")
             _check(connection, path)
             if write:
                 _prepare(connection)
@@ -99,6 +102,16 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
         if tables or application:
             raise InvalidInputError(f"{path}: expected a store of Shoal, got another SQLite database")
         return  # new
+    # Views and triggers would run in place of what we ask for, without end if somebody wishes.
+    strange = connection.execute(
+        f"SELECT type, name FROM sqlite_master WHERE NOT (type = 'table' AND name IN ({', '.join('?' * len(_NAMES))})) "
+        "AND NOT (type = 'index' AND (name = 'batches_of_sweep' OR name LIKE 'sqlite_autoindex_%')) LIMIT 1",
+        _NAMES,
+    ).fetchone()
+    virtual = connection.execute("SELECT name FROM sqlite_master WHERE sql LIKE 'CREATE VIRTUAL%' LIMIT 1").fetchone()
+    if strange or virtual:
+        kind, name = strange or ("virtual table", virtual[0])
+        raise InvalidInputError(f"{path}: expected the tables of a store and nothing else, got the {kind} {shortened(name)}")
     if number > FORMAT:
         raise InvalidInputError(
             f"{path}: expected a store of format {FORMAT} or below, got format {number}: it was written by a newer Shoal than "

@@ -12,11 +12,11 @@ from typing import Any, Self
 
 from shoal.errors import InvalidInputError, UnknownNameError
 from shoal.lab.storage.lock import is_locked
-from shoal.lab.storage.rows import columns_of
+from shoal.lab.storage.rows import StoredSweep, columns_of, stored_sweep
 from shoal.lab.storage.schema import connect, told, transaction
 from shoal.lab.sweeps.batches import Answer
 from shoal.lab.sweeps.progress import Gap, SweepStatus
-from shoal.lab.sweeps.sweep import Sweep, differences, digest_of, is_extended, sweep_of
+from shoal.lab.sweeps.sweep import Sweep, differences, digest_of, is_extended
 from shoal.lab.versions import written
 from shoal.version import __version__
 
@@ -71,12 +71,19 @@ class Store:
         """The sweeps in it, in the order in which they began."""
         return [name for (name,) in self.ask("SELECT name FROM sweeps ORDER BY id")]
 
-    def row(self, name: str) -> tuple[Any, ...]:
-        """Return (id, spec, inputs, measures, trials, points) of a sweep."""
+    def stored(self, name: str) -> StoredSweep:
+        """Return what the file says of a sweep; no problem is made of it, so no code that it names is imported.
+
+        Raises
+        ------
+        InvalidInputError
+            If what the file says is damaged.
+        UnknownNameError
+        """
         found = self.ask("SELECT id, spec, inputs, measures, trials, points FROM sweeps WHERE name = ?", name)
         if not found:
             raise UnknownNameError(f"{self.path}: no sweep {name!r} (there: {', '.join(self.names) or 'none'})")
-        return found[0]
+        return stored_sweep(found[0], where=f"{self.path}: sweep {name}")
 
     def only(self, name: str | None) -> str:
         """Return the name of a sweep that is there; without one that of the only one.
@@ -86,7 +93,7 @@ class Store:
         InvalidInputError, UnknownNameError
         """
         if name is not None:
-            self.row(name)
+            self.stored(name)
             return name
         names = self.names
         if len(names) != 1:
@@ -95,7 +102,14 @@ class Store:
 
     def sweep(self, name: str) -> Sweep:
         """Return a sweep as it was run."""
-        return sweep_of(json.loads(self.row(name)[1]), where=f"{self.path}: sweep {name}")
+        return self.stored(name).sweep()
+
+    def points(self, name: str) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Yield (id, values by axis) of the points of a sweep, in its order."""
+        stored = self.stored(name)
+        query = "SELECT id, axes FROM points WHERE sweep = ? ORDER BY number"
+        for number, text in self.ask(query, stored.id):
+            yield number, stored.values(text)
 
     def add(self, sweep: Sweep, inputs: Mapping[str, str], *, extend: bool = False) -> None:
         """Enter a sweep, or see that it is the one that is there.
@@ -124,18 +138,18 @@ class Store:
                 )  # fmt: skip
                 self._enter_points(sweep)
             return
-        _, spec, opened, *_ = self.row(sweep.name)
-        before, then = json.loads(spec), json.loads(opened)
-        changed = [*differences(before, json.loads(json.dumps(description)))]
+        stored = self.stored(sweep.name)
+        then = stored.inputs
+        changed = [*differences(stored.spec, json.loads(json.dumps(description)))]
         changed += differences({k: v for k, v in then.items() if k in inputs}, dict(inputs), path="content") if then else []
         if not changed:
             return
         kept = all(inputs.get(key, digest) == digest for key, digest in then.items())
-        if extend and kept and is_extended(sweep_of(before), sweep):
+        if extend and kept and is_extended(stored.sweep(), sweep):
             with told(self.path), transaction(self._connection):
                 self._connection.execute(
                     "UPDATE sweeps SET spec = ?, inputs = ?, trials = ?, points = ? WHERE name = ?",
-                    (json.dumps(description), json.dumps(then | dict(inputs)), sweep.trials, sweep.n_points, sweep.name),
+                    (json.dumps(description), json.dumps({**then, **inputs}), sweep.trials, sweep.n_points, sweep.name),
                 )
                 self._enter_points(sweep)
             return
@@ -148,12 +162,12 @@ class Store:
         """Drop another sweep of that name of which no trial was ever played: its workers never came."""
         if name not in self.names:
             return
-        number, spec, *_ = self.row(name)
-        begun = self.ask("SELECT 1 FROM batches WHERE sweep = ? LIMIT 1", number)
-        if not begun and json.loads(spec) != json.loads(json.dumps(description)):
+        stored = self.stored(name)
+        begun = self.ask("SELECT 1 FROM batches WHERE sweep = ? LIMIT 1", stored.id)
+        if not begun and stored.spec != json.loads(json.dumps(description)):
             with told(self.path), transaction(self._connection):
-                self._connection.execute("DELETE FROM points WHERE sweep = ?", (number,))
-                self._connection.execute("DELETE FROM sweeps WHERE id = ?", (number,))
+                self._connection.execute("DELETE FROM points WHERE sweep = ?", (stored.id,))
+                self._connection.execute("DELETE FROM sweeps WHERE id = ?", (stored.id,))
 
     def _enter_points(self, sweep: Sweep) -> None:
         self._connection.executemany(
@@ -213,17 +227,18 @@ class Store:
 
     def status(self, name: str) -> SweepStatus:
         """Return how far a sweep is; also while another process runs it."""
-        number, _, _, _, trials, points = self.row(name)
+        stored = self.stored(name)
+        number, total = stored.id, stored.trials * stored.n_points
         versions = self.versions(name)
         ((failed,),) = self.ask("SELECT count(*) FROM failures WHERE point IN (SELECT id FROM points WHERE sweep = ?)", number)
         ((last, seconds),) = self.ask("SELECT max(finished), coalesce(sum(seconds), 0) FROM batches WHERE sweep = ?", number)
         running = is_locked(self.path, name)
         rate = self._rate(number, time.time() if running else last or 0.0)
-        return SweepStatus(name, sum(versions.values()), trials * points, failed, points, running, rate, seconds, versions)
+        return SweepStatus(name, sum(versions.values()), total, failed, stored.n_points, running, rate, seconds, versions)
 
     def versions(self, name: str) -> dict[str, int]:
         """Return which versions wrote the rows of a sweep, and how many; the first first."""
-        number, *_ = self.row(name)
+        number = self.stored(name).id
         found = [
             text for (text,) in self.ask("SELECT version FROM batches WHERE sweep = ? GROUP BY version ORDER BY min(id)", number)
         ]
@@ -248,48 +263,58 @@ class Store:
 
     def failures(self, name: str, *, limit: int = 1_000_000) -> list[tuple[dict[str, Any], int, int, str]]:
         """Return (values by axis, trial, seed, error) of the trials that failed."""
-        axes = [*self.sweep(name).axes]
+        stored = self.stored(name)
         rows = self.ask(
             "SELECT p.axes, f.trial, f.seed, f.error FROM failures f JOIN points p ON p.id = f.point "
-            "JOIN sweeps s ON s.id = p.sweep WHERE s.name = ? ORDER BY p.number, f.trial LIMIT ?",
-            name,
+            "WHERE p.sweep = ? ORDER BY p.number, f.trial LIMIT ?",
+            stored.id,
             limit,
         )
-        return [(dict(zip(axes, json.loads(values), strict=True)), trial, seed, error) for values, trial, seed, error in rows]
+        return [(stored.values(text), trial, seed, error) for text, trial, seed, error in rows]
 
     def columns(self, name: str) -> list[str]:
         """Return the names of the columns of a sweep's table: its axes, trial, seed, and what was measured."""
-        _, spec, _, measures, *_ = self.row(name)
-        axes, taken = [*json.loads(spec)["axes"]], ["trial", "seed", *json.loads(measures)]
-        return [f"axis_{axis}" if axis in taken else axis for axis in axes] + taken
+        stored = self.stored(name)
+        taken = ["trial", "seed", *stored.measures]
+        return [f"axis_{axis}" if axis in taken else axis for axis in stored.axes] + taken
 
     def chunks(self, name: str) -> Iterator[list[Sequence[Any]]]:
-        """Yield the columns of a sweep's table, some ten thousand rows at a time, ordered by point and trial."""
-        number, _, _, measures, most, _ = self.row(name)
-        width = len(json.loads(measures))
+        """Yield the columns of a sweep's table, some ten thousand rows at a time, ordered by point and trial.
+
+        Raises
+        ------
+        InvalidInputError
+            If a row is damaged.
+        """
+        stored = self.stored(name)
         axes: list[tuple[list[Any], int]] = []
         waiting = 0
         parts: tuple[list[str], ...] = ([], [], [])
-        for point, values in self.ask("SELECT id, axes FROM points WHERE sweep = ? ORDER BY number", number):
-            for first in range(0, most, _AT_ONCE):
+        for point, values in self.points(name):
+            last = -1
+            while True:
                 # Joined by SQLite: two and a half times as fast as a tuple for each row.
-                ((count, *texts),) = self.ask(
-                    "SELECT count(*), group_concat(trial), group_concat(seed), group_concat(result) FROM (SELECT * FROM trials "
-                    "WHERE point = ? AND trial >= ? AND trial < ? ORDER BY trial)",
+                ((count, newest, *texts),) = self.ask(
+                    "SELECT count(*), max(trial), group_concat(trial), group_concat(seed), group_concat(result) FROM "
+                    "(SELECT * FROM trials WHERE point = ? AND trial > ? ORDER BY trial LIMIT ?)",
                     point,
-                    first,
-                    first + _AT_ONCE,
+                    last,
+                    _AT_ONCE,
                 )
-                if count:
-                    axes.append((json.loads(values), count))
-                    waiting += count
-                    for part, text in zip(parts, texts, strict=True):
-                        part.append(text)
+                if not count:
+                    break
+                last = newest
+                axes.append(([*values.values()], count))
+                waiting += count
+                for part, text in zip(parts, texts, strict=True):
+                    part.append(text)
                 if waiting >= _AT_ONCE:
-                    yield columns_of(axes, parts, width)
+                    yield columns_of(axes, parts, stored)
                     axes, parts, waiting = [], ([], [], []), 0
+                if count < _AT_ONCE:
+                    break
         if axes:
-            yield columns_of(axes, parts, width)
+            yield columns_of(axes, parts, stored)
 
     def rows(self, name: str) -> Iterator[tuple[Any, ...]]:
         """Yield the rows of a sweep's table, ordered by point and trial."""

@@ -10,12 +10,16 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
+import numpy as np
+
+from shoal.checks import shortened
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.lab import problems
 from shoal.lab.sweeps.sweep import trial_seed
 from shoal.lab.versions import worker_versions
 from shoal.problem import Problem
 
+_LONGEST_TEXT = 1000  # characters of a text that a trial measures
 _OPEN = 8  # maps, workspaces and regions that a worker keeps open
 
 
@@ -108,7 +112,7 @@ def play_batch(batch: Batch) -> Answer:
             try:
                 problem = placed(piece.problem) if piece.place is None else piece.problem.at_place(piece.place)
                 rows.append((piece.point, trial, seed, _written(problems.trial(problem, seed))))
-            except Exception as error:  # a third party's policy or function: anything may happen in it
+            except (Exception, SystemExit) as error:  # a third party's policy or function: anything may happen in it
                 what = " ".join(str(error).split())[:500]
                 failures.append(
                     (piece.point, trial, seed, what if isinstance(error, ShoalError) else f"{type(error).__name__}: {what}")
@@ -120,10 +124,18 @@ def play_batch(batch: Batch) -> Answer:
 
 def _written(values: list[Any]) -> str:
     """Return a result as JSON, NumPy's numbers as Python's."""
-    plain = [value.item() if hasattr(value, "item") else value for value in values]
-    if any(isinstance(value, float) and not isfinite(value) for value in plain):
-        raise InvalidInputError(f"result: expected finite numbers (None where there is none), got {plain}")
+    plain = [value.item() if isinstance(value, np.generic) else value for value in values]
+    for value in plain:
+        if not is_storable(value):
+            raise InvalidInputError(f"result: expected finite numbers, truth values, short texts or None, got {shortened(value)}")
     return json.dumps(plain, separators=(",", ":"), allow_nan=False)
+
+
+def is_storable(value: Any) -> bool:
+    """Tell whether a store takes a value of a result."""
+    if isinstance(value, str):
+        return len(value) <= _LONGEST_TEXT and value.isprintable()
+    return value is None or (isinstance(value, int) and abs(value) < 2**63) or (isinstance(value, float) and isfinite(value))
 
 
 def lost_batch(batch: Batch, why: str) -> Answer:

@@ -16,7 +16,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
-from shoal.checks import check_integer, validation_message
+from shoal.checks import check_depth, check_integer, read_text, validation_message
 from shoal.errors import InvalidInputError
 from shoal.lab.problems import FunctionProblem, trial_problem
 from shoal.lab.sweeps.axes import MAX_POINTS, axis_values
@@ -24,6 +24,8 @@ from shoal.lab.sweeps.toml_location import line_of
 from shoal.problem import Problem
 
 MAX_TRIALS = 1_000_000_000
+LARGEST_SWEEP = 10_000_000
+"""Bytes of a sweep file."""
 
 
 class SweepForm(BaseModel):
@@ -186,13 +188,15 @@ class Sweep:
             With the file, the line and the field.
         """
         source = Path(path)
+        text = read_text(source, what="sweep file", most=LARGEST_SWEEP)
         try:
-            text = source.read_text(encoding="utf-8-sig")
             data = tomllib.loads(text)
-        except OSError as error:
-            raise InvalidInputError(f"cannot read {source}: {error.strerror or error}") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        except tomllib.TOMLDecodeError as error:
             raise InvalidInputError(f"{source}: expected TOML in UTF-8, got something else: {error}") from None
+        except (RecursionError, ValueError) as error:
+            why = "is nested too deeply" if isinstance(error, RecursionError) else "has a number of too many digits"
+            raise InvalidInputError(f"{source}: expected TOML of modest depth and numbers, got one that {why}") from None
+        check_depth(data, where=str(source))
         try:
             return sweep_of(data, where=str(source))
         except InvalidInputError as error:
@@ -207,14 +211,24 @@ def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:
     ------
     InvalidInputError
     """
-    try:
-        form = SweepForm.model_validate(data)
-    except ValidationError as error:
-        raise InvalidInputError(validation_message(error, where=where)) from None
+    form = form_of(data, where=where)
     try:
         return Sweep(form.name, form.problem, form.axes, form.trials, form.seed, tuple(form.paired))
     except InvalidInputError as error:
         raise InvalidInputError(f"{where}: {error}") from None
+
+
+def form_of(data: Mapping[str, Any], *, where: str) -> SweepForm:
+    """Return the fields of a sweep, each of its type; no problem is made of them.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    try:
+        return SweepForm.model_validate(data)
+    except ValidationError as error:
+        raise InvalidInputError(validation_message(error, where=where)) from None
 
 
 def _words(values: Mapping[str, Any]) -> str:

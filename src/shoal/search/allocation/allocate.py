@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from shoal.checks import shortened
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.allocators import ALLOCATORS, Indices
 from shoal.search.allocation.arcs import Arc, numbers_of, way_to, work_time
@@ -113,10 +114,16 @@ def arcs_of(
 
 
 def _shared(tour_cost: TourCost, allocator: str, team: Team, order: Indices) -> tuple[tuple[Arc, ...], ...]:
-    found = ALLOCATORS.get(allocator)(tour_cost, team)
+    share = ALLOCATORS.get(allocator)
     arcs: list[tuple[Arc, ...]] = [()] * len(order)
-    for robot, work in zip(order, found, strict=True):
-        arcs[robot] = tuple(arc for arc in work if arc.count > 0)
+    try:
+        for robot, work in zip(order, share(tour_cost, team), strict=True):
+            arcs[robot] = tuple(arc for arc in work if arc.count > 0)
+    except (Exception, SystemExit) as error:
+        if ":" not in allocator:
+            raise
+        what = f"{type(error).__name__}: {shortened(str(error))}"
+        raise InvalidInputError(f"allocation {allocator}: expected arcs for each of {len(order)} robots, got {what}") from error
     return tuple(arcs)
 
 

@@ -31,6 +31,9 @@ AUTO_TOUR, AUTO_ALLOCATION = "spanning-tree", "hop"
 
 LIVE_FAULTS = ("crash",)
 
+TOURS = ("spanning-tree", "comb", "hilbert-rectangle", "hilbert", "moore", "open-hilbert")
+ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
+
 
 @dataclass(frozen=True, eq=False)
 class SearchProblem(Problem):
@@ -77,12 +80,12 @@ class SearchProblem(Problem):
         "latitude for a region on the earth.", check=check_starts,
     )  # fmt: skip
     tour: str = option(
-        "auto", help="spanning-tree, comb, hilbert-rectangle, hilbert, moore, open-hilbert or MODULE:ATTRIBUTE; auto is "
-        "spanning-tree, which exists in every region.",
+        "auto", help=f"{', '.join(TOURS)} or MODULE:ATTRIBUTE; auto is "
+        "spanning-tree, which exists in every region.", names=TOURS,
     )  # fmt: skip
     allocation: str = option(
-        "auto", help="Who searches which part of the tour: hop, two-way, individual-shift, common-shift, stay or MODULE:ATTRIBUTE; "
-        "auto is hop, the quickest.",
+        "auto", help=f"Who searches which part of the tour: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE; "
+        "auto is hop, the quickest.", names=ALLOCATIONS,
     )  # fmt: skip
     no_go: tuple[Any, ...] = option(
         (), help="Zones to keep out of, in the units of REGION. May be given again.", metavar="FILE", repeated=True, parse=list,

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any, cast
+
+from shoal.checks import shortened
+from shoal.errors import InvalidInputError
 from shoal.steering.planners import fewest_moves, greedy, robust, sampling, shortest
 from shoal.steering.planners.protocol import PLANNERS, Planner
 
@@ -13,9 +17,12 @@ def make_planner(planner: str | Planner) -> Planner:
 
     Raises
     ------
+    InvalidInputError
+        If it is no planner.
     UnknownNameError
     """
-    if not isinstance(planner, str):
-        return planner
-    found = PLANNERS.get(planner)
-    return found() if isinstance(found, type) else found
+    found: Any = PLANNERS.get(planner) if isinstance(planner, str) else planner
+    made = found() if isinstance(found, type) and callable(getattr(found, "plan", None)) else found
+    if isinstance(made, type) or not callable(getattr(made, "plan", None)):
+        raise InvalidInputError(f"planner: expected a name, or an object with a name and plan(task), got {shortened(made)}")
+    return cast("Planner", made)

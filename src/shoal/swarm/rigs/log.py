@@ -225,8 +225,10 @@ class RecordedRig:
         """Do nothing: what was done then is over."""
 
 
-def read_log(path: str | os.PathLike[str]) -> RecordedRig:
+def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRig:
     """Read a log; a last line that was cut off, as by a power failure, is passed over.
+
+    A task of somebody's code is run only if ``trust`` is true.
 
     Raises
     ------
@@ -240,6 +242,8 @@ def read_log(path: str | os.PathLike[str]) -> RecordedRig:
     if not entries or not isinstance(entries[0], _Header):
         raise InvalidInputError(f"{source}, line 1: expected the header of a log, got {entries[0].kind if entries else 'none'}")
     header = entries[0]
+    if not trust:
+        SwarmProblem.refuse_code(header.problem, where=f"{source}, line 1", names=("task",))
     problem = SwarmProblem.from_dict(header.problem, where=f"{source}, line 1")
     commands, scans, events, ended = "", {}, [], None
     shape = tuple(header.shape)

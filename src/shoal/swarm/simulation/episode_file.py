@@ -65,7 +65,7 @@ def write(
         temporary.write_bytes(buffer.getvalue())
 
 
-def read(path: str | os.PathLike[str]) -> tuple[SwarmProblem, dict[str, Any], Trace, dict[str, Any]]:
+def read(path: str | os.PathLike[str], *, trust: bool) -> tuple[SwarmProblem, dict[str, Any], Trace, dict[str, Any]]:
     """Return problem, fields, trace, and the arrays start and targets; see `shoal.swarm.episode.SwarmEpisode.load`."""
     source = Path(path)
     if not os.path.isfile(source):  # unlike Path.is_file it takes names of any length
@@ -75,7 +75,7 @@ def read(path: str | os.PathLike[str]) -> tuple[SwarmProblem, dict[str, Any], Tr
     try:
         with source.open("rb") as file:
             arrays = _arrays(file)
-        return _assembled(arrays)
+        return _assembled(arrays, trust=trust)
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
     except (InvalidInputError, UnknownNameError) as error:
@@ -115,12 +115,14 @@ def _header(raw: NDArray[Any]) -> dict[str, Any]:
     return header
 
 
-def _assembled(arrays: dict[str, NDArray[Any]]) -> tuple[SwarmProblem, dict[str, Any], Trace, dict[str, Any]]:
+def _assembled(arrays: dict[str, NDArray[Any]], *, trust: bool) -> tuple[SwarmProblem, dict[str, Any], Trace, dict[str, Any]]:
     header = _header(arrays["header"])
     workspace = _workspace(header["map"], arrays["free"])
     fields = header["problem"]
     if isinstance(fields, dict) and fields.get("map") == {}:
         fields["map"] = workspace
+    if not trust:  # of what the problem names a replay runs the task only
+        SwarmProblem.refuse_code(fields, where="problem", names=("task",))
     problem = SwarmProblem.from_dict(fields).at_place(workspace)
     trace = _trace(arrays, commands=len(letters_of(workspace.ndim)))
     versions = header["versions"]

@@ -1,0 +1,88 @@
+"""Stores of strangers, damaged ones, and functions that return what no store can take."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from shoal.cli import run as command
+from shoal.lab import Store, Sweep, run_sweep
+
+
+def test_what_no_store_can_take_is_a_failure_of_its_trial(tmp_path):
+    kinds = ["exit", "huge", "list", "surrogate", "long", "nan"]
+    problem = {"kind": "function", "function": "tests.unit.sweep_functions:strange"}
+    sweep = Sweep(name="s", problem=problem, axes={"kind": kinds}, trials=2)
+    status = run_sweep(sweep, tmp_path / "s", workers=0)
+    assert (status.done, status.failures) == (0, 12)
+    with Store(tmp_path / "s") as store:
+        errors = {values["kind"]: error for values, _, _, error in store.failures("s")}
+        assert errors.pop("exit") == "SystemExit: 0"
+        assert all("expected finite numbers, truth values, short texts or None" in error for error in errors.values())
+        assert all(len(error) < 200 for error in errors.values())
+
+
+def changed_store(tmp_path, *statements):
+    """Return a small store in which something was changed by hand."""
+    run_sweep(Sweep(name="s", problem={"kind": "swarm", "map": "line:9"}, axes={"particles": [2, 9]}), tmp_path / "s", workers=0)
+    with closing(sqlite3.connect(tmp_path / "s")) as connection:
+        for statement in statements:
+            connection.execute(statement)
+        connection.commit()
+    return tmp_path / "s"
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "UPDATE sweeps SET spec = '{'", "UPDATE sweeps SET spec = '[1]'", "UPDATE sweeps SET spec = '{\"name\": 3}'",
+        f"UPDATE sweeps SET spec = '{'[' * 90000}'", "UPDATE sweeps SET inputs = '3'", "UPDATE sweeps SET measures = '7'",
+        "UPDATE sweeps SET measures = '[]'", "UPDATE sweeps SET measures = x'ff'", "UPDATE sweeps SET trials = 'many'",
+        "UPDATE points SET axes = '[1, 2]'", "UPDATE points SET axes = '}'", "UPDATE trials SET result = '[1'",
+        "UPDATE trials SET result = '[1]'", "UPDATE trials SET result = '3'", f"UPDATE trials SET result = '{'[' * 90000}'",
+        f"UPDATE trials SET result = '[\"complete\", {'9' * 400}, 1, 1, 1]'", "UPDATE trials SET result = '[1, [2], 1, 1, 1]'",
+        "CREATE TRIGGER t AFTER INSERT ON trials BEGIN SELECT 1; END", "ALTER TABLE points RENAME TO old",
+    ],
+)  # fmt: skip
+def test_damaged_stores_get_one_sentence(damage, tmp_path, capsys):
+    path = changed_store(tmp_path, damage)
+    for verb in ("summary", "export", "status", "check"):
+        out = ["--out", str(tmp_path / "table.csv")] if verb == "export" else []
+        code = command(["sweep", verb, str(path), *out])
+        printed = capsys.readouterr()
+        assert code in (0, 1, 2)
+        if code == 2:
+            assert printed.err.startswith("shoal: ")
+            assert printed.err.count("\n") == 1
+            assert len(printed.err) < 600
+    assert code != 0, "the check must see it"
+
+
+def test_a_store_with_a_view_is_refused_and_one_that_claims_many_trials_is_read(tmp_path, capsys):
+    endless = "CREATE VIEW trials AS WITH RECURSIVE n(k) AS (SELECT 1 UNION ALL SELECT k + 1 FROM n) SELECT k FROM n"
+    path = changed_store(tmp_path, "UPDATE sweeps SET trials = 1000000000000000000")
+    assert command(["sweep", "summary", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["points"][0]["trials"] == 1
+    path = changed_store(tmp_path, "UPDATE sweeps SET trials = 1", "ALTER TABLE trials RENAME TO others", endless)
+    assert command(["sweep", "summary", str(path)]) == 2
+    assert "expected the tables of a store and nothing else, got the table 'others'" in capsys.readouterr().err
+
+
+def test_reading_a_store_never_runs_code_that_it_names(tmp_path, capsys, monkeypatch):
+    (tmp_path / "evil.py").write_text(f"import pathlib\npathlib.Path({str(tmp_path / 'ran')!r}).touch()\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    run_sweep(
+        Sweep(name="s", problem={"kind": "function", "function": "tests.unit.sweep_functions:number"}, trials=3),
+        tmp_path / "s",
+        workers=0,
+    )
+    with closing(sqlite3.connect(tmp_path / "s")) as connection:
+        connection.execute("UPDATE sweeps SET spec = replace(spec, 'tests.unit.sweep_functions:number', 'evil:number')")
+        connection.commit()
+    for verb in ("summary", "status", "export", "check"):
+        out = ["--out", str(tmp_path / "table.csv")] if verb == "export" else []
+        assert command(["sweep", verb, str(tmp_path / "s"), *out]) in (0, 1)
+    assert not (tmp_path / "ran").exists()

@@ -1,0 +1,151 @@
+"""Files of strangers run no code: what they name as MODULE:ATTRIBUTE is refused, unless they are trusted."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import shoal
+from shoal import parts
+from shoal.cli import run as command
+from shoal.errors import InvalidInputError
+from shoal.search.allocation.allocators import ALLOCATORS
+from shoal.search.tours import TOURS
+from shoal.steering.planners import PLANNERS
+from shoal.swarm.grid.placements import PLACEMENTS
+from shoal.swarm.grid.tasks import TASKS
+from shoal.swarm.policies import POLICIES
+from shoal.swarm.rigs.log import read_log
+
+MODULE = """
+import pathlib
+pathlib.Path({mark!r}).touch()
+from shoal.search.allocation.allocators import ALLOCATORS
+from shoal.search.tours import TOURS
+from shoal.steering.planners import PLANNERS
+from shoal.swarm.grid.placements import PLACEMENTS
+from shoal.swarm.grid.tasks import TASKS
+from shoal.swarm.policies import POLICIES
+Task, Policy, Placement = TASKS.get("mapping"), POLICIES.get("closest-frontier"), PLACEMENTS.get("uniform")
+Planner, Tour, Allocation = PLANNERS.get("greedy"), TOURS.get("comb"), ALLOCATORS.get("hop")
+"""
+STEER = {"kind": "steering", "start": [[0.2, 0.3], [0.5, 0.35]], "goal": [[0.8, 0.2], [0.3, 0.75]]}
+PROBLEMS = [
+    ("task", {"kind": "swarm", "map": "line:9", "particles": 3, "task": "foreign:Task"}),
+    ("policy", {"kind": "swarm", "map": "line:9", "particles": 3, "policy": "foreign:Policy:ties=row-major"}),
+    ("placement", {"kind": "swarm", "map": "line:9", "particles": 3, "placement": "foreign:Placement"}),
+    ("planner", STEER | {"planner": "foreign:Planner"}),
+    ("tour", {"kind": "search", "region": "square:60", "robots": 3, "tour": "foreign:Tour"}),
+    ("allocation", {"kind": "search", "region": "square:60", "robots": 3, "allocation": "foreign:Allocation"}),
+]
+RUN_BY_A_REPLAY = ("task", "tour", "allocation")
+
+
+@pytest.fixture
+def mark(tmp_path, monkeypatch):
+    """The file that a module of a stranger makes when it is imported."""
+    (tmp_path / "foreign.py").write_text(MODULE.format(mark=str(tmp_path / "mark")))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(__import__("sys").modules, "foreign", raising=False)
+    return tmp_path / "mark"
+
+
+def test_the_names_of_the_declarations_are_those_of_the_registries():
+    registries = {
+        "task": TASKS,
+        "policy": POLICIES,
+        "placement": PLACEMENTS,
+        "planner": PLANNERS,
+        "tour": TOURS,
+        "allocation": ALLOCATORS,
+    }
+    declared = {
+        name: one.option.names
+        for part in parts.PARTS
+        for name, one in parts.problem_type(part).declarations().items()
+        if one.option.names is not None
+    }
+    assert {name: sorted(names) for name, names in declared.items()} == {name: sorted(found) for name, found in registries.items()}
+    for part in parts.PARTS:  # whoever adds a field that takes code must say so
+        for name, one in parts.problem_type(part).declarations().items():
+            assert ("MODULE:ATTRIBUTE" in one.option.help) == (one.option.names is not None), name
+
+
+@pytest.mark.parametrize(("field", "problem"), PROBLEMS, ids=[field for field, _ in PROBLEMS])
+def test_problem_files_and_episodes(field, problem, mark, tmp_path, capsys):
+    path = tmp_path / "problem.json"
+    path.write_text(json.dumps(problem))
+    for load in (shoal.load_problem, parts.problem_type(problem["kind"]).load):
+        with pytest.raises(InvalidInputError, match=rf"problem.json: {field}: .*code of the Python module 'foreign'.*--trust"):
+            load(path)
+    verb = {"swarm": "map", "steering": "steer", "search": "search"}[problem["kind"]]
+    assert command([verb, str(path)]) == 2
+    assert ("--trust" in capsys.readouterr().err) == (field != "task")  # the task of map is its own
+    assert not mark.exists()
+    # trusted, it runs; and so does what its author wrote in Python
+    episode = shoal.run(shoal.load_problem(path, trust=True), seed=1)
+    assert mark.exists()
+    assert episode
+    saved = tmp_path / ("e.npz" if problem["kind"] == "swarm" else "e.json")
+    episode.save(saved)
+    if field != "task":
+        assert command([verb, str(path), "--trust", "--seed", "1", "--json"]) == 0
+        assert {"status", "reason"} & set(json.loads(capsys.readouterr().out))
+    # the episode: refused where a replay would run the code, opened where it would not
+    if field in RUN_BY_A_REPLAY:
+        with pytest.raises(InvalidInputError, match=rf"{field}: .*runs the code of the Python module 'foreign'.*trust=True"):
+            shoal.load(saved)
+        assert command(["replay", str(saved)]) == 2
+        capsys.readouterr()
+        assert command(["replay", str(saved), "--trust", "--json"]) == 0
+    else:
+        assert shoal.load(saved).verify()
+        assert command(["replay", str(saved), "--json"]) == 0
+    assert shoal.load(saved, trust=True).verify()
+
+
+def test_reading_an_episode_imports_nothing(mark, tmp_path):
+    episode = shoal.run("line:9", particles=3, policy="closest-frontier", seed=1)
+    episode.save(tmp_path / "e.npz")
+    with np.load(tmp_path / "e.npz") as archive:
+        arrays = dict(archive)
+    header = json.loads(arrays["header"].tobytes())
+    header["problem"]["task"] = "foreign:Task"
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    np.savez(tmp_path / "e.npz", **arrays)
+    with pytest.raises(InvalidInputError, match="'foreign'"):
+        shoal.load(tmp_path / "e.npz")
+    assert not mark.exists()
+
+
+def test_logs_of_drives(mark, tmp_path):
+    assert command(["drive", "line:9", "-n", "3", "--log", str(tmp_path / "log.jsonl"), "--json"]) == 0
+    lines = (tmp_path / "log.jsonl").read_text().splitlines()
+    header = json.loads(lines[0])
+    header["problem"]["task"] = "foreign:Task"
+    (tmp_path / "log.jsonl").write_text("\n".join([json.dumps(header), *lines[1:]]) + "\n")
+    with pytest.raises(InvalidInputError, match=r"line 1: task: .*'foreign'"):
+        read_log(tmp_path / "log.jsonl")
+    assert not mark.exists()
+    assert read_log(tmp_path / "log.jsonl", trust=True)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["search", "square:60", "--robots", "3", "--allocation", "os:system"],
+        ["search", "square:60", "--robots", "3", "--allocation", "sys:exit"],
+        ["search", "square:60", "--robots", "3", "--tour", "os:system"],
+        ["steer", "square", "--planner", "os:getcwd"],
+        ["map", "line:9", "-n", "3", "--policy", "os:system"],
+        ["map", "line:9", "-n", "3", "--placement", "os:system"],
+    ],
+)
+def test_what_is_none_of_its_kind_gets_one_sentence(arguments, capfd):
+    assert command(arguments) == 2
+    printed = capfd.readouterr().err
+    assert printed.startswith("shoal: ")
+    assert printed.count("\n") == 1
+    assert "expected" in printed
