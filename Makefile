@@ -45,9 +45,8 @@ install: $(VENV)/.run-installed
 demo: install
 	@$(BIN)/shoal demo --out demo
 
-# Kernels are compiled once, before several test processes would do it at the same time; what was compiled of older ones is deleted.
+# Kernels are compiled once, before several test processes would do it at the same time.
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
-	@find src -name '*.nb[ic]' -delete
 	@map='$(BIN)/shoal map rectangle:9x9 --particles 3 --json'; folder=$$(mktemp -d); \
 	  { $$map --policy closest-frontier && $$map --scan-every adaptive --scan-cost 2 && $$map --slip 0.1 --policy closest-frontier; \
 	    for tour in hilbert moore hilbert-rectangle comb spanning-tree; do $(BIN)/shoal tour $$tour cave:20x15 --json; done; \
