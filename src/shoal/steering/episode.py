@@ -38,8 +38,9 @@ class SteeringEpisode(Episode):
     planner : str
         The planner that planned: what was asked for, or what ``auto`` chose.
     status : Status
-        ``solved``: all particles are within the tolerance of their goals. ``approachable``: the goal itself cannot be reached, only
-        what is near to it; ``error`` says how near the plan comes. ``unreachable``: no plan exists. ``limit``: none was found.
+        ``solved``: all particles are within the tolerance of their goals. ``approachable``: they are not, and the
+        goal itself cannot be reached, only what is near to it; ``error`` says how near the plan comes. ``unreachable``: no plan
+        exists. ``limit``: none was found.
     reason : str
         Why the status is what it is, in one sentence.
     inputs : ndarray of float64, shape (moves, d)

@@ -150,6 +150,10 @@ class SteeringProblem(Problem):
         "convex workspace, else sampling.",
         check=_check_planner, dump=_dump_planner, names=PLANNER_NAMES,
     )  # fmt: skip
+    time: float | None = option(
+        None, help="Seconds that planning may take: then the best plan so far is played, never a longer one than greedy's.",
+        unit="s", above=0, metavar="SECONDS",
+    )  # fmt: skip
     max_moves: int = option(100, help="Longer plans are of no use.", least=1)
     friction: float = option(
         inf, help="Coefficient of friction of the walls; if infinite, nothing that is pushed into a wall slides.",

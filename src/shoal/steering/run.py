@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ from shoal.checks import check_integer
 from shoal.episode import Status
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
-from shoal.steering.planners.task import SteeringTask, why_approachable, why_unreachable
+from shoal.steering.planners.greedy import Greedy, misses
+from shoal.steering.planners.task import SteeringTask, path_length, why_approachable, why_unreachable
 from shoal.steering.problem import SteeringProblem, check_can_part
 from shoal.steering.simulation.apparatus import Apparatus, replay
 from shoal.steering.workspaces.convex_geometry import Points
@@ -51,13 +53,20 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     planner = problem.chosen_planner
     start, goal = problem.endpoints(seed)
     check_can_part(start, goal, problem.tolerance)
-    begun = time.perf_counter()
-    orders = permutations(range(len(start))) if problem.interchangeable else [tuple(range(len(start)))]
-    attempts = [_attempted(problem, planner, start, goal[list(order)], order, seed) for order in orders]
+    begun = time.monotonic()
+    orders = list(permutations(range(len(start)))) if problem.interchangeable else [tuple(range(len(start)))]
+    attempts = []
+    for left in range(len(orders), 0, -1):
+        order = orders[-left]
+        task = SteeringTask(problem.world(gain=0.0), start, goal[list(order)], problem.tolerance, problem.max_moves, seed)
+        if problem.time is not None:  # what is left of it is shared
+            now = time.monotonic()
+            task = replace(task, deadline=now + (begun + problem.time - now) / left)
+        attempts.append(_attempted(problem, planner, task, order))
     best = min(attempts, key=lambda one: one.rank(problem.tolerance, getattr(planner, "prefers", "length")))
     return SteeringEpisode(
         problem=problem, planner=planner.name, status=best.status, reason=best.reason, inputs=best.inputs, states=best.states,
-        order=np.array(best.order), seed=seed, lower_bound=best.lower_bound, seconds=time.perf_counter() - begun,
+        order=np.array(best.order), seed=seed, lower_bound=best.lower_bound, seconds=time.monotonic() - begun,
         versions=versions(),
     )  # fmt: skip
 
@@ -82,11 +91,10 @@ class _Attempt:
         return (False, moves, length) if prefers == "moves" else (False, length, moves)
 
 
-def _attempted(problem: SteeringProblem, planner: Any, start: Points, goal: Points, order: tuple[int, ...], seed: int) -> _Attempt:
+def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order: tuple[int, ...]) -> _Attempt:
     """Plan and play with a settled goal for each particle."""
-    world = problem.world(gain=0.0)  # as planners know it
-    task = SteeringTask(world, start, goal, problem.tolerance, problem.max_moves, seed)
-    simple = isinstance(world, ContactWorld) and len(start) == 2
+    start, goal = task.start, task.goal
+    simple = isinstance(task.world, ContactWorld) and len(start) == 2
     outside = ~problem.place.contains(goal)
     inputs: Points | None = np.zeros((0, problem.place.dimensions))
     states = None
@@ -94,28 +102,39 @@ def _attempted(problem: SteeringProblem, planner: Any, start: Points, goal: Poin
     if why_never is None and simple:
         why_never = why_unreachable(task)
     if why_never is None and hasattr(planner, "control"):
-        inputs, states = planner.control(task, Apparatus(problem, start, seed=seed))
+        inputs, states = planner.control(task, Apparatus(problem, start, seed=task.seed))
     elif why_never is None and task.error(start) > task.tolerance:
         inputs = task.translation()
-        inputs = planner.plan(task) if inputs is None else inputs
+        inputs = _planned(task, planner, simple=simple) if inputs is None else inputs
     found = 0 if inputs is None else len(inputs)
     if inputs is None or (found > task.max_moves and states is None):
         inputs = np.zeros((0, problem.place.dimensions))
     if states is None:
-        states = replay(problem, inputs, seed=seed)
+        states = replay(problem, inputs, seed=task.seed)
     error = task.error(states[-1])
-    why_near = why_approachable(task) if simple and why_never is None else None
-    if why_never is not None:
-        status, reason = Status.UNREACHABLE, why_never
-    elif why_near is not None:
-        status, reason = Status.APPROACHABLE, f"{why_near}; this plan comes within {error:.3g}"
-    elif error > problem.tolerance:
-        status, reason = Status.LIMIT, _why_not(problem, found, inputs, error)
-    else:
+    if error <= problem.tolerance and why_never is None:
         length = float(np.linalg.norm(inputs, axis=1).sum())
         status, reason = Status.SOLVED, f"{len(inputs)} moves of length {length:.4g} end within {error:.2g} of all goals"
+        if simple and why_approachable(task) is not None:
+            reason += ", which themselves can only be approached"
+    elif why_never is not None:
+        status, reason = Status.UNREACHABLE, why_never
+    elif simple and (why_near := why_approachable(task)) is not None:
+        status, reason = Status.APPROACHABLE, f"{why_near}; this plan comes within {error:.3g}"
+    else:
+        status, reason = Status.LIMIT, _why_not(problem, found, inputs, error)
     bounded = simple and not outside.any() and not problem.gain and not problem.execution
     return _Attempt(order, status, reason, inputs, states, error, task.lower_bound() if bounded else None)
+
+
+def _planned(task: SteeringTask, planner: Any, *, simple: bool) -> Points | None:
+    """Return the planner's moves; where its time is limited, those of greedy if they are better."""
+    plans = [planner.plan(task)]
+    if task.deadline < inf and simple:
+        plans.append(Greedy().plan(task))
+    found = [moves for moves in plans if moves is not None]
+    by_moves = getattr(planner, "prefers", "length") == "moves"
+    return min(found, key=lambda moves: (misses(task, moves), len(moves) if by_moves else 0, path_length(moves)), default=None)
 
 
 def _why_not(problem: SteeringProblem, found: int, inputs: Points, error: float) -> str:

@@ -130,19 +130,26 @@ def test_files_that_are_none(tmp_path, capsys):
 
 
 def test_approachable_and_unreachable(tmp_path, capsys):
-    assert run(["steer", str(written(tmp_path, goal=[[0.3, 0], [0.6, 1]])), "--json"]) == 1
-    printed = capsys.readouterr()
-    result = json.loads(printed.out)
-    assert result["status"] == "approachable"
+    # What ends within the tolerance is solved, and the reason says what cannot be had.
+    assert run(["steer", str(written(tmp_path, goal=[[0.3, 0], [0.6, 1]])), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["status"] == "solved"
     assert result["error"] <= 1e-6
+    assert "can only be approached" in result["reason"]
+    assert run(["steer", str(written(tmp_path, goal=[[0.3, 0], [0.6, 1]])), "--max-moves", "1", "--json"]) == 1
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["status"] == "approachable"
     assert "opposite parallel walls" in printed.err
     antipodes = SteeringProblem(disk(0.5), [(0.1, 0), (0.2, 0.1)], [(0.5, 0), (-0.5, 0)])
     for planner in ("greedy", "shortest"):
         episode = steer(antipodes, planner=planner)
-        assert episode.status == "approachable"
-        assert not episode
+        assert episode.status == "solved"
         assert episode.error <= 1e-6
-        assert "opposite each other" in episode.reason
+        assert episode.verify()
+        near = steer(antipodes, planner=planner, max_moves=4)
+        assert near.status == "approachable"
+        assert not near
+        assert "opposite each other" in near.reason
     tube = cylinder(0.5, 1.0, open_ends=True)
     episode = steer(SteeringProblem(tube, [(0.1, 0.2, 0.3), (0.1, 0.2, 0.6)], [(0.3, 0.3, 0.3), (0.1, 0.1, 0.7)]))
     assert (episode.status, episode.moves) == ("unreachable", 0)

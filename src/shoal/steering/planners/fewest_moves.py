@@ -41,7 +41,7 @@ class FewestMoves:
             chains = _fewer(chains, self._raised(task))
         most = inf if chains is None else len(chains)
         for count in (2, 3, 4, 5, 6):
-            if count >= most and not (count == most == 3):
+            if task.late or (count >= most and not (count == most == 3)):
                 break
             found = shooting_plan(task, count)
             if found is not None:
@@ -72,7 +72,7 @@ class FewestMoves:
 
     def _long(self, task: SteeringTask) -> Points | None:
         """Return the plan of a chain of more cycles, the fewest over a dense map, None if that has none."""
-        if task.world.room.dimensions == 3 or task.world.friction < inf:
+        if task.world.room.dimensions == 3 or task.world.friction < inf or task.late:
             return None
         best = None
         for first, state in task.departures():
@@ -91,6 +91,8 @@ def _finished(task: SteeringTask, plan: Points) -> Points | None:
     for total in range(lasts[0] + 1, len(plan)):
         for count in lasts:
             begun = total - count
+            if task.late:
+                return None
             last = shooting_plan(replace(task, start=states[begun]), count) if begun > 0 else None
             if last is not None:
                 whole = np.concatenate([plan[:begun], last])

@@ -22,6 +22,7 @@ from shoal.steering.workspaces.region import Region
 
 NODES = 60_000  # of one tree
 ROUNDS = 80_000  # manoeuvres tried in one tree
+STRETCH = 5000  # of these before the next look at the clock
 TREES = 10  # grown until one reaches the goal
 MORE_ROUNDS = 10_000  # in each of the further trees, which may hold a shorter plan
 MORE_TREES = 8
@@ -65,9 +66,11 @@ class Sampling:
         best: Points | None = None
         for _tree in range(TREES):
             best = _Tree(task, world, rng, left=int(share * ROUNDS)).search(translations)
-            if best is not None:
+            if best is not None or task.late:
                 break
         for _tree in range(MORE_TREES if best is not None else 0):
+            if task.late:
+                break
             other = _Tree(task, world, rng, left=int(share * MORE_ROUNDS)).search(translations)
             if other is not None and _length(other) < _length(best):
                 best = other
@@ -132,8 +135,11 @@ class _Tree:
         task, size = self.task, float(self.task.world.room.size)
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow
-        found = grow(self.nodes, self.total, self.left, *limits, self.world, size, self.rng)
-        self.total, self.left, hit = found
+        hit, before = False, (0, 0)
+        while not hit and before != (self.total, self.left) and not task.late:
+            before, rounds = (self.total, self.left), min(self.left, STRETCH)
+            self.total, left, hit = grow(self.nodes, self.total, rounds, *limits, self.world, size, self.rng)
+            self.left -= rounds - left
         return bool(hit)
 
     def direct(self, translations: _Translations) -> Points | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import numpy as np
 
 from shoal.steering.kernels import plan_repair, shooting
@@ -15,6 +17,7 @@ DIRECTIONS = {2: 180, 3: 900}
 DENSE = 4  # times as many directions, where the first ones give no plan of three moves in the plane
 NUDGE = 1e-6  # of the size
 REPAIRS = {4: (400, 10), 5: (400, 10), 6: (250, 10)}  # tries and random plans of each, for plans of so many moves
+PARTS = 20  # in which they are tried where time is limited
 ENOUGH = 4  # plans, of which the shortest is taken
 _ALL = 1_000_000
 
@@ -37,7 +40,10 @@ def shooting_plan(task: SteeringTask, count: int) -> Points | None:
     else:
         picks = np.random.default_rng(0).integers(0, 2**31, (*REPAIRS[count], count - 2, 2))
         dense = directions(d, DENSE * DIRECTIONS[d])
-        found = plan_repair.search_guided(start, goal, dense, SHARES, picks, nudges, ENOUGH, between, moves)
+        found = 0
+        for some in [picks] if task.deadline == inf else np.array_split(picks, PARTS):
+            if found == 0 and not task.late:
+                found = plan_repair.search_guided(start, goal, dense, SHARES, some, nudges, ENOUGH, between, moves)
     if not found:
         return None
     shooting.improve(start, goal, count - 2, 0.05, nudges, between, moves)

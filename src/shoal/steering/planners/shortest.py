@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.steering.planners.chains.chain import Chain, ChainQuery, refined, shortest_chain
-from shoal.steering.planners.greedy import greedy_chain, misses
+from shoal.steering.planners.chains.chain import Chain, ChainQuery
+from shoal.steering.planners.chains.improvement import improved_chain
+from shoal.steering.planners.greedy import Greedy, greedy_chain, misses
 from shoal.steering.planners.protocol import PLANNERS
-from shoal.steering.planners.task import SteeringTask, path_length
+from shoal.steering.planners.task import SteeringTask, path_length, why_unreachable
+from shoal.steering.planners.vertical_moves import planar_task, with_vertical_moves
 from shoal.steering.workspaces.convex_geometry import Points
 
 
 @PLANNERS.register("shortest")
 class Shortest:
-    """The shortest chain of up to three contacts and adjustments; where three are not enough, a greedy one made short.
+    """The shortest of many chains of contacts and adjustments; never longer than what the planner greedy finds.
+
+    All kinds of chains of one, two or three cycles are tried; cycles are put into the shortest ones, and taken out, as long as that
+    makes them shorter.
 
     Notes
     -----
@@ -24,25 +29,35 @@ class Shortest:
 
     def plan(self, task: SteeringTask) -> Points | None:
         """Return moves; see `Planner`."""
-        best: Points | None = None
+        best = Greedy().plan(task)
         for first, state in task.departures():
             query = task.chain_query(start=state)
-            for chain in (shortest_chain(query), shortened_greedy(query, task)):
-                moves = None if chain is None else task.moves_of(chain, query)
-                if moves is None:
-                    continue
-                whole = np.array([*first, *moves])
-                if best is None or _rank(task, whole) < _rank(task, best):
-                    best = whole
+            chain = improved_chain(query, _greedy_seeds(query, task))
+            moves = None if chain is None else task.moves_of(chain, query)
+            if moves is not None:
+                best = _shorter(task, best, np.array([*first, *moves]))
+        if task.world.room.dimensions == 3 and not task.late:
+            best = _shorter(task, best, self._raised(task))
         return best
 
+    def _raised(self, task: SteeringTask) -> Points | None:
+        """Return the plan of the plane with heights."""
+        below = planar_task(task)
+        if why_unreachable(below) is not None:
+            return None
+        flat = below.translation()
+        flat = self.plan(below) if flat is None else flat
+        return None if flat is None else with_vertical_moves(task, flat)
 
-def _rank(task: SteeringTask, moves: Points) -> tuple[bool, float]:
-    """Order plans: those that end within the tolerance first, then by length."""
-    return misses(task, moves), path_length(moves)
 
-
-def shortened_greedy(query: ChainQuery, task: SteeringTask) -> Chain | None:
-    """Return the chain of the planner greedy, of any number of cycles, made shorter."""
+def _greedy_seeds(query: ChainQuery, task: SteeringTask) -> list[Chain]:
+    """Return the chain of the planner greedy, of any number of cycles."""
     chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
-    return None if chain is None else refined(query, chain)
+    return [] if chain is None else [chain]
+
+
+def _shorter(task: SteeringTask, one: Points | None, other: Points | None) -> Points | None:
+    """Return the shorter plan; one that ends within the tolerance before one that does not."""
+    if one is None or other is None:
+        return other if one is None else one
+    return min(one, other, key=lambda moves: (misses(task, moves), path_length(moves)))

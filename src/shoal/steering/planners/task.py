@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
@@ -43,6 +44,8 @@ class SteeringTask:
         More are of no use.
     seed : int
         For planners that draw numbers.
+    deadline : float
+        When to return the best plan so far, by `time.monotonic`.
     """
 
     world: Any
@@ -51,6 +54,12 @@ class SteeringTask:
     tolerance: float
     max_moves: int = 100
     seed: int = 0
+    deadline: float = inf
+
+    @property
+    def late(self) -> bool:
+        """Whether the time for planning is used up."""
+        return time.monotonic() > self.deadline
 
     @property
     def before(self) -> Points:
@@ -86,6 +95,7 @@ class SteeringTask:
             walls.normalized(self.aim if aim is None else aim),
             friction=float(self.world.friction) * _CONE,
             margin=max(margin, 2e-9),
+            deadline=self.deadline,
         )
 
     def error(self, points: Points) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
@@ -16,7 +18,8 @@ _OFF_CAPS = 1e-4  # of the height: how far the particles stay off the end caps o
 def planar_task(task: SteeringTask) -> SteeringTask:
     """Return a task of space without its heights: that of its base."""
     room = task.world.room
-    return SteeringTask(ContactWorld(room.base), task.start[:, :2], task.goal[:, :2], task.tolerance / 2, task.max_moves, task.seed)
+    world, start, goal = ContactWorld(room.base), task.start[:, :2], task.goal[:, :2]
+    return replace(task, world=world, start=start, goal=goal, tolerance=task.tolerance / 2)
 
 
 def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:

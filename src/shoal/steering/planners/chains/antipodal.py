@@ -12,34 +12,34 @@ NEAR = 0.6  # of the diameter: longer differences are planned from their end
 TURN = 0.9  # of the largest turn that a cycle allows
 
 
-def antipodal_chain(query: ChainQuery, *, cycles: int) -> Chain | None:
+def antipodal_chain(query: ChainQuery, *, cycles: int, sides: tuple[float, float] = (1.0, -1.0)) -> Chain | None:
     """Return a chain on a disk to a difference near the largest there is, None if the goal's is none or it takes more cycles.
 
     One cycle at most halves what the logarithm of |Δ| / 2 r lacks: |Δ| becomes sqrt(2 r |Δ|), turned by acos(|Δ'| / 2 r). So the
     difference before Δ' has the length |Δ'| cos(turn), turned back by it to either side; and so on, until it is short enough
-    for a chain of a few cycles.
+    for a chain of a few cycles. ``sides`` says to which sides, in turn.
 
     Notes
     -----
     Source: paper W, section VI, Fig. 15: goals at antipodes are approached only. The backward plan is ours.
     """
+    if query.walls.dimensions != 2:
+        return None
     radius = query.walls.circle[2]
     far = 2 * radius - 2 * query.margin
     length, angle = float(np.hypot(*query.after)), float(np.arctan2(query.after[1], query.after[0]))
-    if length <= NEAR * 2 * radius or query.walls.dimensions != 2:
+    if length <= NEAR * 2 * radius:
         return None
-    steps, contacts = [(min(length, far), angle)], []
-    side = 1.0
+    steps, contacts = [(min(length, far), angle)], list[float]()
     while steps[-1][0] > NEAR * 2 * radius and len(steps) < cycles - 3:
         length, angle = steps[-1]
         turn = TURN * float(np.arccos(length / (2 * radius)))
-        angle += side * turn
+        angle += sides[len(contacts) % 2] * turn
         contacts.append(angle + pi)
         shorter = length * float(np.cos(turn)) + 2 * query.push
         if shorter >= length:  # with so much of a push no cycle gets there
             return None
         steps.append((shorter, angle))
-        side = -side
     first = steps[-1]
     if first[0] > NEAR * 2 * radius:
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -22,7 +23,7 @@ ENOUGH = 1e-7  # how far inside of all limits a first guess is sought on flat wa
 ROOM = 1e-4  # and on a circle
 REFINING = np.array([20.0 * 12.0**k for k in range(8)])
 _POLISHED = 8  # rough chains over a circle that are worth it
-_DEEPEST = 6  # cycles of a chain that is only refined
+_DEEPEST = 12  # cycles of a chain that is only refined
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +84,8 @@ class ChainQuery:
         How much each adjustment goes into the wall.
     rounds : ndarray of float64
         Sharpness of the rounds by which a chain is made short; few and low ones leave it far from all limits.
+    deadline : float
+        When to stop the search, by `time.monotonic`.
     """
 
     walls: NormalizedWalls
@@ -92,6 +95,12 @@ class ChainQuery:
     margin: float = MARGIN
     push: float = 1e-9
     rounds: NDArray[np.float64] = field(default_factory=lambda: REFINING)
+    deadline: float = inf
+
+    @property
+    def late(self) -> bool:
+        """Whether the time is used up."""
+        return time.monotonic() > self.deadline
 
     @property
     def before(self) -> Points:
@@ -158,26 +167,33 @@ def shortest_chain(query: ChainQuery, *, cycles: tuple[int, ...] = (1, 2, 3), fi
     """
     best: Chain | None = None
     for number in cycles:
-        searches = [_round, _capped] if query.walls.round else [_flat]
-        for search in searches:
-            if search is _capped and (best is not None or not len(query.walls.normals)):
-                continue
-            for found in search(query, number, best):
-                best = found
+        for found in chains_of(query, number, inf if best is None else best.length):
+            best = found
         if first_found and best is not None:
             break
     return best
 
 
-def _flat(query: ChainQuery, cycles: int, best: Chain | None) -> Iterator[Chain]:
+def chains_of(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
+    """Yield ever shorter chains of so many cycles, all shorter than the bound."""
+    if not query.walls.round:
+        yield from _flat(query, cycles, bound)
+        return
+    for found in _round(query, cycles, bound):
+        bound = found.length
+        yield found
+    if len(query.walls.normals) and (cycles <= 2 or bound == inf):  # the caps of a cylinder
+        yield from _capped(query, cycles, bound)
+
+
+def _flat(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield ever shorter chains over flat walls only."""
     walls = query.walls
-    bound = inf if best is None else best.length
     touchers, on, bounds = kinds_of(
         cycles, query.start, query.goal, walls.reaches, walls.shape, query.push, bound, query.lengths_over_walls
     )
     for kind, least in enumerate(bounds):
-        if least >= bound - 1e-9:
+        if least >= bound - 1e-9 or query.late:
             break
         guess = query.guess(cycles)
         length = query.settle(guess, touchers[kind], on[kind], bound=bound)
@@ -186,9 +202,8 @@ def _flat(query: ChainQuery, cycles: int, best: Chain | None) -> Iterator[Chain]
             yield Chain(touchers[kind], on[kind], guess, length)
 
 
-def _round(query: ChainQuery, cycles: int, best: Chain | None) -> Iterator[Chain]:
+def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield ever shorter chains with a round wall."""
-    bound = inf if best is None else best.length
     firsts = list(_guesses(query, cycles))
     lengths = query.lengths_over_walls
     rough: list[tuple[float, int, NDArray[np.int64], NDArray[np.float64]]] = []
@@ -197,7 +212,7 @@ def _round(query: ChainQuery, cycles: int, best: Chain | None) -> Iterator[Chain
     d = query.walls.dimensions
     for kind in product((0, 1), repeat=cycles):
         touchers = np.array(kind, dtype=np.int64)
-        if bound_of(touchers, on, query.start, query.goal, lengths, query.walls.shape) >= bound:
+        if query.late or bound_of(touchers, on, query.start, query.goal, lengths, query.walls.shape) >= bound:
             continue
         for first in firsts:
             guess = first.copy()
@@ -222,22 +237,23 @@ def _round(query: ChainQuery, cycles: int, best: Chain | None) -> Iterator[Chain
             yield Chain(touchers, on, guess, found)
 
 
-def _capped(query: ChainQuery, cycles: int, best: Chain | None) -> Iterator[Chain]:
+def _capped(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield ever shorter chains in a cylinder with an end cap among the walls."""
-    bound = inf if best is None else best.length
-    caps = len(query.walls.normals)
+    caps, lengths = len(query.walls.normals), query.lengths_over_walls
     radius, d = query.walls.circle[2], query.walls.dimensions
     for on in product(range(caps + 1), repeat=cycles):
         if all(wall == caps for wall in on):
             continue
         rounds = [m for m, wall in enumerate(on) if wall == caps]
         for kind in product((0, 1), repeat=cycles):
+            touchers, walls = np.array(kind, dtype=np.int64), np.array(on, dtype=np.int64)
+            if bound_of(touchers, walls, query.start, query.goal, lengths, query.walls.shape) >= bound or query.late:
+                continue
             for angles in product(np.arange(5) * 2 * pi / 5, repeat=len(rounds)):
                 guess = query.guess(cycles)
                 for m, angle in zip(rounds, angles, strict=True):
                     guess[m * (d - 1)], guess[m * (d - 1) + 1] = radius * angle, query.walls.height / 2
-                touchers, walls = np.array(kind, dtype=np.int64), np.array(on, dtype=np.int64)
-                length = query.settle(guess, touchers, walls, enough=ROOM)
+                length = query.settle(guess, touchers, walls, enough=ROOM, rounds=REFINING[:4])
                 if length < bound:
                     bound = length
                     yield Chain(touchers, walls, guess, length)

@@ -1,0 +1,221 @@
+"""Shorter chains from known ones: cycles are put in, taken out, or given to the other particle, and the chain is made short again.
+
+Chains of more than three cycles are too many to be tried all. A corner that holds by one wall and then by the other, or a contact
+that wanders along a wall in small steps, is found by putting cycles into a shorter chain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import inf, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.steering.kernels.chain_kinds import bound_of
+from shoal.steering.planners.chains.antipodal import antipodal_chain
+from shoal.steering.planners.chains.chain import ENOUGH, REFINING, ROOM, Chain, ChainQuery, chains_of, refined
+from shoal.steering.workspaces.convex_geometry import Points
+
+MOST_CYCLES = 8
+SLACK = 1.2  # times the shortest: longer ones are not kept
+WIDTH = 8  # chains from which others are made
+TRIES, ROUND_TRIES, FAR_TRIES = 90, 90, 200  # chains that are tried: over flat walls, a round one, and where goals are far apart
+SPIRALS = ((1.0, -1.0), (1.0, 1.0), (-1.0, -1.0))  # to which sides differences turn on the way to such goals
+_BACKWARD = 16  # cycles of a chain to them
+REFINED = 3  # of the shortest rough chains
+NEARLY = 1.1  # times the shortest: chains of few cycles so long are begun with, too
+EACH = 30  # made of one chain
+_WORTH = 1e-4  # of the length: what a cycle more must gain
+_SAME = 2e-4  # of the length: of chains that differ by less that of fewer cycles is kept
+_ROUGH = REFINING[:3]
+_ROUGH_ROUND = REFINING[:4]
+
+
+@dataclass
+class ChainPool:
+    """The shortest chains found so far.
+
+    Parameters
+    ----------
+    query : ChainQuery
+    """
+
+    query: ChainQuery
+    chains: list[Chain] = field(default_factory=list)
+    _known: set[bytes] = field(default_factory=set)
+    _expanded: dict[int, Chain] = field(default_factory=dict)  # kept, so that no other gets the number
+
+    @cached_property
+    def _over_walls(self) -> NDArray[np.float64]:
+        return self.query.lengths_over_walls
+
+    @property
+    def best(self) -> Chain | None:
+        """The shortest chain, of about equal ones that of fewer cycles; None if there is none."""
+        return self.chains[0] if self.chains else None
+
+    @property
+    def bound(self) -> float:
+        """How short a chain must be to be kept."""
+        if not self.chains:
+            return inf
+        return min(self.chains[-1].length if len(self.chains) >= WIDTH else inf, SLACK * self.chains[0].length)
+
+    def add(self, chain: Chain) -> bool:
+        """Take a chain in, if it is one of the shortest; return whether it was."""
+        alike = [other for other in self.chains if abs(chain.length - other.length) < _SAME * other.length]
+        if not chain.length < self.bound or any(other.cycles <= chain.cycles for other in alike):
+            return False
+        self.chains = [other for other in self.chains if other not in alike or other.length < chain.length] + [chain]
+        self.chains.sort(key=lambda one: one.length * (1 + _WORTH * one.cycles))
+        del self.chains[WIDTH:]
+        return True
+
+    def tried(self, touchers: NDArray[np.int64], walls: NDArray[np.int64], guess: NDArray[np.float64]) -> int:
+        """Make a guess allowed and short, and take it in; return 1, or 0 where that is known to be of no use."""
+        round_ = self.query.walls.round
+        kind = touchers.tobytes() + b"|" + walls.tobytes() + (np.round(guess, 2).tobytes() if round_ else b"")
+        if kind in self._known:
+            return 0
+        self._known.add(kind)
+        query, best = self.query, self.best
+        if best is not None:
+            least = bound_of(touchers, walls, query.start, query.goal, self._over_walls, query.walls.shape)
+            if least >= best.length:
+                return 0
+        enough = ROOM if round_ else ENOUGH
+        length = self.query.settle(
+            guess, touchers, walls, enough=enough, rounds=_ROUGH_ROUND if round_ else _ROUGH, bound=self.bound
+        )
+        if length < inf:
+            self.add(Chain(touchers, walls, guess, length))
+        return 1
+
+    def improve(self, tries: int) -> None:
+        """Make chains of those in the pool, the shortest first, until so many were tried."""
+        while tries > 0 and not self.query.late:
+            parent = next((chain for chain in self.chains if id(chain) not in self._expanded), None)
+            if parent is None:
+                return
+            left = min(EACH, tries)
+            for touchers, walls, guess in children(self.query, parent):
+                if left <= 0 or self.query.late:
+                    break
+                done = self.tried(touchers, walls, guess)
+                tries, left = tries - done, left - done
+            if tries > 0:
+                self._expanded[id(parent)] = parent
+
+
+def children(query: ChainQuery, chain: Chain) -> list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]]:
+    """Return touchers, walls and first guesses of chains with a cycle more, one fewer, or one of the other particle.
+
+    Those come first for which a particle has the least way to its new wall.
+    """
+    d = query.walls.dimensions
+    along = chain.unknowns[: chain.cycles * (d - 1)].reshape(-1, d - 1)
+    deltas = chain.differences(query.before, query.after)
+    found = []
+    for place in range(chain.cycles if chain.cycles > 1 else 0):
+        fewer = np.delete(deltas, min(max(place, 1), chain.cycles - 1), axis=0)
+        found.append((0.0, np.delete(chain.touchers, place), np.delete(chain.walls, place), np.delete(along, place, axis=0), fewer))
+    for place in np.flatnonzero(chain.walls == len(query.walls.normals)).tolist():
+        touchers, other = chain.touchers.copy(), along.copy()
+        touchers[place] = 1 - touchers[place]
+        other[place, 0] += pi * query.walls.circle[2]  # what one does by touching, the other does by touching opposite
+        found.append((0.0, touchers, chain.walls.copy(), other, deltas))
+    if (chain.walls == len(query.walls.normals)).all():
+        touchers = _nearest_touchers(query, chain, deltas)
+        other = along.copy()
+        other[touchers != chain.touchers, 0] += pi * query.walls.circle[2]
+        found.append((-1.0, touchers, chain.walls.copy(), other, deltas))
+    states = states_of(query, chain, deltas)
+    for place in range(chain.cycles + 1 if chain.cycles < MOST_CYCLES else 0):
+        aside = deltas[place + 1 if place < chain.cycles else place - 1] - deltas[place]
+        for toucher in (0, 1):
+            for wall, contact, share, way in _new_contacts(query, chain, along, place, toucher, states[place][toucher]):
+                touchers, walls = np.insert(chain.touchers, place, toucher), np.insert(chain.walls, place, wall)
+                more = np.insert(deltas, min(place + 1, chain.cycles), deltas[place] + share * aside, axis=0)
+                found.append((way, touchers, walls, np.insert(along, place, contact, axis=0), more))
+    found.sort(key=lambda one: one[0])
+    return [(touchers, walls, np.concatenate([ys.ravel(), ds[1:-1].ravel()])) for _, touchers, walls, ys, ds in found]
+
+
+def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> NDArray[np.int64]:
+    """Return which particle should touch in each cycle over a round wall, the differences as they are, for the least way."""
+    signs = np.array([1.0, -1.0])
+    contacts = chain.contacts(query.walls) * np.where(chain.touchers == 0, 1.0, -1.0)[:, None]
+    contacts[:, 2:] *= np.where(chain.touchers == 0, 1.0, -1.0)[:, None]  # heights are not mirrored
+    here, total, choices = query.start[None], np.zeros(1), []
+    for contact, delta in zip(contacts, deltas[1:], strict=True):
+        spots = np.stack([np.concatenate([sign * contact[:2], contact[2:]]) for sign in signs])
+        lengths = total[:, None] + np.linalg.norm(here - spots, axis=2)  # before, toucher
+        choices.append(lengths.argmin(axis=0))
+        total = lengths.min(axis=0)
+        here = np.stack([np.stack([spots[0], spots[0] + delta]), np.stack([spots[1] - delta, spots[1]])])
+    total = total + np.linalg.norm(here[:, 0] - query.goal[0], axis=1)
+    touchers = [int(total.argmin())]
+    for choice in choices[:0:-1]:
+        touchers.append(int(choice[touchers[-1]]))
+    return np.array(touchers[::-1], dtype=np.int64)
+
+
+def states_of(query: ChainQuery, chain: Chain, deltas: Points) -> Points:
+    """Return where the particles are before each contact, and at the end of the last cycle; shape (cycles + 1, 2, d)."""
+    states = np.empty((chain.cycles + 1, 2, query.walls.dimensions))
+    states[0] = query.start
+    for m, (toucher, contact) in enumerate(zip(chain.touchers, chain.contacts(query.walls), strict=True)):
+        states[m + 1, toucher] = contact
+        states[m + 1, 1 - toucher] = contact + (deltas[m + 1] if toucher == 0 else -deltas[m + 1])
+    return states
+
+
+def _new_contacts(
+    query: ChainQuery, chain: Chain, along: Points, place: int, toucher: int, point: Points
+) -> Iterator[tuple[int, Points, float, float]]:
+    """Yield walls, contacts, shares of the change after them and ways for a new cycle of a particle that is at a point."""
+    walls = query.walls
+    flat = len(walls.normals)
+    ways = walls.normals @ point - walls.offsets
+    for wall in range(flat):
+        middle, reach = walls.frames[wall, 0], walls.reaches[wall]
+        yield wall, np.clip(walls.frames[wall, 1:] @ (point - middle), -reach, reach), 0.0, ways[wall]
+    if not walls.round:
+        return
+    for other in {max(place - 1, 0), min(place, chain.cycles - 1)}:
+        if chain.walls[other] == flat:
+            contact = along[other].copy()
+            contact[0] += 0.0 if chain.touchers[other] == toucher else pi * walls.circle[2]
+            yield flat, contact, 0.5, 0.0
+    contact = np.concatenate([[walls.circle[2] * np.arctan2(point[1], point[0])], point[2:]])
+    yield flat, contact, 0.0, walls.circle[2] - float(np.hypot(point[0], point[1]))
+
+
+def improved_chain(query: ChainQuery, seeds: Iterable[Chain] = ()) -> Chain | None:
+    """Return the shortest chain of any number of cycles that is found, None if there is none.
+
+    Parameters
+    ----------
+    query : ChainQuery
+    seeds : iterable of Chain
+        Chains to begin with, besides those that are found.
+    """
+    pool = ChainPool(query)
+    for chain in seeds:
+        pool.tried(chain.touchers, chain.walls, chain.unknowns.copy())
+    for cycles in (1, 2, 3):
+        for chain in chains_of(query, cycles, inf if pool.best is None else NEARLY * pool.best.length):
+            pool.add(chain)
+        if cycles == 2:
+            pool.improve(TRIES // 3)
+    tries = ROUND_TRIES if query.walls.round else TRIES
+    for sides in SPIRALS if query.walls.round and query.friction == inf else ():
+        far = antipodal_chain(query, cycles=_BACKWARD, sides=sides)
+        if far is not None:
+            tries = FAR_TRIES
+            pool.tried(far.touchers, far.walls, far.unknowns.copy())
+    pool.improve(tries)
+    return min((refined(query, chain) for chain in pool.chains[:REFINED]), key=lambda chain: chain.length, default=None)
