@@ -10,7 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from shoal.cli import command_names
+from shoal.cli.commands import COMMANDS
 from shoal.lab.problems import KINDS, trial_problem_type
 from shoal.problem import Declaration, Problem
 
@@ -44,7 +44,7 @@ def helps_of(commands: list[str]) -> list[str]:
 
 def commands() -> str:
     """Return the text of docs/reference/commands.md."""
-    names = ["", *command_names()]
+    names = ["", *COMMANDS]
     sections = [
         f"\n## shoal{' ' * bool(name)}{name}\n\n```text\n{text}\n```\n" for name, text in zip(names, helps_of(names), strict=True)
     ]

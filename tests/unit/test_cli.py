@@ -8,14 +8,15 @@ import sys
 
 import pytest
 
-from shoal.cli import command_names, run
+from shoal.cli import run
+from shoal.cli.commands import COMMANDS
 from shoal.version import __version__
 
 FIELDS = ["task", "policy", "map", "particles", "placement", "rule", "seed", "trials", "moves", "status", "mean", "std"]
 FIELDS += ["scan_every", "scan_cost", "move_cost", "scans", "cost", "mean_cost", "distance"]
 
 
-@pytest.mark.parametrize("command", command_names())
+@pytest.mark.parametrize("command", [*COMMANDS])
 def test_every_command_has_the_common_options_and_an_example(command, capsys):
     assert run([*command.split(), "--help"]) == 0
     text = capsys.readouterr().out

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 
 import shoal
 from shoal import parts
-from shoal.cli import app, run
+from shoal.cli import run
+from shoal.cli.commands import command
 from shoal.errors import InvalidInputError
 from shoal.lab import problems
 
@@ -29,12 +29,12 @@ FIELDS = [(part, name) for part in parts.PARTS for name in parts.problem_type(pa
 
 @pytest.mark.parametrize(("part", "name"), FIELDS)
 def test_every_field_is_everywhere_with_one_default(part, name):
-    kind, commands = parts.problem_type(part), typer.main.get_command(app).commands
+    kind = parts.problem_type(part)
     declared = kind.declarations()[name]
     smallest = kind(**SMALLEST[part])
     value = smallest.to_dict(defaults=True)[name]
     # the command; map and cover are named by the task, and each offers what its task has
-    offered = [one for command in COMMANDS[part] for one in commands[command].params if one.name == name]
+    offered = [one for name_of_command in COMMANDS[part] for one in command(name_of_command).params if one.name == name]
     assert offered or (part, name) == ("swarm", "task"), f"no command has an option for {name}"
     for one in offered:
         if declared.option.argument:  # a command asks for its map, workspace or region

@@ -7,66 +7,13 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Annotated, NoReturn
+from typing import NoReturn
 
 import typer
 
-from shoal.cli import demo, replay, reproduce, steering
+from shoal.cli.commands import app
 from shoal.cli.output import say
-from shoal.cli.search import missions, searching, tour
-from shoal.cli.swarm import driving, exploration, maps, theory
-from shoal.cli.sweep import running
 from shoal.errors import ShoalError
-from shoal.version import __version__
-
-app = typer.Typer(
-    name="shoal",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-app.command("map", epilog=exploration.MAP_EXAMPLE)(exploration.map_)
-app.command("cover", epilog=exploration.COVER_EXAMPLE)(exploration.cover)
-app.command("maps", epilog=maps.EXAMPLE)(maps.maps)
-app.command("replay", epilog=replay.EXAMPLE)(replay.replay)
-app.command("drive", epilog=driving.EXAMPLE)(driving.drive)
-app.command("line", epilog=theory.LINE_EXAMPLE)(theory.line)
-app.command("schedule", epilog=theory.SCHEDULE_EXAMPLE)(theory.schedule)
-app.command("steer", epilog=steering.STEER_EXAMPLE)(steering.steer)
-app.command("reach", epilog=steering.REACH_EXAMPLE)(steering.reach)
-app.command("search", epilog=searching.SEARCH_EXAMPLE)(searching.search)
-app.command("tour", epilog=tour.TOUR_EXAMPLE)(tour.tour)
-app.add_typer(missions.app, name="missions")
-app.add_typer(running.app, name="sweep")
-app.command("reproduce", epilog=reproduce.EXAMPLE)(reproduce.reproduce)
-app.command("demo", epilog=demo.EXAMPLE)(demo.demo)
-
-
-def command_names() -> list[str]:
-    """Return the names of all commands, those of groups after the others with the group's name before them.
-
-    Examples
-    --------
-    >>> command_names()[:2], command_names()[-1].startswith("sweep ")
-    (['map', 'cover'], True)
-    """
-    groups = [(str(group.name), group.typer_instance) for group in app.registered_groups]
-    grouped = [f"{name} {command.name}" for name, group in groups if group is not None for command in group.registered_commands]
-    return [str(command.name) for command in app.registered_commands] + grouped
-
-
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        print(__version__)
-        raise typer.Exit
-
-
-@app.callback()
-def _shoal(
-    version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_print_version)] = False,
-) -> None:
-    """Plan, simulate and measure groups of simple bodies that must explore a space exhaustively."""
 
 
 def run(arguments: Sequence[str] | None = None) -> int:

@@ -23,14 +23,14 @@ ENVIRONMENT = "SHOAL_CACHE"
 """Names the folder, if it is set."""
 
 
-def cached(dispatcher: Any) -> Any:
+def cached(compiled: Any) -> Any:
     """Return a compiled function, with its results kept on disk if there is a folder for them."""
-    source = Path(dispatcher.py_func.__code__.co_filename)
-    if not hasattr(dispatcher, "py_func") or not source.is_file():
-        return dispatcher
+    source = Path(compiled.py_func.__code__.co_filename)
+    if not source.is_file():
+        return compiled
     if folder_of(source.parent) is not None:
-        dispatcher._cache = _KernelCache(dispatcher.py_func)
-    return dispatcher
+        compiled._cache = _KernelCache(compiled.py_func)
+    return compiled
 
 
 @cache

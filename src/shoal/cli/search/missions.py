@@ -21,14 +21,6 @@ CHECK_EXAMPLE = "Example: shoal missions check missions field.json --footprint 2
 
 _SHOWN = 3  # diagnostics of one kind in one file
 
-app = typer.Typer(no_args_is_help=True, help="Look over mission files.")
-
-
-@app.callback()
-def _missions() -> None:
-    """Look over mission files."""
-
-
 Folder = Annotated[
     Path,
     typer.Argument(metavar="DIR", help="A folder of mission files: .plan .waypoints .geojson .kml .gpx .csv.", show_default=False),
@@ -70,7 +62,6 @@ Out = Annotated[
 ]
 
 
-@app.command("check", epilog=CHECK_EXAMPLE)
 def check(
     folder: Folder,
     region: Region,

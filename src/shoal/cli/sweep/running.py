@@ -14,7 +14,6 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, patience, print_json, print_table, quiet, say, warnings_said
-from shoal.cli.sweep import results
 from shoal.cli.sweep.results import StoreFile, Unused, check_table
 from shoal.errors import InvalidInputError
 from shoal.files import write_json
@@ -29,15 +28,7 @@ STATUS_EXAMPLE = "Example: shoal sweep status results.sqlite"
 
 _EVERY = 2.0  # seconds between two looks of --watch
 
-app = typer.Typer(no_args_is_help=True, help="Run sweeps of trials that survive anything, and look at their results.")
 
-
-@app.callback()
-def _sweep() -> None:
-    """Run sweeps of trials that survive anything, and look at their results."""
-
-
-@app.command("run", epilog=RUN_EXAMPLE)
 def run(
     spec: Annotated[Path, typer.Argument(metavar="SPEC", help="What to run: a TOML file.", show_default=False)],
     store: Annotated[
@@ -172,7 +163,6 @@ def _rows(status: SweepStatus) -> list[tuple[str, str]]:
     return rows
 
 
-@app.command("status", epilog=STATUS_EXAMPLE)
 def status(
     store: StoreFile,
     watch: Annotated[bool, typer.Option("--watch", help="Look again every two seconds until nothing is running.")] = False,
@@ -241,8 +231,3 @@ def _watch(store: Store) -> None:
             time.sleep(_EVERY)
             found = [store.status(name) for name in store.names]
             shown.update(_table(found), refresh=True)
-
-
-app.command("summary", epilog=results.SUMMARY_EXAMPLE)(results.summary)
-app.command("export", epilog=results.EXPORT_EXAMPLE)(results.export_)
-app.command("check", epilog=results.CHECK_EXAMPLE)(results.check)

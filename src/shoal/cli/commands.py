@@ -1,0 +1,129 @@
+"""The commands by name, each imported when it is asked for: no command waits for the libraries of another."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, cast
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from shoal.version import __version__
+
+
+class _Entry(NamedTuple):
+    """Where a command is: module below `shoal.cli`, function, and the constant with the example that ends its help."""
+
+    module: str
+    function: str
+    example: str = "EXAMPLE"
+
+
+COMMANDS = {
+    "map": _Entry("swarm.exploration", "map_", "MAP_EXAMPLE"),
+    "cover": _Entry("swarm.exploration", "cover", "COVER_EXAMPLE"),
+    "maps": _Entry("swarm.maps", "maps"),
+    "replay": _Entry("replay", "replay"),
+    "drive": _Entry("swarm.driving", "drive"),
+    "line": _Entry("swarm.theory", "line", "LINE_EXAMPLE"),
+    "schedule": _Entry("swarm.theory", "schedule", "SCHEDULE_EXAMPLE"),
+    "steer": _Entry("steering", "steer", "STEER_EXAMPLE"),
+    "reach": _Entry("steering", "reach", "REACH_EXAMPLE"),
+    "search": _Entry("search.searching", "search", "SEARCH_EXAMPLE"),
+    "tour": _Entry("search.tour", "tour", "TOUR_EXAMPLE"),
+    "missions check": _Entry("search.missions", "check", "CHECK_EXAMPLE"),
+    "sweep run": _Entry("sweep.running", "run", "RUN_EXAMPLE"),
+    "sweep status": _Entry("sweep.running", "status", "STATUS_EXAMPLE"),
+    "sweep summary": _Entry("sweep.results", "summary", "SUMMARY_EXAMPLE"),
+    "sweep export": _Entry("sweep.results", "export_", "EXPORT_EXAMPLE"),
+    "sweep check": _Entry("sweep.results", "check", "CHECK_EXAMPLE"),
+    "reproduce": _Entry("reproduce", "reproduce"),
+    "demo": _Entry("demo", "demo"),
+}
+GROUPS = {
+    "missions": "Look over mission files.",
+    "sweep": "Run sweeps of trials that survive anything, and look at their results.",
+}
+SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
+
+
+def command(name: str) -> TyperCommand:
+    """Return a command by its whole name, as "sweep run"; its module is imported now."""
+    module, function, example = COMMANDS[name]
+    home = importlib.import_module(f"shoal.cli.{module}")
+    alone = typer.Typer(add_completion=False, rich_markup_mode="rich", context_settings=SETTINGS)
+    alone.command(name.rsplit(maxsplit=1)[-1], epilog=getattr(home, example))(getattr(home, function))
+    return cast("TyperCommand", typer.main.get_command(alone))
+
+
+def _summary(name: str) -> str:
+    """Return the first paragraph of a command's help; its module is read, not imported."""
+    module, function, _ = COMMANDS[name]
+    source = Path(__file__).parent.joinpath(*module.split(".")).with_suffix(".py")
+    found = next(one for one in ast.parse(source.read_bytes()).body if isinstance(one, ast.FunctionDef) and one.name == function)
+    return (ast.get_docstring(found) or "").partition("\n\n")[0]
+
+
+class _Commands(TyperGroup):
+    """All commands whose names begin with a prefix."""
+
+    prefix = ""
+    listing = False
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of commands and groups, in the order of the table."""
+        names = [name.removeprefix(self.prefix) for name in COMMANDS if name.startswith(self.prefix)]
+        return list(dict.fromkeys(name.split()[0] for name in names))
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command; while help is printed only its name and what it does."""
+        whole = self.prefix + cmd_name
+        if whole in GROUPS:
+            group = _Commands(
+                name=cmd_name, help=GROUPS[whole], no_args_is_help=True, rich_markup_mode="rich", context_settings=SETTINGS
+            )
+            group.prefix = f"{whole} "
+            return group
+        if whole not in COMMANDS:
+            return None
+        if self.listing:
+            return TyperCommand(cmd_name, help=_summary(whole))
+        return command(whole)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return name, command and the rest of a command line; a wrong name gets the nearest ones suggested."""
+        self.commands = dict.fromkeys(self.list_commands(ctx), cast("Any", None))
+        return super().resolve_command(ctx, args)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Print the help."""
+        self.listing = True
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            self.listing = False
+
+
+app = typer.Typer(
+    name="shoal",
+    cls=_Commands,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings=SETTINGS,
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _shoal(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_print_version)] = False,
+) -> None:
+    """Plan, simulate and measure groups of simple bodies that must explore a space exhaustively."""
