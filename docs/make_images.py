@@ -19,6 +19,7 @@ from tests.swarm_runs import run
 
 from shoal import open_map
 from shoal.errors import InvalidInputError
+from shoal.papers.mapping.line import DECADES, simultaneous
 from shoal.papers.recipe import published_curve
 from shoal.papers.steering.antipodes import swap_antipodes
 from shoal.papers.steering.figures import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
@@ -32,14 +33,14 @@ from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach,
 from shoal.steering.run import run as steer
 from shoal.swarm.noise import Noise
 from shoal.swarm.theory.one_dimension import Line, sample
-from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, Powers, least_simultaneous_ratio, worst_of_both
+from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, Powers
 from shoal.views.drawing.charts import BLUE, INK, MUTED, ORANGE, PURPLE, new_figure, plain_axes, save_figure, set_title
 from shoal.views.search.figures import routes_figure
 from shoal.views.search.timeline import timeline_figure
 from shoal.views.search.tours import tour_figure
 from shoal.views.steering.figures import plan_figure, reach_figure
 from shoal.views.swarm.figures import frontier_figure, map_figure
-from shoal.views.swarm.theory import gap_distributions, move_distributions, schedule_ratios
+from shoal.views.swarm.theory import gap_distributions, move_distributions, schedule_ratios, simultaneous_ratios
 
 FOLDER = Path(__file__).parent / "images"
 MAP, PARTICLES, SEED = "vessels:5000", 300, 1
@@ -88,7 +89,7 @@ def theory() -> None:
     published = dict(zip(curve.x.astype(int).tolist(), curve.mean.tolist(), strict=True))
     save("line-coverage.png", coverage_curve(5000, published))
     save("schedules.png", schedule_ratios([EveryStep(), Powers(2), Powers(4), Hyperexponential()], max_distance=10**100))
-    save("theorem.png", theorem_chart([1, 2, 3, 4, 6, 8, 12, 16, 20, 30, 40, 50, 60, 70, 80, 90, 100]))
+    save("theorem.png", simultaneous_ratios(DECADES, *simultaneous(DECADES)))
 
 
 def steering() -> None:
@@ -167,23 +168,6 @@ def coverage_curve(cells: int, published: Mapping[int, float]) -> Figure:
     set_title(above, f"Full coverage of {cells} cells in a line")
     for axes in (above, below):
         plain_axes(axes)
-    return figure
-
-
-def theorem_chart(exponents: Sequence[int]) -> Figure:
-    """Return the check of theorem 1: the worst of both ratios of i^i up to 10^k, beside the best that any schedule can do."""
-    distances = [10**k for k in exponents]
-    best = [float(least_simultaneous_ratio(distance).ratio) for distance in distances]
-    mine = [float(worst_of_both(Hyperexponential(), distance)) for distance in distances]
-    figure = new_figure(6.4, 3.6)
-    axes = figure.add_subplot()
-    axes.plot(exponents, mine, "o-", color=ORANGE, ms=3, lw=1.5, label="i^i")
-    axes.plot(exponents, best, "o-", color=BLUE, ms=3, lw=1.5, label="best possible")
-    axes.plot(exponents, np.array(mine) / np.array(best), color=MUTED, lw=1.2, ls="--", label="their quotient")
-    axes.set(xlabel="largest distance, power of ten", ylabel="larger of both ratios, worst case", ylim=(0, None))
-    axes.legend(frameon=False, fontsize=9)
-    set_title(axes, "No schedule is good at both")
-    plain_axes(axes)
     return figure
 
 

@@ -17,7 +17,10 @@ def into(checks: list[Check]) -> Callable[[str, str, str, str], Callable[[Number
     def erratum(source: str, printed: str, holds: str, check: str) -> Callable[[Numbers], Check]:
         def register(function: Numbers) -> Check:
             def checked() -> Erratum:
-                found, shown = function()
+                try:
+                    found, shown = function()
+                except Exception as error:  # the other checks are run
+                    found, shown = f"the check failed: {type(error).__name__}: {error}", False
                 return Erratum(source, printed, holds, check, found, bool(shown))
 
             checks.append(checked)

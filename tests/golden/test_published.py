@@ -10,7 +10,7 @@ import pytest
 from tests.swarm_runs import run_trials
 
 from shoal import open_map
-from shoal.papers.mapping import MAPS
+from shoal.papers.mapping.curves import MAPS
 from shoal.papers.recipe import published_curve
 
 PUBLISHED = {name: file for name, (_, file) in MAPS.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -41,9 +42,9 @@ def reproduce(
     ] = Path("figures"),
     json_: options.Json = False,
 ) -> None:
-    """Reproduce figures of the papers, with the published curve behind ours and how far ours is from it.
+    """Reproduce figures of the papers: what is printed beside ours, and whether the two agree, differ, or cannot be compared.
 
-    Exit code 1 if a figure does not hold what the paper says of it.
+    Exit code 1 if one of all figures could not be made; that ours differ from a paper is an answer, not an error.
     """
     from shoal.lab.versions import MixedVersionsWarning
     from shoal.papers import reproduce as reproduce_one
@@ -66,15 +67,29 @@ def reproduce(
         print_json({"figures": [_described(result) for result in found], "page": None if page is None else str(page)})
     else:
         for result in found:
-            rows = [("figure", f"{result.recipe.source}: {result.recipe.title}"), ("finding", result.outcome.sentence)]
-            rows += [("work", f"{result.trials} trials, {result.seconds:.0f} s"), ("written", ", ".join(map(str, result.files)))]
-            print_table(rows, title=f"{result.recipe.name}{'' if result.outcome.ok else ': DOES NOT HOLD'}")
+            print_table(_rows(result), title=f"{result.recipe.name}: {_answer(result)}")
         if page is not None:
             print_table([("written", str(page))], title=f"all {len(found)} figures")
-    wrong = [result.recipe.name for result in found if not result.outcome.ok]
-    if wrong:
-        say(f"shoal: {', '.join(wrong)}: not as the paper says")
+    failed = [result for result in found if result.outcome is None]
+    if failed:
+        say(f"shoal: could not be made: {'; '.join(f'{result.recipe.name}: {result.error}' for result in failed)}")
         raise typer.Exit(1)
+
+
+def _answer(result: Result) -> str:
+    return "could not be made" if result.outcome is None else str(result.outcome.verdict)
+
+
+def _rows(result: Result) -> list[tuple[str, str]]:
+    rows = [("figure", f"{result.recipe.source}: {result.recipe.title}")]
+    if result.outcome is None:
+        return [*rows, ("error", result.error)]
+    rows += [
+        (one.verdict, f"{one.what}: printed {one.printed}, ours {one.ours} ({one.criterion})") for one in result.outcome.claims
+    ]
+    rows += [("finding", result.outcome.sentence)] * bool(result.outcome.sentence)
+    rows.append(("work", f"{result.trials} trials, {result.seconds:.0f} s"))
+    return [*rows, ("written", ", ".join(map(str, result.files)))]
 
 
 def _all(out: Path, chosen: dict[str, Any], found: list[Result]) -> Path:
@@ -105,7 +120,13 @@ def _list(json_: bool) -> None:
 
 
 def _described(result: Result) -> dict[str, Any]:
-    return {
-        "name": result.recipe.name, "source": result.recipe.source, "sentence": result.outcome.sentence, "holds": result.outcome.ok,
-        "trials": result.trials, "seconds": result.seconds, "files": [str(path) for path in result.files],
-    }  # fmt: skip
+    found: dict[str, Any] = {
+        "name": result.recipe.name,
+        "source": result.recipe.source,
+        "verdict": None,
+        "error": result.error or None,
+    }
+    if result.outcome is not None:
+        found |= {"verdict": result.outcome.verdict, "claims": [asdict(one) for one in result.outcome.claims]}
+        found["sentence"] = result.outcome.sentence
+    return found | {"trials": result.trials, "seconds": result.seconds, "files": [str(path) for path in result.files]}

@@ -1,4 +1,4 @@
-"""Recipe: a figure of a paper as sweeps, a view of their results, published data, and a sentence on how far ours is."""
+"""Recipe: a figure or statement of a paper as sweeps, a view of their results, published data, and claims with their verdicts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,14 @@ from numpy.typing import NDArray
 from shoal.lab.statistics import Estimate, Row
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
+from shoal.papers.claims import Claim, Verdict, verdict_of
 from shoal.views.drawing.curves import Curve, Published
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 NO_DATA = "no data are published for this figure"
 COMPLEX = "vessels:5000"
@@ -74,20 +77,25 @@ class Outcome:
     Parameters
     ----------
     figure : Figure
+    claims : tuple of Claim
+        What the paper says of it, beside what we find.
     sentence : str
-        How far ours is from what is published, and why; its numbers are computed.
+        What the claims do not say: why ours differ, what ours are of. Its numbers are computed.
     tables : tuple of Table
-    ok : bool
-        Whether what the recipe promises holds.
     note : str
         What is to be written below the figure, if its drawing has not done so: that nothing is published, or what is.
     """
 
     figure: Figure
+    claims: tuple[Claim, ...]
     sentence: str
     tables: tuple[Table, ...]
-    ok: bool = True
     note: str = ""
+
+    @property
+    def verdict(self) -> Verdict:
+        """The answer to all claims."""
+        return verdict_of(self.claims)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,24 +131,50 @@ class Recipe:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A figure that was reproduced.
+    """A figure that was reproduced, or why it could not be.
 
     Parameters
     ----------
     recipe : Recipe
-    outcome : Outcome
+    outcome : Outcome or None
+        None if the figure could not be made.
     files : tuple of Path
         The figure, its tables and a summary.
     seconds : float
     trials : int
         Of all its sweeps.
+    error : str
+        Why it could not be made.
     """
 
     recipe: Recipe
-    outcome: Outcome
+    outcome: Outcome | None
     files: tuple[Path, ...]
     seconds: float
     trials: int
+    error: str = ""
+
+
+def measuring(*names: str) -> Callable[[Function], Function]:
+    """Return a decorator for a function whose trials are played by a sweep: it returns a dict with these names."""
+
+    def marked(function: Function) -> Function:
+        vars(function)["measures"] = names
+        return function
+
+    return marked
+
+
+def function_sweep(name: str, function: Callable[..., Any], axes: dict[str, Any], trials: int, settings: Settings) -> Sweep:
+    """Return a sweep of a function that `measuring` has marked; the axes are its arguments."""
+    problem = {"kind": "function", "function": f"{function.__module__}:{function.__name__}"}
+    return Sweep(name=name, problem=problem, axes=axes, trials=trials, seed=settings.seed)
+
+
+def trials_of(store: Store, sweep: Sweep) -> list[dict[str, Any]]:
+    """Return the trials of a sweep, each with its axes and measures by name."""
+    columns = store.columns(sweep.name)
+    return [dict(zip(columns, row, strict=True)) for row in store.rows(sweep.name)]
 
 
 @cache
@@ -182,6 +216,25 @@ def table_of(title: str, rows: Sequence[Row], *, shown: bool = True) -> Table:
 def _line(found: Estimate) -> tuple[Any, ...]:
     low, high = ends(found)
     return round(found.mean, 4), round(low, 4), round(high, 4), "" if found.count < 2 else round(found.std, 4), found.count
+
+
+def compared(curves: Sequence[Curve]) -> Table:
+    """Return our means where something is published, beside it."""
+    rows = []
+    for curve in curves:
+        known = curve.published
+        for n, mean in () if known is None else zip(known.x.tolist(), known.mean.tolist(), strict=True):
+            if curve.x.min() <= n <= curve.x.max():
+                ours, low, high = (near(curve.x, values, n) for values in (curve.mean, curve.low, curve.high))
+                rows.append(
+                    [curve.label, int(n), round(ours, 1), f"{low:.1f} to {high:.1f}", mean, f"{100 * (ours / mean - 1):+.1f}"]
+                )
+    return Table("ours and published", ["", "n", "ours", "95 % interval", "published", "difference, %"], rows)
+
+
+def capital(text: str) -> str:
+    """Return a text that begins with a capital letter."""
+    return f"{text[:1].upper()}{text[1:]}"
 
 
 def counts_of(n_free: int, parts: int = 50) -> list[int]:

@@ -6,34 +6,38 @@ import csv
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from shoal.checks import check_integer
-from shoal.errors import InvalidInputError
+from shoal.errors import InvalidInputError, ShoalError
 from shoal.files import atomic, write_json
 from shoal.lab.coordinator import OnProgress, run_sweep
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
-from shoal.papers import line, mapping, search
 from shoal.papers.errata import check_errata
+from shoal.papers.mapping import curves, instances, line
 from shoal.papers.page import write_page
 from shoal.papers.recipe import Outcome, Recipe, Result, Settings
+from shoal.papers.search import expected_time
 from shoal.papers.steering import recipes as steering
 from shoal.registry import Registry
+from shoal.swarm.maps.open import open_map
 from shoal.views.drawing.charts import save_figure
 from shoal.views.drawing.curves import add_note
 
 STORE = "results.sqlite"
+PARTS = (instances, line, curves, steering, expected_time)
 
 
 @cache
 def recipes() -> Registry[Recipe]:
     """Return all recipes by name, in the order of the papers."""
     found: Registry[Recipe] = Registry("figure")
-    for recipe in (*line.RECIPES, *mapping.RECIPES, *steering.RECIPES, *search.RECIPES):
+    for recipe in chain(*(part.RECIPES for part in PARTS)):
         found.add(recipe.name, recipe)
     return found
 
@@ -85,15 +89,22 @@ def reproduce(
         kept = _no_fewer(folder / STORE, sweep)
         status = run_sweep(kept, folder / STORE, workers=workers, extend=True, on_progress=on_progress)
         if status.failures:
-            raise InvalidInputError(
-                f"{name}: expected every trial to end, got {status.failures} failures; see 'shoal sweep status'"
-            )
+            raise InvalidInputError(f"{name}: expected every trial to end, got {_failures(folder / STORE, kept)}")
         sweeps.append(kept)
     with Store(folder / STORE) as store:
         outcome = recipe.view(store, sweeps, settings)
     seconds = time.perf_counter() - began
     files = _write(folder, recipe, outcome, sweeps)
     return Result(recipe, outcome, files, seconds, sum(sweep.total for sweep in sweeps))
+
+
+def _failures(path: Path, sweep: Sweep) -> str:
+    """Return how many trials of a sweep failed, and what the first of them said."""
+    with Store(path) as store:
+        failed = store.failures(sweep.name)
+    values, trial, _, error = failed[0]
+    where = ", ".join([*(f"{name} = {value}" for name, value in values.items()), f"trial {trial}"])
+    return f"{len(failed)} of {sweep.total} failed, the first at {where}: {error}"
 
 
 def _no_fewer(path: Path, sweep: Sweep) -> Sweep:
@@ -117,7 +128,8 @@ def _write(folder: Path, recipe: Recipe, outcome: Outcome, sweeps: Sequence[Swee
             writer.writerows(table.rows)
         files.append(path)
     summary = {
-        "figure": recipe.name, "source": recipe.source, "title": recipe.title, "sentence": outcome.sentence, "holds": outcome.ok,
+        "figure": recipe.name, "source": recipe.source, "title": recipe.title, "verdict": outcome.verdict,
+        "claims": [asdict(claim) for claim in outcome.claims], "sentence": outcome.sentence,
         "sweeps": [sweep.describe() for sweep in sweeps], "files": [path.name for path in files],
         "tables": [table.title for table in outcome.tables],
     }  # fmt: skip
@@ -126,8 +138,12 @@ def _write(folder: Path, recipe: Recipe, outcome: Outcome, sweeps: Sequence[Swee
     return tuple(files)
 
 
-def reproduce_all(out: str | os.PathLike[str], *, on_result: Callable[[Result], None] | None = None, **options: Any) -> Path:
+def reproduce_all(
+    out: str | os.PathLike[str], *, on_result: Callable[[Result], None] | None = None, on_map: str | None = None, **options: Any
+) -> Path:
     """Reproduce every figure, run the checks of all errata, and write the page of results; return its path.
+
+    A figure that cannot be made keeps no other one from being made: the page says why.
 
     Parameters
     ----------
@@ -135,17 +151,29 @@ def reproduce_all(out: str | os.PathLike[str], *, on_result: Callable[[Result], 
         A folder.
     on_result : callable, optional
         Told each figure when it is done.
+    on_map : str, optional
+        As for `reproduce`, for the figures on the complex map.
     **options
-        As for `reproduce`; ``on_map`` goes to the figures on the complex map.
+        As for `reproduce`.
 
     Raises
     ------
     InvalidInputError, OutputError
+        For options that suit no figure, and if the page cannot be written.
     """
+    if on_map is not None:
+        open_map(on_map)
+    if options.get("trials") is not None:
+        check_integer(options["trials"], what="trials", least=1)
     results = []
     for name in recipes():
-        chosen = options if recipes().get(name).on_map else {key: value for key, value in options.items() if key != "on_map"}
-        results.append(reproduce(name, out, **chosen))
+        recipe, began = recipes().get(name), time.perf_counter()
+        try:
+            result = reproduce(name, out, on_map=on_map if recipe.on_map else None, **options)
+        except Exception as error:  # of whatever kind: the others are made
+            said = str(error) if isinstance(error, ShoalError) else f"{type(error).__name__}: {error}"
+            result = Result(recipe, None, (), time.perf_counter() - began, 0, said)
+        results.append(result)
         if on_result is not None:
-            on_result(results[-1])
+            on_result(result)
     return write_page(results, check_errata(), Path(out) / "index.html")

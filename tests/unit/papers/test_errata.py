@@ -31,7 +31,7 @@ def test_every_erratum_of_the_specs_has_its_check(errata):
     sources = " | ".join(erratum.source for erratum in errata)
     places = [
         "paper D, eq. 2", "section III.A.2", "paper M, Fig. 5", "paper M, Fig. 6", "data of Fig. 10", "section III.B.1",
-        "paper M, algorithm 2", "paper M, algorithm 3", "paper M, theorem 2",
+        "paper M, algorithm 2", "paper M, algorithm 3", "paper M, theorem 2", "paper M, Fig. 10",
         "section IV.A", "paper W, algorithm 1", "paper W, algorithm 2", *(f"IV.E, eq. {n}" for n in (2, 3, 4, 6, 7, 8)),
         "section IV.C", "section IV.D", "section IV.F", "paper W, Fig. 15", "section V.A",
         "paper H, section Efficiency", "Space-Filling Curves", "Further Research",

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# What the paper prints (sections IV.F and VI), to be drawn beside what is computed.
-PRINTED_FRACTIONS: Mapping[float, Mapping[int, float]] = {
-    0.1: {2: 0.063, 4: 0.30, 6: 0.55, 8: 0.75, 10: 0.86, 12: 0.93, 14: 0.96},
-    0.001: {14: 0.90},
-    0.81: {2: 0.373},
+# What the paper prints (sections IV.F and VI), shares in %, to be drawn beside what is computed.
+PRINTED_FRACTIONS: Mapping[float, Mapping[int, str]] = {
+    0.1: {2: "6.3", 4: "30", 6: "55", 8: "75", 10: "86", 12: "93", 14: "96"},
+    0.001: {14: "90"},
+    0.81: {2: "37.3"},
 }
 PRINTED_LAW = (8.66, 3)
 EXAMPLES = (0.1, 0.3)  # distances of Fig. 9, marked in Fig. 8
@@ -137,7 +137,7 @@ def fraction_curves(data: DiskFractions) -> Figure:
         axes.plot(data.distances, 100 * shares, color=colour, lw=1.8, zorder=3, label=f"{moves} moves")
     for distance in EXAMPLES:
         axes.axvline(distance, color=ORANGE, lw=1.0, zorder=1)
-    printed = [(d, 100 * share) for d, shares in PRINTED_FRACTIONS.items() for n, share in shares.items() if n in data.moves]
+    printed = [(d, float(share)) for d, shares in PRINTED_FRACTIONS.items() for n, share in shares.items() if n in data.moves]
     axes.plot(*np.array(printed).reshape(-1, 2).T, "o", mfc="white", mec=INK, ms=5, label="printed", zorder=4, clip_on=False)
     distance, most = largest_two_move_fraction()
     axes.plot(

@@ -165,6 +165,12 @@ def polygon_radii(reach: PolygonReach, ahead: Points) -> NDArray[np.float64]:
     return radii
 
 
+def border_point(space: ConvexWorkspace, ahead: ArrayLike) -> Points:
+    """Return where a ray from the origin, which lies inside, leaves a workspace; float64, shape (2,)."""
+    unit = np.asarray(ahead, dtype=np.float64)
+    return np.asarray(_ways(space, np.zeros((1, 2)), unit[None])[0, 0] * unit)
+
+
 def _around(count: int) -> Points:
     """Return unit vectors of equally spaced directions."""
     angles = 2 * pi * (np.arange(count) + 0.5) / count

@@ -82,17 +82,27 @@ def mean_curves(curves: Sequence[Curve], labels: Labels, *, log_x: bool = False,
     if not curves:
         raise InvalidInputError("curves: expected one or more, got none")
     figure = new_figure(7.4, 4.8)
-    axes = figure.add_subplot()
+    draw_curves(figure.add_subplot(), curves, labels, log_x=log_x, log_y=log_y)
+    add_note(figure, labels.note)
+    return figure
+
+
+def draw_curves(axes: Axes, curves: Sequence[Curve], labels: Labels, *, log_x: bool = False, log_y: bool = True) -> None:
+    """Draw means with their bands on axes; see `mean_curves`."""
+    from matplotlib.ticker import LogLocator
+
     for curve, colour in zip(curves, COLOURS * len(curves), strict=False):
         _behind(axes, curve.published, colour)
         axes.fill_between(curve.x, curve.low, curve.high, color=colour, alpha=0.25, lw=0, zorder=3)
         axes.plot(curve.x, curve.mean, color=colour, lw=1.6, zorder=4)
     axes.set(xlabel=labels.x, ylabel=labels.y, xscale="log" if log_x else "linear", yscale="log" if log_y else "linear")
+    if log_x:
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter("")
     _key(axes, curves, labels)
     set_title(axes, labels.title)
     plain_axes(axes)
-    add_note(figure, labels.note)
-    return figure
 
 
 def add_note(figure: Figure, note: str) -> None:
@@ -155,7 +165,9 @@ def _key(axes: Axes, curves: Sequence[Curve], labels: Labels) -> None:
     axes.legend(handles=handles, frameon=False, fontsize=9, labelcolor=INK)
 
 
-def frontier_curves(groups: Mapping[str, Sequence[NDArray[np.int32]]], *, title: str, note: str = "") -> Figure:
+def frontier_curves(
+    groups: Mapping[str, Sequence[NDArray[np.int32]]], *, title: str, note: str = "", printed: Mapping[str, float] | None = None
+) -> Figure:
     """Return frontier cells against moves, as paper M, Fig. 8: a thin line a trial, a thick one the median of each group.
 
     Parameters
@@ -163,6 +175,8 @@ def frontier_curves(groups: Mapping[str, Sequence[NDArray[np.int32]]], *, title:
     groups : mapping from name to arrays of int32, shape (moves + 1,)
         Frontier cells before the first move and after each.
     title, note : str
+    printed : mapping from name to float, optional
+        Mean moves that a paper prints, to be marked.
 
     Raises
     ------
@@ -176,6 +190,8 @@ def frontier_curves(groups: Mapping[str, Sequence[NDArray[np.int32]]], *, title:
     for (name, curves), colour in zip(groups.items(), COLOURS, strict=False):
         for curve in curves:
             axes.plot(np.arange(1, len(curve) + 1), np.maximum(curve, 0.5), color=colour, lw=0.5, alpha=0.25)
+        if printed and name in printed:
+            axes.axvline(printed[name] + 1, color=colour, lw=1.2, ls=":", label=f"{name}, printed mean: {printed[name]:g} moves")
         median = median_of(curves)
         alive = median > 0
         axes.plot(

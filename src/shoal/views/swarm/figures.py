@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +20,7 @@ from shoal.views.swarm.volume import sheet as volume_sheet
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
 
 CORNER = 0.6  # radians from which a 3-D map is seen
 _LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obstacle": "obstacle", "unknown": "unknown"}
@@ -61,17 +62,66 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     return figure
 
 
-def _legend(axes: Axes, *, coverage: bool, noisy: bool, seen: bool) -> None:
+def map_panels(
+    shown: Sequence[tuple[SwarmEpisode, int]], *, columns: int, chart: Callable[[Axes], None] | None = None, wide: float = 9.0
+) -> Figure:
+    """Return the figure of maps of the plane side by side, each an episode after so many moves, as paper M, Fig. 1.
+
+    Parameters
+    ----------
+    shown : sequence of (SwarmEpisode, int)
+    columns : int
+    chart : callable, optional
+        Draws a chart below the maps.
+    wide : float
+        Inches.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is nothing to draw.
+    """
+    if not shown:
+        raise InvalidInputError("map panels: expected an episode or more, got none")
+    rows = -(-len(shown) // columns)
+    height, width = (side + 2 for side in shown[0][0].workspace.shape)
+    tall = rows * (wide / columns * height / width + 0.3) + 0.4
+    figure = new_figure(wide, tall + (3.6 if chart else 0.3))
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    engine.set(h_pad=0.08)  # type: ignore[call-arg]  # of the constrained layout
+    above, *below = figure.subfigures(1 + bool(chart), 1, squeeze=False, height_ratios=[tall, 3.6] if chart else None).ravel()
+    for axes, (episode, moves) in zip(above.subplots(rows, columns, squeeze=False).ravel(), shown, strict=True):
+        axes.imshow(palette_of_cells(episode).rgb[codes_after(episode, moves)], interpolation="nearest")
+        axes.set_axis_off()
+        many = f"{episode.particles} particles, " if rows > 1 else ""
+        set_title(axes, f"{many}{moves} moves")
+    handles = _handles(coverage=shown[0][0].targets is not None)
+    above.legend(
+        handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8, handlelength=1, handleheight=1
+    )
+    if chart:
+        chart(below[0].subplots())
+    return figure
+
+
+def _handles(*, coverage: bool, seen: bool = False) -> list[Patch]:
     from matplotlib.patches import Patch
 
     names = dict(_LEGEND, frontier="not covered yet") if coverage else _LEGEND
     if seen:
         names = names | {"particle": "seen at the last scan"}
-    handles = [
+    return [
         Patch(facecolor=PALETTE[key], edgecolor=MUTED, linewidth=0.5, label=name)
         for key, name in names.items()
         if not (coverage and key == "unknown")
     ]
+
+
+def _legend(axes: Axes, *, coverage: bool, noisy: bool, seen: bool) -> None:
+    from matplotlib.patches import Patch
+
+    handles = _handles(coverage=coverage, seen=seen)
     if noisy:
         handles.append(Patch(facecolor=WRONG_FREE, edgecolor=MUTED, linewidth=0.5, label="classified wrongly"))
     axes.legend(

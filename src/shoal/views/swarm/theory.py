@@ -9,7 +9,7 @@ from math import log10
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from shoal.swarm.theory.one_dimension import Distribution, Line, LineSample
 from shoal.swarm.theory.scan_schedules import Hyperexponential, Powers, ScanSchedule
@@ -60,7 +60,9 @@ def _density(axes: Axes, exact: Distribution, values: NDArray[np.int32] | None) 
     mean = float(exact.mean)
     axes.axvline(mean, color=ORANGE, lw=1.2, label=f"mean {mean:.2f}")
     axes.legend(frameon=False, fontsize=8)
-    axes.set_yticks([])
+    axes.set_ylabel("share of placements")
+    axes.ticklabel_format(axis="y", style="plain")
+    axes.locator_params(axis="y", nbins=4)
     plain_axes(axes)
 
 
@@ -72,8 +74,16 @@ def _bars(axes: Axes, values: NDArray[np.int32], low: int, high: int, colour: st
     axes.bar(edges[:-1] - 0.5, heights, width=width, align="edge", color=colour, alpha=0.55, lw=0, label=label)
 
 
-def move_distributions(line: Line, sample: LineSample) -> Figure:
-    """Return the distributions of the moves that find both ends and that cover all cells, as paper M, Fig. 6."""
+def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[float] = ()) -> Figure:
+    """Return the distributions of the moves that find both ends and that cover all cells, as paper M, Fig. 6.
+
+    Parameters
+    ----------
+    line : Line
+    sample : LineSample
+    printed : sequence of float
+        Means that a paper prints, to be marked.
+    """
     figure = new_figure(6.8, 3.6)
     axes = figure.add_subplot()
     high = int(max(np.quantile(sample.coverage, 0.999), np.quantile(sample.boundary, 0.999)))
@@ -86,10 +96,38 @@ def move_distributions(line: Line, sample: LineSample) -> Figure:
     axes.axvline(
         float(line.coverage.printed), color=ORANGE, lw=1.4, ls="--", label=f"printed formula: {float(line.coverage.printed):.2f}"
     )
+    for k, marked in enumerate(printed):
+        axes.axvline(marked, color=INK, lw=1.2, ls=":", label="" if k else f"printed means: {', '.join(f'{m:g}' for m in printed)}")
     axes.set(xlabel="moves", ylabel="share of placements")
     axes.legend(frameon=False, fontsize=9)
     set_title(axes, f"{line.particles} particles in {line.cells} cells, {sample.trials:,} placements")
     plain_axes(axes)
+    return figure
+
+
+def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike, growth: ArrayLike) -> Figure:
+    """Return the check of theorem 1 of paper M: the larger of both ratios against the largest distance, 10^k.
+
+    Parameters
+    ----------
+    decades : sequence of int
+        k.
+    ours, best, growth : array_like of float, shape (k,)
+        The worst of both ratios of i^i, the least of any schedule, and log D / log log D.
+    """
+    figure = new_figure(7.6, 3.8)
+    left, right = figure.subplots(1, 2)
+    mine, least, by = (np.asarray(values, dtype=np.float64) for values in (ours, best, growth))
+    for axes, name, curves in (
+        (left, "larger of both ratios, worst case", ((mine, ORANGE, "i^i"), (least, BLUE, "least of any schedule"))),
+        (right, "by log D / log log D", ((mine / by, ORANGE, "i^i"), (least / by, BLUE, "least of any schedule"))),
+    ):
+        for values, colour, label in curves:
+            axes.plot(decades, values, "o-", color=colour, ms=3, lw=1.5, label=label)
+        axes.set(xlabel="largest distance D, power of ten", ylim=(0, None))
+        set_title(axes, name)
+        plain_axes(axes)
+    left.legend(frameon=False, fontsize=9)
     return figure
 
 
