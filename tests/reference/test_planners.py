@@ -26,9 +26,10 @@ from shoal.steering import (
 from shoal.steering.kernels.chain import chain_length
 from shoal.steering.kernels.chain_kinds import over_circle
 from shoal.steering.kernels.chain_limits import Kind
-from shoal.steering.planners.chains.chain import ChainQuery, shortest_chain
+from shoal.steering.planners.chains.chain import ChainQuery
 from shoal.steering.planners.chains.cycles import nearest_cycles
 from shoal.steering.planners.chains.roadmap import roadmap_chain
+from shoal.steering.planners.chains.search import shortest_chain
 from shoal.steering.planners.shooting import shooting_plan
 from shoal.steering.planners.shortest import Shortest
 from shoal.steering.planners.vertical_moves import planar_task, with_vertical_moves

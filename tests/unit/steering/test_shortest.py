@@ -79,11 +79,31 @@ def test_a_budget_of_time_gives_at_least_the_plan_of_greedy(planner):
 
 
 def test_a_region_is_searched_no_longer_than_the_budget():
-    yard = open_workspace(
-        {"type": "region", "outline": [[0, 0], [4, 0], [4, 4], [0, 4]], "obstacles": [[[1, 1], [3, 1], [3, 3], [1, 3]]]}
-    )
+    yard = region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(1, 1), (3, 1), (3, 3), (1, 3)]])
     problem = SteeringProblem(yard, [(0.5, 2), (3.5, 2)], [(3.5, 2), (0.5, 2)])
     assert steer(problem)
     begun = time.monotonic()
     assert steer(problem, time=0.01).status in ("solved", "limit")
     assert time.monotonic() - begun < 1
+
+
+@pytest.mark.parametrize("corners", [48, 200])
+def test_many_corners_take_seconds_and_cost_no_length(corners):
+    """119 s for 64 corners, before; the plan is about that of a disk inside."""
+    room = regular_polygon(corners)
+    start, goal = [(0.1, 0.2), (-0.2, 0.1)], [(-0.1, 0.3), (0.2, -0.2)]
+    begun = time.process_time()
+    episode = steer(SteeringProblem(room, start, goal))
+    assert time.process_time() - begun < 10
+    assert episode
+    inside = steer(SteeringProblem(disk(float(0.5 * np.cos(np.pi / corners))), start, goal))
+    assert episode.length <= 1.01 * inside.length
+
+
+def test_a_half_disk_with_an_arc_of_many_corners():
+    angles = np.linspace(0, np.pi, 97)
+    room = polygon(np.stack([np.cos(angles), np.sin(angles)], axis=1))
+    episode = steer(SteeringProblem(room, [(0.1, 0.5), (0.3, 0.2)], [(-0.6, 0.3), (0.5, 0.6)]))
+    few = polygon(np.stack([np.cos(angles[::12]), np.sin(angles[::12])], axis=1))
+    assert episode
+    assert episode.length <= 1.03 * steer(SteeringProblem(few, [(0.1, 0.5), (0.3, 0.2)], [(-0.6, 0.3), (0.5, 0.6)])).length

@@ -7,9 +7,10 @@ from math import inf
 import numpy as np
 
 from shoal.steering.planners.chains.antipodal import antipodal_chain
-from shoal.steering.planners.chains.chain import Chain, ChainQuery, shortest_chain
+from shoal.steering.planners.chains.chain import Chain, ChainQuery
 from shoal.steering.planners.chains.cycles import Cycle, nearest_cycles
 from shoal.steering.planners.chains.roadmap import roadmap_chain
+from shoal.steering.planners.chains.search import shortest_chain
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from shoal.steering.contact.wall_release import direction_away_from, touched_normals
 from shoal.steering.kernels.contact import first_contact
-from shoal.steering.planners.chains.chain import Chain, ChainQuery, shortest_chain
+from shoal.steering.planners.chains.chain import Chain, ChainQuery
+from shoal.steering.planners.chains.search import shortest_chain
 from shoal.steering.planners.greedy import any_chain
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shortest import Shortest

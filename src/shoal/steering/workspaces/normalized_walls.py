@@ -57,6 +57,18 @@ class NormalizedWalls:
         return len(self.origin)
 
     @property
+    def sides(self) -> int:
+        """Number of flat side walls."""
+        return len(self.normals) - (2 if self.dimensions == 3 and len(self.normals) and self.normals[-1, 2] < 0 else 0)
+
+    @property
+    def corners(self) -> Points:
+        """Where the side walls begin; float64, shape (sides, 2)."""
+        frames, d = self.frames[: self.sides], self.dimensions
+        lengths = self.reaches[: self.sides] if d == 2 else self.base.reaches  # type: ignore[union-attr]  # there is one in space
+        return np.asarray(frames[:, 0, :2] - lengths[:, None] * frames[:, 1, :2])
+
+    @property
     def round(self) -> bool:
         """Whether there is a circle; it is the wall after the last flat one."""
         return bool(self.circle[2] > 0)
@@ -78,14 +90,23 @@ class NormalizedWalls:
 @lru_cache(maxsize=256)
 def normalize_walls(workspace: ConvexWorkspace) -> NormalizedWalls:
     """Return the walls of a workspace."""
-    d, scale = workspace.dimensions, workspace.size
-    origin = np.zeros(d)
+    scale, origin = workspace.size, np.zeros(workspace.dimensions)
     origin[:2] = workspace.center
+    offsets = (workspace.offsets - workspace.normals @ origin) / scale
+    base = normalize_walls(workspace.base) if workspace.dimensions == 3 else None
+    height, circle = workspace.height / scale, np.array([0.0, 0.0, workspace.radius / scale])
     corners = (workspace.vertices - workspace.center) / scale
-    height = workspace.height / scale
-    frames = np.zeros((len(workspace.normals), d, d))
-    reaches = np.zeros(len(workspace.normals))
-    sides = len(corners)
+    return _with_frames(corners, workspace.normals, offsets, circle, height, scale, origin, base)
+
+
+def _with_frames(
+    corners: Points, normals: Points, offsets: NDArray[np.float64], circle: NDArray[np.float64], height: float, scale: float,
+    origin: Points, base: NormalizedWalls | None,
+) -> NormalizedWalls:  # fmt: skip
+    """Return walls with their frames, of sides that lead from each corner to the next one, and of end caps after them."""
+    d, sides = len(origin), len(corners)
+    frames, reaches = np.zeros((len(normals), d, d)), np.zeros(len(normals))
+    near = ~np.eye(len(normals) + 1, len(normals), dtype=np.bool_)
     if sides:
         ends = np.roll(corners, -1, axis=0)
         lengths = np.hypot(*(ends - corners).T)
@@ -99,14 +120,30 @@ def normalize_walls(workspace: ConvexWorkspace) -> NormalizedWalls:
         for cap, level in zip(range(sides, len(frames)), (0.0, height), strict=False):
             frames[cap] = np.array([[0.0, 0.0, level], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
             reaches[cap] = 1.0
-    offsets = (workspace.offsets - workspace.normals @ origin) / scale
-    near = ~np.eye(len(frames) + 1, len(frames), dtype=np.bool_)
-    if d == 2 and sides:  # a wall that is off both ends of another one leaves all of that free
-        normals = workspace.normals
+    elif sides:  # a wall that is off both ends of another one leaves all of that free
         off = np.minimum(normals @ corners.T, normals @ ends.T) - offsets[:, None]
         near[:-1] &= off.T < _FAR
-    circle = np.array([0.0, 0.0, workspace.radius / scale])
-    base = normalize_walls(workspace.base) if d == 3 else None
-    return NormalizedWalls(
-        frames, reaches, np.ascontiguousarray(workspace.normals), offsets, near, circle, height, scale, origin, base
-    )
+    return NormalizedWalls(frames, reaches, np.ascontiguousarray(normals), offsets, near, circle, height, scale, origin, base)
+
+
+@lru_cache(maxsize=64)
+def with_few_sides(walls: NormalizedWalls, count: int) -> tuple[NormalizedWalls, NDArray[np.int64]] | None:
+    """Return walls with so many of the sides, the others left out, and which ones these are; None if they enclose nothing.
+
+    The longest side is taken of each of equal parts of the way around: half of it by length, half by what the sides turn.
+    """
+    flat = walls.normals[: walls.sides, :2]
+    lengths = 2 * np.hypot(*(walls.frames[: walls.sides, 0, :2] - walls.corners).T)
+    turns = np.arccos(np.clip(np.sum(flat * np.roll(flat, 1, axis=0), axis=1), -1, 1))
+    around = np.cumsum(lengths / lengths.sum() + turns / turns.sum()) / 2
+    parts = np.minimum((count * (around - around[0] / 2)).astype(np.int64), count - 1)
+    kept = np.array([min(np.flatnonzero(parts == part), key=lambda side: -lengths[side]) for part in np.unique(parts)])
+    normals, offsets = flat[kept], walls.offsets[kept]
+    across = normals[:, 0] * np.roll(normals, -1, axis=0)[:, 1] - normals[:, 1] * np.roll(normals, -1, axis=0)[:, 0]
+    if len(kept) < 3 or (across <= 0).any():
+        return None
+    ends = np.array([np.linalg.solve(normals[[k, k - 1]], offsets[[k, k - 1]]) for k in range(len(kept))])
+    kept = np.concatenate([kept, np.arange(walls.sides, len(walls.normals))])
+    return _with_frames(
+        ends, walls.normals[kept], walls.offsets[kept], walls.circle, walls.height, walls.scale, walls.origin, walls.base
+    ), kept

@@ -6,7 +6,8 @@ from math import inf, pi
 
 import numpy as np
 
-from shoal.steering.planners.chains.chain import Chain, ChainQuery, shortest_chain
+from shoal.steering.planners.chains.chain import Chain, ChainQuery
+from shoal.steering.planners.chains.search import shortest_chain
 
 NEAR = 0.6  # of the diameter: longer differences are planned from their end
 TURN = 0.9  # of the largest turn that a cycle allows

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from shoal.steering.kernels.chain_kinds import bound_of
 from shoal.steering.planners.chains.antipodal import antipodal_chain
-from shoal.steering.planners.chains.chain import ENOUGH, REFINING, ROOM, Chain, ChainQuery, chains_of, refined
+from shoal.steering.planners.chains.chain import ENOUGH, REFINING, ROOM, Chain, ChainQuery, refined
+from shoal.steering.planners.chains.search import chains_of
+from shoal.steering.planners.chains.sides import MANY, slid
 from shoal.steering.workspaces.convex_geometry import Points
 
 MOST_CYCLES = 8
@@ -91,7 +93,7 @@ class ChainPool:
             guess, touchers, walls, enough=enough, rounds=_ROUGH_ROUND if round_ else _ROUGH, bound=self.bound
         )
         if length < inf:
-            self.add(Chain(touchers, walls, guess, length))
+            self.add(slid(query, Chain(touchers, walls, guess, length)))
         return 1
 
     def improve(self, tries: int) -> None:
@@ -180,7 +182,11 @@ def _new_contacts(
     walls = query.walls
     flat = len(walls.normals)
     ways = walls.normals @ point - walls.offsets
-    for wall in range(flat):
+    places = np.arange(flat)
+    if walls.sides > MANY:  # those nearest to it, and those of the contacts before and after
+        beside = chain.walls[[max(place - 1, 0), min(place, chain.cycles - 1)]]
+        places = np.unique([*np.argsort(ways)[:6], *beside, *range(walls.sides, flat)])
+    for wall in places.tolist():
         middle, reach = walls.frames[wall, 0], walls.reaches[wall]
         yield wall, np.clip(walls.frames[wall, 1:] @ (point - middle), -reach, reach), 0.0, ways[wall]
     if not walls.round:

@@ -1,0 +1,77 @@
+"""Chains over polygons of many corners: over few of the sides first, then over those sides where the contacts would lie."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from shoal.steering.planners.chains.chain import REFINING, Chain, ChainQuery
+from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.normalized_walls import NormalizedWalls, with_few_sides
+
+FEW = 9  # sides over which all kinds of chains are tried
+MANY = 12  # sides that are too many for that
+_WORTH = 1e-4  # of the length: what a change of sides must gain
+_END = 0.98  # of a side: a contact farther out may have to go on to the next side
+
+
+def between_few_sides(query: ChainQuery) -> ChainQuery:
+    """Return the query between few of the walls; itself if there are not many, or if the few would not enclose anything."""
+    found = with_few_sides(query.walls, FEW) if query.walls.sides > MANY else None
+    return query if found is None else replace(query, walls=found[0])
+
+
+def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
+    """Return a chain between few walls with its contacts on the nearest of all walls; its length is no longer true."""
+    if few is query:
+        return chain
+    walls, d = query.walls, query.walls.dimensions
+    sides, on = walls.sides, chain.walls.copy()
+    unknowns = chain.unknowns.copy()
+    for m, contact in enumerate(chain.contacts(few.walls)):
+        if chain.walls[m] >= few.walls.sides:
+            on[m] += sides - few.walls.sides
+            continue
+        outward = -(walls.normals[:sides, :2] @ contact[:2]) / -walls.offsets[:sides]
+        on[m] = int(np.argmax(outward))
+        unknowns[m * (d - 1)] = _along_side(walls, int(on[m]), contact)
+    return replace(chain, walls=on, unknowns=unknowns)
+
+
+def _along_side(walls: NormalizedWalls, side: int, point: Points) -> float:
+    """Return how far from the middle of a side the nearest of its points to a point is."""
+    frame, end = walls.frames[side], np.linalg.norm(walls.frames[side, 0, :2] - walls.corners[side])
+    return float(np.clip(frame[1] @ (point - frame[0]), -0.9 * end, 0.9 * end))
+
+
+def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
+    """Yield chains with a contact that lies at the end of its side so many sides farther on; their lengths are not true."""
+    walls, d = query.walls, query.walls.dimensions
+    contacts = chain.contacts(walls)
+    for m, side in enumerate(chain.walls.tolist()):
+        if side >= walls.sides:
+            continue
+        end = float(np.linalg.norm(walls.frames[side, 0, :2] - walls.corners[side]))
+        along = float(chain.unknowns[m * (d - 1)])
+        if abs(along) < _END * end:
+            continue
+        on, unknowns = chain.walls.copy(), chain.unknowns.copy()
+        on[m] = (side + (step if along > 0 else -step)) % walls.sides
+        unknowns[m * (d - 1)] = _along_side(walls, int(on[m]), contacts[m])
+        yield replace(chain, walls=on, unknowns=unknowns)
+
+
+def slid(query: ChainQuery, chain: Chain) -> Chain:
+    """Return a chain whose contacts have gone on to the sides beside theirs as long as that makes it shorter."""
+    step = query.walls.sides // FEW if query.walls.sides > MANY else 0
+    while step > 0 and not query.late:
+        shorter = None
+        for other in _neighbours(query, chain, step):
+            length = query.settle(other.unknowns, other.touchers, other.walls, rounds=REFINING[:3], bound=chain.length)
+            if length < chain.length * (1 - _WORTH):
+                shorter = replace(other, length=length)
+                break
+        chain, step = (chain, step // 2) if shorter is None else (shorter, step)
+    return chain
