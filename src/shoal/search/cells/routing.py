@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.errors import InvalidInputError
 from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.portal_graph import PortalGraph
-from shoal.search.cells.visibility_graph import Corners, around, inside, inward_corners, merge_collinear, pulled
+from shoal.search.cells.visibility_graph import VisibilityGraph, inside, merge_collinear, pulled
 from shoal.search.regions.outline_checks import Points, text_of
 
-_MARGINS = (1.0, 4.0, 16.0)  # cells around a leg within which corners are looked at
+_MARGINS = (1.0, 4.0, 16.0)  # cells around a leg within which corners are looked at: at first, by how much it grows, at most
 _MOST_CORNERS = 1000
 
 __all__ = ["RegionPaths", "Route", "length_of", "merge_collinear"]
@@ -159,26 +159,23 @@ class RegionPaths:
     def _near(self, start: Points, end: Points) -> Points | None:
         """Return the shortest way by the corners around a leg, if they are few and it needs no others."""
         best: Points | None = None
-        for margin in _MARGINS:
-            room = margin * self.grid.size
-            among = self._corners_within(np.minimum(start, end) - room, np.maximum(start, end) + room)
+        straight, most = float(np.hypot(*(end - start))), _MARGINS[-1] * self.grid.size
+        room = _MARGINS[0] * self.grid.size
+        while True:
+            among = self._corners.within(np.minimum(start, end) - room, np.maximum(start, end) + room)
             if len(among) > _MOST_CORNERS:
                 return best
-            found = around(self.grid.region, start, end, among)
-            if found is not None:
-                best = found
-                # A way by corners farther off goes there and comes back.
-                if length_of(found) <= np.hypot(*(end - start)) + 2 * room:
-                    return found
-        return best
-
-    def _corners_within(self, low: Points, high: Points) -> Corners:
-        corners = self._corners
-        return corners[np.flatnonzero(((corners.points >= low) & (corners.points <= high)).all(axis=1))]
+            found = self._corners.shortest(start, end, among)
+            best = best if found is None else found
+            # A way by corners farther off goes there and comes back.
+            needed = np.inf if found is None else (length_of(found) - straight) / 2
+            if needed <= room or room >= most:
+                return best
+            room = min(_MARGINS[1] * room if found is None else needed, most)
 
     @cached_property
-    def _corners(self) -> Corners:
-        return inward_corners(self.grid.region.area)
+    def _corners(self) -> VisibilityGraph:
+        return VisibilityGraph(self.grid.region)
 
     def _part(self, point: Points) -> int:
         import shapely
@@ -191,11 +188,11 @@ class RegionPaths:
         region = self.grid.region
         stops = self._portal_graph.through(start, end)
         if stops is None:
-            return self._by_corners(start, end, self._corners)
+            return self._by_corners(start, end, np.arange(len(self._corners.corners)))
         way = pulled(region, self._within_pieces(stops))
         among = self._corners_beside(way)
         if len(among) <= _MOST_CORNERS:
-            tight = around(region, start, end, among)
+            tight = self._corners.shortest(start, end, among)
             if tight is not None and length_of(tight) < length_of(way):
                 return tight
         return way
@@ -208,26 +205,26 @@ class RegionPaths:
             leg = stops[k : k + 2]
             if not free:
                 middle, room = leg.mean(axis=0), 1.01 * self.grid.size
-                leg = self._by_corners(leg[0], leg[1], self._corners_within(middle - room, middle + room))
+                leg = self._by_corners(leg[0], leg[1], self._corners.within(middle - room, middle + room))
             legs.append(leg[1:])
         return np.concatenate(legs)
 
-    def _by_corners(self, start: Points, end: Points, corners: Corners) -> Points:
-        found = around(self.grid.region, start, end, corners)
+    def _by_corners(self, start: Points, end: Points, among: NDArray[np.int64]) -> Points:
+        found = self._corners.shortest(start, end, among)
         if found is None:
             raise InvalidInputError(
                 f"way: expected a passage from {text_of(start)} to {text_of(end)}, got one that is narrower than rounding"
             )
         return found
 
-    def _corners_beside(self, way: Points) -> Corners:
+    def _corners_beside(self, way: Points) -> NDArray[np.int64]:
         """Return the corners within a cell of where a way bends."""
         from scipy.spatial import KDTree
 
-        bends = way[1:-1]
-        if len(bends) == 0 or len(self._corners) == 0:
-            return self._corners[np.zeros(0, dtype=np.int64)]
-        return self._corners[KDTree(bends).query(self._corners.points)[0] <= self.grid.size]
+        bends, corners = way[1:-1], self._corners.corners
+        if len(bends) == 0 or len(corners) == 0:
+            return np.zeros(0, dtype=np.int64)
+        return np.flatnonzero(KDTree(bends).query(corners)[0] <= self.grid.size)
 
     @cached_property
     def _portal_graph(self) -> PortalGraph:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,52 +15,129 @@ _STRAIGHT = 1e-12  # sine of a turn that is none
 _ALONG = 1e-9  # sine of the angle between lines that are one
 _AT_ONCE = 100_000  # segments tested in one call
 _LOOK_AHEAD = 64
+_START = -1  # among the numbers of corners
+_AT_FIRST = 16  # corners that a start is asked for at once
 
 
 def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.bool_]:
-    """Tell which straight segments stay in the region, within `TOUCH`; bool, shape (n,)."""
+    """Tell which straight segments, which begin in the region, stay in it, within `TOUCH`; bool, shape (n,)."""
     import shapely
 
     found = np.empty(len(starts), dtype=np.bool_)
     for low in range(0, len(starts), _AT_ONCE):
         part = slice(low, low + _AT_ONCE)
         lines = shapely.linestrings(np.stack([starts[part], ends[part]], axis=1))
-        found[part] = shapely.covers(region.reach, lines)
+        found[part] = ~shapely.intersects(region.border, lines)
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Corners:
-    """Corners at which the inside of a region has more than 180 degrees: where shortest ways bend.
+class VisibilityGraph:
+    """The corners at which the inside of a region has more than 180 degrees, where shortest ways bend, and which see each other.
+
+    What a corner sees is looked up when a search first comes to it, and kept: only corners that a shortest way could go on to.
 
     Parameters
     ----------
-    points, before, after : ndarray of float64, shape (n, 2)
-        The corners, and their neighbours on the border.
+    region : SearchRegion
+
+    Attributes
+    ----------
+    corners : ndarray of float64, shape (n, 2)
     """
 
-    points: Points
-    before: Points
-    after: Points
+    def __init__(self, region: SearchRegion) -> None:
+        from scipy.spatial import KDTree
 
-    def __len__(self) -> int:
-        return len(self.points)
+        self._region = region
+        self.corners, before, after = _inward_corners(region.area)
+        sides = before - self.corners, after - self.corners
+        self._sides = [side / np.maximum(np.hypot(*side.T), np.finfo(float).tiny)[:, None] for side in sides]
+        self._tree = KDTree(self.corners)
+        self._seen_from: dict[int, tuple[float, NDArray[np.int64], NDArray[np.float64]]] = {}
 
-    def __getitem__(self, chosen: NDArray[Any]) -> Corners:
-        return Corners(self.points[chosen], self.before[chosen], self.after[chosen])
+    def within(self, low: Points, high: Points) -> NDArray[np.int64]:
+        """Return the numbers of the corners in a box."""
+        return np.flatnonzero(((self.corners >= low) & (self.corners <= high)).all(axis=1))
 
-    def touched(self, directions: Points) -> NDArray[np.bool_]:
+    def shortest(self, start: Points, end: Points, among: NDArray[np.int64]) -> Points | None:
+        """Return the shortest way that bends at some corners only (A*), or None; float64, shape (k, 2).
+
+        Which of them the start sees is asked by and by, the most likely ones first.
+        """
+        allowed = np.zeros(len(self.corners), dtype=np.bool_)
+        allowed[among] = True
+        wide = float(np.hypot(*np.ptp(self.corners[among], axis=0))) if len(among) else 0.0
+        to_end = np.hypot(*(self.corners - end).T)
+        length = np.full(len(self.corners), np.inf)
+        came = np.full(len(self.corners), _START)
+        queue: list[tuple[float, int]] = []
+        first = among[self._touched(among, self.corners[among] - start)]
+        away = np.hypot(*(self.corners[first] - start).T)
+        order = np.argsort(away + to_end[first], kind="stable")
+        first, away = first[order], away[order]
+        asked, step = 0, _AT_FIRST
+        if len(first):
+            queue.append((float(away[0] + to_end[first[0]]), _START))
+        while queue:
+            _, node = heapq.heappop(queue)
+            if node == _START:
+                others, lengths = first[asked : asked + step], away[asked : asked + step]
+                seen = inside(self._region, np.broadcast_to(start, (len(others), 2)), self.corners[others])
+                others, lengths = others[seen], lengths[seen]
+                asked, step = asked + step, 2 * step
+                if asked < len(first):
+                    heapq.heappush(queue, (float(away[asked] + to_end[first[asked]]), _START))
+            elif not allowed[node]:
+                continue
+            else:
+                allowed[node] = False  # done
+                if self._ends(node, end):  # no other way is shorter than what is likely
+                    return np.vstack([start, self.corners[_chain(came, node)], end])
+                others, lengths = self._neighbours(node, wide)
+                lengths = length[node] + lengths
+            better = allowed[others] & (lengths < length[others])
+            others, lengths = others[better], lengths[better]
+            length[others], came[others] = lengths, node
+            for entry in zip((lengths + to_end[others]).tolist(), others.tolist(), strict=True):
+                heapq.heappush(queue, entry)
+        return None
+
+    def _ends(self, corner: int, end: Points) -> bool:
+        """Tell whether a shortest way could go straight from a corner to its end."""
+        place = self.corners[[corner]]
+        return bool(self._touched(np.array([corner]), end - place)[0] and inside(self._region, place, end[None])[0])
+
+    def _neighbours(self, corner: int, wide: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return the corners that a shortest way could go on to from one, as far as ``wide`` and farther, and how far they are."""
+        known, others, away = self._seen_from.get(corner, (-1.0, None, None))
+        if others is None or away is None or known < wide:
+            place = self.corners[corner]
+            around = np.array(self._tree.query_ball_point(place, 2 * wide), dtype=np.int64)
+            around = np.sort(around[around != corner])
+            directions = self.corners[around] - place
+            likely = self._touched(np.broadcast_to(corner, len(around)), directions) & self._touched(around, directions)
+            others = around[likely]
+            others = others[inside(self._region, np.broadcast_to(place, (len(others), 2)), self.corners[others])]
+            away = np.hypot(*(self.corners[others] - place).T)
+            self._seen_from[corner] = 2 * wide, others, away
+        return others, away
+
+    def _touched(self, corners: NDArray[np.int64], directions: Points) -> NDArray[np.bool_]:
         """Tell whether a line through each corner leaves both of its sides on one hand: other lines are in no shortest way."""
-        sines = []
-        for neighbours in (self.before, self.after):
-            side = neighbours - self.points
-            cross = directions[:, 0] * side[:, 1] - directions[:, 1] * side[:, 0]
-            sines.append(cross / np.maximum(np.hypot(*directions.T) * np.hypot(*side.T), np.finfo(float).tiny))
-        return np.asarray((np.minimum(*sines) >= -_ALONG) | (np.maximum(*sines) <= _ALONG))
+        sines = [directions[:, 0] * side[corners, 1] - directions[:, 1] * side[corners, 0] for side in self._sides]
+        rounding = _ALONG * np.hypot(*directions.T)
+        return np.asarray((np.minimum(*sines) >= -rounding) | (np.maximum(*sines) <= rounding))
 
 
-def inward_corners(area: Any) -> Corners:
-    """Return the corners of a polygon where shortest ways bend."""
+def _chain(came: NDArray[np.int64], node: int) -> list[int]:
+    way = [node]
+    while came[way[-1]] != _START:
+        way.append(int(came[way[-1]]))
+    return way[::-1]
+
+
+def _inward_corners(area: Any) -> tuple[Points, Points, Points]:
+    """Return the corners of a polygon where shortest ways bend, and their neighbours on the border before and after."""
     import shapely
 
     found = []
@@ -73,48 +149,8 @@ def inward_corners(area: Any) -> Corners:
             come, go = corners - before, after - corners
             inward = come[:, 0] * go[:, 1] - come[:, 1] * go[:, 0] < -_STRAIGHT * np.hypot(*come.T) * np.hypot(*go.T)
             found.append(np.stack([corners[inward], before[inward], after[inward]]))
-    return Corners(*np.concatenate(found, axis=1))
-
-
-def around(region: SearchRegion, start: Points, end: Points, corners: Corners) -> Points | None:
-    """Return the shortest way that bends at the given corners only (A*), or None; float64, shape (k, 2).
-
-    What a corner sees is looked up when the search comes to it.
-    """
-    nodes = np.vstack([corners.points, start, end])
-    first, last = len(nodes) - 2, len(nodes) - 1
-    to_end = np.hypot(*(nodes - end).T)
-    length = np.full(len(nodes), np.inf)
-    length[first] = 0.0
-    came = np.full(len(nodes), -1)
-    done = np.zeros(len(nodes), dtype=np.bool_)
-    queue = [(float(to_end[first]), first)]
-    while queue:
-        _, node = heapq.heappop(queue)
-        if done[node]:
-            continue
-        if node == last:
-            return nodes[_chain(came, last)]
-        done[node] = True
-        steps = nodes - nodes[node]
-        reached = length[node] + np.hypot(*steps.T)
-        better = ~done & (reached < length)
-        better[:first] &= corners.touched(steps[:first])
-        if node < first:
-            better &= corners[np.full(len(nodes), node)].touched(steps)
-        asked = np.flatnonzero(better)
-        seen = asked[inside(region, np.broadcast_to(nodes[node], (len(asked), 2)), nodes[asked])]
-        length[seen], came[seen] = reached[seen], node
-        for other in seen.tolist():
-            heapq.heappush(queue, (float(reached[other] + to_end[other]), other))
-    return None
-
-
-def _chain(came: NDArray[np.int64], last: int) -> list[int]:
-    way = [last]
-    while came[way[-1]] >= 0:
-        way.append(int(came[way[-1]]))
-    return way[::-1]
+    corners, before, after = np.concatenate(found, axis=1)
+    return corners, before, after
 
 
 def pulled(region: SearchRegion, way: Points) -> Points:

@@ -64,6 +64,15 @@ class SearchRegion:
         shapely.prepare(grown)
         return grown
 
+    @cached_property
+    def border(self) -> Any:
+        """The border of `reach`, prepared: a segment from inside that does not meet it stays inside."""
+        import shapely
+
+        border = shapely.boundary(self.reach)
+        shapely.prepare(border)
+        return border
+
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Tell for each point whether it lies inside or on the border, within `TOUCH`; bool, shape (n,)."""
         import shapely
