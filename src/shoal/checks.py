@@ -170,14 +170,25 @@ def read_text(path: Path, *, what: str, most: int = LARGEST_TEXT) -> str:
         raw = path.read_bytes()
     except OSError as error:
         raise InvalidInputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    return decoded(raw, where=str(path))
+
+
+def decoded(raw: bytes, *, where: str) -> str:
+    """Return bytes in UTF-8 as text.
+
+    Raises
+    ------
+    InvalidInputError
+        With the line of the first wrong byte.
+    """
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
-        raise InvalidInputError(f"{path}: expected text in UTF-8, got byte 0x{raw[error.start]:02x} in line {line}") from None
+        raise InvalidInputError(f"{where}: expected text in UTF-8, got byte 0x{raw[error.start]:02x} in line {line}") from None
     if "\0" in text:
         line = text[: text.index("\0")].count("\n") + 1
-        raise InvalidInputError(f"{path}: expected text, got a zero byte in line {line}")
+        raise InvalidInputError(f"{where}: expected text, got a zero byte in line {line}")
     return text
 
 

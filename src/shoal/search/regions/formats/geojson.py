@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,12 @@ import numpy as np
 from shoal.checks import parse_json, read_text
 from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
-from shoal.search.regions.outline_checks import Points, RegionOutline, RegionOutlines, Ring, is_true
+from shoal.search.regions.formats.marks import is_no_go, names_no_go
+from shoal.search.regions.limits import DEEPEST, LARGEST_FILE
+from shoal.search.regions.outline_checks import Points, RegionOutline, RegionOutlines, Ring
 
 _OTHER = {"Point", "MultiPoint", "LineString", "MultiLineString"}
+_SYSTEM = re.compile(r"[\w:/.() -]{1,200}", re.ASCII)  # EPSG:25832, urn:ogc:def:crs:OGC:1.3:CRS84: a name, no definition
 
 
 def read_geojson(path: Path) -> RegionOutlines:
@@ -22,10 +26,10 @@ def read_geojson(path: Path) -> RegionOutlines:
     ------
     InvalidInputError
     """
-    data = parse_json(read_text(path, what="region file"), where=str(path))
+    data = parse_json(read_text(path, what="region file", most=LARGEST_FILE), where=str(path))
     found: list[RegionOutline] = []
     passed: set[str] = set()
-    _walk(data, str(path), False, found, passed)
+    _walk(data, str(path), False, found, passed, DEEPEST)
     if not found:
         got = "only " + " and ".join(sorted(passed)) if passed else "none"
         raise InvalidInputError(f"{path}: expected a Polygon or MultiPolygon, got {got}")
@@ -35,22 +39,25 @@ def read_geojson(path: Path) -> RegionOutlines:
     return to_degrees(tuple(found), str(path), name)
 
 
-def _walk(data: Any, where: str, no_go: bool, found: list[RegionOutline], passed: set[str]) -> None:
+def _walk(data: Any, where: str, no_go: bool, found: list[RegionOutline], passed: set[str], deeper: int) -> None:
     """Collect the polygons of a GeoJSON object, and the types of what is no polygon."""
+    if not deeper:
+        raise InvalidInputError(f"{where[:80]}: expected geometries at most {DEEPEST} levels deep, got more")
     if not isinstance(data, dict):
         raise InvalidInputError(f"{where}: expected a GeoJSON object, got {_short(data)}")
     kind = data.get("type")
     if kind == "FeatureCollection":
+        zones = no_go or names_no_go(data.get("name"))
         for k, feature in enumerate(_list(data, "features", where)):
-            _walk(feature, f"{where}: feature {k + 1}", no_go, found, passed)
+            _walk(feature, f"{where}: feature {k + 1}", zones, found, passed, deeper - 1)
     elif kind == "Feature":
         if data.get("geometry") is not None:
-            properties = data.get("properties")
-            zone = isinstance(properties, dict) and is_true(properties.get("no_go"))
-            _walk(data["geometry"], where, no_go or zone, found, passed)
+            told = data.get("properties")
+            zone = is_no_go(told if isinstance(told, dict) else {}, data.get("id"))
+            _walk(data["geometry"], where, no_go or zone, found, passed, deeper - 1)
     elif kind == "GeometryCollection":
         for k, geometry in enumerate(_list(data, "geometries", where)):
-            _walk(geometry, f"{where}, geometry {k + 1}", no_go, found, passed)
+            _walk(geometry, f"{where}, geometry {k + 1}", no_go, found, passed, deeper - 1)
     elif kind == "Polygon":
         found.append(_polygon(_list(data, "coordinates", where), where, no_go))
     elif kind == "MultiPolygon":
@@ -101,6 +108,8 @@ def _crs_name(data: Any, where: str) -> str | None:
     name = properties.get("name") if isinstance(properties, dict) else None
     if not isinstance(name, str):
         raise InvalidInputError(f'{where}: expected a "crs" with the name of a coordinate reference system, got {_short(crs)}')
+    if _SYSTEM.fullmatch(name) is None:
+        raise InvalidInputError(f'{where}: expected a "crs" with a name such as EPSG:25832, got {_short(name)}')
     return name
 
 

@@ -1,18 +1,22 @@
-"""KML: the polygons of placemarks."""
+"""KML: the polygons of placemarks; KMZ: the same, zipped."""
 
 from __future__ import annotations
 
-import re
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
 
-from shoal.checks import read_text
+from shoal.checks import check_file, decoded, read_text
 from shoal.errors import InvalidInputError
+from shoal.search.regions.formats.marks import is_no_go, names_no_go
 from shoal.search.regions.formats.xml_tree import Element, XmlError, parse_xml
-from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring, is_true
+from shoal.search.regions.limits import LARGEST_FILE
+from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring
 
 _OTHER = ("Point", "LineString", "Track")
+_CONTAINERS = ("Document", "Folder")
 
 
 def read_kml(path: Path) -> RegionOutlines:
@@ -23,33 +27,70 @@ def read_kml(path: Path) -> RegionOutlines:
     InvalidInputError
         With the line.
     """
+    return _outlines(read_text(path, what="region file", most=LARGEST_FILE), str(path))
+
+
+def read_kmz(path: Path) -> RegionOutlines:
+    """Return the polygons in the first KML file of a KMZ archive.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    check_file(path, what="region file", most=LARGEST_FILE)
     try:
-        root = parse_xml(read_text(path, what="region file"), root="kml")
+        with zipfile.ZipFile(path) as archive:
+            inside = [one for one in archive.infolist() if one.filename.lower().endswith(".kml")]
+            if not inside:
+                raise InvalidInputError(f"{path}: expected a .kml file in the archive, got none")
+            with archive.open(inside[0]) as file:
+                raw = file.read(LARGEST_FILE + 1)
+    except (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error) as error:
+        raise InvalidInputError(f"{path}: expected a KMZ archive, got a damaged one or another format: {error}") from None
+    where = f"{path}: {inside[0].filename[:80]}"
+    if len(raw) > LARGEST_FILE:
+        raise InvalidInputError(f"{where}: expected at most {LARGEST_FILE} bytes, got more")
+    return _outlines(decoded(raw, where=where), where)
+
+
+def _outlines(text: str, where: str) -> RegionOutlines:
+    try:
+        root = parse_xml(text, root="kml")
     except XmlError as error:
-        raise InvalidInputError(f"{path}: line {error.line}: {error}") from None
-    zones = {id(polygon): _is_no_go(placemark) for placemark in root.all("Placemark") for polygon in placemark.all("Polygon")}
+        raise InvalidInputError(f"{where}: line {error.line}: {error}") from None
+    zones = _zones(root)
     found = [
-        _outline(polygon, f"{path}: polygon {number} (line {polygon.line})", path, no_go=zones.get(id(polygon), False))
+        _outline(polygon, f"{where}: polygon {number} (line {polygon.line})", where, no_go=id(polygon) in zones)
         for number, polygon in enumerate(root.all("Polygon"), start=1)
     ]
     if not found:
         passed = {element.tag for element in root.walk() if element.tag in (*_OTHER, "LinearRing")}
         got = "only " + " and ".join(sorted(passed)) if passed else "none"
-        raise InvalidInputError(f"{path}: expected a Polygon, got {got}")
-    return RegionOutlines(tuple(found), str(path), geographic=True)
+        raise InvalidInputError(f"{where}: expected a Polygon, got {got}")
+    return RegionOutlines(tuple(found), where, geographic=True)
+
+
+def _zones(root: Element) -> set[int]:
+    """Return the polygons, by identity, to keep out of: their placemark says so, or the name of a folder around it."""
+    marked = [one for one in root.walk() if one.tag in _CONTAINERS and names_no_go(_child(one, "name"))]
+    marked += [one for one in root.all("Placemark") if _is_no_go(one)]
+    return {id(polygon) for one in marked for polygon in one.all("Polygon")}
 
 
 def _is_no_go(placemark: Element) -> bool:
-    """Tell whether a placemark is a zone to keep out of: its name or its extended data say so."""
-    names = (child.text.strip() for child in placemark.children if child.tag == "name")
-    if any(re.match(r"no[-_ ]?go\b", name, flags=re.IGNORECASE) for name in names):
-        return True
-    data = [element for element in placemark.walk() if element.tag in ("Data", "SimpleData")]
-    values = [one.first("value") if one.tag == "Data" else one for one in data if one.attributes.get("name") == "no_go"]
-    return any(value is not None and is_true(value.text) for value in values)
+    told = {child: _child(placemark, child) for child in ("name", "description", "styleUrl")}
+    for one in placemark.walk():
+        if one.tag in ("Data", "SimpleData"):
+            value = one.first("value") if one.tag == "Data" else one
+            told[one.attributes.get("name", "")] = "" if value is None else value.text
+    return is_no_go({key: value for key, value in told.items() if key != "styleUrl"}, told["styleUrl"])
 
 
-def _outline(polygon: Element, where: str, path: Path, *, no_go: bool) -> RegionOutline:
+def _child(element: Element, tag: str) -> str | None:
+    return next((child.text for child in element.children if child.tag == tag), None)
+
+
+def _outline(polygon: Element, where: str, path: str, *, no_go: bool) -> RegionOutline:
     shells: list[Ring] = []
     holes: list[Ring] = []
     inner = {id(ring) for side in polygon.all("innerBoundaryIs") for ring in side.all("coordinates")}
@@ -65,7 +106,7 @@ def _outline(polygon: Element, where: str, path: Path, *, no_go: bool) -> Region
     return RegionOutline(shells[0], tuple(holes), no_go)
 
 
-def _ring(element: Element, where: str, path: Path) -> Ring:
+def _ring(element: Element, where: str, path: str) -> Ring:
     words = [(word, element.line + offset) for offset, row in enumerate(element.text.split("\n")) for word in row.split()]
     if not words:
         raise InvalidInputError(f"{where}: expected coordinates, got none")

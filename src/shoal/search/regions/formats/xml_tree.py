@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
-_DEEPEST = 100
+from shoal.search.regions.limits import DEEPEST, MOST_ELEMENTS
+
 
 
 class XmlError(Exception):
@@ -19,13 +20,18 @@ class XmlError(Exception):
 
 @dataclass
 class Element:
-    """One element: its name without namespace, its line, its attributes, its text and its children."""
+    """One element: its name without namespace, its line, its attributes, the parts of its text and its children."""
 
     tag: str
     line: int
     attributes: dict[str, str]
-    text: str = ""
+    parts: list[str] = field(default_factory=list)
     children: list[Element] = field(default_factory=list)
+
+    @property
+    def text(self) -> str:
+        """The text between the tags."""
+        return "".join(self.parts)
 
     def walk(self) -> Iterator[Element]:
         """Yield the elements below this one, in the order of the file."""
@@ -52,20 +58,25 @@ def parse_xml(text: str, *, root: str) -> Element:
     XmlError
         ``readable`` if the text is XML with another root.
     """
-    parser = expat.ParserCreate()
+    parser = expat.ParserCreate("utf-8")  # whatever encoding the text declares: it has been decoded
     parser.buffer_text = True
     top = Element("", 0, {})
     open_elements = [top]
+    count = 0
 
     def start(name: str, attributes: dict[str, str]) -> None:
-        if len(open_elements) > _DEEPEST:
+        if len(open_elements) > DEEPEST:
             raise XmlError("expected XML, got tags nested too deeply", parser.CurrentLineNumber)
+        nonlocal count
+        count += 1
+        if count > MOST_ELEMENTS:
+            raise XmlError(f"expected at most {MOST_ELEMENTS} elements, got more", parser.CurrentLineNumber)
         element = Element(name.rpartition(":")[2], parser.CurrentLineNumber, attributes)
         open_elements[-1].children.append(element)
         open_elements.append(element)
 
     def add(data: str) -> None:
-        open_elements[-1].text += data
+        open_elements[-1].parts.append(data)
 
     def refuse(*_: object) -> None:
         raise XmlError("expected XML without a document type, got <!DOCTYPE", parser.CurrentLineNumber)
@@ -75,7 +86,7 @@ def parse_xml(text: str, *, root: str) -> Element:
     parser.CharacterDataHandler = add
     parser.StartDoctypeDeclHandler = refuse
     try:
-        parser.Parse(text.encode(), True)
+        parser.Parse(text.encode(errors="replace"), True)
     except expat.ExpatError as error:
         said = expat.errors.messages[error.code]
         raise XmlError(f"expected XML, got something else: {said}", error.lineno) from None

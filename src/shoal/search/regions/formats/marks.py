@@ -1,0 +1,58 @@
+"""How files mark no-go zones: by a property that says yes, or by a name or a kind that says no-go, no-fly, NFZ or exclusion."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+_ZONE = r"(no[\W_]*(go|fly|entry)|nfz|exclusion|excluded?|keep[\W_]*out|restricted)([\W_]*(zone|area|polygon|region)s?)?"
+_KEY = re.compile(rf"(is[\W_]*)?{_ZONE}", re.IGNORECASE)
+_NAME = re.compile(rf"(?<![^\W_]){_ZONE}(?![^\W\d_])", re.IGNORECASE)
+_NAMES = {
+    "name", "title", "label", "id", "type", "kind", "class", "category", "zone", "zonetype", "areatype", "role", "purpose", "usage",
+    "use", "status", "description", "desc", "comment",
+}  # fmt: skip
+_NO = {"", "0", "0.0", "false", "no", "n", "none", "null", "off"}
+
+
+def may_mark(key: str) -> bool:
+    """Tell whether a property could mark a no-go zone.
+
+    Examples
+    --------
+    >>> [may_mark(key) for key in ("noGo", "NO_FLY_ZONE", "exclusion", "Name", "zone_type", "height")]
+    [True, True, True, True, True, False]
+    """
+    return _KEY.fullmatch(key.strip()) is not None or re.sub(r"[\W_]", "", key).lower() in _NAMES
+
+
+def is_no_go(properties: Mapping[str, Any], *names: Any) -> bool:
+    """Tell whether a feature is a no-go zone, by its properties and its names; a property that says no outweighs names.
+
+    Examples
+    --------
+    >>> [is_no_go({key: value}) for key, value in (("no-go", True), ("noGo", 1), ("nofly", "yes"), ("type", "exclusion zone"))]
+    [True, True, True, True]
+    >>> is_no_go({}, "NFZ 3"), is_no_go({"no_go": 0}, "No-Go: pond"), is_no_go({"name": "Pond"}), is_no_go({}, "Airport no fly zone")
+    (True, False, False, True)
+    """
+    said = [str(value).strip().lower() for key, value in properties.items() if value is not None and _KEY.fullmatch(key.strip())]
+    if said:
+        return any(value not in _NO for value in said)
+    texts = [(re.sub(r"[\W_]", "", key).lower(), value) for key, value in properties.items() if isinstance(value, str)]
+    kinds = [value for key, value in texts if key in _NAMES]
+    return any(_NAME.match(value.strip()) for value in kinds) or any(
+        _NAME.search(name) for name in (*names, *(value for key, value in texts if key == "name")) if isinstance(name, str)
+    )
+
+
+def names_no_go(name: Any) -> bool:
+    """Tell whether the name of a folder, a collection or a layer makes all in it no-go zones.
+
+    Examples
+    --------
+    >>> names_no_go("No-go zones"), names_no_go("Search area and no-go zones")
+    (True, False)
+    """
+    return isinstance(name, str) and _NAME.match(name.strip()) is not None

@@ -1,0 +1,34 @@
+"""Limits of region files: what is larger is refused in one sentence, before it is unfolded."""
+
+from __future__ import annotations
+
+from shoal.errors import InvalidInputError
+
+LARGEST_FILE = 20_000_000
+"""Bytes of a region file, and of what a KMZ unfolds to."""
+
+LARGEST_DATABASE = 2_000_000_000
+"""Bytes of a GeoPackage, of which only the layer that is asked for is read."""
+
+MOST_CORNERS = 200_000
+"""Corners of all polygons of a file together."""
+
+MOST_POLYGONS = 10_000
+"""Polygons of a file, or rings of a table."""
+
+MOST_ELEMENTS = 1_000_000
+"""Elements of an XML file."""
+
+DEEPEST = 100
+"""Levels of elements or geometries within each other."""
+
+
+def check_count(count: int, most: int, *, where: str, what: str) -> None:
+    """Refuse more than ``most`` things.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if count > most:
+        raise InvalidInputError(f"{where}: expected at most {most} {what}, got {count}")
