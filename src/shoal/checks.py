@@ -170,10 +170,10 @@ def read_text(path: Path, *, what: str, most: int = LARGEST_TEXT) -> str:
         raw = path.read_bytes()
     except OSError as error:
         raise InvalidInputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    return decoded(raw, where=str(path))
+    return decode_text(raw, where=str(path))
 
 
-def decoded(raw: bytes, *, where: str) -> str:
+def decode_text(raw: bytes, *, where: str) -> str:
     """Return bytes in UTF-8 as text.
 
     Raises

@@ -182,7 +182,13 @@ class SearchEpisode(Episode):
         return {
             "status": str(self.status),
             "reason": self.reason,
-            "region": {"name": grid.region.name, "cells": grid.n_cells, "area_m2": grid.region.area_m2, "cell_m": grid.size},
+            "region": {
+                "name": grid.region.name,
+                "cells": grid.n_cells,
+                "area_m2": grid.region.area_m2,
+                "cell_m": grid.size,
+                "no_go_zones": grid.region.no_go_zones,
+            },
             "robots": len(trace.robots),
             "tour": self.plan.tour.name,
             "allocation": allocation.allocator,
@@ -270,7 +276,7 @@ class SearchEpisode(Episode):
         problem, plan = self.problem, self.plan
         changes: dict[str, Any] = {}
         if problem.place_is_file() or problem.no_go:
-            changes |= {"region": plan.grid.region, "no_go": (), "layer": None, "across_zones": False}
+            changes |= {"region": plan.grid.region, "no_go": (), "layer": None, "inner": None, "across_zones": False}
         if isinstance(problem.starts, str) and os.path.exists(problem.starts):
             changes["starts"] = plan.places
         for name, cells in (("targets", self.scenario.targets), ("obstacles", self.scenario.obstacles)):

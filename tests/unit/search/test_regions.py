@@ -244,7 +244,7 @@ BAD_FILES = {
     "zones-only.geojson": (feature(polygon(FIELD), no_go=True), r"expected a polygon to search, got none but no-go zones"),
     "covered.geojson": (collection(feature(polygon(FIELD)), feature(polygon(FIELD), no_go=True)), r"the no-go zones cover wholly"),
     "columns.csv": ("0,0\n1,0,a,b\n1,1\n", r"line 2: expected x,y or x,y,ring in metres, got 4 columns"),
-    "semicolon.csv": ("0;0\n1;0\n1;1\n", r"line 1: .*got 1 columns; use commas"),
+    "tabs.csv": ("0\t0\n1\t0\n", r"line 1: .*got 1 columns"),
     "word.csv": ("0,0\n1,east\n1,1\n", r"line 2: expected two numbers, x,y in metres, got '1,east'"),
     "nan.csv": ("0,0\n1,nan\n1,1\n", r"line 2: expected finite coordinates, got \(1, nan\)"),
     "blank.csv": ("# nothing\n\n", r"expected vertices, one x,y a line, got none"),
@@ -269,10 +269,10 @@ BAD_FILES = {
         kml(placemark("&a;"), head='<!DOCTYPE k [<!ENTITY a "x">]>\n'),
         r"line 1: expected XML without a document type, got <!DOCTYPE",
     ),
-    "damaged.gpkg": (b"SQLite format 3\0 and no more", r"expected a file of shapes, got a damaged one"),
+    "damaged.gpkg": (b"SQLite format 3\0 and no more", r"expected a GeoPackage, got a damaged one"),
     "lonely.shp": (b"\0\0\x27\x0a", r"expected its index beside it in lonely.shx, got no such file"),
-    "field.txt": ("", r"expected a region file \(.geojson .json .kml .csv .gpkg .shp\), got the suffix '.txt'"),
-    "field.kmz": (b"PK", r"got the suffix '.kmz'"),
+    "field.txt": ("", r"expected a region file \(.geojson .json .kml .kmz .csv .shp .gpkg\), got the suffix '.txt'"),
+    "field.kmz": (b"PK", r"expected a KMZ archive, got a damaged one"),
 }
 
 

@@ -28,6 +28,9 @@ Folder = Annotated[
 _FIELDS = SearchProblem.declarations()
 Region = Annotated[str, typer.Argument(metavar="REGION", help=help_of(_FIELDS["region"]), show_default=False)]
 NoGo = Annotated[list[str] | None, typer.Option("--no-go", metavar="FILE", help=help_of(_FIELDS["no_go"]), show_default=False)]
+Layer = Annotated[str | None, typer.Option("--layer", help=help_of(_FIELDS["layer"]), show_default=False)]
+Inner = Annotated[str | None, typer.Option("--inner", help=help_of(_FIELDS["inner"]), show_default=False)]
+AcrossZones = Annotated[bool, typer.Option("--across-zones", help=help_of(_FIELDS["across_zones"]))]
 Footprint = Annotated[
     str | None,
     typer.Option(
@@ -69,6 +72,9 @@ def check(
     least: Least = 0.999,
     format_: Format = None,
     no_go: NoGo = None,
+    layer: Layer = None,
+    inner: Inner = None,
+    across_zones: AcrossZones = False,
     cap: Cap = None,
     vehicle: Vehicle = None,
     seed: Seed = 0,
@@ -86,7 +92,7 @@ def check(
     if out is not None:
         check_folder(out)
     sides = None if footprint is None else parsed(_FIELDS["footprint"], footprint)
-    searched = open_region(region, no_go=no_go or None)
+    searched = open_region(region, no_go=no_go or None, layer=layer, inner=inner, across_zones=across_zones)
     result = check_missions(folder, searched, sides, format=format_, cap=cap, vehicle=vehicle)
     written = [] if out is None else _write(result, out)
     if json_:
@@ -115,7 +121,8 @@ def _write(result: MissionCheck, out: Path) -> list[Path]:
 
 def _print(result: MissionCheck, written: list[Path]) -> None:
     seen = result.coverage
-    rows = [("region", f"{result.region.name}, {result.region.area_m2:.6g} m²"), ("format", result.format)]
+    region = result.region
+    rows = [("region", f"{region.name}, {region.area_m2:.6g} m²{zones_text(region.no_go_zones)}"), ("format", result.format)]
     rows += [("flown", f"{len(result.files)} missions, {result.n_waypoints} waypoints")]
     if seen is None:
         rows.append(("coverage", "not measured: give --footprint"))
@@ -129,6 +136,11 @@ def _print(result: MissionCheck, written: list[Path]) -> None:
     rows += [(diagnostic.severity, text) for diagnostic, text in _shown(result.diagnostics)]
     rows += [("written", str(path)) for path in written]
     print_table(rows, title="mission check")
+
+
+def zones_text(count: int) -> str:
+    """Return how many no-go zones there are, as the description of a region goes on; nothing if none."""
+    return f", {count} no-go zone{'s' * (count > 1)}" if count else ""
 
 
 def _footprint(sides: float | tuple[float, ...] | None) -> str:

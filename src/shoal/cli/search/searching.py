@@ -11,6 +11,7 @@ from shoal.checks import check_choice
 from shoal.cli import options
 from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, say, write_films
 from shoal.cli.problem_options import takes_problem
+from shoal.cli.search.missions import zones_text
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash
 
@@ -169,7 +170,10 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
         )
     )
     rows = [
-        ("region", f"{region['cells']} cells of {region['cell_m']:.4g} m, {region['area_m2']:.6g} m²"),
+        (
+            "region",
+            f"{region['cells']} cells of {region['cell_m']:.4g} m, {region['area_m2']:.6g} m²{zones_text(region['no_go_zones'])}",
+        ),
         ("status", f"{result['status']}: {result['reason']}"),
         ("time", length),
         ("covered", f"{100 * result['covered_fraction']:.4f} %, {result['uncovered_m2']:.3g} m² not seen"),

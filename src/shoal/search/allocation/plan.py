@@ -12,7 +12,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_integer, read_text
+from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.allocate import Allocation, Arc, allocate
 from shoal.search.allocation.arcs import numbers_of
@@ -24,6 +24,8 @@ from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.coverage import check_footprints
+from shoal.search.regions.formats.table import read_vertices
+from shoal.search.regions.outline_checks import text_of
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, make_tour
 
@@ -213,20 +215,40 @@ def start_points(grid: CellGrid, starts: str | ArrayLike, robots: int, rng: Gene
 
 
 def read_points(path: Path, region: SearchRegion, *, what: str, count: int | None = None) -> Points:
-    """Read points from a CSV file; a first line without numbers is a heading. Metres; float64, shape (k, 2)."""
-    found: list[tuple[float, float]] = []
-    for number, line in enumerate(read_text(path, what=f"table of {what}").splitlines(), start=1):
-        words = [word.strip() for word in line.replace(";", ",").split(",")]
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        try:
-            x, y = (float(word) for word in words)
-        except ValueError:
-            if not found and number == 1:
-                continue
-            raise InvalidInputError(f"{path}, line {number}: expected two numbers, got {line.strip()[:60]!r}") from None
-        found.append((x, y))
-    if count is not None and len(found) != count:
-        raise InvalidInputError(f"{path}: expected {count} {what}, one a robot, got {len(found)}")
-    points = np.array(found).reshape(-1, 2)
-    return points if region.frame is None else region.frame.to_metres(points)
+    """Read points from a CSV file; a heading may name the columns. Metres; float64, shape (k, 2).
+
+    Raises
+    ------
+    InvalidInputError
+        With the file's name; of longitudes and latitudes that are swapped, that they are.
+    """
+    rows, degrees = read_vertices(path, what=f"table of {what}")
+    points = np.array([row[:2] for row in rows if row is not None]).reshape(-1, 2)
+    if count is not None and len(points) != count:
+        raise InvalidInputError(f"{path}: expected {count} {what}, one a robot, got {len(points)}")
+    if region.frame is None and degrees:
+        raise InvalidInputError(f"{path}: expected metres, as the region {region.name!r} has no place on Earth, got degrees")
+    if region.frame is None or degrees is False:
+        return points
+    try:
+        found = region.frame.to_metres(points)
+    except InvalidInputError as error:
+        _refuse_swapped(points, region, path)
+        raise InvalidInputError(f"{path}: {error}") from None
+    if not region.contains(found).all():
+        _refuse_swapped(points, region, path)
+    return found
+
+
+def _refuse_swapped(points: Points, region: SearchRegion, path: Path) -> None:
+    """Refuse latitudes before longitudes, if that is what points outside of a region are."""
+    assert region.frame is not None
+    try:
+        swapped = bool(region.contains(region.frame.to_metres(points[:, ::-1])).all())
+    except InvalidInputError:
+        return
+    if swapped:
+        raise InvalidInputError(
+            f"{path}: expected longitude and then latitude, got the two swapped, as {text_of(points[0])}: "
+            "the other way they lie in the region"
+        )

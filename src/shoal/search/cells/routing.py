@@ -29,7 +29,7 @@ class Route:
     points : ndarray of float64, shape (k, 2)
         Metres; legs are straight between them.
     stops : ndarray of int64, shape (n,)
-        Where the stops are among the points.
+        Where the stops are candidates the points.
     transit : ndarray of bool, shape (k - 1,)
         Legs from one part of the region to another, which lead outside.
     """
@@ -162,10 +162,10 @@ class RegionPaths:
         straight, most = float(np.hypot(*(end - start))), _MARGINS[-1] * self.grid.size
         room = _MARGINS[0] * self.grid.size
         while True:
-            among = self._corners.within(np.minimum(start, end) - room, np.maximum(start, end) + room)
-            if len(among) > _MOST_CORNERS:
+            candidates = self._corners.within(np.minimum(start, end) - room, np.maximum(start, end) + room)
+            if len(candidates) > _MOST_CORNERS:
                 return best
-            found = self._corners.shortest(start, end, among)
+            found = self._corners.shortest(start, end, candidates)
             best = best if found is None else found
             # A way by corners farther off goes there and comes back.
             needed = np.inf if found is None else (length_of(found) - straight) / 2
@@ -190,9 +190,9 @@ class RegionPaths:
         if stops is None:
             return self._by_corners(start, end, np.arange(len(self._corners.corners)))
         way = pulled(region, self._within_pieces(stops))
-        among = self._corners_beside(way)
-        if len(among) <= _MOST_CORNERS:
-            tight = self._corners.shortest(start, end, among)
+        candidates = self._corners_beside(way)
+        if len(candidates) <= _MOST_CORNERS:
+            tight = self._corners.shortest(start, end, candidates)
             if tight is not None and length_of(tight) < length_of(way):
                 return tight
         return way
@@ -209,8 +209,8 @@ class RegionPaths:
             legs.append(leg[1:])
         return np.concatenate(legs)
 
-    def _by_corners(self, start: Points, end: Points, among: NDArray[np.int64]) -> Points:
-        found = self._corners.shortest(start, end, among)
+    def _by_corners(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points:
+        found = self._corners.shortest(start, end, candidates)
         if found is None:
             raise InvalidInputError(
                 f"way: expected a passage from {text_of(start)} to {text_of(end)}, got one that is narrower than rounding"

@@ -15,7 +15,7 @@ _STRAIGHT = 1e-12  # sine of a turn that is none
 _ALONG = 1e-9  # sine of the angle between lines that are one
 _AT_ONCE = 100_000  # segments tested in one call
 _LOOK_AHEAD = 64
-_START = -1  # among the numbers of corners
+_START = -1  # candidates the numbers of corners
 _AT_FIRST = 16  # corners that a start is asked for at once
 
 
@@ -59,19 +59,19 @@ class VisibilityGraph:
         """Return the numbers of the corners in a box."""
         return np.flatnonzero(((self.corners >= low) & (self.corners <= high)).all(axis=1))
 
-    def shortest(self, start: Points, end: Points, among: NDArray[np.int64]) -> Points | None:
+    def shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
         """Return the shortest way that bends at some corners only (A*), or None; float64, shape (k, 2).
 
         Which of them the start sees is asked by and by, the most likely ones first.
         """
         allowed = np.zeros(len(self.corners), dtype=np.bool_)
-        allowed[among] = True
-        wide = float(np.hypot(*np.ptp(self.corners[among], axis=0))) if len(among) else 0.0
+        allowed[candidates] = True
+        wide = float(np.hypot(*np.ptp(self.corners[candidates], axis=0))) if len(candidates) else 0.0
         to_end = np.hypot(*(self.corners - end).T)
         length = np.full(len(self.corners), np.inf)
         came = np.full(len(self.corners), _START)
         queue: list[tuple[float, int]] = []
-        first = among[self._touched(among, self.corners[among] - start)]
+        first = candidates[self._touched(candidates, self.corners[candidates] - start)]
         away = np.hypot(*(self.corners[first] - start).T)
         order = np.argsort(away + to_end[first], kind="stable")
         first, away = first[order], away[order]

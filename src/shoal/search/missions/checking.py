@@ -60,6 +60,7 @@ class MissionCheck:
         return {
             "region": self.region.name,
             "area_m2": self.region.area_m2,
+            "no_go_zones": self.region.no_go_zones,
             "format": self.format,
             "files": list(self.files),
             "waypoints": self.n_waypoints,

@@ -23,7 +23,7 @@ from shoal.search.problem.fields import (
     parse_count_or_path,
     parse_numbers,
 )
-from shoal.search.regions.builder import open_region
+from shoal.search.regions.builder import INNER, open_region
 from shoal.search.regions.region import SearchRegion
 
 AUTO_TOUR, AUTO_ALLOCATION = "spanning-tree", "hop"
@@ -67,7 +67,7 @@ class SearchProblem(Problem):
 
     region: Any = option(
         help="square:SIDE, rectangle:WxH, circle:RADIUS or ring:OUTERxINNER in metres, or a file: .geojson, .json, .kml, .gpkg, "
-        ".shp or .csv (metres).",
+        ".kmz, .shp or .csv (metres).",
         argument=True, metavar="REGION", check=check_region, dump=dump_region,
     )  # fmt: skip
     robots: int = option(4, help="How many there are.", least=1)
@@ -92,6 +92,10 @@ class SearchProblem(Problem):
         check=check_no_go, dump=dump_no_go,
     )  # fmt: skip
     layer: str | None = option(None, help="Which layer of a GeoPackage; needed if it has several.")
+    inner: str | None = option(
+        None, help="What a polygon is that lies in another one and is not marked as a no-go zone: no-go or search. A file with "
+        "one is refused if this is not said.", choices=INNER,
+    )  # fmt: skip
     across_zones: bool = option(False, help="Accept a region on both sides of a border between UTM zones.")
     turn_cost: float = option(0.0, help="What a turn costs, in cells.", least=0)
     speed: float = option(1.0, help="Of a robot.", unit="m/s", above=0)
@@ -149,8 +153,12 @@ class SearchProblem(Problem):
                 raise InvalidInputError(f"faults: expected a robot from 1 to {self.robots}, got {fault_text(fault)}")
         if self.crashes > self.robots:
             raise InvalidInputError(f"crashes: expected at most {self.robots}, one a robot, got {self.crashes}")
-        if isinstance(self.region, SearchRegion) and (self.no_go or self.layer is not None or self.across_zones):
-            raise InvalidInputError("region: expected a name or a file together with no_go, layer or across_zones, got an open one")
+        if isinstance(self.region, SearchRegion) and (
+            self.no_go or self.layer is not None or self.inner is not None or self.across_zones
+        ):
+            raise InvalidInputError(
+                "region: expected a name or a file together with no_go, layer, inner or across_zones, got an open one"
+            )
         if self.live is not None:
             if self.network != "perfect":
                 raise InvalidInputError(f"live: expected no network but a share of lost messages, got {self.network!r}")
@@ -176,13 +184,15 @@ class SearchProblem(Problem):
         """Open the region."""
         if isinstance(self.region, SearchRegion):
             return self.region
-        return open_region(self.region, no_go=list(self.no_go) or None, layer=self.layer, across_zones=self.across_zones)
+        return open_region(
+            self.region, no_go=list(self.no_go) or None, layer=self.layer, inner=self.inner, across_zones=self.across_zones
+        )
 
     def place_key(self) -> str | None:
         """Return the region's name with what is cut out of it; None for one that has been opened already."""
         if isinstance(self.region, SearchRegion):
             return None
-        kept = ("region", "no_go", "layer", "across_zones")
+        kept = ("region", "no_go", "layer", "inner", "across_zones")
         return self.canonical(without=("kind", *(name for name in self.declarations() if name not in kept)))
 
     def place_is_file(self) -> bool:

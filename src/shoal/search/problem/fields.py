@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +14,11 @@ from shoal.checks import check_integer, check_number, check_points, check_text, 
 from shoal.errors import InvalidInputError
 from shoal.search.problem.faults import Fault, fault_text
 from shoal.search.problem.network import network_of
+from shoal.search.regions.limits import LARGEST_FILE, check_count
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion, region_of
+
+_POLYGON = re.compile(r"\s*(MULTI)?POLYGON\b", re.IGNORECASE)
 
 
 def check_region(value: Any) -> str | SearchRegion:
@@ -35,22 +40,31 @@ def check_path(value: Any, what: str, expected: str) -> str:
 
 def _region_from(data: dict[str, Any]) -> SearchRegion:
     """Return the region that `dump_region` wrote."""
-    if set(data) != {"name", "area", "frame"}:
-        raise InvalidInputError(f"region: expected name, area and frame, got {shortened(sorted(data))}")
+    data = {"no_go": "POLYGON EMPTY", "no_go_zones": 0} | data
+    if set(data) != {"name", "area", "frame", "no_go", "no_go_zones"}:
+        raise InvalidInputError(f"region: expected name, area and frame, got {shortened(sorted(map(str, data)))}")
     frame = data["frame"]
     if frame is not None and (not isinstance(frame, list | tuple) or len(frame) != 2):
         raise InvalidInputError(f"region: frame: expected longitude and latitude, got {shortened(frame)}")
-    area = _polygon_from(check_text(data["area"], what="region: area"), "region")
-    return region_of(area, frame=None if frame is None else LocalFrame(*frame), name=check_text(data["name"], what="region: name"))
+    area, no_go = (_polygon_from(check_text(data[name], what=f"region: {name}"), f"region: {name}") for name in ("area", "no_go"))
+    count = check_integer(data["no_go_zones"], what="region: no_go_zones", least=0)
+    name, place = check_text(data["name"], what="region: name"), None if frame is None else LocalFrame(*frame)
+    zones = SearchRegion(no_go, place, no_go, name) if no_go.is_empty else region_of(no_go, frame=place, name=name)
+    return replace(region_of(area, frame=place, name=name), no_go=zones.area, no_go_zones=count)
 
 
 def _polygon_from(text: str, what: str) -> Any:
+    """Return the polygon of a well-known text, which can have no levels but those of polygons."""
     import shapely
 
-    try:
-        return shapely.from_wkt(text)
-    except shapely.errors.ShapelyError:
-        raise InvalidInputError(f"{what}: expected well-known text of a polygon, got something else") from None
+    check_count(len(text), LARGEST_FILE, where=what, what="characters")
+    if _POLYGON.match(text):
+        try:
+            with np.errstate(all="ignore"):  # 1e400 is refused as any coordinate that is too large
+                return shapely.from_wkt(text)
+        except (shapely.errors.ShapelyError, UnicodeError):
+            pass
+    raise InvalidInputError(f"{what}: expected well-known text of a polygon, got something else")
 
 
 def dump_region(value: str | SearchRegion) -> Any:
@@ -60,7 +74,8 @@ def dump_region(value: str | SearchRegion) -> Any:
     import shapely
 
     frame = None if value.frame is None else [value.frame.longitude, value.frame.latitude]
-    return {"name": value.name, "area": shapely.to_wkt(value.area, rounding_precision=-1), "frame": frame}
+    area, no_go = (shapely.to_wkt(shape, rounding_precision=-1) for shape in (value.area, value.no_go))
+    return {"name": value.name, "area": area, "frame": frame, "no_go": no_go, "no_go_zones": value.no_go_zones}
 
 
 def check_no_go(value: Any) -> tuple[Any, ...]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from shoal.checks import check_choice
 from shoal.errors import InvalidInputError
 from shoal.search.regions.builtin import builtin_region, is_builtin
 from shoal.search.regions.formats import read_outlines
@@ -25,6 +26,9 @@ from shoal.search.regions.outline_checks import (
 from shoal.search.regions.projection import REACH, LocalFrame, utm_zone
 from shoal.search.regions.region import SearchRegion, region_of
 
+INNER = ("no-go", "search")
+"""What an unmarked polygon inside another one may be."""
+
 
 def open_region(
     source: str | os.PathLike[str],
@@ -32,6 +36,7 @@ def open_region(
     no_go: Any = None,
     layer: str | None = None,
     across_zones: bool = False,
+    inner: str | None = None,
 ) -> SearchRegion:
     """Return a region by name or from a file.
 
@@ -39,7 +44,7 @@ def open_region(
     ----------
     source : str or path
         A name, in metres: ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` (both from the origin), ``circle:RADIUS``,
-        ``ring:OUTERxINNER`` (radii; both around the origin). Or a file: ``.geojson .json .kml .gpkg .shp`` (degrees, or a
+        ``ring:OUTERxINNER`` (radii; both around the origin). Or a file: ``.geojson .json .kml .kmz .gpkg .shp`` (degrees, or a
         projection that the file names) or ``.csv`` (metres); see `shoal.search.regions.formats`.
     no_go : optional
         Zones that robots keep out of, in the units of the source (longitude and latitude, or metres): a file of one of the formats
@@ -48,6 +53,9 @@ def open_region(
         Which layer of a GeoPackage; needed if it has several.
     across_zones : bool
         Accept a region on both sides of a border between UTM zones. Shoal's own frame does not mind; other tools may.
+    inner : "no-go" or "search", optional
+        What a polygon is that lies in another one, for the most part, and is not marked as a no-go zone. A file with such a polygon
+        is refused if it is not said.
 
     Returns
     -------
@@ -75,12 +83,16 @@ def open_region(
         if layer is not None:
             raise InvalidInputError(f"layer: expected it only with a GeoPackage, got {layer!r} with the region {text!r}")
         return build_region(builtin_region(text), extra, name=text, across_zones=across_zones)
+    if inner is not None:
+        check_choice(inner, what="inner", choices=INNER)
     found = read_outlines(text, layer=layer)
     name = os.path.splitext(os.path.basename(text))[0].encode("utf-8", "replace").decode()
-    return build_region(found, extra, name=name, across_zones=across_zones)
+    return build_region(found, extra, name=name, across_zones=across_zones, inner=inner)
 
 
-def build_region(found: RegionOutlines, extra: Sequence[Any], *, name: str, across_zones: bool) -> SearchRegion:
+def build_region(
+    found: RegionOutlines, extra: Sequence[Any], *, name: str, across_zones: bool, inner: str | None = None
+) -> SearchRegion:
     """Return the region of some outlines, less the no-go zones among them and those given beside.
 
     Raises
@@ -100,8 +112,13 @@ def build_region(found: RegionOutlines, extra: Sequence[Any], *, name: str, acro
     wanted = [_polygon(outline, frame, closed=found.closed) for outline in searched]
     taken = [_polygon(outline, frame, closed=found.closed) for outline in zones]
     taken += [_polygon(outline, frame, closed=False) for outline in beside]
+    if inner != "search":
+        inside = _inside_others(wanted, searched, refused=inner is None)
+        taken += [polygon for k, polygon in enumerate(wanted) if k in inside]
+        wanted = [polygon for k, polygon in enumerate(wanted) if k not in inside]
+    no_go = _joined(taken) if taken else None
     try:
-        return region_of(_joined(wanted), frame=frame, no_go=_joined(taken) if taken else None, name=name)
+        return region_of(_joined(wanted), frame=frame, no_go=no_go, name=name, no_go_zones=len(taken))
     except InvalidInputError as error:
         raise InvalidInputError(f"{found.where}: {error}") from None
 
@@ -120,6 +137,25 @@ def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) 
     flat = shapely.transform(degrees, frame.to_metres)
     # A vertex that lay on a side in degrees may come out a hair beyond it.
     return flat if flat.is_valid else flat.buffer(0)
+
+
+def _inside_others(polygons: list[Any], outlines: list[RegionOutline], *, refused: bool) -> set[int]:
+    """Return which polygons lie in another one, for the most part; the same polygon twice is none."""
+    import shapely
+
+    inside: set[int] = set()
+    for k, other in shapely.STRtree(polygons).query(polygons, predicate="intersects").T.tolist():
+        one, around = polygons[k], polygons[other]
+        if k == other or one.area > around.area or one.equals(around):
+            continue
+        if one.intersection(around).area > one.area / 2:
+            inside.add(k)
+            if refused:
+                raise InvalidInputError(
+                    f"{outlines[k].shell.where}: expected to be told whether this polygon, which lies in another and is not "
+                    "marked, is a no-go zone or a part to search; choose by --inner no-go or --inner search"
+                )
+    return inside
 
 
 def _joined(polygons: list[Any]) -> Any:
@@ -169,7 +205,7 @@ def _check_reach(ring: Ring, frame: LocalFrame) -> None:
 def _zone(zone: Any, what: str, found: RegionOutlines) -> list[RegionOutline]:
     """Return a no-go zone given beside the region as outlines in the region's units."""
     if isinstance(zone, str | os.PathLike):
-        read = read_outlines(zone)
+        read = read_outlines(zone, zones=True)
         if read.geographic != found.geographic:
             units = ["metres", "degrees"]
             raise InvalidInputError(

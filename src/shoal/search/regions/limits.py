@@ -16,11 +16,11 @@ MOST_CORNERS = 200_000
 MOST_POLYGONS = 10_000
 """Polygons of a file, or rings of a table."""
 
-MOST_ELEMENTS = 1_000_000
+MOST_ELEMENTS = 300_000
 """Elements of an XML file."""
 
 DEEPEST = 100
-"""Levels of elements or geometries within each other."""
+"""Levels of XML elements within each other."""
 
 
 def check_count(count: int, most: int, *, where: str, what: str) -> None:

@@ -17,7 +17,7 @@ Points = NDArray[np.float64]
 
 _FLAT = 1e-12  # of the size squared: a ring with a smaller area has no inside
 _POLE = 89.9  # degrees of latitude: nearer to a pole "east" turns within a region
-_FARTHEST_NUMBER = 1e9  # metres: beyond, a float64 cannot tell apart points that are a micrometre from each other
+FARTHEST = 1e9  # metres: beyond, a float64 cannot tell apart points that are a micrometre from each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +32,14 @@ class Ring:
         The file and the place in it, for error messages.
     lines : ndarray of int64, shape (n,), optional
         The line of the file that each vertex stands on.
+    no_go : bool
+        Whether the ring is marked as one of a no-go zone.
     """
 
     points: Points
     where: str
     lines: NDArray[np.int64] | None = None
+    no_go: bool = False
 
     def vertex(self, index: int) -> str:
         """Return where a vertex is, in words."""
@@ -175,11 +178,11 @@ def check_metres(ring: Ring) -> None:
     ------
     InvalidInputError
     """
-    far = np.abs(ring.points) > _FARTHEST_NUMBER
+    far = np.abs(ring.points) > FARTHEST
     if far.any():
         index = int(np.argmax(far.any(axis=1)))
         raise InvalidInputError(
-            f"{ring.vertex(index)}: expected coordinates of at most {_FARTHEST_NUMBER:g} m, got {text_of(ring.points[index])}"
+            f"{ring.vertex(index)}: expected coordinates of at most {FARTHEST:g} m, got {text_of(ring.points[index])}"
         )
 
 
@@ -247,14 +250,3 @@ def polygon_outlines(shape: Any, where: str, *, no_go: bool = False) -> list[Reg
         holes = tuple(Ring(shapely.get_coordinates(ring), f"{place}, hole {k + 1}") for k, ring in enumerate(part.interiors))
         found.append(RegionOutline(Ring(shapely.get_coordinates(part.exterior), place), holes, no_go))
     return found
-
-
-def is_true(value: Any) -> bool:
-    """Tell whether an attribute of a feature says yes.
-
-    Examples
-    --------
-    >>> [is_true(value) for value in (True, 1, "yes", " TRUE ", False, 0, "0", "", None)]
-    [True, True, True, True, False, False, False, False, False]
-    """
-    return str(value).strip().lower() in {"true", "1", "1.0", "yes"}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.search.regions.outline_checks import Points, check_plane_points, place_of, text_of
+from shoal.search.regions.outline_checks import FARTHEST, Points, check_plane_points, place_of, text_of
 from shoal.search.regions.projection import LocalFrame
 
 TOUCH = 1e-6  # metres: who is nearer to the region than this is in it
@@ -29,12 +29,15 @@ class SearchRegion:
     no_go : shapely Polygon or MultiPolygon
         The zones that were taken out; empty if there are none.
     name : str
+    no_go_zones : int
+        How many zones were given, some of which may overlap or lie outside.
     """
 
     area: Any
     frame: LocalFrame | None
     no_go: Any
     name: str
+    no_go_zones: int = 0
 
     @property
     def area_m2(self) -> float:
@@ -106,10 +109,13 @@ class SearchRegion:
 
     def __repr__(self) -> str:
         holes = sum(len(part.interiors) for part in self.parts)
-        return f"<SearchRegion {self.name!r}: {self.area_m2:.10g} m2, {len(self.parts)} parts, {holes} holes>"
+        zones = f", {self.no_go_zones} no-go zones" if self.no_go_zones else ""
+        return f"<SearchRegion {self.name!r}: {self.area_m2:.10g} m2, {len(self.parts)} parts, {holes} holes{zones}>"
 
 
-def region_of(area: Any, *, frame: LocalFrame | None = None, no_go: Any = None, name: str = "region") -> SearchRegion:
+def region_of(
+    area: Any, *, frame: LocalFrame | None = None, no_go: Any = None, name: str = "region", no_go_zones: int | None = None
+) -> SearchRegion:
     """Return the region of a Shapely polygon in metres, less the zones that robots must keep out of.
 
     Parameters
@@ -121,6 +127,8 @@ def region_of(area: Any, *, frame: LocalFrame | None = None, no_go: Any = None, 
     no_go : shapely Polygon or MultiPolygon, optional
         In the same metres; zones may overlap each other and reach outside.
     name : str
+    no_go_zones : int, optional
+        How many zones there are; by default the parts of ``no_go``.
 
     Raises
     ------
@@ -131,7 +139,7 @@ def region_of(area: Any, *, frame: LocalFrame | None = None, no_go: Any = None, 
     --------
     >>> import shapely
     >>> region_of(shapely.box(0, 0, 20, 10), no_go=shapely.box(5, 5, 10, 8))
-    <SearchRegion 'region': 185 m2, 1 parts, 1 holes>
+    <SearchRegion 'region': 185 m2, 1 parts, 1 holes, 1 no-go zones>
     """
     import shapely
 
@@ -141,7 +149,8 @@ def region_of(area: Any, *, frame: LocalFrame | None = None, no_go: Any = None, 
     if free.is_empty or not free.area > 0:
         got = "an empty one" if zones.is_empty else "one that the no-go zones cover wholly"
         raise InvalidInputError(f"{name}: expected a region with an area to search, got {got}")
-    return SearchRegion(free, frame, zones, name)
+    given = len(shapely.get_parts(zones)) if no_go_zones is None else no_go_zones
+    return SearchRegion(free, frame, zones, name, given)
 
 
 def _only_polygons(shape: Any, *, what: str) -> Any:
@@ -151,8 +160,10 @@ def _only_polygons(shape: Any, *, what: str) -> Any:
 
     if not isinstance(shape, shapely.Polygon | shapely.MultiPolygon):
         raise InvalidInputError(f"{what}: expected a Shapely Polygon or MultiPolygon, got {type(shape).__name__}")
-    if not np.isfinite(shapely.get_coordinates(shape)).all():
-        raise InvalidInputError(f"{what}: expected finite coordinates, got NaN or infinity")
+    points = shapely.get_coordinates(shape)
+    if not (np.abs(points) <= FARTHEST).all():
+        got = text_of(points[int(np.argmin((np.abs(points) <= FARTHEST).all(axis=1)))])
+        raise InvalidInputError(f"{what}: expected coordinates of at most {FARTHEST:g} m, got {got}")
     parts = shapely.get_parts(shapely.force_2d(shape))
     for index, part in enumerate(parts):
         if not part.is_valid:

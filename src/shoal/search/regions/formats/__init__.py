@@ -1,16 +1,16 @@
 """Read the polygons in a file; its suffix says the format.
 
-- ``.geojson .json``: GeoJSON; longitude first, degrees, unless an old "crs" member names another system. A feature whose property
-  ``no_go`` is true is a zone to keep out of.
-- ``.kml``: the polygons of its placemarks. A placemark is a no-go zone if its extended data say ``no_go`` = 1 or true, or if its
-  name begins with "no-go", "no_go" or "nogo".
-- ``.gpkg .shp``: in the coordinate reference system that they name (for a Shapefile, beside it in ``.prj``). A feature whose
-  field ``no_go`` is true is a no-go zone. A GeoPackage layer in no system on Earth is in metres.
-- ``.csv``: metres, one vertex a line, ``x,y``; a heading and lines beginning with # may be there. A blank line, or another value
-  in a third column, begins the next ring. Rings may be closed or not. A ring inside another is a hole of it, a ring inside a hole
-  a part again.
+- ``.geojson .json``: GeoJSON; longitude first, degrees, unless an old "crs" member names another system.
+- ``.kml .kmz``: the polygons of its placemarks; of a KMZ, those of the first KML file in it.
+- ``.gpkg .shp``: in the coordinate reference system that they name (for a Shapefile, beside it in ``.prj``). A GeoPackage layer in
+  no system on Earth is in metres.
+- ``.csv``: one vertex a line; a heading says what the columns are (``x_m,y_m``, or ``longitude,latitude``), lines beginning with #
+  are passed over. A blank line, or another value in a third column, begins the next ring. Rings may be closed or not. A ring inside
+  another is a hole of it, a ring inside a hole a part again.
 
-Points and lines in a file are passed over if it holds a polygon. Parts that overlap are taken together.
+A polygon is a no-go zone if a property of it says so (``no_go``, ``noFly``, ``exclusion`` and alike, unless false), or if its name
+or kind does ("No-go: pond", "NFZ 3"), or that of the folder, collection or layer that it is in. Points and lines in a file are
+passed over if it holds a polygon. Parts that overlap are taken together. Limits are in `shoal.search.regions.limits`.
 """
 
 from __future__ import annotations
@@ -22,21 +22,25 @@ from pathlib import Path
 from shoal.checks import check_file
 from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.geojson import read_geojson
-from shoal.search.regions.formats.kml import read_kml
-from shoal.search.regions.formats.layers import read_layer
+from shoal.search.regions.formats.geopackage import read_geopackage
+from shoal.search.regions.formats.kml import read_kml, read_kmz
+from shoal.search.regions.formats.shapefile import read_shapefile
 from shoal.search.regions.formats.table import read_table
+from shoal.search.regions.limits import LARGEST_DATABASE, MOST_CORNERS, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutlines
 
+_LAYERED = ".gpkg"
 _READERS: dict[str, Callable[[Path], RegionOutlines]] = {
     ".geojson": read_geojson,
     ".json": read_geojson,
     ".kml": read_kml,
+    ".kmz": read_kmz,
     ".csv": read_table,
+    ".shp": read_shapefile,
 }
-_LAYERED = (".gpkg", ".shp")
 
 
-def read_outlines(path: str | os.PathLike[str], *, layer: str | None = None) -> RegionOutlines:
+def read_outlines(path: str | os.PathLike[str], *, layer: str | None = None, zones: bool = False) -> RegionOutlines:
     """Return the polygons in a file.
 
     Parameters
@@ -44,23 +48,30 @@ def read_outlines(path: str | os.PathLike[str], *, layer: str | None = None) -> 
     path : path
     layer : str, optional
         Which layer of a GeoPackage.
+    zones : bool
+        Whether all that is in the file is to be kept out of: then all layers are read.
 
     Raises
     ------
     InvalidInputError
-        If the file is missing, damaged, of another format, or holds no polygon; the message says where.
+        If the file is missing, damaged, of another format, too large, or holds no polygon; the message says where.
     """
     source = Path(path)
     suffix = source.suffix.lower()
-    if suffix not in _READERS and suffix not in _LAYERED and not source.is_dir():
-        known = " ".join((*_READERS, *_LAYERED))
+    if suffix not in _READERS and suffix != _LAYERED and not source.is_dir():
+        known = " ".join((*_READERS, _LAYERED))
         raise InvalidInputError(f"{source}: expected a region file ({known}), got the suffix {source.suffix!r}")
     try:
-        check_file(source, what="region file")
-        if suffix in _LAYERED:
-            return read_layer(source, layer=layer)
-        if layer is not None:
+        check_file(source, what="region file", most=LARGEST_DATABASE)
+        if suffix == _LAYERED:
+            found = read_geopackage(source, layer=layer, every=zones)
+        elif layer is not None and (suffix, layer) != (".shp", source.stem):
             raise InvalidInputError(f"layer: expected it only with a GeoPackage, got {layer!r} with {source}")
-        return _READERS[suffix](source)
+        else:
+            found = _READERS[suffix](source)
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
+    check_count(len(found.outlines), MOST_POLYGONS, where=str(source), what="polygons")
+    corners = sum(len(ring.points) for outline in found.outlines for ring in outline.rings)
+    check_count(corners, MOST_CORNERS, where=str(source), what="corners")
+    return found

@@ -12,7 +12,7 @@ from shoal.checks import parse_json, read_text
 from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
 from shoal.search.regions.formats.marks import is_no_go, names_no_go
-from shoal.search.regions.limits import DEEPEST, LARGEST_FILE
+from shoal.search.regions.limits import LARGEST_FILE
 from shoal.search.regions.outline_checks import Points, RegionOutline, RegionOutlines, Ring
 
 _OTHER = {"Point", "MultiPoint", "LineString", "MultiLineString"}
@@ -29,7 +29,7 @@ def read_geojson(path: Path) -> RegionOutlines:
     data = parse_json(read_text(path, what="region file", most=LARGEST_FILE), where=str(path))
     found: list[RegionOutline] = []
     passed: set[str] = set()
-    _walk(data, str(path), False, found, passed, DEEPEST)
+    _walk(data, str(path), False, found, passed)
     if not found:
         got = "only " + " and ".join(sorted(passed)) if passed else "none"
         raise InvalidInputError(f"{path}: expected a Polygon or MultiPolygon, got {got}")
@@ -39,25 +39,23 @@ def read_geojson(path: Path) -> RegionOutlines:
     return to_degrees(tuple(found), str(path), name)
 
 
-def _walk(data: Any, where: str, no_go: bool, found: list[RegionOutline], passed: set[str], deeper: int) -> None:
+def _walk(data: Any, where: str, no_go: bool, found: list[RegionOutline], passed: set[str]) -> None:
     """Collect the polygons of a GeoJSON object, and the types of what is no polygon."""
-    if not deeper:
-        raise InvalidInputError(f"{where[:80]}: expected geometries at most {DEEPEST} levels deep, got more")
     if not isinstance(data, dict):
         raise InvalidInputError(f"{where}: expected a GeoJSON object, got {_short(data)}")
     kind = data.get("type")
     if kind == "FeatureCollection":
         zones = no_go or names_no_go(data.get("name"))
         for k, feature in enumerate(_list(data, "features", where)):
-            _walk(feature, f"{where}: feature {k + 1}", zones, found, passed, deeper - 1)
+            _walk(feature, f"{where}: feature {k + 1}", zones, found, passed)
     elif kind == "Feature":
         if data.get("geometry") is not None:
             told = data.get("properties")
             zone = is_no_go(told if isinstance(told, dict) else {}, data.get("id"))
-            _walk(data["geometry"], where, no_go or zone, found, passed, deeper - 1)
+            _walk(data["geometry"], where, no_go or zone, found, passed)
     elif kind == "GeometryCollection":
         for k, geometry in enumerate(_list(data, "geometries", where)):
-            _walk(geometry, f"{where}, geometry {k + 1}", no_go, found, passed, deeper - 1)
+            _walk(geometry, f"{where}, geometry {k + 1}", no_go, found, passed)
     elif kind == "Polygon":
         found.append(_polygon(_list(data, "coordinates", where), where, no_go))
     elif kind == "MultiPolygon":

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shoal.checks import check_file, decoded, read_text
+from shoal.checks import check_file, decode_text, read_text
 from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.marks import is_no_go, names_no_go
 from shoal.search.regions.formats.xml_tree import Element, XmlError, parse_xml
@@ -50,7 +50,7 @@ def read_kmz(path: Path) -> RegionOutlines:
     where = f"{path}: {inside[0].filename[:80]}"
     if len(raw) > LARGEST_FILE:
         raise InvalidInputError(f"{where}: expected at most {LARGEST_FILE} bytes, got more")
-    return _outlines(decoded(raw, where=where), where)
+    return _outlines(decode_text(raw, where=where), where)
 
 
 def _outlines(text: str, where: str) -> RegionOutlines:

@@ -16,31 +16,32 @@ _NAMES = {
 _NO = {"", "0", "0.0", "false", "no", "n", "none", "null", "off"}
 
 
-def may_mark(key: str) -> bool:
+def can_mark(key: str) -> bool:
     """Tell whether a property could mark a no-go zone.
 
     Examples
     --------
-    >>> [may_mark(key) for key in ("noGo", "NO_FLY_ZONE", "exclusion", "Name", "zone_type", "height")]
+    >>> [can_mark(key) for key in ("noGo", "NO_FLY_ZONE", "exclusion", "Name", "zone_type", "height")]
     [True, True, True, True, True, False]
     """
     return _KEY.fullmatch(key.strip()) is not None or re.sub(r"[\W_]", "", key).lower() in _NAMES
 
 
-def is_no_go(properties: Mapping[str, Any], *names: Any) -> bool:
-    """Tell whether a feature is a no-go zone, by its properties and its names; a property that says no outweighs names.
+def is_no_go(told: Mapping[str, Any], *names: Any) -> bool:
+    """Tell whether a feature is a no-go zone, by its told and its names; a property that says no outweighs names.
 
     Examples
     --------
     >>> [is_no_go({key: value}) for key, value in (("no-go", True), ("noGo", 1), ("nofly", "yes"), ("type", "exclusion zone"))]
     [True, True, True, True]
-    >>> is_no_go({}, "NFZ 3"), is_no_go({"no_go": 0}, "No-Go: pond"), is_no_go({"name": "Pond"}), is_no_go({}, "Airport no fly zone")
-    (True, False, False, True)
+    >>> is_no_go({}, "NFZ 3"), is_no_go({"no_go": 0}, "No-Go: pond"), is_no_go({}, "Airport no fly zone")
+    (True, False, True)
     """
-    said = [str(value).strip().lower() for key, value in properties.items() if value is not None and _KEY.fullmatch(key.strip())]
+    marks = [value for key, value in told.items() if value is not None and _KEY.fullmatch(key.strip())]
+    said = [str(value).strip().lower() for value in marks]
     if said:
         return any(value not in _NO for value in said)
-    texts = [(re.sub(r"[\W_]", "", key).lower(), value) for key, value in properties.items() if isinstance(value, str)]
+    texts = [(re.sub(r"[\W_]", "", key).lower(), value) for key, value in told.items() if isinstance(value, str)]
     kinds = [value for key, value in texts if key in _NAMES]
     return any(_NAME.match(value.strip()) for value in kinds) or any(
         _NAME.search(name) for name in (*names, *(value for key, value in texts if key == "name")) if isinstance(name, str)

@@ -1,90 +1,142 @@
-"""CSV: vertices in metres."""
+"""CSV: points and vertices, in metres or degrees, as the heading says."""
 
 from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from shoal.checks import read_text
 from shoal.errors import InvalidInputError
+from shoal.search.regions.formats.marks import names_no_go
+from shoal.search.regions.limits import LARGEST_FILE, MOST_CORNERS, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring, check_metres, check_ring, text_of
 
-_MOST_RINGS = 10_000
+_HEADINGS: dict[str, tuple[int, bool | None]] = {  # which coordinate a column is, and whether it is in degrees if that is known
+    **dict.fromkeys(("x", "east", "easting"), (0, None)),
+    **dict.fromkeys(("y", "north", "northing"), (1, None)),
+    **dict.fromkeys(("x_m", "x[m]", "x (m)"), (0, False)),
+    **dict.fromkeys(("y_m", "y[m]", "y (m)"), (1, False)),
+    **dict.fromkeys(("longitude", "lon", "lng", "long", "x_deg"), (0, True)),
+    **dict.fromkeys(("latitude", "lat", "y_deg"), (1, True)),
+}
+_LABELS = ("ring", "part", "polygon", "zone", "name")
+_WIDEST_IN_DEGREES = 2.0  # a region that is wider is refused, whatever its unit
 
 
-def read_table(path: Path) -> RegionOutlines:
-    """Return the polygons in a CSV file, in metres.
+class Vertex(NamedTuple):
+    """A point of a table, x or longitude first, with the text of a third column and its line."""
+
+    x: float
+    y: float
+    label: str | None
+    line: int
+
+
+def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -> tuple[list[Vertex | None], bool | None]:
+    """Return the points of a table, None for a blank line, and whether its heading names degrees (None if it does not say).
 
     Raises
     ------
     InvalidInputError
         With the line.
     """
-    rings = _rings(path)
-    if not rings:
-        raise InvalidInputError(f"{path}: expected vertices, one x,y a line, got none")
-    if len(rings) > _MOST_RINGS:
-        raise InvalidInputError(f"{path}: expected at most {_MOST_RINGS} rings, got {len(rings)}")
-    return RegionOutlines(_nested(rings), str(path), geographic=False, closed=False)
-
-
-def _rings(path: Path) -> list[Ring]:
-    """Return the rings of a file: vertices with their lines."""
-    groups: list[list[tuple[float, float, int]]] = [[]]
-    label: str | None = None
-    began = False
-    for number, line in enumerate(read_text(path, what="region file").splitlines(), start=1):
+    rows: list[Vertex | None] = []
+    order, label, degrees = [0, 1], 2, None
+    wide: int | None = None
+    for number, line in enumerate(read_text(path, what=what, most=LARGEST_FILE).splitlines(), start=1):
         if line.lstrip().startswith("#"):
             continue
-        if not line.strip(" ,\t"):
-            groups.append([])
+        if not line.strip(" ,;\t"):
+            rows.append(None)
             continue
-        columns = [column.strip() for column in next(csv.reader([line]))]
-        if not began and _is_heading(columns):
-            began = True
+        words = [word.strip() for word in next(csv.reader([line], delimiter="," if "," in line else ";"))]
+        if wide is None and (named := _named(words)) is not None:
+            order, label, degrees, wide = *named, len(words)
             continue
-        began = True
-        x, y, of = _vertex(columns, path, number)
-        if of != label:
-            label = of
+        if len(words) not in (2, 3) if wide is None else len(words) != wide:
+            raise InvalidInputError(f"{path}: line {number}: expected {columns}, got {len(words)} columns")
+        try:
+            x, y = (float(words[column]) for column in order)
+        except ValueError:
+            got = ",".join(words[:2])[:60]
+            raise InvalidInputError(f"{path}: line {number}: expected two numbers, x,y in metres, got {got!r}") from None
+        rows.append(Vertex(x, y, words[label] if label < len(words) else None, number))
+    return rows, degrees
+
+
+def _named(words: list[str]) -> tuple[list[int], int, bool | None] | None:
+    """Return which columns of a heading have x and y, which has the label, and whether they are in degrees; None for no heading."""
+    known = [(_HEADINGS[word.lower()], column) for column, word in enumerate(words) if word.lower() in _HEADINGS]
+    if sorted(axis for (axis, _), _ in known) != [0, 1]:
+        return None
+    order = [column for _, column in sorted(known)]
+    others = [column for column, word in enumerate(words) if word.lower() in _LABELS]
+    return order, others[0] if others else len(words), known[0][0][1]
+
+
+def read_table(path: Path) -> RegionOutlines:
+    """Return the polygons in a CSV file, in metres, or in degrees if its heading names longitude and latitude.
+
+    Raises
+    ------
+    InvalidInputError
+        With the line; also if what has no heading with a unit looks like degrees.
+    """
+    rows, degrees = read_vertices(path, what="region file", columns="x,y or x,y,ring in metres")
+    rings = _rings(rows, path)
+    if not rings:
+        raise InvalidInputError(f"{path}: expected vertices, one x,y a line, got none")
+    check_count(len(rings), MOST_POLYGONS, where=str(path), what="rings")
+    check_count(sum(len(ring.points) for ring in rings), MOST_CORNERS, where=str(path), what="corners")
+    points = np.concatenate([ring.points for ring in rings])
+    if degrees is None and _like_degrees(points):
+        wide, high = np.ptp(points, axis=0)
+        raise InvalidInputError(
+            f"{path}: expected x,y in metres, got {wide:.3g} by {high:.3g} around {text_of(points[0])}, which look like degrees; "
+            "head the columns longitude,latitude or x_m,y_m"
+        )
+    return RegionOutlines(_nested(rings, metres=not degrees), str(path), geographic=bool(degrees), closed=False)
+
+
+def _like_degrees(points: Any) -> bool:
+    """Tell whether vertices are rather degrees than metres: within their range, a region of few, and with many decimals."""
+    within = any((np.abs(points) <= most).all() for most in ([180, 90], [90, 180]))
+    many_decimals = np.abs(points * 1000 - np.round(points * 1000)) > 1e-6 if within else np.zeros(1)
+    return bool(within and (np.ptp(points, axis=0) < _WIDEST_IN_DEGREES).all() and many_decimals.any())
+
+
+def _rings(rows: list[Vertex | None], path: Path) -> list[Ring]:
+    """Return the rings of a file: vertices with their lines."""
+    groups: list[list[Vertex]] = [[]]
+    label: str | None = None
+    for row in rows:
+        if row is None or row.label != label:
             groups.append([])
-        groups[-1].append((x, y, number))
-    kept = [group for group in groups if group]
+        if row is not None:
+            label = row.label
+            groups[-1].append(row)
     return [
         Ring(
-            np.array([vertex[:2] for vertex in group]),
-            f"{path}: ring {k + 1} (from line {group[0][2]})",
-            np.array([vertex[2] for vertex in group]),
+            np.array([row[:2] for row in group]),
+            f"{path}: ring {k + 1} (from line {group[0].line})",
+            np.array([row.line for row in group]),
+            no_go=names_no_go(group[0].label),
         )
-        for k, group in enumerate(kept)
+        for k, group in enumerate(group for group in groups if group)
     ]
 
 
-def _is_heading(columns: list[str]) -> bool:
-    return len(columns) in (2, 3) and [column.lower() for column in columns] in (["x", "y"], ["x", "y", "ring"])
-
-
-def _vertex(columns: list[str], path: Path, line: int) -> tuple[float, float, str | None]:
-    if len(columns) not in (2, 3):
-        hint = "; use commas between columns" if len(columns) == 1 and ";" in columns[0] else ""
-        raise InvalidInputError(f"{path}: line {line}: expected x,y or x,y,ring in metres, got {len(columns)} columns{hint}")
-    try:
-        return float(columns[0]), float(columns[1]), columns[2] if len(columns) == 3 else None
-    except ValueError:
-        raise InvalidInputError(
-            f"{path}: line {line}: expected two numbers, x,y in metres, got {','.join(columns[:2])[:60]!r}"
-        ) from None
-
-
-def _nested(rings: list[Ring]) -> tuple[RegionOutline, ...]:
+def _nested(rings: list[Ring], *, metres: bool) -> tuple[RegionOutline, ...]:
     """Tell outlines from holes: a ring inside an odd number of others is a hole of the smallest of them."""
     import shapely
 
-    for ring in rings:
+    for ring in rings if metres else ():
         check_metres(ring)
+    zones = tuple(RegionOutline(ring, no_go=True) for ring in rings if ring.no_go)
+    rings = [ring for ring in rings if not ring.no_go]
     shapes: list[Any] = [shapely.Polygon(check_ring(ring, closed=False)) for ring in rings]
     tree = shapely.STRtree(shapes)
     within: list[list[int]] = [[] for _ in rings]
@@ -103,4 +155,4 @@ def _nested(rings: list[Ring]) -> tuple[RegionOutline, ...]:
     for k, outer in enumerate(within):
         if len(outer) % 2:
             holes[min(outer, key=lambda j: shapes[j].area)].append(rings[k])
-    return tuple(RegionOutline(rings[k], tuple(inner)) for k, inner in holes.items())
+    return (*(RegionOutline(rings[k], tuple(inner)) for k, inner in holes.items()), *zones)

@@ -9,7 +9,6 @@ from xml.parsers import expat
 from shoal.search.regions.limits import DEEPEST, MOST_ELEMENTS
 
 
-
 class XmlError(Exception):
     """What is wrong with an XML text, and in which line."""
 

@@ -1,0 +1,137 @@
+"""GeoPackage (OGC 12-128): an SQLite file, of which tables are read and nothing is run."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+from shoal.checks import check_file
+from shoal.errors import InvalidInputError
+from shoal.search.regions.formats.crs import to_degrees
+from shoal.search.regions.formats.layers import layer_polygons
+from shoal.search.regions.formats.marks import can_mark, names_no_go
+from shoal.search.regions.limits import LARGEST_DATABASE, LARGEST_FILE, MOST_POLYGONS, check_count
+from shoal.search.regions.outline_checks import RegionOutlines
+
+_STEPS = 50_000_000  # of SQLite's machine: a table of so many polygons needs a hundredth of that
+_AT_ONCE = 10_000
+_ENVELOPES = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}  # bytes before the geometry, by what the flags say
+_LAYERS = """
+    SELECT c.table_name, g.column_name, s.organization, s.organization_coordsys_id, s.definition
+    FROM gpkg_contents c JOIN gpkg_geometry_columns g ON g.table_name = c.table_name
+    LEFT JOIN gpkg_spatial_ref_sys s ON s.srs_id = g.srs_id WHERE c.data_type = 'features' ORDER BY c.rowid LIMIT 1000
+"""
+
+
+def read_geopackage(path: Path, *, layer: str | None, every: bool = False) -> RegionOutlines:
+    """Return the polygons in a layer, and those in layers whose names mark no-go zones.
+
+    Parameters
+    ----------
+    path : path
+    layer : str, optional
+    every : bool
+        Read all layers: those of a file of no-go zones.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    check_file(path, what="region file", most=LARGEST_DATABASE)
+    with _opened(path) as database:
+        known = {str(row[0]): row for row in database.execute(_LAYERS)}
+        names = [*known] if every else _chosen(path, layer, [*known])
+        read = [_outlines(database, path, known, name, layer) for name in names]
+    if len({one.geographic for one in read}) > 1:
+        raise InvalidInputError(f"{path}: expected all layers on Earth, or none of them, got some of both: {', '.join(names)[:80]}")
+    return RegionOutlines(tuple(outline for one in read for outline in one.outlines), str(path), read[0].geographic)
+
+
+def _chosen(path: Path, layer: str | None, names: list[str]) -> list[str]:
+    """Return the names of the layers to read: the one that is asked for, and those of no-go zones."""
+    zones = [name for name in names if names_no_go(name)]
+    searched = [name for name in names if name not in zones] or zones
+    if layer is not None and layer not in names:
+        raise InvalidInputError(f"{path}: expected one of the layers {', '.join(names)[:200]}, got {layer!r}")
+    if layer is None and len(searched) != 1:
+        got = f"{len(searched)}: {', '.join(searched)[:200]}; choose by the option layer" if searched else "none"
+        raise InvalidInputError(f"{path}: expected one layer of shapes, got {got}")
+    first = searched[0] if layer is None else layer
+    return [first, *(name for name in zones if name != first)]
+
+
+def _outlines(database: sqlite3.Connection, path: Path, known: dict[str, Any], name: str, asked: str | None) -> RegionOutlines:
+    """Return the polygons of one layer; all are no-go zones if its name says so and it was not asked for."""
+    table, column, organization, code, definition = known[name]
+    _check_table(database, path, str(table))
+    columns = [str(row[1]) for row in database.execute(f"PRAGMA table_info({_quoted(table)})")]
+    marks = [name for name in columns if can_mark(name) and name != column]
+    wanted = ", ".join(_quoted(name) for name in (column, *marks))
+    rows = database.execute(f"SELECT {wanted} FROM {_quoted(table)} LIMIT {MOST_POLYGONS + 1}").fetchall()
+    check_count(len(rows), MOST_POLYGONS, where=f"{path}, layer {table!r}", what="features")
+    where = str(path) if len(known) == 1 else f"{path}, layer {table!r}"
+    shapes = [_shape(blob, f"{where}: feature {number}") for number, (blob, *_) in enumerate(rows, start=1)]
+    told = [dict(zip(marks, values, strict=True)) for _, *values in rows]
+    found = layer_polygons(zip(shapes, told, strict=True), where, no_go=names_no_go(table) and table != asked)
+    who = str(organization or "none").upper()
+    if who == "NONE":
+        return RegionOutlines(found, str(path), geographic=False)
+    return to_degrees(found, str(path), f"EPSG:{code}" if who == "EPSG" else str(definition))
+
+
+def _check_table(database: sqlite3.Connection, path: Path, name: str) -> None:
+    """Refuse what is no plain table: a view or a virtual table runs what its author wrote."""
+    found = database.execute("SELECT type, sql FROM sqlite_master WHERE lower(name) = lower(?)", (name,)).fetchone()
+    kind = "nothing" if found is None else str(found[0])
+    if kind == "table" and "VIRTUAL" in str(found[1]).upper().split()[:2]:
+        kind = "virtual table"
+    if kind != "table":
+        raise InvalidInputError(f"{path}: expected a GeoPackage, with the table {name[:60]!r}, got a {kind}")
+
+
+def _shape(blob: Any, where: str) -> Any:
+    """Return a geometry; None if there is none."""
+    import shapely
+
+    data = b"" if blob is None else bytes(blob) if isinstance(blob, bytes) else b"?"
+    if not data:
+        return None
+    try:
+        if data[:2] != b"GP" or len(data) < 8:
+            raise ValueError
+        return shapely.force_2d(shapely.from_wkb(data[8 + _ENVELOPES[data[3] >> 1 & 7] :]))  # after its header
+    except (shapely.errors.ShapelyError, KeyError, ValueError):
+        raise InvalidInputError(f"{where}: expected a geometry of straight lines, got a damaged one or another kind") from None
+
+
+def _quoted(name: Any) -> str:
+    return '"' + str(name).replace('"', '""') + '"'
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """Give an SQLite file, read only, with no trust in what it has in store; what it raises becomes one sentence."""
+    left = _STEPS // _AT_ONCE
+
+    def step() -> bool:
+        nonlocal left
+        left -= 1
+        return left < 0
+
+    try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+            database.execute("PRAGMA trusted_schema = OFF")
+            database.execute("PRAGMA cell_size_check = ON")
+            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_FILE)
+            database.set_progress_handler(step, _AT_ONCE)
+            for name in ("gpkg_contents", "gpkg_geometry_columns", "gpkg_spatial_ref_sys"):
+                _check_table(database, path, name)
+            yield database
+    except (sqlite3.Error, sqlite3.Warning, OverflowError) as error:
+        why = (
+            f"one that keeps SQLite busy for more than {_STEPS} steps" if left < 0 else f"a damaged one or another format: {error}"
+        )
+        raise InvalidInputError(f"{path}: expected a GeoPackage, got {why[:160]}") from None
