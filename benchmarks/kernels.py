@@ -70,10 +70,8 @@ def play_packed(world: GridWorld, start: np.ndarray) -> None:
     state = world.initial(start)
     belief = make_task("mapping").begin(world, state)
     field = field_of(world.free.words, state, belief)
-    policy_state = policy_state_of(
-        world.layout, world.workspace.n_free, belief, rule="block", ties="column-major", neighbours="lurd", plan=""
-    )
-    policy_episode.play(policy.code, field, moves.BLOCK, True, policy_state, None, Trace.empty(4096))
+    policy_state = policy_state_of(world.layout, world.workspace.n_free, belief)
+    policy_episode.play_closest(policy.code, field, moves.BLOCK, True, policy_state, None, Trace.empty(4096))
 
 
 def play_plain(free: np.ndarray, start: np.ndarray) -> None:

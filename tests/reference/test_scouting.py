@@ -94,8 +94,7 @@ class Scene:
         belief = Belief(*(self.board(mask) for mask in (self.world.state == FREE, self.world.state > 0, self.world.frontier)))
         self.field = field_of(world.free.words, state, belief)
         scanning = ScanRule("adaptive", scan_cost=prices[0], move_cost=prices[1])
-        options = {"rule": rule, "ties": "column-major", "neighbours": "lurd", "plan": "", "scanning": scanning}
-        self.policy_state = policy_state_of(self.layout, free.size, belief, **options)
+        self.policy_state = policy_state_of(self.layout, free.size, belief, scanning=scanning)
         self.scout = scan_planner_of(self.layout, scanning)
         self.gain, self.lookahead = self.scout
 

@@ -14,11 +14,14 @@ import typer
 from shoal.cli.commands import app
 from shoal.cli.output import say
 from shoal.errors import ShoalError
+from shoal.notices import listeners
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run one command; return its exit code: 0, 1 (a check failed), 2 (bad input or output), 130 (interrupted)."""
     command = typer.main.get_command(app)
+    if say not in listeners:
+        listeners.append(say)
     given = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
         # Not command(...): that would turn an interruption or a closed pipe into an exit without a word from us.

@@ -10,7 +10,7 @@ import typer
 
 from shoal.checks import shortened
 from shoal.cli import options
-from shoal.cli.output import check_folder, patience, print_json, print_table, say
+from shoal.cli.output import check_folder, print_json, print_table, say
 from shoal.errors import InvalidInputError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -64,14 +64,11 @@ def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.imaging import segment_vessels
     from shoal.swarm.run import run
-    from shoal.swarm.simulation.compiled import load_kernels
 
     check_folder(out)
     photograph = retina()
     say("finding the vessels in the photograph ...")
     workspace = GridWorkspace(segment_vessels(photograph), name="retina")
-    with patience("compiling kernels: once after an installation, half a minute ..."):
-        load_kernels()
     say(f"mapping {workspace.n_free} cells with {particles} particles ...")
     episode = run(SwarmProblem(workspace, particles=particles, policy="closest-frontier"), seed=seed)
     result = summary([episode], seed=seed)

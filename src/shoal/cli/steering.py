@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, say, write_films
+from shoal.cli.output import check_folder, check_outputs, check_seed, print_json, print_table, say, write_films
 from shoal.cli.problem_options import takes_problem
 from shoal.errors import InvalidInputError
 from shoal.steering.problem import SteeringProblem
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 STEER_EXAMPLE = "Example: shoal steer problem.json --planner shortest --out plan"
 REACH_EXAMPLE = 'Example: shoal reach hexagon --start "-0.1,0 0.1,0.1" --moves 6'
-COMPILING = "compiling kernels: once after an installation, a minute ..."
 
 _Out = Annotated[
     Path | None,
@@ -52,8 +51,7 @@ def steer(
 
     problem.check_at_place()
     check_outputs(out, film)
-    with patience(COMPILING):
-        episode = run(problem, seed=seed)
+    episode = run(problem, seed=seed)
     written = _write_plan(episode, episode.report(), out, film)
     if json_:
         print_json(episode.report())
@@ -103,8 +101,7 @@ def replay_steering(
 
     episode = SteeringEpisode.load(episode_file, trust=trust)
     check_seed(episode_file, seed, episode.seed)
-    with patience(COMPILING):
-        proof = episode.verify()
+    proof = episode.verify()
     result = episode.report() | {"verified": proof.ok, "message": proof.message}
     written = _write_plan(episode, result, out, film) if proof else []
     if json_:
@@ -136,12 +133,11 @@ def reach(
     delta = points[1] - points[0]
     if out is not None:
         check_folder(out)
-    with patience(COMPILING):
-        if room.round:
-            sets: Any = disk_reach(float((delta @ delta) ** 0.5), moves=moves, radius=room.radius)
-        else:
-            sets = polygon_reach(room, delta, moves=moves)
-        fractions = [one.fraction() for one in sets]
+    if room.round:
+        sets: Any = disk_reach(float((delta @ delta) ** 0.5), moves=moves, radius=room.radius)
+    else:
+        sets = polygon_reach(room, delta, moves=moves)
+    fractions = [one.fraction() for one in sets]
     result = {
         "workspace": room.kind,
         "start": points.tolist(),
@@ -183,18 +179,17 @@ def demo_steer(out: Path, *, seed: int, json_: bool) -> None:
     ]
     results: dict[str, Any] = {}
     rows, files = [], []
-    with patience(COMPILING):
-        for name, workspace, start, goal, tolerance, planner in cases:
-            noise: dict[str, Any] = {"execution": 1e-3, "measurement": 1e-3, "gain": 0.2} if name == "noise" else {}
-            problem = SteeringProblem(workspace, start, goal, tolerance, planner=planner, **noise)
-            episode = run(problem, seed=seed)
-            save_figure(figure(episode), out / f"{name}.png")
-            episode.save(out / f"{name}.json")
-            files += [out / f"{name}.png", out / f"{name}.json"]
-            if name in ("square", "prism"):
-                files += write_films(episode, [out / f"{name}.html"])
-            results[name] = episode.report()
-            rows.append((name, f"{planner}: {episode.sentence}"))
+    for name, workspace, start, goal, tolerance, planner in cases:
+        noise: dict[str, Any] = {"execution": 1e-3, "measurement": 1e-3, "gain": 0.2} if name == "noise" else {}
+        problem = SteeringProblem(workspace, start, goal, tolerance, planner=planner, **noise)
+        episode = run(problem, seed=seed)
+        save_figure(figure(episode), out / f"{name}.png")
+        episode.save(out / f"{name}.json")
+        files += [out / f"{name}.png", out / f"{name}.json"]
+        if name in ("square", "prism"):
+            files += write_films(episode, [out / f"{name}.html"])
+        results[name] = episode.report()
+        rows.append((name, f"{planner}: {episode.sentence}"))
     if json_:
         print_json({"problems": results, "seed": seed, "files": [str(path) for path in files]})
         return

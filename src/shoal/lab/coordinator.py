@@ -19,6 +19,7 @@ from shoal.lab.sweeps.progress import Gap, SweepProgress, SweepStatus
 from shoal.lab.sweeps.sweep import Sweep, digest_of, distinct_places
 from shoal.lab.versions import MixedVersionsWarning, check_versions, mixture
 from shoal.lab.worker_pools import WorkerPool, make_worker_pool
+from shoal.swarm.problem import SwarmProblem
 
 BATCH_SECONDS = 0.5
 _LARGEST = 20_000  # trials in a batch
@@ -86,6 +87,7 @@ def run_sweep(
     """
     path = Path(store)
     inputs = prepare(sweep)
+    _load_kernels(sweep)
     with Store(path, write=True) as opened:
         with locked(path, sweep.name):
             opened.add(sweep, inputs, extend=extend)
@@ -122,7 +124,7 @@ def _run(
 
 
 def prepare(sweep: Sweep) -> dict[str, str]:
-    """See that every point can be played, compile what it needs, and return the digests of what it opens.
+    """See that every point can be played, and return the digests of what it opens.
 
     Raises
     ------
@@ -140,11 +142,16 @@ def prepare(sweep: Sweep) -> dict[str, str]:
         except ShoalError as error:
             where = ", ".join(f"{name} = {value}" for name, value in point.values.items())
             raise InvalidInputError(f"sweep {sweep.name}{', at ' * bool(where)}{where}: {error}") from None
-    if any(point.problem.part == "swarm" for point in sweep.points):
-        from shoal.swarm.simulation.compiled import load_kernels
-
-        load_kernels()  # before workers do, all at once
     return inputs
+
+
+def _load_kernels(sweep: Sweep) -> None:
+    """Compile what the trials of a sweep need, or load it, before workers do so all at once."""
+    for point in sweep.points:
+        if isinstance(point.problem, SwarmProblem):
+            from shoal.swarm.run import load_kernels
+
+            load_kernels(point.problem)
 
 
 @dataclass

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from shoal.checks import check_integer
 from shoal.episode import Status
 from shoal.errors import InvalidInputError
+from shoal.jit import Stopwatch
 from shoal.swarm.episode import SwarmEpisode
 from shoal.swarm.grid.placements import place
 from shoal.swarm.grid.randomness import noise_rng, trial_rng
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.grid.world import GridWorld, check_start
 from shoal.swarm.noise.simulated import noisy_belief
-from shoal.swarm.policies import ClosestFrontier, Compiled, PlannerPolicy, RandomMoves
+from shoal.swarm.policies import ClosestFrontier, Compiled, Offline, PlannerPolicy, Policy, RandomMoves
 from shoal.swarm.problem import SwarmProblem
-from shoal.swarm.simulation.compiled import Game, NoisyGame, PlannerGame, SearchGame, compiled_loop, is_compiled, load_kernels
+from shoal.swarm.simulation.compiled import Game, NoisyGame, PlannerGame, SearchGame, compiled_loop, is_compiled
 from shoal.swarm.simulation.deciders import Decider, ReplannedRuns, make_decider
 from shoal.swarm.simulation.exact import ExactSwarm
 from shoal.swarm.simulation.loop import Controlled, OnMoves, closed_loop
@@ -107,19 +108,17 @@ def _without_noise(
         return Trace.empty(0), Status.COMPLETE, first, 0.0
     # The commands of random-moves are drawn beforehand, one a move, so runs of them are not compiled.
     compiled = isinstance(policy, Compiled) and is_compiled(task) and (scanning.every_move or not isinstance(policy, RandomMoves))
-    began = time.perf_counter()
+    watch = Stopwatch()
     if not compiled or stepwise:
         decider = make_decider(scanning, policy, rule=world.rule, mapping=mapping, belief=belief, rng=rng)
-        return *_in_python(ExactSwarm(world, task, state, belief), decider, problem, mapping, on_moves), first, _since(began)
-    load_kernels(planner=isinstance(policy, PlannerPolicy))  # so that it is not counted as time of this episode
-    began = time.perf_counter()
+        return *_in_python(ExactSwarm(world, task, state, belief), decider, problem, mapping, on_moves), first, watch.seconds
     options: dict[str, Any] = {"rule": world.rule, "mapping": mapping, "rng": rng}
     game: Game
     if isinstance(policy, PlannerPolicy):
         game = PlannerGame(policy, world.free, state, belief, **options)
     else:
         game = SearchGame(policy, world.free, state, belief, **options, n_free=world.workspace.n_free, scanning=scanning)
-    return *compiled_loop(game, problem.max_moves, on_moves), first, _since(began)
+    return *compiled_loop(game, problem.max_moves, on_moves), first, watch.seconds
 
 
 def _with_noise(
@@ -133,12 +132,12 @@ def _with_noise(
     assert problem.noise is not None
     policy, every = problem.chosen_policy, problem.scanning.step
     noisy = noisy_belief(problem.place, start, problem.noise, problem.confidence, luck)
-    first, began = noisy.remaining, time.perf_counter()
+    first, watch = noisy.remaining, Stopwatch()
     if isinstance(policy, ClosestFrontier) and not stepwise:
         game = NoisyGame(policy, noisy, luck, every=every)
-        return *compiled_loop(game, problem.max_moves, on_moves), first, _since(began)
+        return *compiled_loop(game, problem.max_moves, on_moves), first, watch.seconds
     decider = ReplannedRuns(policy, rng, every=every, max_moves=problem.max_moves)
-    return *_in_python(NoisySwarm(noisy, luck), decider, problem, True, on_moves), first, _since(began)
+    return *_in_python(NoisySwarm(noisy, luck), decider, problem, True, on_moves), first, watch.seconds
 
 
 def _in_python(
@@ -147,5 +146,15 @@ def _in_python(
     return closed_loop(swarm, decider, max_moves=problem.max_moves, mapping=mapping, on_moves=on_moves)
 
 
-def _since(began: float) -> float:
-    return time.perf_counter() - began
+def load_kernels(problem: SwarmProblem) -> None:
+    """Load the kernels that a problem is played with, or compile them: play one like it in two cells."""
+    policy, task = problem.chosen_policy, problem.chosen_task
+    if isinstance(policy, Compiled | Offline) and is_compiled(task):
+        budget = {"budget": 1.0} if isinstance(policy, Offline) else {}
+        prices = {name: getattr(problem, name) for name in ("rule", "scan_every", "slip", "misplace", "miss")}
+        _load_kernels("mapping" if getattr(task, "mapping", True) else "coverage", type(policy)(**budget), **prices)
+
+
+@cache
+def _load_kernels(task: str, policy: Policy, **fields: Any) -> None:
+    run(SwarmProblem([[1, 1]], particles=1, task=task, policy=policy, **fields))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from shoal.search.missions import Mission
 
 SEARCH_EXAMPLE = "Example: shoal search ring:200x150 --robots 6 --footprint 10 --loss 0.3 --faults crash:2@20 --out found"
-COMPILING = "compiling kernels: once after an installation, half a minute ..."
 VEHICLES = ("px4", "ardupilot")
 _ROWS = 12
 
@@ -76,7 +76,7 @@ def search(
     problem.check_at_place()
     writer = None if missions is None else MissionWriter(missions, format_, vehicle, kind, altitude, cap)
     check_outputs(out, film)
-    with patience(COMPILING if problem.live is None else "searching with one process a robot ..."):
+    with nullcontext() if problem.live is None else patience("searching with one process a robot ..."):
         episode = run(problem, seed=seed)
     finish(episode, [] if writer is None else writer.write(episode), out, film, json_=json_)
 
@@ -199,11 +199,10 @@ def replay_search(
     """Replay a search: ``shoal replay EPISODE.json``."""
     from shoal.search import SearchEpisode
 
-    with patience(COMPILING):
-        episode = SearchEpisode.load(episode_file, trust=trust)
-        check_seed(episode_file, seed, episode.seed)
-        verified = episode.verify()
-        result = episode.report() | {"verified": verified.ok, "message": verified.message}
+    episode = SearchEpisode.load(episode_file, trust=trust)
+    check_seed(episode_file, seed, episode.seed)
+    verified = episode.verify()
+    result = episode.report() | {"verified": verified.ok, "message": verified.message}
     written = write_outputs(episode, result, out, film) if verified else []
     if json_:
         print_json(result)
@@ -229,9 +228,8 @@ def demo_search(out: Path, *, seed: int, json_: bool) -> None:
         turn_cost=0.5,
         speed=5.0,
     )
-    with patience(COMPILING):
-        episode = run(problem, seed=seed)
-        result = episode.report()
+    episode = run(problem, seed=seed)
+    result = episode.report()
     written = MissionWriter(out / "missions", "plan,kml", "px4", "multirotor").write(episode)
     written += write_outputs(episode, result, out, [out / "search.html"])
     if json_:

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, patience, print_json, print_table
+from shoal.cli.output import check_folder, print_json, print_table
 from shoal.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from shoal.search import Tour
 
 TOUR_EXAMPLE = "Example: shoal tour spanning-tree cave:64x48 --out tour"
-COMPILING = "compiling kernels: once after an installation, half a minute ..."
 FILES = ("tour.png", "tour.csv", "summary.json")
 
 
@@ -54,9 +53,8 @@ def tour(
     region = parse_size(size)
     if out is not None:
         check_folder(out)
-    with patience(COMPILING):
-        made = make_tour(name, region)
-        result = report(made, region=size)
+    made = make_tour(name, region)
+    result = report(made, region=size)
     written = [] if out is None else _write_tour(made, result, out)
     if json_:
         print_json(result)

@@ -64,16 +64,12 @@ def cover(
 
 
 def load_kernels_for(problem: SwarmProblem) -> None:
-    """Load the kernels that a problem needs; say so if they have to be compiled."""
-    from shoal.swarm.policies import Compiled, Offline, PlannerPolicy
-    from shoal.swarm.simulation.compiled import load_kernels
+    """Load the kernels that a problem needs, or compile them."""
+    from shoal.swarm.policies import Compiled, Offline
+    from shoal.swarm.run import load_kernels
 
-    if isinstance(problem.chosen_policy, Compiled):
-        with patience("compiling kernels: once after an installation, half a minute ..."), no_linear_algebra():
-            load_kernels()
-    if isinstance(problem.chosen_policy, PlannerPolicy | Offline):
-        with patience("compiling the planner: once after an installation, a minute ..."), no_linear_algebra():
-            load_kernels(planner=True)
+    with no_linear_algebra() if isinstance(problem.chosen_policy, Compiled | Offline) else nullcontext():
+        load_kernels(problem)
 
 
 def _play(
@@ -88,7 +84,7 @@ def _play(
     check_integer(trials, what="trials", least=1)
     if workers is not None:
         check_integer(workers, what="workers", least=1)
-    problem.check_at_place()  # before half a minute of compiling
+    problem.check_at_place()  # before kernels are compiled
     load_kernels_for(problem)
     whole = isinstance(problem.chosen_policy, Offline)
     planned = patience("making a whole plan before the first move ...") if whole else nullcontext()

@@ -54,7 +54,7 @@ def line(
         check_folder(out)
     drawn = None
     if monte_carlo is not None:
-        with patience("compiling kernels: once after an installation ..."), progress("placements", monte_carlo, shown=True) as told:
+        with progress("placements", monte_carlo, shown=True) as told:
             drawn = sample(chosen, monte_carlo, seed=seed, workers=workers, on_trials=told)
     with patience("counting placements ..."):
         result = line_summary(chosen, drawn, seed=seed)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, patience, print_json, print_table, quiet, say, warnings_said
+from shoal.cli.output import check_folder, print_json, print_table, quiet, say, warnings_said
 from shoal.cli.sweep.results import StoreFile, Unused, check_table
 from shoal.errors import InvalidInputError
 from shoal.files import write_json
@@ -67,7 +67,7 @@ def run(
     sweep = replace(sweep, **changes)
     if out is not None:
         check_table(out)
-    with patience("compiling kernels: once after an installation, half a minute ..."), quiet():
+    with quiet():
         from shoal.lab.coordinator import prepare
 
         prepare(sweep)

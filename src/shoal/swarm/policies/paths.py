@@ -41,10 +41,10 @@ def search_of(layout: GridLayout, *, ties: str, neighbours: str, plan_size: int)
     )
 
 
-def slides_of(layout: GridLayout, rule: str) -> tilt_search.Slides:
-    """Return the work space of the tilt search; empty for other rules."""
+def slides_of(layout: GridLayout) -> tilt_search.Slides:
+    """Return the work space of the tilt search."""
     rows, words = layout.words
-    size = rows * words * 64 if rule == "tilt" else 0
+    size = rows * words * 64
     return tilt_search.Slides(np.zeros(size, np.int64), np.zeros(size, np.int8), np.zeros(size, np.int64))
 
 
@@ -105,7 +105,7 @@ def route_to_frontier(
         frontier=belief.frontier.words.ravel(),
     )
     if rule == "tilt":
-        length = tilt_search.nearest_by_tilts(field, space, slides_of(layout, rule), field.occupied, mapping)
+        length = tilt_search.nearest_by_tilts(field, space, slides_of(layout), field.occupied, mapping)
     else:
         length = frontier_search.nearest(field, space, field.occupied)
     row, column = (int(i) for i in space.origin)

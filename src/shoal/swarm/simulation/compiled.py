@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,7 +23,7 @@ from shoal.swarm.kernels.episodes import planner_episode, policy_episode, scan_r
 from shoal.swarm.kernels.prediction import expected_gain, lookahead
 from shoal.swarm.kernels.records import new_record
 from shoal.swarm.noise.belief import NoisyBelief
-from shoal.swarm.policies import GreedyClassify, Manual, PlannerPolicy
+from shoal.swarm.policies import PlannerPolicy
 from shoal.swarm.policies.paths import search_of, slides_of
 from shoal.swarm.policies.planners.state import Pace, new_prior, planner_of, seed_of
 
@@ -75,6 +75,20 @@ def compiled_loop(
     return trace, status
 
 
+def trail_of(layout: GridLayout) -> policy_episode.DepthFirstSpace:
+    """Return the memory of depth-first, which has been nowhere yet."""
+    return policy_episode.DepthFirstSpace(empty_boards(layout, 1)[0], np.zeros(int(np.prod(layout.window)), dtype=np.int8))
+
+
+PLAYED: dict[int, tuple[Any, Callable[[GridLayout], Any]]] = {
+    policy_episode.CLOSEST: (policy_episode.play_closest, lambda _: None),
+    policy_episode.ELECT: (policy_episode.play_elect, lambda layout: policy_episode.ElectSpace(empty_boards(layout, 1)[0])),
+    policy_episode.DEPTH_FIRST: (policy_episode.play_depth_first, trail_of),
+    policy_episode.SWEEP: (policy_episode.play_sweep, lambda _: None),
+}
+"""By the code of a policy: the kernel that plays it, and what makes the space that it works in; given commands need neither."""
+
+
 class SearchGame:
     """A policy of the papers at play: those that kernels/episodes knows.
 
@@ -101,7 +115,12 @@ class SearchGame:
         self.layout, self.field = state.occupied.layout, field_of(free.words, state, belief)
         options = {name: getattr(policy, name) for name in ("ties", "neighbours") if hasattr(policy, name)}
         plan = getattr(policy, "commands", "")
-        self.policy_state = policy_state_of(self.layout, n_free, belief, rule=rule, plan=plan, scanning=scanning, **options)
+        self.play, space_of = PLAYED.get(policy.code, PLAYED[policy_episode.CLOSEST])
+        if rule == "tilt" and policy.code == policy_episode.CLOSEST:
+            self.play, space_of = policy_episode.play_tilts, slides_of
+        self.policy_state = policy_state_of(
+            self.layout, n_free, belief, plan=plan, scanning=scanning, space=space_of(self.layout), **options
+        )
         self.scan_planner = scan_planner_of(self.layout, scanning)
         if not belief.complete:
             choose_driven(policy.code, state, self.policy_state, rng)
@@ -110,9 +129,7 @@ class SearchGame:
         """Play a piece; see `Game`. What is random is drawn here, outside the kernel."""
         if self.code == policy_episode.RANDOM:
             trace.commands[:] = self.rng.integers(0, len(self.policy_state.search.neighbours), size=trace.moves)
-        played, status = policy_episode.play(
-            self.code, self.field, self.rule, self.mapping, self.policy_state, self.scan_planner, trace
-        )
+        played, status = self.play(self.code, self.field, self.rule, self.mapping, self.policy_state, self.scan_planner, trace)
         return int(played), int(status)
 
     @property
@@ -249,23 +266,21 @@ def policy_state_of(
     n_free: int,
     belief: Belief,
     *,
-    rule: str,
     ties: str = "column-major",
     neighbours: str = "lurd",
-    plan: str,
+    plan: str = "",
     scanning: ScanRule | None = EVERY_MOVE,
+    space: Any = None,
 ) -> policy_episode.PolicyState:
     """Return the memory of a built-in policy that has not decided anything yet, or follows ``plan``."""
-    space = search_of(layout, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), lookahead.LONGEST_PLAN))
+    search = search_of(layout, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), lookahead.LONGEST_PLAN))
     memory = new_record(policy_episode.MEMORY)
     memory.run_command, memory.scanned = -1, 1
     memory.remaining = len(belief.frontier)
     if plan:
-        space.plan[: len(plan)] = encode(plan, ndim=layout.ndim)
+        search.plan[: len(plan)] = encode(plan, ndim=layout.ndim)
         memory.plan_length = len(plan)
-    single, visited = empty_boards(layout, 2)
-    trail = np.zeros(n_free + 2, dtype=np.int8)
-    return policy_episode.PolicyState(memory, space, slides_of(layout, rule), single, visited, trail, scanning_of(scanning))
+    return policy_episode.PolicyState(memory, search, scanning_of(scanning), space)
 
 
 def choose_driven(code: int, state: SwarmState, policy_state: policy_episode.PolicyState, rng: Generator) -> None:
@@ -276,17 +291,3 @@ def choose_driven(code: int, state: SwarmState, policy_state: policy_episode.Pol
     cell = cells[rng.integers(0, len(cells)) if code == policy_episode.ELECT else 0] + 1
     layer = int(cell[0]) if layout.ndim == 3 else 0
     policy_state.memory.row, policy_state.memory.column = layer * layout.rows + cell[-2], cell[-1]
-
-
-@cache
-def load_kernels(*, planner: bool = False) -> None:
-    """Load the kernels of episodes, or compile them if this installation has not yet; takes effect once in a process."""
-    layout = GridLayout((1, 1))
-    here = Board.of_cells(layout, [(0, 0)])
-    state, belief, rng = SwarmState(here), Belief(here, here, here), np.random.default_rng(0)
-    if planner:
-        first = PlannerGame(GreedyClassify(), here, state, belief, rule="block", mapping=True, rng=rng)
-        planner_episode.play_planner(first.code, first.field, first.rule, True, first.planner, Trace.empty(0))
-    else:
-        game = SearchGame(Manual(), here, state, belief, rule="block", mapping=True, n_free=1, rng=rng, scanning=EVERY_MOVE)
-        game.play_on(Trace.empty(0), 0)

@@ -105,7 +105,7 @@ class AdaptiveRuns:
         layout = belief.open.layout
         size = int(np.prod(layout.window))
         self.rule, self.mapping = rule, mapping
-        self.policy_state = policy_state_of(layout, size, belief, rule=rule, plan="", scanning=scanning, **options)
+        self.policy_state = policy_state_of(layout, size, belief, scanning=scanning, **options)
         self.scan_planner = scan_planner_of(layout, scanning)
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:

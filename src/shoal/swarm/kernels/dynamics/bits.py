@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 
 ZERO = np.uint64(0)
 ONE = np.uint64(1)
@@ -23,7 +23,7 @@ _SUM = np.uint64(0x0101010101010101)
 _HIGH = np.uint64(56)
 
 
-@kernel
+@in_place_kernel
 def popcount(word):
     """Return the number of set bits, as int64 (the compiler knows this form and emits one instruction)."""
     word = word - ((word >> ONE) & _PAIRS)
@@ -32,19 +32,19 @@ def popcount(word):
     return np.int64((word * _SUM) >> _HIGH)
 
 
-@kernel
+@in_place_kernel
 def lowest(word):
     """Return the index of the lowest set bit of a word that is not zero, as int64."""
     return popcount(~word & (word - ONE))
 
 
-@kernel
+@in_place_kernel
 def has(words, width, row, column):
     """Tell whether a cell is in a board of ``width`` words a row."""
     return (words[row * width + (column >> 6)] >> np.uint64(column & 63)) & ONE != ZERO
 
 
-@kernel
+@in_place_kernel
 def put(words, width, row, column):
     """Add a cell to a board."""
     words[row * width + (column >> 6)] |= ONE << np.uint64(column & 63)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, has, popcount
 
 BLOCK, MERGE, TILT = 0, 1, 2
@@ -40,7 +40,7 @@ class Field(NamedTuple):
     width: int  # words of a row
 
 
-@kernel
+@in_place_kernel
 def segments(field, command):
     """Return (lines, words from line to line, first word, words of a line, words to the next row) of a cross-row command.
 
@@ -57,7 +57,7 @@ def segments(field, command):
     return 1, 0, 0, (field.layers - 1) * layer, layer
 
 
-@kernel
+@in_place_kernel
 def move_across(field, command, rule):
     """Move from row to row (u, d, i, o) and learn; return (travelled, classified, added to the frontier)."""
     lines, line_stride, first, length, ahead = segments(field, command)
@@ -74,7 +74,7 @@ def move_across(field, command, rule):
     return travelled, classified, added
 
 
-@kernel
+@in_place_kernel
 def move_words(field, source, size, ahead, rule):
     """Move ``size`` words from ``source`` on by ``ahead`` words; return the cells travelled and the unknown cells tried.
 
@@ -98,7 +98,7 @@ def move_words(field, source, size, ahead, rule):
     return travelled, some
 
 
-@kernel
+@in_place_kernel
 def learn(field, first, last):
     """Classify the block of tried cells, words ``first`` to ``last - 1``, by where particles are now; return (classified, added).
 
@@ -131,7 +131,7 @@ def learn(field, first, last):
     return classified, added
 
 
-@kernel
+@in_place_kernel
 def add_frontier(field, i, cells):
     """Add the unknown ones of ``cells`` to one word of the frontier; return how many are new."""
     new = cells & ~field.known[i] & ~field.frontier[i]
@@ -139,7 +139,7 @@ def add_frontier(field, i, cells):
     return popcount(new)
 
 
-@kernel
+@in_place_kernel
 def stay_left(free, before, staying, rule):
     """Fill ``staying`` with the particles that a move to the left leaves where they are."""
     inner = free.shape[0] - 1
@@ -159,7 +159,7 @@ def stay_left(free, before, staying, rule):
                 staying[i + 1] |= before[i + 1] & ~(before[i + 1] + ONE)
 
 
-@kernel
+@in_place_kernel
 def stay_right(free, before, staying, rule):
     """Fill ``staying`` with the particles that a move to the right leaves where they are."""
     inner = free.shape[0] - 1
@@ -180,7 +180,7 @@ def stay_right(free, before, staying, rule):
                 staying[i] |= fill_down(seed, before[i])
 
 
-@kernel
+@in_place_kernel
 def fill_down(seeds, runs):
     """Return the bits of ``runs`` that a chain of set bits connects to a higher or equal bit of ``seeds``."""
     for doubling in range(6):
@@ -190,7 +190,7 @@ def fill_down(seeds, runs):
     return seeds
 
 
-@kernel
+@in_place_kernel
 def move_along(field, command, rule):
     """Move along the rows (l, r) and learn; return (travelled, classified, added to the frontier)."""
     travelled, classified, added = 0, 0, 0
@@ -206,7 +206,7 @@ def move_along(field, command, rule):
     return travelled, classified, added
 
 
-@kernel
+@in_place_kernel
 def move_block(field, command, rule, first, last):
     """Move whole rows, words ``first`` to ``last - 1``; return the cells travelled and the unknown cells tried."""
     occupied, known = field.occupied[first:last], field.known[first:last]
@@ -240,7 +240,7 @@ def move_block(field, command, rule, first, last):
     return travelled, some
 
 
-@kernel
+@in_place_kernel
 def carry_counts(field, command):
     """Move the particle counts of rule merge; return the cells travelled."""
     free, counts, width = field.free, field.counts, field.width
@@ -264,7 +264,7 @@ def carry_counts(field, command):
     return travelled
 
 
-@kernel
+@in_place_kernel
 def push(field, command, rule):
     """Try one cell with every particle; return (cells travelled, cells classified, cells added to the frontier)."""
     carried = carry_counts(field, command) if rule == MERGE else 0

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ZERO, popcount
 from shoal.swarm.kernels.dynamics.moves import TILT, push
 
 
-@kernel
+@in_place_kernel
 def cover(field):
     """Take the occupied cells out of the frontier; return how many that were."""
     frontier, occupied = field.frontier, field.occupied
@@ -22,7 +22,7 @@ def cover(field):
     return covered
 
 
-@kernel
+@in_place_kernel
 def step(field, command, rule, mapping):
     """Carry out one command of any rule; return (cells travelled, cells done, change of the frontier count)."""
     travelled, done, change = 0, 0, 0

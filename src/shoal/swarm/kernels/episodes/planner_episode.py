@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shoal.jit import inlined_kernel, kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import popcount
 from shoal.swarm.kernels.dynamics.steps import step
 from shoal.swarm.kernels.episodes.policy_episode import COMPLETE, RUNNING, STALLED
@@ -15,7 +15,7 @@ GREEDY, ROLLOUT = 6, 7  # as the codes of `play`
 FADING = 8  # moves that find something, over which surprises are remembered
 
 
-@inlined_kernel
+@in_place_kernel
 def choose(code, field, mapping, planner):
     """Return the next command, -1 if there is none."""
     if code == GREEDY:
@@ -23,7 +23,7 @@ def choose(code, field, mapping, planner):
     return choose_rollout(field, mapping, planner)
 
 
-@kernel
+@in_place_kernel
 def measure_surprise(field, planner):
     """Count the cells just found free, and those of them that had been predicted to be walls or not at all."""
     memory, before, predicted = planner.memory, planner.prior.before, planner.prediction.open
@@ -36,7 +36,7 @@ def measure_surprise(field, planner):
         memory.surprise += (WHOLE * surprises // found - memory.surprise) // FADING
 
 
-@inlined_kernel
+@in_place_kernel
 def observe_outcome(field, mapping, planner, command, done):
     """Let a planner see what its last command did."""
     memory = planner.memory
@@ -46,7 +46,7 @@ def observe_outcome(field, mapping, planner, command, done):
         measure_surprise(field, planner)
 
 
-@kernel
+@in_place_kernel
 def play_planner(code, field, rule, mapping, planner, trace):
     """Play until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED)."""
     memory = planner.memory

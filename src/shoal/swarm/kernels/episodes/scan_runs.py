@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.prediction.expected_gain import ExpectedGain, best_length, gains_of_runs
 from shoal.swarm.kernels.prediction.lookahead import Lookahead, explore, write_plan
 from shoal.swarm.kernels.search.frontier_search import nearest
@@ -30,7 +30,7 @@ class ScanPlanner(NamedTuple):
     lookahead: Lookahead
 
 
-@kernel
+@in_place_kernel
 def interval(kind, step, streak):
     """Return the length of a run after ``streak`` others in the same direction: scans lie at k, 2k, ..., 1, 2, 4, ... or i^i."""
     if kind == EQUAL:
@@ -43,7 +43,7 @@ def interval(kind, step, streak):
     return (i + 1) ** (i + 1) - i**i
 
 
-@kernel
+@in_place_kernel
 def stretch(plan, at, length):
     """Return how many equal commands a plan has from ``at`` on."""
     end = at + 1
@@ -52,7 +52,7 @@ def stretch(plan, at, length):
     return end - at
 
 
-@kernel
+@in_place_kernel
 def decide_adaptive(field, rule, mapping, search, scan_planner):
     """Plan a walk through known cells and a last run; return (length of the plan, steps of its last run, 0 if not yet known).
 
@@ -85,7 +85,7 @@ def decide_adaptive(field, rule, mapping, search, scan_planner):
     return length, 0
 
 
-@kernel
+@in_place_kernel
 def last_run(field, mapping, plan, at, length, scan_planner):
     """Return the steps of the last stretch of an adaptive plan: further than planned if that classifies more for its cost."""
     steps = stretch(plan, at, length)

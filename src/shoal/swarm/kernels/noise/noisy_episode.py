@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, popcount, put
 from shoal.swarm.kernels.noise.noisy_state import classify, learn_noisy, look, move_noisy, spread_noisy
 from shoal.swarm.kernels.records import record_type
@@ -40,7 +40,7 @@ class ProgressGuard(NamedTuple):
     memory: Any  # a record of MEMORY
 
 
-@kernel
+@in_place_kernel
 def find_frontier(field, given_up):
     """Fill the frontier with cells that are neither classified nor given up, beside one classified as free; return how many."""
     cells, width, size = field.open, field.width, field.open.shape[0]
@@ -66,7 +66,7 @@ def find_frontier(field, given_up):
     return count
 
 
-@kernel
+@in_place_kernel
 def refresh(noisy, field, guard):
     """Write the boards of the belief; return how many cells are classified for the first time."""
     classify(noisy, field.open, field.known, field.occupied, field.width)
@@ -78,7 +78,7 @@ def refresh(noisy, field, guard):
     return fresh
 
 
-@kernel
+@in_place_kernel
 def wake(field, search, guard):
     """Plan any command if no cell is classified as free yet, as scans that are often wrong need a few moves to be sure of one."""
     memory = guard.memory
@@ -89,7 +89,7 @@ def wake(field, search, guard):
     return 1
 
 
-@kernel
+@in_place_kernel
 def anybody(board):
     """Tell whether a board has a cell."""
     some = ZERO
@@ -98,7 +98,7 @@ def anybody(board):
     return some != ZERO
 
 
-@kernel
+@in_place_kernel
 def choose(field, search, guard, most):
     """Plan the path to the nearest frontier cell, giving up those that take too long.
 
@@ -127,7 +127,7 @@ def choose(field, search, guard, most):
     return 0
 
 
-@kernel
+@in_place_kernel
 def play_noisy(noisy, field, search, guard, rng, trace, every, limit):
     """Play until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
 
@@ -149,7 +149,7 @@ def play_noisy(noisy, field, search, guard, rng, trace, every, limit):
     return trace.commands.shape[0], RUNNING
 
 
-@kernel
+@in_place_kernel
 def step_noisy(noisy, field, guard, rng, trace, move):
     """Send the command that the trace has for a move, scan if it says so, and fill in the other columns."""
     command = trace.commands[move]
@@ -163,7 +163,7 @@ def step_noisy(noisy, field, guard, rng, trace, move):
     trace.frontier[move] = guard.memory.remaining
 
 
-@kernel
+@in_place_kernel
 def follow_noisy(noisy, field, guard, rng, trace):
     """Send the commands of the trace, with its scans, instead of planning: a replay."""
     for move in range(trace.commands.shape[0]):

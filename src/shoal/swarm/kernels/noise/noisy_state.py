@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO
 from shoal.swarm.kernels.records import record_type
 
@@ -44,13 +44,13 @@ class NoisyState(NamedTuple):
     columns: int
 
 
-@kernel
+@in_place_kernel
 def chance(logit):
     """Return the probability of log-odds."""
     return 1.0 / (1.0 + np.exp(-logit))
 
 
-@kernel
+@in_place_kernel
 def first_and_step(size, offset):
     """Return (first cell, step) that take the cells ahead before those behind."""
     if offset > 0:
@@ -58,7 +58,7 @@ def first_and_step(size, offset):
     return 0, 1
 
 
-@kernel
+@in_place_kernel
 def move_noisy(noisy, command, rng):
     """Move the particles by rule block; each stays of itself with the rate of slips. Return how many moved."""
     offset = noisy.offsets[command]
@@ -73,7 +73,7 @@ def move_noisy(noisy, command, rng):
     return travelled
 
 
-@kernel
+@in_place_kernel
 def look(noisy, rng):
     """Fill ``seen``: each particle is missed, seen in a random neighbouring cell, or seen where it is."""
     there, seen, misplace, miss = noisy.there, noisy.seen, noisy.rates.misplace, noisy.rates.miss
@@ -90,7 +90,7 @@ def look(noisy, rng):
             seen[at] = True
 
 
-@kernel
+@in_place_kernel
 def first_belief(noisy):
     """Begin the belief with the first scan: where something is seen there is a particle, unless it was seen beside its cell."""
     misplace, miss = noisy.rates.misplace, noisy.rates.miss
@@ -104,7 +104,7 @@ def first_belief(noisy):
             noisy.logit[at] = min(SURE, np.log(free / (1.0 - free)))
 
 
-@kernel
+@in_place_kernel
 def foresee(noisy, command):
     """Fill ``staying`` and ``moved``: where particles may be after a command, before it is looked."""
     inside, staying, moved = noisy.inside, noisy.staying, noisy.moved
@@ -124,7 +124,7 @@ def foresee(noisy, command):
         at += step
 
 
-@kernel
+@in_place_kernel
 def spread_noisy(noisy, command):
     """Take in a command that no scan follows: particles go where they may have gone, and nothing is learnt of the cells."""
     foresee(noisy, command)
@@ -132,7 +132,7 @@ def spread_noisy(noisy, command):
         noisy.inside[at] = noisy.moved[at] if noisy.moved[at] > FAINT else 0.0
 
 
-@kernel
+@in_place_kernel
 def stray(noisy, at, but):
     """Return the probability that a scan shows in a cell a particle of a neighbouring one, other than ``but``."""
     share = (1.0 - noisy.rates.miss) * noisy.rates.misplace / noisy.offsets.shape[0]
@@ -143,7 +143,7 @@ def stray(noisy, at, but):
     return 1.0 - none
 
 
-@kernel
+@in_place_kernel
 def likelihood(seen_behind, seen_here, behind, here, stray_behind, stray_here, hit, share):
     """Return the probability of two detections if particles are (or are not) behind and here after the move."""
     neither = (1.0 - stray_behind) * (1.0 - stray_here)
@@ -161,7 +161,7 @@ def likelihood(seen_behind, seen_here, behind, here, stray_behind, stray_here, h
     return not_behind - neither if seen_here else neither
 
 
-@kernel
+@in_place_kernel
 def weigh(noisy, at, offset):
     """Weigh what was seen in a cell and behind it; return (log-odds gained that it is free, probability of a particle in it)."""
     inside, seen, slip = noisy.inside, noisy.seen, noisy.rates.slip
@@ -195,7 +195,7 @@ def weigh(noisy, at, offset):
     return gained, free * particle / (total + tiny)
 
 
-@kernel
+@in_place_kernel
 def learn_noisy(noisy, command):
     """Take in a scan after one command."""
     foresee(noisy, command)
@@ -214,10 +214,11 @@ def learn_noisy(noisy, command):
             after[at] = held if held > FAINT else 0.0
         else:
             after[at] = 0.0
-    inside[:] = after
+    for at in range(after.shape[0]):
+        inside[at] = after[at]
 
 
-@kernel
+@in_place_kernel
 def classify(noisy, open_words, known_words, occupied_words, width):
     """Write boards of the belief: cells classified as free, classified at all, and holding a particle more likely than not."""
     rows, columns, bound = noisy.rows, noisy.columns, noisy.rates.bound

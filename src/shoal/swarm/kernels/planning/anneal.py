@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.planning.completion import most
 from shoal.swarm.kernels.planning.frontier_paths import path_to_nearest
 from shoal.swarm.kernels.planning.planner_state import draw
@@ -34,7 +34,7 @@ class AnnealedPlan(NamedTuple):
     every: int
 
 
-@kernel
+@in_place_kernel
 def change(planner, plans, length):
     """Write the present plan, changed, into the trial; return (first move that is new, length).
 
@@ -65,7 +65,7 @@ def change(planner, plans, length):
     return at, end
 
 
-@kernel
+@in_place_kernel
 def finish(planner, state, plan, at, length, limit):
     """Play a plan in ``state`` from move ``at`` on, and go on greedily until nothing is left, writing the commands behind it.
 
@@ -93,7 +93,7 @@ def finish(planner, state, plan, at, length, limit):
     return at, simulated + at - begin
 
 
-@kernel
+@in_place_kernel
 def keep_states(planner, plans, at, length):
     """Keep the states on the way of the present plan behind the one that is kept next before move ``at``; return the moves."""
     place = at // plans.every
@@ -105,7 +105,7 @@ def keep_states(planner, plans, at, length):
     return length - place * plans.every
 
 
-@kernel
+@in_place_kernel
 def anneal(planner, plans, length, fewest, heat, budget):
     """Change the plan, which begins at ``planner.root``, until so many moves have been simulated.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.planning.frontier_paths import outlook
 from shoal.swarm.kernels.prediction.forward_model import advance, copy_state, digest, immediate_gains
 
@@ -23,7 +23,7 @@ class Beam(NamedTuple):
     child: NDArray[np.uint64]  # a state
 
 
-@kernel
+@in_place_kernel
 def place_for(values, marks, size, value, mark):
     """Return where a child goes: a free place, that of the same state or of the worst if it is better; -1 if nowhere."""
     for i in range(size):
@@ -38,7 +38,7 @@ def place_for(values, marks, size, value, mark):
     return worst if value > values[worst] else -1
 
 
-@kernel
+@in_place_kernel
 def lowest_value(values, size):
     """Return the value that a child has to beat: that of the worst, if all places are taken."""
     if size < values.shape[0]:
@@ -49,7 +49,7 @@ def lowest_value(values, size):
     return worst
 
 
-@kernel
+@in_place_kernel
 def search_beam(scene, root, beam, space, discount, width, depth, weight_ahead, rate, cap):
     """Search from a state; return (which of the two halves holds the leaves, how many they are, moves simulated).
 
@@ -94,7 +94,7 @@ def search_beam(scene, root, beam, space, discount, width, depth, weight_ahead, 
     return old, size, simulated
 
 
-@kernel
+@in_place_kernel
 def take_best(ranks, size):
     """Return the index of the best leaf, and forget its rank so that the next call returns the next."""
     best = 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import popcount
 from shoal.swarm.kernels.planning.frontier_paths import NEXT, TOO_FAR, WAVE, beside, path_to_nearest
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, advance, immediate_gains, push
@@ -17,7 +17,7 @@ from shoal.swarm.kernels.prediction.lookahead import copy
 GREEDY, CAREFUL = np.int64(0), np.int64(1)  # typed, since a kernel is compiled anew for each literal argument
 
 
-@kernel
+@in_place_kernel
 def most(gains, last):
     """Return the command that classifies most, the last one if it is among them; -1 if none classifies anything."""
     best = last if last >= 0 and gains[last] > 0 else np.int64(-1)
@@ -27,7 +27,7 @@ def most(gains, last):
     return best
 
 
-@kernel
+@in_place_kernel
 def most_careful(scene, state, gains, moved, planes, last, charge):
     """Return the command that classifies most, less ``charge`` times the cells left behind, of those that classify any."""
     best, best_worth = -1, 0.0
@@ -51,7 +51,7 @@ def most_careful(scene, state, gains, moved, planes, last, charge):
     return best
 
 
-@kernel
+@in_place_kernel
 def left_behind(scene, occupied, at_hand, still):
     """Return how many of the frontier cells that were at hand are neither tried just now nor at hand any more."""
     beside(scene, occupied, at_hand, still)
@@ -61,7 +61,7 @@ def left_behind(scene, occupied, at_hand, still):
     return lost
 
 
-@kernel
+@in_place_kernel
 def complete(scene, state, space, plan, length, horizon, discount, style, charge, worth, expected, best):
     """Simulate the first ``length`` commands of a plan and then go on by the base policy, writing its commands behind them.
 

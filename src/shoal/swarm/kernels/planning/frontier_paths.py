@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ZERO, has, lowest, popcount
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, directions
 from shoal.swarm.kernels.search.frontier_search import ahead, dilate, opposite
@@ -12,7 +12,7 @@ PLANES = 7
 TOO_FAR = -1
 
 
-@kernel
+@in_place_kernel
 def begin_waves(scene, state, planes):
     """Set the planes to distance 0 at the particles."""
     occupied, frontier = state[OCCUPIED], state[FRONTIER]
@@ -29,7 +29,7 @@ def begin_waves(scene, state, planes):
         following[i] = ZERO
 
 
-@kernel
+@in_place_kernel
 def spread(scene, planes, level):
     """Replace WAVE by the next level, rim included; return the union of its words, one word."""
     wave, following, within = planes[WAVE], planes[NEXT], planes[WITHIN]
@@ -48,7 +48,7 @@ def spread(scene, planes, level):
     return some
 
 
-@kernel
+@in_place_kernel
 def rim_rows(wave, within, following, reach, scene):
     """Dilate into the outermost rows (layers), where no particle can be but frontier cells may."""
     end = wave.shape[0] - reach
@@ -57,7 +57,7 @@ def rim_rows(wave, within, following, reach, scene):
         following[end + i] = wave[end - reach + i] & within[end + i]
 
 
-@kernel
+@in_place_kernel
 def trace(scene, state, planes, index, level, plan, at):
     """Write the way that ends in word ``index`` of the frontier, reached at ``level``; prefer to go straight."""
     hits = planes[WAVE, index] & state[FRONTIER, index]
@@ -74,13 +74,13 @@ def trace(scene, state, planes, index, level, plan, at):
         plan[at + distance] = last
 
 
-@kernel
+@in_place_kernel
 def on_board(scene, row, column):
     """Tell whether a cell lies within the words of a board."""
     return row >= 0 and row < scene.layers * scene.rows and column >= 0 and column < 64 * scene.width
 
 
-@kernel
+@in_place_kernel
 def path_to_nearest(scene, state, planes, plan, at, limit):
     """Write the way to a nearest frontier cell into ``plan[at:]``; return its length.
 
@@ -104,7 +104,7 @@ def path_to_nearest(scene, state, planes, plan, at, limit):
     return TOO_FAR
 
 
-@kernel
+@in_place_kernel
 def beside(scene, cells, within, out):
     """Write into ``out`` the cells of ``within`` that have a neighbour in ``cells``, which has none in the rim."""
     width, layer, size = scene.width, scene.width * scene.rows, cells.shape[0]
@@ -113,7 +113,7 @@ def beside(scene, cells, within, out):
     rim_rows(cells, within, out, reach, scene)
 
 
-@kernel
+@in_place_kernel
 def outlook(scene, state, planes, rate, cap):
     """Return the sum of ``rate ** (distance - 1)`` over the frontier cells, of which none counts as further than ``cap + 1``."""
     occupied, frontier, ground = state[OCCUPIED], state[FRONTIER], scene.ground

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit import inlined_kernel, kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.planning.beam import Beam
 from shoal.swarm.kernels.planning.completion import most
 from shoal.swarm.kernels.planning.frontier_paths import path_to_nearest
@@ -50,7 +50,7 @@ class Planner(NamedTuple):
     prediction: OccupancyPrediction
 
 
-@kernel
+@in_place_kernel
 def draw(planner, limit):
     """Return a random whole number below ``limit`` (xorshift; its state is an entry of the memory)."""
     word = np.uint64(planner.memory.random)
@@ -61,7 +61,7 @@ def draw(planner, limit):
     return np.int64((word >> np.uint64(33)) % np.uint64(limit))
 
 
-@kernel
+@in_place_kernel
 def next_command(planner):
     """Return the next command of the incumbent; -1 if it has none."""
     memory = planner.memory
@@ -72,7 +72,7 @@ def next_command(planner):
     return planner.incumbent[memory.plan_at - 1]
 
 
-@kernel
+@in_place_kernel
 def force(field, planner):
     """Take a whole path to the nearest frontier cell as the plan: playing it classifies a cell, so every episode ends."""
     memory = planner.memory
@@ -84,7 +84,7 @@ def force(field, planner):
     memory.plan_at, memory.plan_length = 0, memory.forced
 
 
-@kernel
+@in_place_kernel
 def take_greedily(field, planner):
     """Take the command that classifies most now as the plan, or the path to the nearest frontier cell if none classifies any."""
     memory = planner.memory
@@ -96,7 +96,7 @@ def take_greedily(field, planner):
         force(field, planner)
 
 
-@inlined_kernel
+@in_place_kernel
 def choose_greedy(field, planner):
     """Return the next command of the policy greedy-classify: the one that classifies most now, else the path to the nearest."""
     memory = planner.memory

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.jit import inlined_kernel, kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.planning.beam import search_beam, take_best
 from shoal.swarm.kernels.planning.completion import CAREFUL, GREEDY, complete
 from shoal.swarm.kernels.planning.frontier_paths import NEXT, beside
@@ -24,7 +24,7 @@ BRIEF_HORIZON, BRIEF_DISCOUNT = 30.0, 0.97
 LONGEST_RUN = 40  # of a candidate that goes in one direction until it classifies something
 
 
-@kernel
+@in_place_kernel
 def prepare(field, mapping, planner):
     """Fill the scene with the predicted world and the root with the state of the episode."""
     if mapping:
@@ -45,13 +45,13 @@ def prepare(field, mapping, planner):
     take_state(field, planner.root)
 
 
-@kernel
+@in_place_kernel
 def is_brief(planner):
     """Tell whether there is time only for the most promising plans, not simulated far."""
     return planner.options.budget < BRIEF and planner.memory.credit < PLENTY
 
 
-@kernel
+@in_place_kernel
 def evaluate(planner, length, best, few, style):
     """Complete the trial plan; make it the incumbent if its value is above ``best``; return the higher value.
 
@@ -90,7 +90,7 @@ def evaluate(planner, length, best, few, style):
     return value
 
 
-@inlined_kernel
+@in_place_kernel
 def search_plans(planner):
     """Replace the incumbent by the best plan found."""
     memory, trial, options = planner.memory, planner.trial, planner.options
@@ -121,14 +121,14 @@ def search_plans(planner):
             best = evaluate(planner, vary(planner), best, few, memory.style)
 
 
-@kernel
+@in_place_kernel
 def predicted_frontier(planner):
     """Return how many cells will join the frontier if all is as predicted: those beside cells taken to be free."""
     beside(planner.scene, planner.scene.ground, planner.root[UNSEEN], planner.planes[NEXT])
     return count(planner.planes[NEXT])
 
 
-@kernel
+@in_place_kernel
 def run(planner, command):
     """Write a run in one direction until it classifies something into the trial; return its length, 0 if it does not."""
     copy_state(planner.root, planner.state)
@@ -140,7 +140,7 @@ def run(planner, command):
     return 0
 
 
-@inlined_kernel
+@in_place_kernel
 def try_leaves(planner, best, few):
     """Complete the best leaves of a beam; return the value of the best plan."""
     options, beam, trial = planner.options, planner.beam, planner.trial
@@ -161,7 +161,7 @@ def try_leaves(planner, best, few):
     return best
 
 
-@kernel
+@in_place_kernel
 def vary(planner):
     """Write a variation of the incumbent into the trial; return its length.
 
@@ -190,7 +190,7 @@ def vary(planner):
     return at_end
 
 
-@inlined_kernel
+@in_place_kernel
 def choose_rollout(field, mapping, planner):
     """Return the next command; -1 if there is none."""
     memory, options = planner.memory, planner.options

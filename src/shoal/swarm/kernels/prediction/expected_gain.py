@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, has, lowest
 from shoal.swarm.kernels.prediction.occupancy_prior import PAIRS, OccupancyPrior, around, chance, learn, steps_of
 from shoal.swarm.kernels.search.frontier_search import ahead
@@ -30,7 +30,7 @@ class ExpectedGain(NamedTuple):
     columns: int  # of a row, with the rim
 
 
-@kernel
+@in_place_kernel
 def learn_from_run(field, gain, command):
     """Learn from what a run in one direction has classified."""
     prior = gain.prior
@@ -46,13 +46,13 @@ def learn_from_run(field, gain, command):
             new &= new - ONE
 
 
-@kernel
+@in_place_kernel
 def is_free(opened, cell):
     """Tell whether a cell is on a board."""
     return (opened[cell >> 6] >> np.uint64(cell & 63)) & ONE != ZERO
 
 
-@kernel
+@in_place_kernel
 def on_rim(field, columns, row, column):
     """Tell whether a cell has no neighbour in some direction: nobody may look further from there."""
     layer, within = row // field.rows, row % field.rows
@@ -61,7 +61,7 @@ def on_rim(field, columns, row, column):
     return field.layers > 1 and (layer == 0 or layer == field.layers - 1)
 
 
-@kernel
+@in_place_kernel
 def look_ahead(field, gain, row, column, command):
     """Add what one particle is expected to classify on its way; others on its way speak for what is behind them."""
     gains, width, rows = gain.gains[command], field.width, field.rows
@@ -87,7 +87,7 @@ def look_ahead(field, gain, row, column, command):
             return
 
 
-@kernel
+@in_place_kernel
 def gains_of_runs(field, gain, command):
     """Fill the gains of one direction."""
     gains = gain.gains[command]
@@ -101,7 +101,7 @@ def gains_of_runs(field, gain, command):
             look_ahead(field, gain, row, column, command)
 
 
-@kernel
+@in_place_kernel
 def best_length(gain, command, least):
     """Return (steps, cells classified per unit of cost) of the best run in one direction, of ``least`` steps or more."""
     gains = gain.gains[command]

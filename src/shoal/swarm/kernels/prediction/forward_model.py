@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, popcount
 from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, MERGE, RIGHT, UP, segments, stay_left, stay_right
 
@@ -34,7 +34,7 @@ class Scene(NamedTuple):
     width: int
 
 
-@kernel
+@in_place_kernel
 def copy_state(source, target):
     """Copy the boards of a state."""
     for board in range(BOARDS):
@@ -43,7 +43,7 @@ def copy_state(source, target):
             there[i] = here[i]
 
 
-@kernel
+@in_place_kernel
 def take_state(field, state):
     """Fill a state with what is known of a running episode."""
     occupied, frontier, unseen = state[OCCUPIED], state[FRONTIER], state[UNSEEN]
@@ -53,7 +53,7 @@ def take_state(field, state):
         unseen[i] = ~(field.known[i] | field.frontier[i])
 
 
-@kernel
+@in_place_kernel
 def immediate_gains(scene, state, gains):
     """Write for each command how many frontier cells it would classify."""
     occupied, frontier, size = state[OCCUPIED], state[FRONTIER], state.shape[1]
@@ -80,7 +80,7 @@ def immediate_gains(scene, state, gains):
         gains[command] = total
 
 
-@kernel
+@in_place_kernel
 def advance(scene, state, command):
     """Simulate one command, in place; return how many frontier cells it classifies. They are left in ``scene.tried``."""
     if push(scene, state[OCCUPIED], state[FRONTIER], command) == ZERO:
@@ -94,7 +94,7 @@ def advance(scene, state, command):
     return classified
 
 
-@kernel
+@in_place_kernel
 def push(scene, occupied, frontier, command):
     """Move the particles, in place, and note the frontier cells tried; return their union, one word."""
     if command == LEFT or command == RIGHT:
@@ -104,7 +104,7 @@ def push(scene, occupied, frontier, command):
     return across(scene, occupied, frontier, command)
 
 
-@kernel
+@in_place_kernel
 def across(scene, occupied, frontier, command):
     """Move from row to row and note the frontier cells tried; return their union, one word.
 
@@ -133,7 +133,7 @@ def across(scene, occupied, frontier, command):
     return some
 
 
-@kernel
+@in_place_kernel
 def hold(here, there, moving, ahead):
     """Take those out of ``moving`` that are held up by one ahead which stays."""
     size, step = moving.shape[0], abs(ahead)
@@ -153,7 +153,7 @@ def hold(here, there, moving, ahead):
         later[i] &= ~blocking[i] | before[i]
 
 
-@kernel
+@in_place_kernel
 def along(scene, occupied, frontier, command):
     """Move along the rows and note the frontier cells tried; return their union, one word."""
     tried, before, staying, inner = scene.tried, scene.before, scene.staying, occupied.shape[0] - 1
@@ -183,7 +183,7 @@ def along(scene, occupied, frontier, command):
     return some | tried[0]
 
 
-@kernel
+@in_place_kernel
 def discover(scene, frontier, unseen):
     """Put the unseen neighbours of the cells just found free on the frontier."""
     width, layer = scene.width, scene.width * scene.rows
@@ -203,7 +203,7 @@ def discover(scene, frontier, unseen):
             reveal(frontier, unseen, i + layer, found)
 
 
-@kernel
+@in_place_kernel
 def reveal(frontier, unseen, i, cells):
     """Put the unseen ones of ``cells`` on one word of the frontier."""
     new = cells & unseen[i]
@@ -211,7 +211,7 @@ def reveal(frontier, unseen, i, cells):
     unseen[i] &= ~new
 
 
-@kernel
+@in_place_kernel
 def count(board):
     """Return the number of cells of a board."""
     total = 0
@@ -220,13 +220,13 @@ def count(board):
     return total
 
 
-@kernel
+@in_place_kernel
 def directions(scene):
     """Return the number of commands."""
     return 4 if scene.layers == 1 else 6
 
 
-@kernel
+@in_place_kernel
 def digest(state):
     """Return a hash of particles and frontier, as uint64: a sum, which becomes vector code, of words mixed with their places."""
     value = ZERO

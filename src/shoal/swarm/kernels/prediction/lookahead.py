@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, TOP, popcount
 from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP, Field, move_across, move_along
 from shoal.swarm.kernels.records import record_type
@@ -31,7 +31,7 @@ class Lookahead(NamedTuple):
     best: Any  # a record of BEST
 
 
-@kernel
+@in_place_kernel
 def tried(field, occupied, command):
     """Return how many unknown cells a swarm would try."""
     known, size = field.known, field.known.shape[0]
@@ -55,7 +55,7 @@ def tried(field, occupied, command):
     return total
 
 
-@kernel
+@in_place_kernel
 def predicted(field, occupied, counts):
     """Return the field as far as it is known, with the swarm elsewhere: unknown cells, which nobody tries, are walls."""
     return Field(
@@ -64,7 +64,7 @@ def predicted(field, occupied, counts):
     )  # fmt: skip
 
 
-@kernel
+@in_place_kernel
 def shift(field, predicted_field, command, rule):
     """Move the swarm of a predicted field if the outcome is certain; tell whether it moved."""
     if tried(field, predicted_field.occupied, command) > 0:
@@ -74,7 +74,7 @@ def shift(field, predicted_field, command, rule):
     return move_across(predicted_field, command, rule)[0] > 0
 
 
-@kernel
+@in_place_kernel
 def best_last_command(field, lookahead, occupied, prices, steps, rate):
     """Return the best last command for a shifted swarm, or -1 if none beats ``rate``, and the rate that is best now."""
     command = -1
@@ -85,20 +85,20 @@ def best_last_command(field, lookahead, occupied, prices, steps, rate):
     return command, rate
 
 
-@kernel
+@in_place_kernel
 def axis(command):
     """Return 0 for l and r, 1 for u and d, 2 for i and o."""
     return 2 if command >= IN else command % 2
 
 
-@kernel
+@in_place_kernel
 def copy(source, target):
     """Copy a board."""
     for i in range(source.shape[0]):
         target[i] = source[i]
 
 
-@kernel
+@in_place_kernel
 def explore(field, rule, lookahead, prices, rate):
     """Look for a walk and a last command that classify more cells per unit of cost than ``rate``; write it, return its rate.
 
@@ -130,7 +130,7 @@ def explore(field, rule, lookahead, prices, rate):
     return rate
 
 
-@kernel
+@in_place_kernel
 def write_plan(lookahead, plan):
     """Write the walk found as a plan; return its length."""
     best = lookahead.best

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
 from shoal.swarm.kernels.prediction.occupancy_prior import PAIRS, around, chance, place, steps_of
 
@@ -32,7 +32,7 @@ class OccupancyPrediction(NamedTuple):
     width: int
 
 
-@kernel
+@in_place_kernel
 def predict(field, prior, model, prediction, depth, likely, sure):
     """Fill ``prediction.open`` with the cells known to be free and those that one model of `prior` predicts so, layer by layer."""
     size = np.int64(0)
@@ -50,7 +50,7 @@ def predict(field, prior, model, prediction, depth, likely, sure):
         size = next_layer(prediction, size)
 
 
-@kernel
+@in_place_kernel
 def list_cells(cells, size, i, word):
     """Append the cells of one word of a board to a list; return its length."""
     while word != ZERO:
@@ -60,7 +60,7 @@ def list_cells(cells, size, i, word):
     return size
 
 
-@kernel
+@in_place_kernel
 def find_walls(prediction, prior, model, size):
     """Take those cells of the layer as known that are hardly ever free, so that the way between two walls is seen as such."""
     opened, known, chances, seen = prediction.open, prediction.known, prediction.chances, prior.tallies[1:]
@@ -84,7 +84,7 @@ def find_walls(prediction, prior, model, size):
             mark(known, prediction.cells[k])
 
 
-@kernel
+@in_place_kernel
 def find_free(prediction, prior, model, size, needed):
     """Find the cells of the layer that are taken to be free from every side that they can be entered from; tell if any are."""
     opened, known, inner, chances = prediction.open, prediction.known, prediction.inner, prediction.chances
@@ -109,20 +109,20 @@ def find_free(prediction, prior, model, size, needed):
     return some
 
 
-@kernel
+@in_place_kernel
 def is_open(board, cell):
     """Tell whether a cell is on a board; beyond it none is."""
     word = cell >> 6
     return 0 <= word < board.shape[0] and (board[word] >> np.uint64(cell & 63)) & ONE != ZERO
 
 
-@kernel
+@in_place_kernel
 def mark(board, cell):
     """Add a cell to a board."""
     board[cell >> 6] |= ONE << np.uint64(cell & 63)
 
 
-@kernel
+@in_place_kernel
 def next_layer(prediction, size):
     """Take the layer as known, and go on behind the cells taken to be free; return how many cells the next layer has."""
     for k in range(size):

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
 from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP
 
@@ -46,7 +46,7 @@ def size_of(layers: int) -> int:
     return 1 + sum((COARSE + FINE) << (model * axes) for model in range(MODELS))
 
 
-@kernel
+@in_place_kernel
 def state_of(opened, known, cell):
     """Return 0 for an unknown cell, 1 for a free one, 2 for an obstacle; a cell is given as 64 * word + bit."""
     word, bit = cell >> 6, np.uint64(cell & 63)
@@ -54,7 +54,7 @@ def state_of(opened, known, cell):
     return np.int64(certain + certain - (certain & (opened[word] >> bit)))
 
 
-@kernel
+@in_place_kernel
 def steps_of(rows, width, command):
     """Return how far a command leads, and how far the cell to one side is, in cells as they are numbered."""
     row = 64 * width
@@ -66,7 +66,7 @@ def steps_of(rows, width, command):
     return (-layer if command == IN else layer), 1
 
 
-@kernel
+@in_place_kernel
 def pair_at(opened, known, cell, side):
     """Return a number 0 to 5 for the unordered states of the two cells to either side of one."""
     one, other = state_of(opened, known, cell - side), state_of(opened, known, cell + side)
@@ -74,7 +74,7 @@ def pair_at(opened, known, cell, side):
     return high * (high + 1) // 2 + low
 
 
-@kernel
+@in_place_kernel
 def around(opened, known, cell, step, side):
     """Return the number of what is around a cell that is entered by a step from a free one.
 
@@ -85,7 +85,7 @@ def around(opened, known, cell, step, side):
     return number * PAIRS + pair_at(opened, known, cell, side)
 
 
-@kernel
+@in_place_kernel
 def place(prior, model, cell):
     """Return (number of the place of a cell modulo 2 to the ``model``, how many places there are)."""
     mask = (np.int64(1) << model) - 1
@@ -96,13 +96,13 @@ def place(prior, model, cell):
     return ((((layer & mask) << model) | (within & mask)) << model) | (cell & mask), np.int64(1) << (3 * model)
 
 
-@kernel
+@in_place_kernel
 def smoothed(tallies, entry, likely):
     """Return the share of free cells in one tally, smoothed towards a coarser share."""
     return (tallies[entry, 1] + WEIGHT * likely) / (tallies[entry, 0] + WEIGHT)
 
 
-@kernel
+@in_place_kernel
 def chance(prior, model, number, cell):
     """Return how likely a cell is to be free, as one model tells; ``number`` tells what is around it."""
     tallies, coarse, first = prior.tallies, number // PAIRS, 1
@@ -116,7 +116,7 @@ def chance(prior, model, number, cell):
     return smoothed(tallies, first + (COARSE + number) * places + at, likely)
 
 
-@kernel
+@in_place_kernel
 def learn(prior, number, cell, free):
     """Ask every model about a cell, as `chance` does, and count it: what a model is asked for, the next one goes on from."""
     tallies, losses, coarse, first = prior.tallies, prior.losses, number // PAIRS, 1
@@ -135,7 +135,7 @@ def learn(prior, number, cell, free):
         first += (COARSE + FINE) * places
 
 
-@kernel
+@in_place_kernel
 def learn_from_command(field, prior, command):
     """Learn from what the last command has classified."""
     before = prior.before
@@ -148,7 +148,7 @@ def learn_from_command(field, prior, command):
             new &= new - ONE
 
 
-@kernel
+@in_place_kernel
 def best_model(prior, last):
     """Return the model, of those up to the last to ask, that was surprised least."""
     best = 0

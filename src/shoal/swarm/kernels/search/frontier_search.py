@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, has, lowest
 from shoal.swarm.kernels.dynamics.moves import BLOCK_WORDS, DOWN, IN, LEFT, OUT, RIGHT, UP
 
@@ -32,7 +32,7 @@ class Search(NamedTuple):
     order: int  # COLUMN_MAJOR or ROW_MAJOR
 
 
-@kernel
+@in_place_kernel
 def dilate(words, within, out, first, last, field):
     """Write into ``out`` the cells of ``within`` that have a neighbour in ``words``; words ``first`` to ``last - 1``.
 
@@ -52,7 +52,7 @@ def dilate(words, within, out, first, last, field):
             result[i] |= (above[i] | below[i]) & allowed[i]
 
 
-@kernel
+@in_place_kernel
 def meets(one, other):
     """Tell whether two boards have a cell in common."""
     common = ZERO
@@ -61,7 +61,7 @@ def meets(one, other):
     return common != ZERO
 
 
-@kernel
+@in_place_kernel
 def start_planes(planes, sources):
     """Set the planes to distance 0 at the board ``sources``."""
     seen, wave, near = planes[SEEN], planes[WAVE], planes[MOD]
@@ -75,7 +75,7 @@ def start_planes(planes, sources):
         two[i] = ZERO
 
 
-@kernel
+@in_place_kernel
 def expand(field, planes, first, last, level):
     """Replace WAVE by the next level, words ``first`` to ``last - 1`` (it has no others); tell whether it is empty."""
     dilate(planes[WAVE], field.open, planes[NEXT], first, last, field)
@@ -91,7 +91,7 @@ def expand(field, planes, first, last, level):
     return some == ZERO
 
 
-@kernel
+@in_place_kernel
 def row_range(words, width, first, last):
     """Return the first and last row of a board that is not empty, looking at rows ``first`` to ``last``."""
     while first < last:
@@ -111,7 +111,7 @@ def row_range(words, width, first, last):
     return first, last
 
 
-@kernel
+@in_place_kernel
 def common_columns(one, other, columns):
     """Add to ``columns``, one row of words, the columns in which two boards (or the same rows of them) have a common cell."""
     width = columns.shape[0]
@@ -128,7 +128,7 @@ def common_columns(one, other, columns):
             columns[k] |= a[k] & b[k]
 
 
-@kernel
+@in_place_kernel
 def first_cell(field, search, one, other):
     """Return (row, column) of the first common cell of two boards in the order of expansion; there is one.
 
@@ -162,7 +162,7 @@ def first_cell(field, search, one, other):
     return -1, -1
 
 
-@kernel
+@in_place_kernel
 def ahead(row, column, command, rows):
     """Return the cell one step from (row, column)."""
     if command == LEFT:
@@ -178,7 +178,7 @@ def ahead(row, column, command, rows):
     return row + rows, column
 
 
-@kernel
+@in_place_kernel
 def opposite(command):
     """Return the command that undoes ``command``."""
     if command == IN:
@@ -188,7 +188,7 @@ def opposite(command):
     return (command + 2) % 4
 
 
-@kernel
+@in_place_kernel
 def trace_back(field, search, row, column, level):
     """Write the plan that leads from level 0 to the goal cell at ``level`` and on to the frontier; return its length."""
     plan, width = search.plan, field.width
@@ -209,7 +209,7 @@ def trace_back(field, search, row, column, level):
     return level + 1
 
 
-@kernel
+@in_place_kernel
 def find_goals(field, search, sources, first, last):
     """Fill GOALS with the known-free cells beside the frontier, words ``first`` to ``last - 1``; tell whether one is a source.
 
@@ -227,7 +227,7 @@ def find_goals(field, search, sources, first, last):
     return found
 
 
-@kernel
+@in_place_kernel
 def nearest(field, search, sources):
     """Search from the board ``sources`` to the nearest frontier cell; write the plan and return its length, 0 if none.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, has, lowest
 from shoal.swarm.kernels.search.frontier_search import COLUMN_MAJOR, ahead
 
@@ -20,7 +20,7 @@ class Slides(NamedTuple):
     queue: NDArray[np.int64]  # keys in the order of expansion
 
 
-@kernel
+@in_place_kernel
 def key_of(row, column, field, columns, order):
     """Return the rank of a cell in the order of expansion."""
     layer, r = row // field.rows, row % field.rows
@@ -29,7 +29,7 @@ def key_of(row, column, field, columns, order):
     return (r * columns + column) * field.layers + layer
 
 
-@kernel
+@in_place_kernel
 def cell_of(key, field, columns, order):
     """Return the cell (row, column) of a rank; the inverse of `key_of`."""
     layer, rest = key % field.layers, key // field.layers
@@ -38,7 +38,7 @@ def cell_of(key, field, columns, order):
     return layer * field.rows + rest // columns, rest % columns
 
 
-@kernel
+@in_place_kernel
 def slide(field, row, column, command, mapping):
     """Slide through known-free cells; return (row, column, goal): where it ends and whether it reaches the frontier."""
     goal = False
@@ -50,7 +50,7 @@ def slide(field, row, column, command, mapping):
         goal = goal or (not mapping and has(field.frontier, field.width, r, c))
 
 
-@kernel
+@in_place_kernel
 def enqueue_sources(field, search, slides, sources):
     """Start the queue with the cells of a board; return how many they are."""
     columns = field.width * 64
@@ -68,7 +68,7 @@ def enqueue_sources(field, search, slides, sources):
     return count
 
 
-@kernel
+@in_place_kernel
 def write_plan(search, slides, cell, command):
     """Write the commands from the source to ``cell`` and then ``command``; return how many they are."""
     length, at = 1, cell
@@ -82,7 +82,7 @@ def write_plan(search, slides, cell, command):
     return length
 
 
-@kernel
+@in_place_kernel
 def sort(keys, first, last):
     """Sort keys[first:last] in place (Shell's method: a library sort takes seconds to compile)."""
     gap = (last - first) // 2
@@ -97,7 +97,7 @@ def sort(keys, first, last):
     return
 
 
-@kernel
+@in_place_kernel
 def nearest_by_tilts(field, search, slides, sources, mapping):
     """Search the fewest tilts from the board ``sources`` to a frontier cell; return the length of the plan, 0 if none."""
     columns = field.width * 64

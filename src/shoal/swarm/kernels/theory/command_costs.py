@@ -6,12 +6,12 @@ nobody goes on from there.
 
 from __future__ import annotations
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 
 FAR = 1 << 30
 
 
-@kernel
+@in_place_kernel
 def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, before, stack):
     """Return the least a + b such that a commands ``back`` and b commands ``forth`` (others at will) reach every wanted cell.
 
@@ -38,7 +38,7 @@ def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, befor
     return best
 
 
-@kernel
+@in_place_kernel
 def fewest_paid(free, offsets, barred, paid, costs, stack):
     """Lower ``costs``, int64, to the fewest commands ``paid`` with which each cell can be reached, never by one ``barred``.
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, has, lowest, put
 
 FIRST, LAST, GAP, SPREAD, BOUNDARY, COVERAGE, PRINTED = 0, 1, 2, 3, 4, 5, 6
 COLUMNS = 7
 
 
-@kernel
+@in_place_kernel
 def place(draws, cells, words, complement):
     """Fill ``words`` with the subset of 0 .. cells-1 that Floyd's algorithm makes of ``draws``, or with all other cells.
 
@@ -32,7 +32,7 @@ def place(draws, cells, words, complement):
             words[-1] &= (ONE << np.uint64(cells & 63)) - ONE
 
 
-@kernel
+@in_place_kernel
 def measure(words, cells, row):
     """Write the columns of one placement; ``docs/concepts/line.md`` has the formulas."""
     before, last, widest, most, bent = 0, 0, 0, 0, False
@@ -62,7 +62,7 @@ def measure(words, cells, row):
     row[PRINTED] = before + 1 + max(before + after, widest)
 
 
-@kernel
+@in_place_kernel
 def trials(draws, cells, words, complement, table):
     """Place and measure once for each row of ``draws``; each is a row of ``table``."""
     for trial in range(draws.shape[0]):

@@ -1,0 +1,75 @@
+"""First commands, which compile, and second ones, which load: CPU seconds in a fresh copy, also as multiples of ``import numba``.
+
+python -m benchmarks.starts [--only planner]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+COMMANDS = {
+    "closest-frontier": "map vessels:1000 -n 50 --policy closest-frontier --json",
+    "planner": "map vessels:1000 -n 50 --json",
+    "noise": "map vessels:1000 -n 50 --slip 0.1 --policy closest-frontier --json",
+    "adaptive scans": "map vessels:1000 -n 50 --scan-every adaptive --scan-cost 2 --json",
+    "coverage": "cover vessels:1000 -n 50 --json",
+    "steering": "steer square --from 0.1,0.2,0.3,0.4 --to 0.4,0.3,0.2,0.1 --json",
+    "search": "search cave:20x15 --robots 3 --json",
+    "tour": "tour spanning-tree cave:20x15 --json",
+    "help": "--help",
+}
+
+
+def cpu_seconds(*arguments: str, source: Path) -> float:
+    """Run a Python process on a copy of the sources; return its CPU seconds."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    environment = {**os.environ, "PYTHONPATH": str(source)}
+    done = subprocess.run(
+        [sys.executable, *arguments], env=environment, capture_output=True, text=True, cwd=source.parent, check=False
+    )
+    if done.returncode:
+        raise SystemExit(f"{' '.join(arguments)}: {done.stderr}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def copy_sources(folder: Path) -> Path:
+    """Copy the package without anything compiled; return the folder to import it from."""
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(ROOT / "src", folder, ignore=shutil.ignore_patterns("*.nbi", "*.nbc"))
+    return folder
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--only", choices=COMMANDS)
+    only = parser.parse_args().only
+    with tempfile.TemporaryDirectory() as name:
+        source = copy_sources(Path(name) / "src")
+        unit = min(cpu_seconds("-c", "import numba", source=source) for _ in range(3))
+        print(f"import numba: {unit:.2f} CPU s\n")
+        print("| command | first | times import numba | second | times import numba |")
+        print("|---|---|---|---|---|")
+        total = 0.0
+        for kind, command in COMMANDS.items():
+            if only in (None, kind):
+                copy_sources(source)
+                run = ("-c", "import sys; from shoal.cli import main; main()", *command.split())
+                cpu_seconds("-c", "import shoal.cli", source=source)  # byte code is no part of it
+                first = cpu_seconds(*run, source=source)
+                second = min(cpu_seconds(*run, source=source) for _ in range(2))
+                total += first
+                print(f"| {kind} | {first:.1f} | {first / unit:.1f} | {second:.2f} | {second / unit:.2f} |", flush=True)
+        print(f"| all | {total:.1f} | {total / unit:.1f} | | |")
+
+
+if __name__ == "__main__":
+    main()
