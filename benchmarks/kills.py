@@ -52,7 +52,7 @@ def start(spec: Path, store: Path) -> subprocess.Popen[bytes]:
     command = [
         sys.executable,
         "-c",
-        "from shoal.cli import main; main()",
+        "from shoal.__main__ import main; main()",
         "sweep",
         "run",
         str(spec),

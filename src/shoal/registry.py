@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
-import inspect
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from shoal.errors import InvalidInputError, UnknownNameError
+
+if TYPE_CHECKING:
+    import inspect
 
 T = TypeVar("T")
 
@@ -73,6 +74,8 @@ class Registry(Generic[T]):
         raise UnknownNameError(f"unknown {self.kind} {name[:60]!r}: {self._suggestion(name)}")
 
     def _suggestion(self, name: str) -> str:
+        import difflib  # slow to import, and `import shoal` is not to wait for it
+
         near = difflib.get_close_matches(name, self._items, n=1, cutoff=0.5)
         known = f"known: {', '.join(self._items)}{'; or MODULE:ATTRIBUTE' if self.open_to_others else ''}"
         return f"did you mean {near[0]!r}? ({known})" if near else f"({known})"
@@ -147,6 +150,8 @@ def configured(registry: Registry[type[T]], text: str) -> T:
     parts = text.split(":", 1 if text.partition(":")[0] in registry else 2)
     options = parts.pop() if len(parts) > (1 if parts[0] in registry else 2) else ""
     name = ":".join(parts)
+    import inspect  # slow to import, too
+
     kind: Any = registry.get(name)
     if not inspect.isclass(kind) and not options:
         return cast("T", kind)

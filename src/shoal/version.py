@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import platform
+import sys
 from functools import cache
-from pathlib import Path
 
 __version__ = "0.1.0"
 
@@ -21,13 +19,16 @@ def versions() -> dict[str, str]:
     """
     from importlib.metadata import version  # slow to import, and `import shoal` is not to wait for it
 
-    python = ".".join(platform.python_version_tuple()[:2])
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
     return {"shoal": __version__, "python": python, "numpy": version("numpy"), "numba": version("numba")}
 
 
 @cache
 def code_digest() -> str:
     """Return a digest of the code that results depend on: two processes with the same one compute the same."""
+    import hashlib  # these two are slow to import, too
+    from pathlib import Path
+
     digest, root = hashlib.blake2b(digest_size=8), Path(__file__).parent
     for folder in ("swarm", "steering", "search", "lab"):
         for file in sorted((root / folder).rglob("*.py")):

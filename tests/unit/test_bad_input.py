@@ -28,7 +28,7 @@ from shoal.cli import run
 from shoal.errors import InvalidInputError, OutputError, UnknownNameError
 from shoal.swarm import GridWorkspace, SwarmEpisode, make_task
 
-SHOAL = [sys.executable, "-c", "from shoal.cli import main; main()"]
+SHOAL = [sys.executable, "-c", "from shoal.__main__ import main; main()"]
 
 # The damaged files
 
@@ -597,6 +597,10 @@ RANDOM = "map cave:60x40 -n 30 --policy random-moves --max-moves 150"
         "maps cave:400x400 --out {disk}/map.map",
         "maps cave:400x400 --out {disk}/map.csv",
         "maps cave:400x400 --out {disk}/map.npy",
+        "tour comb cave:30x20 --out {disk}/tour",
+        "line --cells 100 --particles 10 --out {disk}",
+        "schedule --scan-cost 10 --move-cost 1 --out {disk}",
+        "search square:60 --robots 3 --out {disk}",
     ],
 )
 def test_a_full_disk_leaves_nothing_behind(command, full_disk, capfd):
@@ -734,6 +738,23 @@ def test_interrupted_while_it_films(tmp_path, monkeypatch, capfd, suffix):
     assert run(["map", "cave:30x20", "-n", "9", "--film", f"{tmp_path}/film{suffix}"]) == 130
     assert capfd.readouterr().err.endswith("shoal: interrupted\n")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("loading", ["typer._click.core", "numpy._core", "shoal.swarm.problem"])
+def test_ctrl_c_while_the_command_line_is_loaded(loading):
+    """A real signal, when a module is being imported."""
+    command = [sys.executable, "-X", "importtime", "-m", "shoal", "map", "line:9", "-n", "3"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+        try:
+            while loading not in process.stderr.readline():
+                assert process.poll() is None
+            process.send_signal(signal.SIGINT)
+            said = process.communicate(timeout=30)[1]
+        finally:
+            process.kill()
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert [line for line in said.splitlines() if not line.startswith("import time:")] == ["shoal: interrupted"]
 
 
 def test_ctrl_c(tmp_path):

@@ -127,7 +127,7 @@ def test_a_policy_beside_the_command(tmp_path):
     command = [
         sys.executable,
         "-c",
-        "from shoal.cli import main; main()",
+        "from shoal.__main__ import main; main()",
         "map",
         "line:4",
         "-n",

@@ -503,7 +503,7 @@ def test_ctrl_c_on_the_command_line_stops_the_rig(tmp_path, number):
     (tmp_path / "map.txt").write_text(f"{open_map('maze:9x7')}\n")
     spec = f"exec:{sys.executable} {ROOT / 'examples' / 'rig.py'} {tmp_path / 'map.txt'} --duration 30"
     log = tmp_path / "log.jsonl"
-    words = [sys.executable, "-c", "from shoal.cli import main; main()", "drive", "--rig", spec, "--log", str(log)]
+    words = [sys.executable, "-c", "from shoal.__main__ import main; main()", "drive", "--rig", spec, "--log", str(log)]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
         while not (log.exists() and '"command"' in log.read_text()):
             time.sleep(0.02)
