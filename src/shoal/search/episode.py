@@ -201,7 +201,7 @@ class SearchEpisode(Episode):
             "outside_m": self.coverage.outside_m,
             "simulated": self.simulated,
             "live": self.problem.live is not None,
-            "messages": {"sent": trace.sent, "lost": trace.lost},
+            "messages": {"sent": trace.sent, "lost": trace.lost, "dropped": trace.dropped},
             "takeovers": trace.takeovers,
             "obstacles": {"found": len(self.obstacles), "unreachable_cells": self.unreachable},
             "findings": [self._told(finding) for finding in self.findings],

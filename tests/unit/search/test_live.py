@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import textwrap
+import threading
 import time
 from pathlib import Path
 from random import Random
@@ -20,12 +21,15 @@ import pytest
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.search import TourCost, make_tour
 from shoal.search.cells.distances import CellDistances
+from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash, Pause
 from shoal.search.protocol.events import Begin, Declare, Heard, Wake
 from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
 from shoal.search.protocol.robot import Brief, Robot, advance
+from shoal.search.run import run as run_search
 from shoal.search.simulation.live import LiveEvent, LiveOutcome, cell_locks, process, process_pool, radio, run_live, supervisor
 from shoal.search.simulation.live.outcome import covered_share, searched_by
+from shoal.search.simulation.live.task import LiveTask
 from shoal.search.simulation.live.vehicle import Vehicle
 
 
@@ -117,6 +121,79 @@ def test_two_of_four_killed_and_a_third_of_the_messages_lost(channel):
     assert children() == set()
     assert descriptors() == before
     assert outcome.port not in udp_ports()
+
+
+def test_robots_killed_from_outside_are_dead_and_the_others_take_over(monkeypatch):
+    """Nobody tells the supervisor: it once took them for robots that still search, and so the search was not completed."""
+    begin = process_pool.ProcessPool.begin
+
+    def begin_and_kill(pool, epoch):
+        begin(pool, epoch)
+        doomed = [pool.members[number].process for number in (2, 5)]
+        threading.Timer(epoch - time.monotonic() + 0.5, lambda: [os.kill(one, signal.SIGKILL) for one in doomed]).start()
+
+    monkeypatch.setattr(process_pool.ProcessPool, "begin", begin_and_kill)
+    episode = run_search(SearchProblem("square:60", robots=6, footprint=10, starts="line", live=10.0), seed=1)
+    assert episode.status == "complete", episode.reason
+    assert [number for number, log in enumerate(episode.trace.robots, start=1) if log.status == "dead"] == [2, 5]
+    assert set(episode.trace.declared) == {1, 3, 4, 6}
+    assert episode.coverage.covered_fraction == 1.0
+
+
+def test_strangers_on_the_port_are_dropped_and_counted(monkeypatch):
+    ports = []
+
+    def reserve(**options):
+        kept = radio.reserve(**options)
+        ports.append(kept.getsockname()[1])
+        return kept
+
+    monkeypatch.setattr(supervisor, "reserve", reserve)
+    everything = (1 << 16) - 1
+    invented = [Beacon(2, (Heartbeat(2, 10**6, 8, 1.0, "complete"),), ((1, everything), (2, everything)))]
+    invented += [Beacon(number, (Heartbeat(number, 1, 0, 1.0, "searching"),), ()) for number in range(3, 200)]
+
+    def lie(event):
+        if event.kind == "searching":
+            stranger = radio.Radio("multicast", port=ports[0], random=Random(0), key=b"another")
+            for beacon in invented:
+                stranger.send(encode_beacon(beacon))
+                stranger._mouth.sendto(encode_beacon(beacon), (radio.GROUP, ports[0]))
+            stranger.close()
+
+    outcome = run_live(brief_of(4, 4), [0, 8], speed=20.0, channel="multicast", on_event=lie)
+    assert outcome.complete
+    assert outcome.covered == 1.0
+    assert outcome.dropped >= 2 * len(invented)
+
+
+IMPOSSIBLE = {
+    "stranger": Beacon(3, (Heartbeat(3, 1, 0, 1.0, "searching"),), ()),
+    "sender": Beacon(0, (), ()),
+    "rate": Beacon(1, (Heartbeat(1, 1, 0, 2.0, "searching"),), ()),
+    "start": Beacon(1, (Heartbeat(1, 1, 5, 1.0, "searching"),), ()),
+    "width": Beacon(1, (Heartbeat(1, 1, 0, 1.0, "searching", 3),), ()),
+    "robots that searched": Beacon(1, (), ((3, 1),)),
+    "cells": Beacon(1, (), ((1, 1 << 16),)),
+    "obstacles": Beacon(1, (), (), (), ((1, 1 << 16),)),
+    "found nowhere": Beacon(1, (), (), ((16, 2),)),
+    "found by nobody": Beacon(1, (), (), ((3, 8),)),
+}
+
+
+@pytest.mark.parametrize("name", IMPOSSIBLE)
+def test_what_no_robot_of_the_search_can_say(name):
+    task = LiveTask(brief_of(4, 4), (0, 8), (1.0, 1.0), 10.0, "unicast", 0, 0.0, 0, frozenset())
+    task.check(Beacon(1, (Heartbeat(1, 1, 0, 1.0, "searching"), Heartbeat(2, 7, 8, 1.0, "waiting")), ((2, 3),), ((3, 6),)))
+    with pytest.raises(InvalidInputError, match="beacon: expected"):
+        task.check(IMPOSSIBLE[name])
+
+
+@pytest.mark.parametrize("rate", ["Infinity", "NaN", "0", "-1", "1" + "0" * 400, "1e400", "true", '"1"', "null"])
+def test_a_rate_is_a_number_that_a_robot_can_have(rate):
+    data = encode_beacon(Beacon(2, (Heartbeat(2, 1, 0, 1.5, "searching"),), ()))[8:].replace(b"1.5", rate.encode())
+    with pytest.raises(InvalidInputError, match="beacon: expected"):
+        decode_beacon(f"{crc32(data):08x}".encode() + data)
 
 
 def test_they_help_one_another():
@@ -293,7 +370,7 @@ def test_bad_input(options, message):
 
 
 def test_too_many_cells_for_a_datagram():
-    with pytest.raises(InvalidInputError, match=r"beacons of at most 65507 bytes, got \d+ for 90000 cells and 3 robots"):
+    with pytest.raises(InvalidInputError, match=r"beacons of at most 65475 bytes, got \d+ for 90000 cells and 3 robots"):
         run_live(brief_of(300, 300), [0, 1, 2])
 
 

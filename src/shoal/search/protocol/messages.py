@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import dataclass
-from math import inf
 from typing import Any, Literal, get_args
 from zlib import crc32
 
@@ -108,6 +107,7 @@ def decode_beacon(data: bytes) -> Beacon:
 _FIELDS = {"version", "sender", "heartbeats", "searched", "found"}
 _HEX = re.compile("[0-9a-f]+")
 _STATUSES = frozenset(get_args(Status))
+_FASTEST = 1e9
 _WIDTHS = range(1, WIDEST + 1, 2)
 
 
@@ -117,8 +117,8 @@ def _heartbeat(told: Any) -> Heartbeat:
     numbers = (heartbeat.robot, heartbeat.count, heartbeat.start, heartbeat.width)
     if any(type(number) is not int or number < 0 for number in numbers) or heartbeat.status not in _STATUSES:
         raise InvalidInputError(f"expected numbers of 0 or more and a status, got {told}")
-    if heartbeat.width not in _WIDTHS or isinstance(heartbeat.rate, bool) or not 0 < heartbeat.rate < inf:
-        raise InvalidInputError(f"expected a rate above 0 and an odd width up to {WIDEST}, got {told}")
+    if heartbeat.width not in _WIDTHS or type(heartbeat.rate) not in (int, float) or not 0 < heartbeat.rate <= _FASTEST:
+        raise InvalidInputError(f"expected a rate above 0, at most {_FASTEST:g}, and an odd width up to {WIDEST}, got {told}")
     return heartbeat
 
 

@@ -67,6 +67,8 @@ class SearchTrace:
         Messages, counted by receiver.
     takeovers : int
         How often a robot began with the part of one that it took for dead.
+    dropped : int
+        Messages of strangers and impossible ones, in a live search.
     """
 
     robots: tuple[RobotLog, ...]
@@ -75,6 +77,7 @@ class SearchTrace:
     sent: int
     lost: int
     takeovers: int
+    dropped: int = 0
 
     def difference(self, other: SearchTrace) -> str:
         """Return the first difference between two traces in one sentence; nothing if there is none."""
@@ -102,7 +105,7 @@ class SearchTrace:
         ------
         InvalidInputError
         """
-        names = {"robots", "covered_at", "declared", "sent", "lost", "takeovers"}
+        names = {"robots", "covered_at", "declared", "sent", "lost", "takeovers", "dropped"}
         if not isinstance(data, dict) or set(data) != names or not isinstance(data["robots"], list):
             raise InvalidInputError(f"trace: expected {', '.join(sorted(names))}, got {shortened(data)}")
         logs = tuple(_log_from(log, f"robots: {number}", cells) for number, log in enumerate(data["robots"], start=1))
@@ -112,7 +115,7 @@ class SearchTrace:
         if not set(declared) <= set(range(1, robots + 1)):
             raise InvalidInputError(f"declared: expected robots from 1 to {robots}, got {shortened(sorted(declared))}")
         covered_at = inf if data["covered_at"] is None else check_number(data["covered_at"], what="covered_at")
-        counts = [check_integer(data[name], what=name, least=0) for name in ("sent", "lost", "takeovers")]
+        counts = [check_integer(data[name], what=name, least=0) for name in ("sent", "lost", "takeovers", "dropped")]
         return cls(logs, covered_at, declared, *counts)
 
 

@@ -118,7 +118,7 @@ class Agent:
 
     def report(self, kind: str, cell: int | None = None, **more: Any) -> None:
         """Write down what has happened."""
-        counts = (self.radio.sent, self.radio.heard, self.radio.lost)
+        counts = (self.radio.sent, self.radio.heard, self.radio.lost, self.radio.dropped)
         place = [round(x, 3) for x in self.vehicle.place]
         self._tell({"time": round(self.now, 6), "kind": kind, "cell": cell, "place": place, "counts": counts, **more})
 
@@ -155,8 +155,9 @@ class Agent:
         for message in self.radio.receive():
             try:
                 beacon = decode_beacon(message)
+                self.task.check(beacon)
             except InvalidInputError:
-                self.radio.lost += 1
+                self.radio.dropped += 1
             else:
                 self._feed(Heard(self.now, beacon))
 

@@ -60,9 +60,10 @@ class LiveOutcome:
     declared, killed : dict of int to float
         When each robot declared the search complete, and when it was killed.
     failed : dict of int to str
-        Robots whose process ended by itself too soon, and why: mistakes in the program.
-    sent, heard, lost : int
-        Messages that robots sent, that came to a robot, and those of them that were lost there; as far as reported.
+        Robots whose process ended too soon, and why: mistakes in the program, or somebody else killed it.
+    sent, heard, lost, dropped : int
+        Messages that robots sent, that came to a robot, those of them that were lost there, and those that were no robot's of this
+        search or said what cannot be; as far as reported.
     channel : str
         "multicast" or "unicast".
     port : int
@@ -82,6 +83,7 @@ class LiveOutcome:
     sent: int
     heard: int
     lost: int
+    dropped: int
     channel: str
     port: int
     startup: float

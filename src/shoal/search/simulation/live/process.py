@@ -68,7 +68,7 @@ def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> 
         os.write(reports, json.dumps(report, separators=(",", ":")).encode() + b"\n")
 
     try:
-        radio = Radio(task.channel, port=task.port, loss=task.loss, random=Random(f"{task.seed} {number}"))
+        radio = Radio(task.channel, port=task.port, loss=task.loss, random=Random(f"{task.seed} {number}"), key=task.key)
         tell({"kind": "ready", "port": radio.port, "process": os.getpid()})
         word = _first_line(orders)
         if word is None:

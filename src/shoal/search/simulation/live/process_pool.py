@@ -39,7 +39,7 @@ class Member:
         Its number; 0 before it is ready.
     port : int
     counts : sequence of int
-        Messages sent, heard, lost.
+        Messages sent, heard, lost, dropped.
     ended : bool
     rest : bytes
         Of a report that has not come wholly.
@@ -50,7 +50,7 @@ class Member:
     reports: int
     process: int = 0
     port: int = 0
-    counts: Sequence[int] = (0, 0, 0)
+    counts: Sequence[int] = (0, 0, 0, 0)
     ended: bool = False
     rest: bytes = b""
 
@@ -132,13 +132,14 @@ class ProcessPool:
         return True
 
     def collect(self, seconds: float, take: Callable[[Member, Report], None]) -> None:
-        """Wait for reports at most so long, and hand them on."""
+        """Wait for reports at most so long, and hand them on; the last one of a process, which it need not know of, is "ended"."""
         for key, _ in self._selector.select(max(seconds, 0.0)):
             member: Member = key.data
             data = os.read(key.fd, 1 << 16)
             if not data:
                 member.ended = True
                 self._selector.unregister(key.fd)
+                take(member, {"kind": "ended"})
                 continue
             *lines, member.rest = (member.rest + data).split(b"\n")
             for line in lines:
@@ -157,6 +158,8 @@ class ProcessPool:
         reasons: dict[int, str] = {}
 
         def take(member: Member, report: Report) -> None:
+            if report["kind"] == "ended":
+                return
             member.port, member.process = int(report.get("port", 0)), int(report.get("process", 0))
             if "reason" in report:
                 reasons[member.number] = report["reason"]

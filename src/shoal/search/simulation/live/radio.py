@@ -1,7 +1,12 @@
-"""A robot's radio: UDP on the loopback interface, to a multicast group, or to each robot's port where multicast cannot be had."""
+"""A robot's radio: UDP on the loopback interface, to a multicast group, or to each robot's port where multicast cannot be had.
+
+Anybody on the machine can send to it. So each message carries a signature (HMAC-SHA-256) by a key that only the robots of one
+search have; what has none is dropped and counted.
+"""
 
 from __future__ import annotations
 
+import hmac
 import socket
 import struct
 import sys
@@ -13,8 +18,10 @@ from typing import Literal
 Channel = Literal["multicast", "unicast"]
 GROUP = "239.83.72.76"  # within the block for private use (RFC 2365, section 6.2)
 LOOPBACK = "127.0.0.1"
-LARGEST = 65_507  # bytes in a datagram
+SIGNATURE = 32  # bytes before each message
+LARGEST = 65_507 - SIGNATURE  # bytes of a message: what a datagram holds besides
 _WAITING = 1 << 20  # bytes that wait to be heard
+_AT_ONCE = 1000  # messages that are taken before the robot does something else
 
 
 def listener(group: str, port: int) -> socket.socket:
@@ -86,10 +93,14 @@ class Radio:
         Probability that a message that has come is thrown away unread.
     random : random.Random
         Decides which.
+    key : bytes
+        By which messages are signed.
     """
 
-    def __init__(self, channel: Channel, *, group: str = GROUP, port: int = 0, loss: float = 0.0, random: Random) -> None:
-        self._loss, self._random = loss, random
+    def __init__(
+        self, channel: Channel, *, group: str = GROUP, port: int = 0, loss: float = 0.0, random: Random, key: bytes = b""
+    ) -> None:
+        self._loss, self._random, self._key = loss, random, key
         self._mouth = speaker(channel)
         self._ear = listener(group, port) if channel == "multicast" else self._mouth
         self._ear.setblocking(False)
@@ -98,7 +109,7 @@ class Radio:
         self.port = int(self._own[1])
         self._channel = channel
         self._others: list[tuple[str, int]] = [(group, port)] if channel == "multicast" else []
-        self.sent = self.heard = self.lost = 0
+        self.sent = self.heard = self.lost = self.dropped = 0
 
     def fileno(self) -> int:
         """Return the descriptor on which messages come."""
@@ -112,6 +123,7 @@ class Radio:
     def send(self, message: bytes) -> None:
         """Broadcast; what the system does not take is lost."""
         self.sent += 1
+        message = self._signature(message) + message
         for other in self._others:
             try:
                 self._mouth.sendto(message, other)
@@ -119,22 +131,30 @@ class Radio:
                 self.lost += 1
 
     def receive(self) -> list[bytes]:
-        """Return the messages that have come and are not lost."""
+        """Return the messages that have come from robots of this search and are not lost; drop those of others."""
         messages: list[bytes] = []
-        while True:
+        for _ in range(_AT_ONCE):
             try:
-                message, sender = self._ear.recvfrom(LARGEST)
+                data, sender = self._ear.recvfrom(SIGNATURE + LARGEST)
             except BlockingIOError:
                 return messages
             except ConnectionError:  # a system may report here that another robot's port is closed
                 continue
             if sender == self._own:
                 continue
+            signature, message = data[:SIGNATURE], data[SIGNATURE:]
+            if not hmac.compare_digest(signature, self._signature(message)):
+                self.dropped += 1
+                continue
             self.heard += 1
             if self._random.random() < self._loss:
                 self.lost += 1
             else:
                 messages.append(message)
+        return messages
+
+    def _signature(self, message: bytes) -> bytes:
+        return hmac.digest(self._key, message, "sha256")
 
     def close(self) -> None:
         """Close the sockets."""

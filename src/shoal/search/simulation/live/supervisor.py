@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -23,6 +24,7 @@ from shoal.search.simulation.scenario import Scenario
 
 _STARTUP = 120.0  # seconds
 _AHEAD = 0.1  # seconds: the robots are told of time 0 before it comes, so that all are switched on at once
+_LAST = ("declared", "killed", "stopped", "failed")  # events after which a process may end
 _SLACK = (60.0, 10.0)  # the time limit: seconds, and how many times what one robot takes to search all
 
 
@@ -125,6 +127,7 @@ def run_live(
             frozenset(targets),
             scenario.blocked,
             scenario.widths,
+            secrets.token_bytes(32),
         )
         began = time.monotonic()
         with ProcessPool(task) as pool:
@@ -212,6 +215,10 @@ class _Watch:
             self._note(LiveEvent(self._now, number, kind))
 
     def _take(self, member: Member, report: Report) -> None:
+        if report["kind"] == "ended":
+            if not any(event.robot == member.number and event.kind in _LAST for event in self._events):
+                self._note(LiveEvent(self._now, member.number, "failed", reason="its process ended without a word"))
+            return
         told: dict[str, Any] = {name: report[name] for name in ("cell", "found", "reason") if name in report}
         told |= {name: tuple(report[name]) for name in ("place", "through", "around", "beside") if name in report}
         self._note(LiveEvent(report.get("time", self._now), member.number, report["kind"], **told))
@@ -230,12 +237,10 @@ class _Watch:
                 times[event.kind][event.robot] = event.time
             elif event.kind == "failed":
                 failed[event.robot] = event.reason
-        for number in members.keys() - failed.keys() - {robot for ended in times.values() for robot in ended}:
-            failed[number] = "its process ended without a word"
         events = tuple(sorted(self._events, key=lambda event: event.time))
         covered = covered_share(events, self._task.goal)
         left = members.keys() - times["killed"].keys() - failed.keys()
-        sent, heard, lost = (sum(member.counts[k] for member in members.values()) for k in range(3))
+        sent, heard, lost, dropped = (sum(member.counts[k] for member in members.values()) for k in range(4))
         return LiveOutcome(
             complete=covered == 1.0 and bool(times["declared"]) and left <= times["declared"].keys(),
             covered=covered,
@@ -245,6 +250,7 @@ class _Watch:
             sent=sent,
             heard=heard,
             lost=lost,
+            dropped=dropped,
             channel=self._task.channel,
             port=self._task.port,
             startup=self._startup,

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from shoal.checks import shortened
+from shoal.errors import InvalidInputError
 from shoal.search.cells.distances import CellDistances
+from shoal.search.protocol.messages import Beacon
 from shoal.search.protocol.robot import Brief, Robot
 from shoal.search.simulation.live.radio import Channel
 
@@ -32,6 +35,8 @@ class LiveTask:
         Cells, as bits, that cannot be entered. The vehicle runs into them; its robot knows nothing of them.
     widths : tuple of int
         Of the footprint of each robot; 1 if there are none.
+    key : bytes
+        Of this run: messages without its signature come from somebody else.
     """
 
     brief: Brief
@@ -45,12 +50,32 @@ class LiveTask:
     targets: frozenset[int]
     blocked: int = 0
     widths: tuple[int, ...] = ()
+    key: bytes = b""
+
+    def check(self, beacon: Beacon) -> None:
+        """Refuse a beacon that no robot of this run can have sent.
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        robots, cells = len(self.starts), len(self.brief.tour_cost)
+        for told in beacon.heartbeats:
+            known = 1 <= told.robot <= robots
+            if not known or (told.start, told.rate, told.width) != self._of(told.robot):
+                raise InvalidInputError(f"beacon: expected robots of this search, as they are, got {shortened(told)}")
+        numbers = {beacon.sender, *(number for number, _ in (*beacon.searched, *beacon.closed))}
+        sets = [bits >> cells for _, bits in (*beacon.searched, *beacon.closed)]
+        sets += [bits >> robots + 1 | bits & 1 for _, bits in beacon.found]
+        if not numbers <= set(range(1, robots + 1)) or any(sets) or any(cell >= cells for cell, _ in beacon.found):
+            raise InvalidInputError(f"beacon: expected {robots} robots and {cells} cells, got others")
+
+    def _of(self, number: int) -> tuple[int, float, int]:
+        return self.starts[number - 1], self.rates[number - 1], self.widths[number - 1] if self.widths else 1
 
     def robot(self, number: int) -> Robot:
         """Return a robot as it is switched on."""
-        return Robot(
-            number, self.brief, self.starts[number - 1], self.rates[number - 1], self.widths[number - 1] if self.widths else 1
-        )
+        return Robot(number, self.brief, *self._of(number))
 
     def seen(self, width: int, cell: int) -> tuple[int, ...]:
         """Return the cells that are seen from one with a footprint of so many cells' width, without itself."""

@@ -57,7 +57,7 @@ def live_trace(scenario: Scenario, *, live: float, loss: float) -> tuple[Scenari
             left &= ~bitset_of((event.cell, *event.around))
             covered_at = inf if left else event.time
     return scenario, SearchTrace(
-        tuple(logs), covered_at, outcome.declared, outcome.heard, outcome.lost, takeovers_of(scenario, logs)
+        tuple(logs), covered_at, outcome.declared, outcome.heard, outcome.lost, takeovers_of(scenario, logs), outcome.dropped
     )
 
 
