@@ -70,6 +70,8 @@ import numpy as np
 from shoal.steering import SteeringProblem, SteeringTask, cylinder, disk, polygon_reach, prism, regular_polygon
 from shoal.steering.run import run
 from shoal.steering.planners import shooting
+from shoal.steering.planners.chains import improvement
+improvement.TRIES = 6
 shooting.DIRECTIONS = {2: 8, 3: 8}
 shooting.DENSE = 1
 shooting.REPAIRS = {4: (2, 3), 5: (1, 2), 6: (1, 2)}
@@ -100,7 +102,7 @@ for space in (regular_polygon(5), disk(0.5)):
     chain = roadmap.roadmap_chain(task.chain_query(), maps=roadmap.MAPS)
     print(None if chain is None else (chain.touchers.tolist(), chain.walls.tolist(), np.round(chain.unknowns, 5).tolist()))
     print(friction_limits.friction_limit(space, 0.2, task.before, task.after))
-print([round(r.fraction(samples=20), 3) for r in polygon_reach(regular_polygon(3), (0.2, 0.1), moves=4, contacts=5)])
+print([round(r.fraction(), 3) for r in polygon_reach(regular_polygon(3), (0.2, 0.1), moves=4, contacts=5)])
 """
 
 TOURS = """

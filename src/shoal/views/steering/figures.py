@@ -93,7 +93,7 @@ def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None
     """
     if not sets:
         raise InvalidInputError("reach figure: expected one set or more, got none")
-    figure = new_figure(11.6 if points is not None else 7.4, 5.2)
+    figure = new_figure(11.8 if points is not None else 7.8, 5.2)
     grid = figure.subplots(1, 2 if points is not None else 1, squeeze=False)[0]
     axes = grid[-1]
     samples = 500
@@ -121,12 +121,14 @@ def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None
         new[new] = reach.contains(grid_points[new])
         picture[new] = to_rgba(colour)
         found |= new
-        axes.fill([], [], color=colour, label=f"{reach.moves} moves: {100 * found.sum() / inside.sum():.1f} %")
+        axes.fill([], [], color=colour, label=f"{reach.moves} moves: {100 * reach.fraction():.2f} %")
     axes.imshow(picture, origin="lower", extent=(low[0], high[0], low[1], high[1]), interpolation="bilinear", zorder=1)
     axes.fill(*outline.T, facecolor="none", edgecolor=INK, lw=1.6, zorder=2)
     before = sets[0].before
     axes.plot(*before, "s", color=ORANGE, ms=7, zorder=4, label="Δ at the start")
     bare_axes(axes)
+    edge = 0.03 * (high - low).max()  # the picture would end where the line around it does
+    axes.set(xlim=(low[0] - edge, high[0] + edge), ylim=(low[1] - edge, high[1] + edge))
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, labelcolor=INK)
     set_title(axes, "Reached in the Δ configuration space")
     return figure
