@@ -8,6 +8,8 @@ APT := $(shell [ "$$(id -u)" = 0 ] && echo apt-get || echo sudo apt-get)
 SOURCES := $(shell find src -name '*.py' 2>/dev/null)
 
 export PIP_CONSTRAINT := $(CURDIR)/requirements.lock
+# Else every process would compile every module that it imports to byte code again, which takes longer than many tests.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help install demo lint test test-wheel check bench soak docs clean
 
