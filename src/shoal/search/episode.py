@@ -24,8 +24,8 @@ from shoal.search.problem.faults import Liar
 from shoal.search.regions.coverage import AreaCoverage, coverage_check
 from shoal.search.simulation.findings import Finding, merge_findings
 from shoal.search.simulation.scenario import Scenario, scenario_of
-from shoal.search.simulation.trace import SearchTrace, planned_trace, simulated_trace
-from shoal.search.tours.bitset import bits_to_array, bitset_of
+from shoal.search.simulation.trace import SearchTrace, planned_trace, searched_at, simulated_trace
+from shoal.search.tours.bitset import bitset_of
 
 FORMAT: Literal[2] = 2
 
@@ -69,11 +69,13 @@ class SearchEpisode(Episode):
     @property
     def reason(self) -> str:
         """Why it has its status, in one sentence."""
-        cells = self.scenario.goal.bit_count()
+        cells, count = self.scenario.goal.bit_count(), self.problem.multiplicity
         if self.trace.covered_at == inf:
-            left = int(np.isinf(self._first_searched).sum())
-            return f"{left} of {cells} cells that robots can reach were never searched"
-        told = f"all {cells} cells that robots can reach were searched after {self.makespan:.6g} s"
+            left = int(np.isinf(searched_at(self.scenario, self.trace.robots)).sum())
+            often = "never searched" if count == 1 else f"searched by fewer than {count} robots"
+            return f"{left} of {cells} cells that robots can reach were {often}"
+        by = "" if count == 1 else f" by {count} robots"
+        told = f"all {cells} cells that robots can reach were searched{by} after {self.makespan:.6g} s"
         if self._as_planned:
             return f"{told}, if all goes as planned: nothing was simulated"
         if self._unaware:
@@ -141,15 +143,6 @@ class SearchEpisode(Episode):
     def seen(self) -> tuple[tuple[NDArray[np.int64], ...], ...]:
         """By robot, the cells that it saw from each in which it stopped, as numbers on the tour."""
         return tuple(tuple(self.plan.seen(robot, log.cells)) for robot, log in enumerate(self.trace.robots))
-
-    @cached_property
-    def _first_searched(self) -> NDArray[np.float64]:
-        """When each cell that some robot can reach was first searched by one that does not lie; infinite if never."""
-        first = np.full(len(self.plan.tour_cost), inf)
-        for number, (log, seen) in enumerate(zip(self.trace.robots, self.seen, strict=True), start=1):
-            for cells, moment in zip(seen, log.times.tolist(), strict=True):
-                first[cells] = np.minimum(first[cells], inf if number in self.liars else moment)
-        return np.asarray(first[bits_to_array(self.scenario.goal, len(first))])
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
@@ -241,7 +234,7 @@ class SearchEpisode(Episode):
         What processes did cannot be played again: then only whether it fits what the episode says was searched, and when.
         """
         if self.problem.live is not None:
-            good = float(self._first_searched.max()) == self.trace.covered_at
+            good = float(searched_at(self.scenario, self.trace.robots).max()) == self.trace.covered_at
             return Verification(good, f"a live search, {'' if good else 'not '}consistent: what was searched, and when")
         again = simulated_trace(self.plan, self.scenario) if self.simulated else planned_trace(self.plan)
         difference = self.trace.difference(again)

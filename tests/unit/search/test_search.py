@@ -474,3 +474,27 @@ def test_takeovers_of_live_robots_are_counted_from_what_they_searched():
         for k, row in enumerate(rows)
     ]
     assert takeovers_of(scenario, logs) == 1  # cells 2 and 3 at one go; cell 4 was a live robot's
+
+
+def test_time_and_bound_of_a_search_in_two_passes_are_those_of_both():
+    """A multiplicity of 2 once had the time, the bound and the completeness of one pass."""
+    once, twice = (search("square:100", robots=4, footprint=10, starts="line", multiplicity=k) for k in (1, 2))
+    assert twice.metrics["lower_bound"] == 2 * once.metrics["lower_bound"] == 500.0
+    assert twice.makespan >= twice.metrics["lower_bound"]
+    assert twice.metrics["planned"] > 1.8 * once.metrics["planned"]
+    assert twice.status == "complete"
+    assert "by 2 robots" in twice.reason
+    counts = np.bincount(np.concatenate([np.unique(log.cells) for log in twice.trace.robots]), minlength=100)
+    assert (counts >= 2).all()
+    planned = np.bincount(np.concatenate([np.unique(twice.plan.stops(robot)) for robot in range(4)]), minlength=100)
+    assert (planned == 2).all()
+    assert twice.verify()
+
+
+def test_a_pass_that_is_missed_is_not_complete():
+    episode = search("square:60", robots=2, footprint=10, multiplicity=2, faults=["crash:2@3"])
+    assert episode.status == "incomplete"
+    assert episode.makespan is None
+    assert "of 36 cells that robots can reach were searched by fewer than 2 robots" in episode.reason
+    with pytest.raises(InvalidInputError, match="multiplicity: expected at most 2, as there are robots, got 3"):
+        search("square:60", robots=2, multiplicity=3)

@@ -127,7 +127,7 @@ def test_first_searched_is_what_the_logs_tell(history):
         ]
         assert (times[cell], by[cell] if found else 0) == (min(found) if found else (inf, 0))
     if history.episode.simulated:
-        assert times.max() == history.episode.trace.covered_at
+        assert (times.max() == history.episode.trace.covered_at) == (history.episode.problem.multiplicity == 1)
     assert history.searched(history.end) == np.isfinite(times).sum()
 
 

@@ -32,13 +32,17 @@ class Allocation:
     times : ndarray of float64, shape (m,)
         When each robot is done, the way to its first cell included; in the time that speed 1 takes for a cell.
     lower_bound : float
-        No allocation is done earlier: the number of cells over the sum of the speeds, each times the width of the footprint.
+        No allocation is done earlier: the number of cells, times how many robots must search each, over the sum of the speeds, each
+        times the width of the footprint.
+    work : tuple of tuple of Arc
+        By robot, its own arcs, and where several robots search each cell those of the robots ahead.
     """
 
     allocator: str
     arcs: tuple[tuple[Arc, ...], ...]
     times: Floats
     lower_bound: float
+    work: tuple[tuple[Arc, ...], ...]
 
     @property
     def makespan(self) -> float:
@@ -99,11 +103,11 @@ def allocate(
     wide = np.ones(len(back), dtype=np.int64) if widths is None else np.asarray(widths)
     times = np.array(
         [
-            _time(tour_cost, work, place, int(start) if len(team.far) else None, int(width))
+            time_of(tour_cost, work, place, int(start) if len(team.far) else None, int(width))
             for work, place, start, width in zip(arcs, at, numbers, wide, strict=True)
         ]
     )
-    return Allocation(allocator, arcs, times / speeds, len(tour_cost) / float((speeds * wide).sum()))
+    return Allocation(allocator, arcs, times / speeds, len(tour_cost) / float((speeds * wide).sum()), arcs)
 
 
 def arcs_of(
@@ -149,7 +153,7 @@ def _team(
     return Team(first[order], speeds[order], at[order], gains[order], tour_cost.far(first[order])), order
 
 
-def _time(tour_cost: TourCost, work: Sequence[Arc], place: Floats, start: int | None, width: int) -> float:
+def time_of(tour_cost: TourCost, work: Sequence[Arc], place: Floats, start: int | None, width: int) -> float:
     """Return what arcs cost a robot."""
     if width == 1 or not work:
         return work_time(tour_cost, work, place, start)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from shoal.search.allocation.allocate import Arc, arcs_of
-from shoal.search.allocation.tour_cost import TourCost
+import numpy as np
+
+from shoal.search.allocation.allocate import Allocation, Arc, arcs_of, time_of
+from shoal.search.allocation.tour_cost import Floats, TourCost
 from shoal.search.tours.bitset import arc_bits, runs
 
 
@@ -45,6 +47,31 @@ def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int,
         first = lows[0] if lows else start
         parts.append((first, bool(bits), number, Part(number, first, arcs, bits)))
     return tuple(part for *_, part in sorted(parts, key=lambda entry: entry[:3]))
+
+
+def in_passes(
+    tour_cost: TourCost, allocation: Allocation, robots: tuple[tuple[int, int, float, int], ...], places: Floats, count: int
+) -> Allocation:
+    """Return an allocation in which each cell is searched by ``count`` robots: after its own part each searches those ahead.
+
+    Parameters
+    ----------
+    robots : tuple of (number, start, rate, width)
+        As for `partition`, numbered from 1.
+    places : ndarray of float64, shape (m, d)
+        Where they are, as `TourCost.points`.
+    """
+    parts = partition(tour_cost, allocation.allocator, robots)
+    work = {
+        part.robot: tuple(arc for k in range(count) for arc in (parts[k:] + parts[:k])[index].arcs)
+        for index, part in enumerate(parts)
+    }
+    times = [
+        time_of(tour_cost, work[number], place, start, width) / rate
+        for (number, start, rate, width), place in zip(robots, places, strict=True)
+    ]
+    bound = count * allocation.lower_bound
+    return replace(allocation, times=np.array(times), lower_bound=bound, work=tuple(work[number] for number, *_ in robots))
 
 
 def previous_in(parts: tuple[Part, ...], index: int, live: Callable[[int], bool], count: int) -> list[int]:

@@ -16,6 +16,7 @@ from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.allocate import Allocation, Arc, allocate
 from shoal.search.allocation.arcs import numbers_of
+from shoal.search.allocation.partition import in_passes
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.allocation.viewpoint_selection import select_viewpoints
 from shoal.search.cells.distances import CellDistances, Distances, RegionDistances
@@ -87,7 +88,7 @@ class SearchPlan:
 
     def stops(self, robot: int) -> NDArray[np.int64]:
         """Return where a robot, counted from 0, stops to see its part, as numbers on the tour; int64, shape (k,)."""
-        cells = self.numbers(self.allocation.arcs[robot])
+        cells = self.numbers(self.allocation.work[robot])
         width = int(self.widths[robot])
         return cells if width == 1 or not len(cells) else select_viewpoints(self.tour_cost, width, cells)[0]
 
@@ -161,6 +162,9 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     widths = widths_of(footprints, grid.size)
     allocator, middles = problem.chosen_allocation, places / grid.size
     given = allocate(tour_cost, numbers, allocator=allocator, rates=speeds, places=middles, widths=widths)
+    if problem.multiplicity > 1:
+        team = zip(range(1, robots + 1), numbers.tolist(), speeds.tolist(), widths.tolist(), strict=True)
+        given = in_passes(tour_cost, given, tuple(team), middles, problem.multiplicity)
     return SearchPlan(grid, tour_cost, places, numbers, speeds, given, footprints, problem.transit)
 
 

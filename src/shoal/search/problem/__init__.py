@@ -151,6 +151,8 @@ class SearchProblem(Problem):
         for fault in self.faults:
             if fault.robot > self.robots:
                 raise InvalidInputError(f"faults: expected a robot from 1 to {self.robots}, got {fault_text(fault)}")
+        if self.multiplicity > self.robots:
+            raise InvalidInputError(f"multiplicity: expected at most {self.robots}, as there are robots, got {self.multiplicity}")
         if self.crashes > self.robots:
             raise InvalidInputError(f"crashes: expected at most {self.robots}, one a robot, got {self.crashes}")
         if isinstance(self.region, SearchRegion) and (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
 from math import inf
@@ -13,8 +14,10 @@ from numpy.typing import NDArray
 from shoal.checks import check_integer, check_number, check_text, shortened
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.plan import SearchPlan
+from shoal.search.problem.faults import Liar
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.world import SearchWorld
+from shoal.search.tours.bitset import bits_to_array
 
 _HORIZON = 60.0  # times the way of one robot alone
 
@@ -60,7 +63,8 @@ class SearchTrace:
     ----------
     robots : tuple of RobotLog
     covered_at : float
-        When the last cell that some robot can reach was searched, in the time of a cell; infinite if some never were.
+        When the last cell that some robot can reach was searched, by as many robots as must search it, in the time of a cell;
+        infinite if some never were.
     declared : dict of int to float
         When each robot, counted from 1 on, declared the search complete.
     sent, lost : int
@@ -180,7 +184,36 @@ def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
         )
         for vehicle in outcome.vehicles.values()
     )
-    return SearchTrace(logs, outcome.covered_at, outcome.declared, outcome.sent, outcome.lost, outcome.takeovers)
+    covered_at = float(searched_at(scenario, logs).max())
+    return SearchTrace(logs, covered_at, outcome.declared, outcome.sent, outcome.lost, outcome.takeovers)
+
+
+def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.float64]:
+    """Return when each cell that some robot can reach was searched by as many robots as must search it; float64, shape (cells,).
+
+    They are as many as the multiplicity says, or all that can reach the cell if those are fewer. One of them may not lie: that is
+    what several are good for. Infinite if it never was.
+    """
+    tour_cost, count = scenario.brief.tour_cost, scenario.brief.multiplicity
+    liars = {fault.robot for fault in scenario.faults if isinstance(fault, Liar)}
+    best = np.full((count, len(tour_cost)), inf)  # of each cell the earliest times, by different robots
+    truly = np.full(len(tour_cost), inf)
+    able = np.zeros(len(tour_cost), dtype=np.int64)
+    for number, log in enumerate(logs, start=1):
+        able += bits_to_array(scenario.reach(number), len(able)) if count > 1 else 1
+        mine = np.full(len(tour_cost), inf)
+        if scenario.widths[number - 1] == 1:
+            np.minimum.at(mine, log.cells, log.times)
+        else:
+            for cell, moment in zip(log.cells.tolist(), log.times.tolist(), strict=True):
+                seen = tour_cost.seen(cell, scenario.widths[number - 1])
+                mine[seen] = np.minimum(mine[seen], moment)
+        truly = truly if number in liars else np.minimum(truly, mine)
+        for place in range(count):
+            best[place], mine = np.minimum(best[place], mine), np.maximum(best[place], mine)
+    last = np.minimum(able, count) - 1
+    found = np.maximum(best[last, np.arange(len(last))], truly)
+    return np.asarray(found[bits_to_array(scenario.goal, len(last))])
 
 
 def _witnesses(bits: int) -> list[int]:

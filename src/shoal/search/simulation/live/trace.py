@@ -14,8 +14,7 @@ from shoal.search.problem.faults import Crash
 from shoal.search.simulation.live.outcome import LiveEvent
 from shoal.search.simulation.live.supervisor import run_live
 from shoal.search.simulation.scenario import Scenario
-from shoal.search.simulation.trace import RobotLog, SearchTrace
-from shoal.search.tours.bitset import bitset_of
+from shoal.search.simulation.trace import RobotLog, SearchTrace, searched_at
 
 _HELLO, _BEAT = 0.3, 0.05  # seconds that live robots listen, and between their beacons, at the least
 _STATES = {kind: kind for kind in ("listening", "searching", "waiting", "complete")} | {
@@ -51,11 +50,7 @@ def live_trace(scenario: Scenario, *, live: float, loss: float) -> tuple[Scenari
         seed=scenario.seed,
     )
     logs = [_log_of(number, outcome.events) for number in range(1, len(scenario.starts) + 1)]
-    left, covered_at = scenario.goal, inf
-    for event in outcome.events:
-        if event.kind == "searched" and event.cell is not None and left:
-            left &= ~bitset_of((event.cell, *event.around))
-            covered_at = inf if left else event.time
+    covered_at = float(searched_at(scenario, logs).max())
     return scenario, SearchTrace(
         tuple(logs), covered_at, outcome.declared, outcome.heard, outcome.lost, takeovers_of(scenario, logs), outcome.dropped
     )
