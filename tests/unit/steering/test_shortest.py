@@ -9,7 +9,7 @@ import pytest
 from tests.reference.test_steering import random_point
 from tests.steering import steer
 
-from shoal.steering import SteeringProblem, cylinder, disk, polygon, prism, regular_polygon
+from shoal.steering import SteeringProblem, cylinder, disk, polygon, prism, region, regular_polygon
 
 SEVEN = polygon(
     [(0.9994, 0.407), (0.4218, 0.5772), (-0.6892, 0.5416), (-0.9426, 0.4653), (-0.994, 0.4213), (0.1934, 0.2083), (0.5959, 0.2431)]

@@ -44,7 +44,8 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
     source : str, path or dict
         A name: ``square`` (side 1, from the origin), ``triangle``, ``pentagon``, ``hexagon``, ``heptagon``, ``octagon`` or
         ``regular:SIDES`` (around the origin, corners on a circle of radius 0.5), ``disk`` (radius 0.5) or ``disk:RADIUS``.
-        A file: ``.json`` (as in a problem file, or GeoJSON), ``.geojson``, ``.wkt``, ``.svg`` (its first shape; y is turned up).
+        A file: ``.json`` (as in a problem file, or GeoJSON), ``.geojson``, ``.wkt``, ``.svg`` (all that it
+        shows: the largest closed line is the outline, the others are obstacles; in its own units, y turned up).
         Text: ``POLYGON ((0 0, ...))``. Or the dict of a problem file: ``{"type": "polygon", "vertices": [...]}`` and others.
 
     Returns
@@ -101,7 +102,7 @@ def workspace_of(data: Any, *, where: str) -> Workspace:
     if kind == "wkt":
         return _from_wkt(data["text"], where=where)
     if kind == "svg":
-        return _from_rings(rings_of_path(data["text"], where=where), where=where)
+        return _from_svg(data["text"], where=where)
     fields = {name: value for name, value in data.items() if name != "type"}
     try:
         return _built(kind, fields, where)
@@ -180,12 +181,19 @@ def _read_workspace(source: Path) -> Workspace:
     if suffix == ".wkt":
         return _from_wkt(text, where=where)
     if suffix == ".svg":
-        drawn = read_drawing(text, where=where)
-        return drawn if isinstance(drawn, ConvexWorkspace) else _from_rings(drawn, where=where)
+        return _from_svg(text, where=where)
     data = parse_json(text, where=where)
     if isinstance(data, dict) and "workspace" in data:
         data = data["workspace"]
     return workspace_of(data, where=where)
+
+
+def _from_svg(text: str, *, where: str) -> Workspace:
+    """Return the workspace of a whole drawing, or of what the ``d`` attribute of a path says."""
+    if not text.lstrip("\ufeff \t\r\n").startswith("<"):
+        return _from_rings(rings_of_path(text, where=where), where=where)
+    drawn = read_drawing(text, where=where)
+    return drawn if isinstance(drawn, ConvexWorkspace) else _from_rings(drawn, where=where)
 
 
 def _from_geojson(data: Any, *, where: str) -> Workspace:

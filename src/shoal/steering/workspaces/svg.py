@@ -1,7 +1,9 @@
-"""Outlines of workspaces from SVG drawings and paths; y is turned up."""
+"""Outlines of workspaces from SVG drawings and paths, in the drawing's own units; y is turned up."""
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as Tree
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -10,8 +12,12 @@ from shoal.errors import InvalidInputError
 from shoal.steering.workspaces.convex import ConvexWorkspace, disk
 from shoal.steering.workspaces.convex_geometry import Points
 
-_CURVE = 48  # corners that stand for each curve of a path
-_SHAPES = ("path", "polygon", "rect", "circle", "ellipse", "polyline")
+LARGEST_DRAWING = 2_000_000  # characters
+DEEPEST, MOST_ELEMENTS, MOST_CORNERS = 100, 20_000, 20_000
+
+_CURVE = 48  # corners that stand for each curve
+_ROUND = 1e-9  # of a radius: by less an ellipse is a circle
+_FRAME = ("width", "height", "viewBox", "preserveAspectRatio", "x", "y")  # how a drawing is shown, not what it is
 
 
 def rings_of_path(text: str, *, where: str) -> list[Points]:
@@ -21,71 +27,117 @@ def rings_of_path(text: str, *, where: str) -> list[Points]:
     ------
     InvalidInputError
     """
-    from fontTools.pens.recordingPen import RecordingPen
-    from fontTools.svgLib.path import parse_path
+    from svgelements import Path
 
-    pen = RecordingPen()
+    _check_size(text, where)
     try:
-        parse_path(text, pen)
+        found = _rings(Path(text))
     except Exception as error:  # a parser of somebody else's that raises what it likes
         raise _refused(error, "path", where) from None
-    return _rings(pen.value, where=where)
+    return _checked(found, where)
 
 
 def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
-    """Return the first shape of a drawing: a disk, or closed lines as `rings_of_path` does.
+    """Return what a drawing shows: a disk if it is one circle, else closed lines as `rings_of_path` does, the largest first.
+
+    Paths with arcs, polygons, polylines, rectangles, circles and ellipses are read, within groups, with their transforms and as
+    often as they are used; what is not displayed is not. Units are those of the drawing, y is turned up.
 
     Raises
     ------
     InvalidInputError
     """
-    import xml.etree.ElementTree as Tree
+    from svgelements import SVG, Circle, Ellipse, Shape
 
-    from fontTools.pens.recordingPen import RecordingPen
-    from fontTools.svgLib.path import SVGPath
-
-    if "<!DOCTYPE" in text.upper() and "<!ENTITY" in text.upper():
+    _check_size(text, where)
+    if "<!ENTITY" in text.upper():
         raise InvalidInputError(f"{where}: expected an SVG drawing without entities")
-    pen = RecordingPen()
     try:
-        nodes = [(node.tag.rpartition("}")[2], node) for node in Tree.fromstring(text).iter()]
-        first = next(((kind, node) for kind, node in nodes if kind in _SHAPES), None)
-        if first is not None and first[0] == "circle" and not any("transform" in node.attrib for _, node in nodes):
-            x, y, r = (float(first[1].get(name, "0")) for name in ("cx", "cy", "r"))
-            return disk(r, center=(x, -y))
-        SVGPath.fromstring(text.encode()).draw(pen)
+        root = Tree.fromstring(text)
+        _check_elements(root, where)
+        for name in _FRAME:
+            root.attrib.pop(name, None)
+        shapes = [one for one in SVG.parse(BytesIO(Tree.tostring(root))).elements() if isinstance(one, Shape)]
+        if len(shapes) == 1 and isinstance(shapes[0], Circle | Ellipse):
+            radii, center = sorted((abs(float(shapes[0].rx)), abs(float(shapes[0].ry)))), shapes[0].implicit_center
+            if np.isfinite(radii).all() and radii[1] - radii[0] <= _ROUND * radii[1] and shapes[0].transform.is_identity():
+                return disk(radii[1], center=(float(center.x), -float(center.y)))
+        found = [ring for shape in shapes for ring in _rings(shape)]
     except InvalidInputError:
         raise
     except Exception as error:  # as above
         raise _refused(error, "drawing", where) from None
-    return _rings(pen.value, where=where)
+    return sorted(_checked(found, where), key=lambda ring: -abs(_area(ring)))
+
+
+def _check_size(text: str, where: str) -> None:
+    if len(text) > LARGEST_DRAWING:
+        raise InvalidInputError(f"{where}: expected an SVG of at most {LARGEST_DRAWING} characters, got {len(text)}")
+
+
+def _check_elements(root: Tree.Element, where: str) -> None:
+    """Refuse a drawing that is too deep, or too large when all that it uses is put in place."""
+    level, depth = [root], 0
+    names: dict[str, Tree.Element] = {}
+    while level:
+        depth += 1
+        if depth > DEEPEST:
+            raise InvalidInputError(f"{where}: expected an SVG drawing of at most {DEEPEST} levels, got more")
+        names |= {node.attrib["id"]: node for node in level if "id" in node.attrib}
+        level = [child for node in level for child in node]
+    sizes: dict[Tree.Element, float] = {}
+
+    def size(node: Tree.Element) -> float:
+        if node in sizes:
+            return sizes[node]
+        sizes[node] = np.inf  # what uses itself has no end
+        used = next((value for name, value in node.attrib.items() if name.rpartition("}")[2] == "href"), "")
+        target = names.get(used[1:]) if node.tag.rpartition("}")[2] == "use" else None
+        sizes[node] = 1 + sum(size(child) for child in node) + (size(target) if target is not None else 0)
+        return sizes[node]
+
+    if size(root) > MOST_ELEMENTS:
+        raise InvalidInputError(
+            f"{where}: expected an SVG drawing of at most {MOST_ELEMENTS} elements, with all that it uses, got more"
+        )
 
 
 def _refused(error: Exception, what: str, where: str) -> InvalidInputError:
-    why = str(error)[:120] or type(error).__name__
+    why = " ".join(str(error).split())[:120] or type(error).__name__
     return InvalidInputError(f"{where}: expected an SVG {what}, got something else: {why}")
 
 
-def _rings(drawn: list[tuple[str, Any]], *, where: str) -> list[Points]:
-    """Return the closed lines that a pen has drawn."""
-    rings: list[list[tuple[float, float]]] = []
-    for action, points in drawn:
-        if action == "moveTo":
-            rings.append([points[0]])
-        elif action in ("lineTo", "curveTo", "qCurveTo"):
-            rings[-1] += _bent(rings[-1][-1], points)
-    found = [np.array(ring) * [1.0, -1.0] + 0.0 for ring in rings if len(ring) > 1]
-    if not found:
+def _rings(shape: Any) -> list[Points]:
+    """Return the lines that a shape draws, each closed; those of fewer than three points left out."""
+    from svgelements import Close, Line, Move, Path
+
+    rings: list[list[Points]] = []
+    for segment in Path(shape).segments():
+        if isinstance(segment, Move):
+            rings.append([_points(segment.end)])
+        elif isinstance(segment, Line | Close):
+            if segment.end is not None:
+                rings[-1].append(_points(segment.end))
+        else:
+            rings[-1] += [_points(segment.point(k / _CURVE)) for k in range(1, _CURVE + 1)]
+    return [np.array(ring) for ring in rings if len(ring) > 2]
+
+
+def _points(point: Any) -> Points:
+    return np.array([float(point.x), -float(point.y)]) + 0.0
+
+
+def _checked(rings: list[Points], where: str) -> list[Points]:
+    if not rings:
         raise InvalidInputError(f"{where}: expected a closed path, got one without lines")
-    return found
+    corners = sum(len(ring) for ring in rings)
+    if corners > MOST_CORNERS:
+        raise InvalidInputError(f"{where}: expected an SVG of at most {MOST_CORNERS} corners, got {corners}")
+    if not all(np.isfinite(ring).all() and np.abs(ring).max() < 1e15 for ring in rings):
+        raise InvalidInputError(f"{where}: expected an SVG with finite numbers below 1e15, got larger ones")
+    return rings
 
 
-def _bent(start: tuple[float, float], points: tuple[tuple[float, float], ...]) -> list[tuple[float, float]]:
-    """Return points along a straight line or a Bézier curve, without its start."""
-    if len(points) == 1:
-        return [points[0]]
-    shares = (np.arange(1, _CURVE + 1) / _CURVE)[:, None]
-    control = np.array([start, *points])[None].repeat(_CURVE, axis=0)
-    while control.shape[1] > 1:  # de Casteljau
-        control = control[:, :-1] + shares[:, :, None] * (control[:, 1:] - control[:, :-1])
-    return [(float(x), float(y)) for x, y in control[:, 0]]
+def _area(ring: Points) -> float:
+    x, y = ring.T
+    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)
