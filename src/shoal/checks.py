@@ -66,6 +66,7 @@ def check_number(
     try:
         good = number and least <= value <= most and above < value and (value < below or below == inf)
         good = good and (not finite or isfinite(value))
+        value = float(value) if good else value
     except OverflowError:  # a whole number beyond all floats
         good = False
     if not good:

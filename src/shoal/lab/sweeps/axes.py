@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
-from shoal.checks import validation_message
+from shoal.checks import shortened, validation_message
 from shoal.errors import InvalidInputError
 
 MAX_POINTS = 100_000
@@ -50,6 +50,8 @@ def axis_values(name: str, given: Any) -> tuple[Any, ...]:
             values = _range(RangeForm.model_validate(given), where)
         except ValidationError as error:
             raise InvalidInputError(validation_message(error, where=where)) from None
+        except ArithmeticError:
+            raise InvalidInputError(f"{where}: expected numbers below 1e300, got {shortened(given)}") from None
     elif isinstance(given, list | tuple | range):
         values = tuple(given)
     else:

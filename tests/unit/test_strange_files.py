@@ -1,0 +1,100 @@
+"""Problem and sweep files with anything in them: one sentence, no traceback, no long wait."""
+
+from __future__ import annotations
+
+import pytest
+
+import shoal
+from shoal import parts
+from shoal.errors import ShoalError
+from shoal.lab import Sweep
+from shoal.lab.coordinator import prepare
+
+HUGE = "1" + "0" * 400
+PLACES = {"swarm": '"map": "line:9"', "steering": '"workspace": "square"', "search": '"region": "square:60"'}
+VALUES = [
+    HUGE,
+    "-" + HUGE,
+    "9" * 5000,
+    "1e999",
+    "NaN",
+    "Infinity",
+    '"\\ud800"',
+    "[" * 60 + "]" * 60,
+    "[" * 50_000,
+    '{"a": 1}',
+    "null",
+    "true",
+    "[1, 2, 3]",
+    '""',
+    '"x:y:z"',
+    "[null]",
+    '[["\\ud800"]]',
+    f"[[{HUGE}, 1]]",
+    '"' + "a" * 100_000 + '"',
+]
+TOML = """
+name = "x"
+trials = {0}
+seed = {1}
+paired = {2}
+[problem]
+kind = {3}
+map = "line:9"
+particles = {4}
+[axes]
+max_moves = {5}
+"""
+GOOD = ["1", "0", "[]", '"swarm"', "3", "[5]"]
+TOML_VALUES = [
+    HUGE,
+    "-" + HUGE,
+    "9" * 5000,
+    "1e999",
+    "nan",
+    "inf",
+    '"\\ud800"',
+    "[" * 60 + "]" * 60,
+    "[" * 3000 + "]" * 3000,
+    "{a = 1}",
+    "true",
+    '""',
+    f"{{from = 1, to = {HUGE}, step = 1}}",
+    "{from = 1, to = 1e300, step = 1}",
+    f"{{from = 1, to = {HUGE}, count = 5}}",
+    f'{{from = {HUGE}, to = {HUGE}, count = 3, scale = "log"}}',
+    "{from = 1, to = 9, step = 0}",
+    "1979-05-27T07:32:00Z",
+    '"os:system"',
+]
+
+
+def is_taken_or_refused(load):
+    """Tell whether something is taken, or refused in one short sentence."""
+    try:
+        load()
+    except ShoalError as error:
+        return len(str(error)) < 700 and "\n" not in str(error)
+    return True
+
+
+@pytest.mark.parametrize("part", parts.PARTS)
+def test_problem_files(part, tmp_path):
+    path = tmp_path / "problem.json"
+    for name, declared in parts.problem_type(part).declarations().items():
+        for value in VALUES:
+            place = "" if declared.required or name == "workspace" else f", {PLACES[part]}"
+            path.write_text(f'{{"kind": "{part}"{place}, "{name}": {value}}}')
+            assert is_taken_or_refused(lambda: shoal.load_problem(path)), (name, value[:60])
+
+
+def test_sweep_files(tmp_path):
+    path = tmp_path / "sweep.toml"
+    for number in range(len(GOOD)):
+        for value in TOML_VALUES:
+            path.write_text(TOML.format(*GOOD[:number], value, *GOOD[number + 1 :]))
+            assert is_taken_or_refused(lambda: prepare(Sweep.load(path))), (number, value[:60])
+    for raw in (b"\xff\xfe", b'name = "\xe9"', b"\0", b"a = " + b"[" * 100_000, b"a." * 5000 + b"a = 1", b"", b"x" * 11_000_000):
+        path.write_bytes(raw)
+        with pytest.raises(ShoalError):
+            Sweep.load(path)
