@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import shoal
 from shoal import parts
-from shoal.errors import ShoalError
+from shoal.errors import InvalidInputError, ShoalError
 from shoal.lab import Sweep
 from shoal.lab.coordinator import prepare
 
@@ -98,3 +99,14 @@ def test_sweep_files(tmp_path):
         path.write_bytes(raw)
         with pytest.raises(ShoalError):
             Sweep.load(path)
+
+
+def test_an_episode_that_unfolds_to_millions_of_commands_is_not_unfolded(tmp_path, monkeypatch):
+    path = tmp_path / "episode.npz"
+    shoal.run("line:9", particles=3, policy="closest-frontier").save(path)
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    np.savez_compressed(path, **arrays | {"commands": np.zeros(30_000_000, dtype=np.int8)})
+    monkeypatch.setattr(np, "load", None)  # what would unfold it
+    with pytest.raises(InvalidInputError, match="commands: expected at most 20000000 bytes, got 30000128"):
+        shoal.load(path)

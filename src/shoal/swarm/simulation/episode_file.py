@@ -28,6 +28,18 @@ FORMAT: Literal[1] = 1
 _COLUMNS: dict[str, type[np.generic]] = {
     "commands": np.int8, "classified": np.int32, "frontier": np.int32, "travelled": np.int64,
 }  # fmt: skip
+MOST_COMMANDS = 20_000_000
+"""Commands of an episode file: with what is stored of each move, 340 MB."""
+
+_ROOM = 1024  # bytes of an array's header
+_LIMITS = {
+    "header": 50_000_000,
+    "free": MAX_CELLS // 8,
+    "targets": MAX_CELLS // 8,
+    "start": 400_000_000,
+    "scanned": MOST_COMMANDS // 8 + 1,
+    **{name: MOST_COMMANDS * np.dtype(kind).itemsize for name, kind in _COLUMNS.items()},
+}
 _FIELDS = {"format", "problem", "map", "policy", "first_frontier", "seed", "trial", "seconds", "status", "versions"}
 
 
@@ -87,6 +99,8 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
     if not zipfile.is_zipfile(file):
         raise InvalidInputError("expected a zip archive of arrays, got another format or one that is cut off")
     file.seek(0)
+    _check_sizes(file)
+    file.seek(0)
     needed = ("header", "free", "start", *_COLUMNS, "scanned")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of odd array headers: what matters about them is checked
@@ -99,6 +113,18 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
     if missing:
         raise InvalidInputError(f"expected the arrays {', '.join(missing)}, got none of that name")
     return arrays
+
+
+def _check_sizes(file: BinaryIO) -> None:
+    """Refuse arrays that unfold to more than an episode can hold, before anything is unfolded."""
+    try:
+        with zipfile.ZipFile(file) as archive:
+            sizes = {one.filename.removesuffix(".npy"): one.file_size for one in archive.infolist()}
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
+        raise InvalidInputError(" ".join(str(error).split())[:200]) from None
+    for name, most in _LIMITS.items():
+        if sizes.get(name, 0) > most + _ROOM:
+            raise InvalidInputError(f"{name}: expected at most {most} bytes, got {sizes[name]}")
 
 
 def _header(raw: NDArray[Any]) -> dict[str, Any]:
