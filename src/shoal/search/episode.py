@@ -75,7 +75,7 @@ class SearchEpisode(Episode):
             often = "never searched" if count == 1 else f"searched by fewer than {count} robots"
             return f"{left} of {cells} cells that robots can reach were {often}"
         by = "" if count == 1 else f" by {count} robots"
-        told = f"all {cells} cells that robots can reach were searched{by} after {self.makespan:.6g} s"
+        told = f"all {cells} cells that robots can reach were searched{by} after {duration_text(self.makespan or 0.0)}"
         if self._as_planned:
             return f"{told}, if all goes as planned: nothing was simulated"
         if self._unaware:
@@ -102,7 +102,7 @@ class SearchEpisode(Episode):
     @property
     def cell_time(self) -> float:
         """The time that a robot of speed 1 takes for a cell, seconds."""
-        return self.plan.grid.size / self.problem.speed
+        return self.plan.grid.size / self.problem.chosen_speed
 
     @property
     def metrics(self) -> dict[str, Any]:
@@ -308,3 +308,17 @@ class SearchEpisode(Episode):
             )
         except (ShoalError, TypeError, ValueError) as error:
             raise InvalidInputError(f"{source}: not a search episode: {error}") from None
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration for people: h:mm:ss from a minute on.
+
+    Examples
+    --------
+    >>> duration_text(42.5), duration_text(390), duration_text(3725.4)
+    ('42.5 s', '0:06:30', '1:02:05')
+    """
+    if round(seconds) < 60:
+        return f"{seconds:.3g} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"

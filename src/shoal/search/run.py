@@ -10,7 +10,7 @@ from shoal.search.allocation.plan import plan_search
 from shoal.search.episode import SearchEpisode
 from shoal.search.problem import SearchProblem
 from shoal.search.simulation.live.trace import live_trace
-from shoal.search.simulation.scenario import scenario_of
+from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
 from shoal.version import versions
 
@@ -41,16 +41,19 @@ def run(problem: SearchProblem, *, seed: int = 0) -> SearchEpisode:
     began = time.perf_counter()
     plan = plan_search(problem, seed=seed)
     scenario = scenario_of(problem, plan, seed)
-    brief, cells, robots = scenario.brief, len(plan.tour_cost), problem.robots
+    cells, robots = len(plan.tour_cost), problem.robots
     simulated = problem.live is None and (cells * robots <= SIMULATED if problem.simulate is None else problem.simulate)
     if problem.live is not None:
         scenario, trace = live_trace(scenario, live=problem.live, loss=problem.loss)
     elif simulated:
         trace = simulated_trace(plan, scenario)
-    elif scenario.faults or scenario.network.media or brief.multiplicity > 1 or brief.energy < inf or plan.tour_cost.stepwise:
+    elif needs := _simulated_only(scenario):
+        what = f"search: {' and '.join(needs)}: expected a simulation, without which nothing of it happens"
+        if problem.simulate is False:
+            raise InvalidInputError(f"{what}, got simulate = false (--no-simulate)")
         raise InvalidInputError(
-            f"search: expected at most {SIMULATED} cells times robots for loss, networks, faults, energy, multiplicity and "
-            f"obstacles, which are simulated, got {cells} times {robots}; ask for the simulation to have it anyway"
+            f"{what}, got {cells} cells times {robots} robots, more than the {SIMULATED} that are simulated unless asked for; "
+            "ask for the simulation to have it anyway"
         )
     else:
         trace = planned_trace(plan)
@@ -64,3 +67,16 @@ def run(problem: SearchProblem, *, seed: int = 0) -> SearchEpisode:
         seconds=time.perf_counter() - began,
         versions=versions(),
     )
+
+
+def _simulated_only(scenario: Scenario) -> list[str]:
+    """Return what of a scenario only a simulation has."""
+    brief = scenario.brief
+    there = {
+        "faults": bool(scenario.faults),
+        "loss or a network": bool(scenario.network.media),
+        "multiplicity": brief.multiplicity > 1,
+        "energy": brief.energy < inf,
+        "obstacles": brief.tour_cost.stepwise,
+    }
+    return [name for name, is_there in there.items() if is_there]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
@@ -161,3 +162,66 @@ def test_demo(tmp_path, capsys):
     assert result["covered_fraction"] > 0.9999
     assert [route["robot"] for route in result["routes"] if route["status"] == "dead"] == [3, 7, 8]
     assert {"region.png", "timeline.png", "search.html", "missions"} <= {path.name for path in (tmp_path / "demo").iterdir()}
+
+
+FIELD = {"type": "Polygon", "coordinates": [[[8.5, 47.4], [8.504, 47.4], [8.504, 47.402], [8.5, 47.402], [8.5, 47.4]]]}
+
+
+def test_people_read_times_places_and_files(tmp_path, capsys):
+    field = tmp_path / "field.json"
+    field.write_text(json.dumps(FIELD))
+    words = ["search", str(field), "--robots", "2", "--footprint", "40", "--targets", "2", "--missions", str(tmp_path / "m")]
+    assert run([*words, "--energy", "1000"]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"time +0:\d\d:\d\d, that of", out)
+    assert re.search(r"found +at 47\.\d{6}° N, 8\.\d{6}° E", out)
+    assert len(re.findall(r"written", out)) == 2  # a line a robot, whatever the formats and sorties
+    assert "e-" not in out
+    assert run(["missions", "check", str(tmp_path / "m"), str(field), "--footprint", "40"]) == 0
+    plan = json.loads((tmp_path / "m" / "robot-01.plan").read_text())
+    assert plan["mission"]["hoverSpeed"] == 5.0  # the kind's
+    gpx = (tmp_path / "m" / "robot-01.gpx").read_text()
+    assert "<ele>" not in gpx  # elevations are counted from sea level
+    (tmp_path / "m" / "robot-01.gpx").write_text(gpx.replace("/>\n</rte>", "><ele>430</ele></rtept>\n</rte>"))
+
+
+def test_each_mistake_is_told_once_for_all_formats(tmp_path, capsys):
+    field = tmp_path / "field.json"
+    field.write_text(json.dumps(FIELD))
+    assert run(["search", str(field), "--robots", "1", "--footprint", "40", "--missions", str(tmp_path / "m")]) == 0
+    small = {"type": "Polygon", "coordinates": [[[x if x == 8.5 else 8.5037, y] for x, y in FIELD["coordinates"][0]]]}
+    field.write_text(json.dumps(small))
+    capsys.readouterr()
+    words = ["missions", "check", str(tmp_path / "m"), str(field)]
+    assert run([*words, "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)["diagnostics"]
+    of_plan = [one for one in told if one["file"].endswith(".plan") and one["severity"] == "error"]
+    assert len(told) > 4 * len(of_plan) > 0
+    assert run(words) == 1
+    said = capsys.readouterr()
+    assert f"{len(of_plan)} mistakes in the mission files" in said.err
+    assert "(also ." in said.out
+
+
+def test_rovers_do_not_leave_a_region_and_energy_needs_a_simulation(tmp_path, capsys):
+    two = tmp_path / "two.csv"
+    two.write_text("x,y,ring\n0,0,a\n40,0,a\n40,40,a\n0,40,a\n90,0,b\n130,0,b\n130,40,b\n90,40,b\n")
+    words = ["search", str(two), "--robots", "1", "--transit", "--missions", str(tmp_path / "m")]
+    assert run([*words, "--kind", "rover"]) == 2
+    assert "--kind: expected a multirotor for a region of 2 parts" in capsys.readouterr().err
+    assert run(words) == 0
+    assert run(["missions", "check", str(tmp_path / "m"), str(two), "--footprint", "10"]) == 0
+    capsys.readouterr()
+    assert run(["search", "square:100", "--energy", "500", "--no-simulate"]) == 2
+    assert "search: energy: expected a simulation" in capsys.readouterr().err
+
+
+def test_what_rounding_leaves_between_footprints_was_seen():
+    """Strips a nanometre wide were once red on the picture, with 3e-7 square metres not seen."""
+    from shoal.search import coverage_check, open_region
+
+    ways = [[(5, 5), (95, 5)], [(5, 15.00000001), (95, 15.00000001)]]
+    seen = coverage_check(open_region("rectangle:100x20"), ways, 10)
+    assert seen.uncovered.is_empty
+    assert (seen.covered_fraction, seen.uncovered_m2) == (1.0, 0.0)
+    assert coverage_check(open_region("rectangle:100x20"), [ways[0], [(5, 15.001), (95, 15.001)]], 10).uncovered_m2 > 0.09

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -99,7 +100,7 @@ def check(
         print_json(result.report())
     else:
         _print(result, written)
-    faults = [f"{len(result.errors)} mistakes in the mission files"] if result.errors else []
+    faults = [f"{len(distinct(result.errors))} mistakes in the mission files"] if result.errors else []
     if result.coverage is not None and result.coverage.covered_fraction < least:
         faults.append(f"{100 * result.coverage.covered_fraction:.5g} % of the region is seen, less than {100 * least:g} %")
     if faults:
@@ -129,13 +130,19 @@ def _print(result: MissionCheck, written: list[Path]) -> None:
     else:
         rows += [
             ("seen", f"{100 * seen.covered_fraction:.6g} % with {_footprint(result.footprint)}"),
-            ("not seen", f"{seen.uncovered_m2:.6g} m²"),
+            ("not seen", area_text(seen.uncovered_m2)),
             ("outside", f"{seen.outside_m:.6g} m of {seen.length_m:.6g} m"),
         ]
-    rows.append(("mistakes", f"{len(result.errors)}, and {len(result.diagnostics) - len(result.errors)} warnings"))
+    errors, warnings = (len(distinct(some)) for some in (result.errors, tuple({*result.diagnostics} - {*result.errors})))
+    rows.append(("mistakes", f"{errors}, and {warnings} warnings"))
     rows += [(diagnostic.severity, text) for diagnostic, text in _shown(result.diagnostics)]
     rows += [("written", str(path)) for path in written]
     print_table(rows, title="mission check")
+
+
+def area_text(area: float) -> str:
+    """Return an area for people: what is below a square millimetre is none."""
+    return f"{area:.3g} m²" if area >= 1e-6 else "0 m²"
 
 
 def zones_text(count: int) -> str:
@@ -150,16 +157,30 @@ def _footprint(sides: float | tuple[float, ...] | None) -> str:
 
 
 def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
-    """Return the diagnostics worth a line: of each kind in each file the first few, and how many more."""
-    totals = Counter((diagnostic.file, diagnostic.rule) for diagnostic in diagnostics)
+    """Return the mistakes worth a line: of each kind in each mission the first few, and how many more; each once."""
+    alike = distinct(diagnostics)
+    totals = Counter((Path(same[0].file).stem, same[0].rule) for same in alike)
     so_far: Counter[tuple[str, str]] = Counter()
     lines = []
-    for diagnostic in diagnostics:
-        key = (diagnostic.file, diagnostic.rule)
+    for same in alike:
+        first = same[0]
+        key = Path(first.file).stem, first.rule
         so_far[key] += 1
-        place = f"{diagnostic.file}{', ' * bool(diagnostic.place)}{diagnostic.place}"
+        others = ", ".join(dict.fromkeys(Path(one.file).suffix for one in same if one.file != first.file))
+        place = f"{first.file}{', ' * bool(first.place)}{first.place}{f' (also {others})' if others else ''}"
         if so_far[key] <= _SHOWN:
-            lines.append((diagnostic, f"{place}: {diagnostic.sentence}"))
+            lines.append((first, f"{place}: {first.sentence}"))
         elif so_far[key] == _SHOWN + 1:
-            lines.append((diagnostic, f"{diagnostic.file}: {totals[key] - _SHOWN} more like it"))
+            lines.append((first, f"{first.file}: {totals[key] - _SHOWN} more like it"))
     return lines
+
+
+def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
+    """Return mistakes, those together that the files of one mission have in common: the k-th of a kind and sentence in each."""
+    found: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
+    so_far: Counter[tuple[str, str, str]] = Counter()
+    for one in diagnostics:
+        sentence = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.6f}", one.sentence)  # formats round differently
+        so_far[one.file, one.rule, sentence] += 1
+        found.setdefault((Path(one.file).stem, one.rule, sentence, so_far[one.file, one.rule, sentence]), []).append(one)
+    return list(found.values())

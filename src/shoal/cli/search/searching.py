@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +13,8 @@ from shoal.checks import check_choice
 from shoal.cli import options
 from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, say, write_films
 from shoal.cli.problem_options import takes_problem
-from shoal.cli.search.missions import zones_text
+from shoal.cli.search.missions import area_text, zones_text
+from shoal.errors import InvalidInputError
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash
 
@@ -75,6 +77,8 @@ def search(
 
     problem.check_at_place()
     writer = None if missions is None else MissionWriter(missions, format_, vehicle, kind, altitude, cap)
+    if writer is not None:
+        problem = writer.fit(problem)
     check_outputs(out, film)
     with nullcontext() if problem.live is None else patience("searching with one process a robot ..."):
         episode = run(problem, seed=seed)
@@ -116,6 +120,24 @@ class MissionWriter:
         self.kind: Any = check_choice(kind, what="--kind", choices=("multirotor", "rover"))
         self.altitude, self.cap = altitude, cap
 
+    def fit(self, problem: SearchProblem) -> SearchProblem:
+        """Return a problem with the speed of this kind of vehicle, if none was asked for.
+
+        Raises
+        ------
+        InvalidInputError
+            For a rover that would have to leave the region.
+        """
+        from shoal.search.missions.mission import SPEEDS
+
+        parts = len(problem.place.parts)
+        if self.kind == "rover" and parts > 1:
+            raise InvalidInputError(
+                f"--kind: expected a multirotor for a region of {parts} parts, between which only what flies gets, got a rover; "
+                "search each part by itself"
+            )
+        return problem if problem.speed is not None else problem.replaced(speed=SPEEDS[self.kind]).at_place(problem.place)
+
     def write(self, episode: SearchEpisode) -> list[Path]:
         """Write them; return the files."""
         from shoal.search.missions import missions_of, write_missions
@@ -134,7 +156,7 @@ class MissionWriter:
                 kind=self.kind,
                 vehicle=self.vehicle,
                 altitude=self.altitude,
-                speed=episode.problem.speed * float(plan.rates[robot]),
+                speed=episode.problem.chosen_speed * float(plan.rates[robot]),
                 cap=self.cap,
                 max_length=episode.problem.energy,
                 ways=plan.paths.leg,
@@ -159,13 +181,15 @@ def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | No
 
 def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
     """Print the figures of a search for people."""
+    from shoal.search.episode import duration_text
+
     region = result["region"]
     made = result["makespan_cells"]
     length = (
         "not all was searched"
         if made is None
         else (
-            f"{made:.6g} cells, {result['makespan_s']:.6g} s; planned {result['planned_cells']:.6g}, "
+            f"{duration_text(result['makespan_s'])}, that of {made:.6g} cells; planned {result['planned_cells']:.6g}, "
             f"at least {result['lower_bound_cells']:.6g}"
         )
     )
@@ -176,7 +200,7 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
         ),
         ("status", f"{result['status']}: {result['reason']}"),
         ("time", length),
-        ("covered", f"{100 * result['covered_fraction']:.4f} %, {result['uncovered_m2']:.3g} m² not seen"),
+        ("covered", f"{100 * result['covered_fraction']:.4f} %, {area_text(result['uncovered_m2'])} not seen"),
         ("messages", f"{result['messages']['sent']} sent, {result['messages']['lost']} lost; {result['takeovers']} takeovers"),
     ]
     for route in result["routes"][:_ROWS]:
@@ -186,11 +210,39 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
     if len(result["routes"]) > _ROWS:
         rows.append(("", f"and {len(result['routes']) - _ROWS} more"))
     rows += [
-        ("found", f"at ({finding['x']:.6g}, {finding['y']:.6g}), sure to {100 * finding['confidence']:.1f} %")
+        ("found", f"at {place_text(finding)}, sure to {100 * finding['confidence']:.1f} %")
         for finding in result["findings"][:_ROWS]
     ]
-    rows += [*more, *(("written", str(path)) for path in written)]
+    rows += [*more, *(("written", text) for text in files_text(written))]
     print_table(rows, title=f"{result['allocation']} along {result['tour']}")
+
+
+def place_text(finding: dict[str, Any]) -> str:
+    """Return where something was found: latitude and longitude, or metres for a region of no place on Earth."""
+    if "latitude" not in finding:
+        return f"({finding['x']:.6g}, {finding['y']:.6g}) m"
+    north, east = finding["latitude"], finding["longitude"]
+    return f"{abs(north):.6f}° {'N' if north >= 0 else 'S'}, {abs(east):.6f}° {'E' if east >= 0 else 'W'}"
+
+
+def files_text(written: list[Path]) -> list[str]:
+    """Return files for people: the missions of one robot, in all formats and sorties, in one line.
+
+    Examples
+    --------
+    >>> files_text([Path("out/map.png"), Path("m/robot-01.plan"), Path("m/robot-01.kml"), Path("m/robot-01-2.plan")])
+    ['out/map.png', 'm/robot-01 .plan .kml, 2 sorties']
+    """
+    lines: dict[str, list[Path]] = {}
+    for path in written:
+        robot = re.fullmatch(r"(robot-\d+)(-\d+)?", path.stem)
+        lines.setdefault(str(path.parent / robot[1]) if robot else str(path), []).append(path)
+    found = []
+    for name, files in lines.items():
+        suffixes, sorties = dict.fromkeys(file.suffix for file in files), len({file.stem for file in files})
+        kinds = "" if files == [Path(name)] else " " + " ".join(suffixes)
+        found.append(f"{name}{kinds}{f', {sorties} sorties' if sorties > 1 else ''}")
+    return found
 
 
 def replay_search(

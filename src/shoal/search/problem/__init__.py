@@ -98,7 +98,10 @@ class SearchProblem(Problem):
     )  # fmt: skip
     across_zones: bool = option(False, help="Accept a region on both sides of a border between UTM zones.")
     turn_cost: float = option(0.0, help="What a turn costs, in cells.", least=0)
-    speed: float = option(1.0, help="Of a robot.", unit="m/s", above=0)
+    speed: float | None = option(
+        None, help="Of a robot; by default 1, with missions what their kind does: 5 for a multirotor, 1 for a rover.", unit="m/s",
+        above=0,
+    )  # fmt: skip
     rates: tuple[float, ...] | None = option(
         None, help="Speeds of the robots, as multiples of --speed.", metavar="R,R,...",
         parse=parse_numbers, check=lambda value: check_positive(value, "rates"),
@@ -176,6 +179,11 @@ class SearchProblem(Problem):
     def chosen_allocation(self) -> str:
         """The allocation that was asked for, or what ``auto`` stands for."""
         return AUTO_ALLOCATION if self.allocation == "auto" else self.allocation
+
+    @property
+    def chosen_speed(self) -> float:
+        """The speed that was asked for, or 1 m/s."""
+        return 1.0 if self.speed is None else self.speed
 
     @property
     def stepwise(self) -> bool:

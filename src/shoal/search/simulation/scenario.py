@@ -138,7 +138,7 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
         plan.allocation.allocator,
         multiplicity=problem.multiplicity,
         energy=inf if problem.energy is None else problem.energy / size,
-        recharge=problem.recharge * problem.speed / size,
+        recharge=problem.recharge * problem.chosen_speed / size,
     )
     cells = np.arange(len(plan.tour_cost))
     return Scenario(

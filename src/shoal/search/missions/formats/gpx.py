@@ -1,4 +1,8 @@
-"""GPX 1.1: a route for the waypoints, a waypoint for home; elevations are metres above home."""
+"""GPX 1.1: a route for the waypoints, a waypoint for home.
+
+No elevations are written: GPX counts them from sea level, and what a mission has is the height above home, an attribute of the
+route. Where a file has elevations, the heights of its waypoints differ as they do.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,6 @@ SUFFIX = ".gpx"
 
 def write(mission: Mission) -> str:
     """Return a mission as the text of a GPX file."""
-    height = plain(mission.altitude)
     values = {name: value if isinstance(value, str) else plain(value) for name, value in attributes_of(mission).items()}
     attributes = " ".join(f'{name}="{value}"' for name, value in values.items())
     lines = [
@@ -26,7 +29,7 @@ def write(mission: Mission) -> str:
         f"<wpt {_place(*mission.home)}><name>home</name></wpt>",
         f"<rte><name>{mission.name}</name><number>{mission.robot}</number>",
         f"<extensions><shoal:mission {attributes}/></extensions>",
-        *(f"<rtept {_place(x, y)}><ele>{height}</ele></rtept>" for x, y in mission.waypoints.tolist()),
+        *(f"<rtept {_place(x, y)}/>" for x, y in mission.waypoints.tolist()),
         "</rte>",
         "</gpx>",
         "",
@@ -62,7 +65,20 @@ def _route(sheet: Sheet, route: Element) -> None:
     points = [_position(sheet, element) for element in elements]
     sheet.points = np.array(points, dtype=np.float64).reshape(-1, 2)
     sheet.places = [f"line {element.line}" for element in elements]
-    sheet.altitudes *= len(points)
+    raised = [_elevation(sheet, element) for element in elements]
+    base = next((height for height in raised if height is not None), 0.0)
+    sheet.altitudes = [altitude + (base if height is None else height) - base for altitude in sheet.altitudes for height in raised]
+
+
+def _elevation(sheet: Sheet, element: Element) -> float | None:
+    told = element.first("ele")
+    try:
+        return None if told is None else float(told.text)
+    except ValueError:
+        sheet.add(
+            "wrong-value", f"line {told.line if told else 0}", f"expected a number as 'ele', got {told.text[:40] if told else ''!r}"
+        )
+        return None
 
 
 def _position(sheet: Sheet, element: Element) -> tuple[float, float]:
