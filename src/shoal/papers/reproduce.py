@@ -22,7 +22,8 @@ from shoal.papers.errata import check_errata
 from shoal.papers.mapping import curves, instances, line
 from shoal.papers.page import write_page
 from shoal.papers.recipe import Outcome, Recipe, Result, Settings
-from shoal.papers.search import expected_time
+from shoal.papers.search import baselines, expected_time
+from shoal.papers.steering import constructions, shortest_paths
 from shoal.papers.steering import recipes as steering
 from shoal.registry import Registry
 from shoal.swarm.maps.open import open_map
@@ -30,7 +31,7 @@ from shoal.views.drawing.charts import save_figure
 from shoal.views.drawing.curves import add_note
 
 STORE = "results.sqlite"
-PARTS = (instances, line, curves, steering, expected_time)
+PARTS = (instances, line, curves, steering, constructions, shortest_paths, expected_time, baselines)
 
 
 @cache
@@ -91,7 +92,7 @@ def reproduce(
         if status.failures:
             raise InvalidInputError(f"{name}: expected every trial to end, got {_failures(folder / STORE, kept)}")
         sweeps.append(kept)
-    with Store(folder / STORE) as store:
+    with Store(folder / STORE, write=not sweeps) as store:  # of what is computed only, there may be none yet
         outcome = recipe.view(store, sweeps, settings)
     seconds = time.perf_counter() - began
     files = _write(folder, recipe, outcome, sweeps)

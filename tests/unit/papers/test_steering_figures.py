@@ -63,7 +63,9 @@ def test_goal_maps_have_a_bar_for_each_column_or_row(sweep: GoalSweep, tmp_path:
     start, goal = SQUARE_CASES[0]
     both = sweep_goals(open_workspace("square"), start, goal, varied=1, samples=4, interchangeable=True)
     figure = goal_maps([[(both, "length")], [(both, "moves")]])
-    assert [axes.get_ylabel() for axes in figure.axes] == ["interchangeable", "interchangeable", "length of the plan", "moves"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["y of that goal", "y of that goal", "length of the plan", "moves"]
+    assert figure.axes[1].get_xlabel() == "x of the goal of particle 1"
+    assert "interchangeable" in figure.axes[0].get_title(loc="left")
     save_figure(figure, tmp_path / "square.png")
 
 

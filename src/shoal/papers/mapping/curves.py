@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
 from math import inf
 from typing import Any
 
@@ -61,17 +61,12 @@ def _slug(name: str) -> str:
     return f"{plain}-{digest_of(name)[:6]}"
 
 
-def _on_complex(name: str, settings: Settings, **axes: Any) -> Sweep:
+def _on_complex(name: str, settings: Settings, fixed: Mapping[str, Any] | None = None, **axes: Any) -> Sweep:
     """Return a sweep on the complex map over numbers of particles, all axes but these paired."""
     chosen = settings.complex
-    return Sweep(
-        name=f"{name}.{_slug(chosen)}",
-        problem=GREEDY | {"map": chosen},
-        axes=axes | {"particles": counts_of(_free_cells(chosen))},
-        trials=settings.of(100, 20),
-        seed=settings.seed,
-        paired=tuple(axes),
-    )
+    problem, axes = GREEDY | {"map": chosen} | (fixed or {}), axes | {"particles": counts_of(_free_cells(chosen))}
+    trials, paired = settings.of(100, 20), tuple(axis for axis in axes if axis != "particles")
+    return Sweep(name=f"{name}.{_slug(chosen)}", problem=problem, axes=axes, trials=trials, seed=settings.seed, paired=paired)
 
 
 def _note_of(settings: Settings) -> str:
@@ -111,24 +106,11 @@ def _estimates(rows: list[Row], **values: Any) -> dict[int, Estimate]:
 
 def _fig7_sweeps(settings: Settings) -> list[Sweep]:
     trials = settings.of(100, 40)
-    published = Sweep(
-        name="m-fig7.published-maps",
-        problem=GREEDY,
-        axes={"map": [*MAPS], "particles": counts_of(5000)},
-        trials=trials,
-        seed=settings.seed,
-    )
-    chosen = settings.complex
-    other = Sweep(
-        name=f"m-fig7.{_slug(chosen)}",
-        problem=GREEDY | {"map": chosen},
-        axes={"particles": counts_of(_free_cells(chosen))},
-        trials=settings.of(100, 20),
-        seed=settings.seed,
-    )
+    axes = {"map": [*MAPS], "particles": counts_of(5000)}
+    published = Sweep(name="m-fig7.published-maps", problem=GREEDY, axes=axes, trials=trials, seed=settings.seed)
     line = {"kind": "line", "cells": 5000, "placements": 20}
     one = Sweep(name="m-fig7.one-dimension", problem=line, axes={"particles": counts_of(5000)}, trials=trials, seed=settings.seed)
-    return [published, other, one]
+    return [published, _on_complex("m-fig7", settings), one]
 
 
 def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
@@ -325,39 +307,17 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _fig10_sweeps(settings: Settings) -> list[Sweep]:
-    problem = GREEDY | {"map": settings.complex, "task": "coverage", "subset": 0.2}
-    own = _on_complex("m-fig10", settings, task=[*TASKS])
-    return [own, replace(own, name=f"{own.name}.fifth", problem=problem, axes={"particles": own.axes["particles"]}, paired=())]
+    fifth = {"task": "coverage", "subset": 0.2}
+    return [_on_complex("m-fig10", settings, task=[*TASKS]), _on_complex("m-fig10.fifth", settings, fifth)]
 
 
-RECIPES = (
-    Recipe("m-fig7", "paper M, Fig. 7", "Mapping four maps by closest-frontier", _fig7_sweeps, _fig7, True, "D, Fig. 5"),
-    Recipe("m-fig8", "paper M, Fig. 8", "Frontier cells by move", _fig8_sweeps, _fig8, True, "D, Fig. 9"),
-    Recipe(
-        "m-fig9",
-        "paper M, Fig. 9",
-        "Three policies",
-        lambda s: [_on_complex("m-fig9", s, policy=[*POLICIES])],
-        _fig9,
-        True,
-        "D, Fig. 6",
-    ),
-    Recipe(
-        "m-fig10",
-        "paper M, Fig. 10",
-        "Mapping, coverage and subset coverage",
-        _fig10_sweeps,
-        _fig10,
-        True,
-        "D, Fig. 7",
-    ),
-    Recipe(
-        "m-fig11",
-        "paper M, Fig. 11",
-        "Three placements",
-        lambda s: [_on_complex("m-fig11", s, placement=[*PLACEMENTS])],
-        _fig11,
-        True,
-        "D, Fig. 8",
-    ),
+RECIPES = tuple(
+    Recipe(f"m-fig{number}", f"paper M, Fig. {number}", title, sweeps, view, on_map=True, also=f"D, Fig. {also}")
+    for number, title, sweeps, view, also in (
+        (7, "Mapping four maps by closest-frontier", _fig7_sweeps, _fig7, 5),
+        (8, "Frontier cells by move", _fig8_sweeps, _fig8, 9),
+        (9, "Three policies", lambda s: [_on_complex("m-fig9", s, policy=[*POLICIES])], _fig9, 6),
+        (10, "Mapping, coverage and subset coverage", _fig10_sweeps, _fig10, 7),
+        (11, "Three placements", lambda s: [_on_complex("m-fig11", s, placement=[*PLACEMENTS])], _fig11, 8),
+    )
 )

@@ -13,7 +13,7 @@ from shoal.papers.steering.antipodes import AntipodeSwap
 from shoal.papers.steering.goals import GoalSweep
 from shoal.papers.steering.reachable_fraction import DiskFractions, PolygonFractions, largest_two_move_fraction
 from shoal.steering.delta_space.disk_reach import disk_reach
-from shoal.views.drawing.charts import BLUE, INK, MUTED, ORANGE, PURPLE, SKY, new_figure, plain_axes, set_title
+from shoal.views.drawing.charts import BLUE, INK, MUTED, ORANGE, PURPLE, SKY, new_figure, padded_figure, plain_axes, set_title
 from shoal.views.steering.axes import PARTICLES, draw_workspace
 from shoal.views.steering.figures import REACH_COLOURS
 
@@ -42,7 +42,7 @@ def reachable_sets(fillings: Sequence[PolygonFractions]) -> Figure:
     if not fillings:
         raise InvalidInputError("reachable sets: expected one polygon or more, got none")
     rows = (len(fillings) + 1) // 2
-    figure = _roomy_figure(10.4, 2.75 * rows + 0.6)
+    figure = padded_figure(10.4, 2.75 * rows + 0.6)
     grid = figure.subplots(rows, 4 if len(fillings) > 1 else 2, squeeze=False, width_ratios=[2, 3] * min(2, len(fillings)))
     panels = grid.reshape(-1, 2)
     for (left, right), filling in zip(panels, fillings, strict=False):
@@ -57,15 +57,6 @@ def reachable_sets(fillings: Sequence[PolygonFractions]) -> Figure:
         axes.set_axis_off()
     moves = [reach.moves for reach in max(fillings, key=lambda filling: len(filling.sets)).sets]
     _colour_key(figure, moves)
-    return figure
-
-
-def _roomy_figure(width: float, height: float) -> Figure:
-    """Return a figure whose titles keep off the border."""
-    figure = new_figure(width, height)
-    engine = figure.get_layout_engine()
-    assert engine is not None
-    engine.set(h_pad=0.08, w_pad=0.06)  # type: ignore[call-arg]  # of the constrained layout
     return figure
 
 
@@ -112,7 +103,7 @@ def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figu
     InvalidInputError
         For distances not above 0 and at most 1.
     """
-    figure = _roomy_figure(4.2 * len(distances), 5.0)
+    figure = padded_figure(4.2 * len(distances), 5.0)
     angles = np.linspace(0, 2 * np.pi, 361)
     border = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     for axes, distance in zip(figure.subplots(1, len(distances), squeeze=False)[0], distances, strict=True):
@@ -170,10 +161,14 @@ def goal_maps(rows: Sequence[Sequence[tuple[GoalSweep, str]]]) -> Figure:
         what: _Scale([sweep for sweep, shown in panels if shown == what], what) for what in dict.fromkeys(w for _, w in panels)
     }
     columns = len(rows[0])
-    figure = _roomy_figure(3.2 * columns + 0.9, 3.05 * len(rows))
+    figure = padded_figure(3.2 * columns + 0.9, 3.05 * len(rows))
     grid = figure.subplots(len(rows), columns, squeeze=False)
     for axes, (sweep, what) in zip(grid.ravel(), panels, strict=True):
         scales[what].draw(axes, sweep)
+    for axes in grid[-1]:
+        axes.set_xlabel(f"x of the goal of particle {panels[0][0].varied}", color=INK, fontsize=9)
+    for axes in grid[:, 0]:
+        axes.set_ylabel("y of that goal", color=INK, fontsize=9)
     shown = np.array([[what for _, what in row] for row in rows])
     by_row = bool((shown == shown[:, :1]).all())
     for group, what in zip(grid if by_row else grid.T, shown[:, 0] if by_row else shown[0], strict=True):
@@ -238,9 +233,8 @@ class _Scale:
             axes.plot(*point, "s", color=colour, mec="white", mew=1, ms=7, zorder=5)
         fixed = 2 - sweep.varied
         axes.plot(*problem.goal[fixed], "o", mfc="white", mec=PARTICLES[fixed], mew=2, ms=7, zorder=5)
-        set_title(axes, f"{self.what} ≤ {np.nanmax(values):.3g}")
-        if problem.interchangeable:
-            axes.set_ylabel("interchangeable", color=INK)
+        either = ", interchangeable" if problem.interchangeable else ""
+        set_title(axes, f"{self.what} ≤ {np.nanmax(values):.3g}{either}")
 
 
 def _up_to_the_wall(sweep: GoalSweep, values: NDArray[np.float64]) -> NDArray[np.float64]:

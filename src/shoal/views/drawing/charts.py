@@ -26,6 +26,15 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
 
 
+def padded_figure(width: float, height: float) -> Figure:
+    """Return a figure whose titles keep off the border."""
+    figure = new_figure(width, height)
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    engine.set(h_pad=0.08, w_pad=0.06)  # type: ignore[call-arg]  # of the constrained layout
+    return figure
+
+
 def set_title(axes: Axes, text: str) -> None:
     """Write a title as it is: the name of a file may hold a "$", which is no formula."""
     axes.set_title(text, fontsize=11, color=INK, loc="left", fontweight="bold", parse_math=False)

@@ -11,7 +11,7 @@ from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 from shoal.swarm import SwarmEpisode
 from shoal.swarm.maps.raster import PALETTE, in_strips
-from shoal.views.drawing.charts import MUTED, new_figure, plain_axes, set_title
+from shoal.views.drawing.charts import MUTED, new_figure, padded_figure, plain_axes, set_title
 from shoal.views.drawing.curves import median_of
 from shoal.views.swarm.cell_colours import NOISY, WRONG_FREE, codes_after, palette_of_cells
 from shoal.views.swarm.volume import Fit, Slices
@@ -86,10 +86,7 @@ def map_panels(
     rows = -(-len(shown) // columns)
     height, width = (side + 2 for side in shown[0][0].workspace.shape)
     tall = rows * (wide / columns * height / width + 0.3) + 0.4
-    figure = new_figure(wide, tall + (3.6 if chart else 0.3))
-    engine = figure.get_layout_engine()
-    assert engine is not None
-    engine.set(h_pad=0.08)  # type: ignore[call-arg]  # of the constrained layout
+    figure = padded_figure(wide, tall + (3.6 if chart else 0.3))
     above, *below = figure.subfigures(1 + bool(chart), 1, squeeze=False, height_ratios=[tall, 3.6] if chart else None).ravel()
     for axes, (episode, moves) in zip(above.subplots(rows, columns, squeeze=False).ravel(), shown, strict=True):
         axes.imshow(palette_of_cells(episode).rgb[codes_after(episode, moves)], interpolation="nearest")

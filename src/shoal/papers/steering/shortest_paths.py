@@ -1,0 +1,350 @@
+"""Paper W, section V: shortest paths by way of a wall (figures 11 and 12), and the worst case of a square (section IV.D)."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import inf, pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.sweep import Sweep
+from shoal.papers.claims import claim
+from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, function_sweep, measuring, trials_of
+from shoal.steering import ContactWorld, ConvexWorkspace, SteeringProblem, open_workspace
+from shoal.steering.delta_space.two_moves import toucher_shares
+from shoal.steering.run import run
+from shoal.steering.workspaces.convex_geometry import Points
+from shoal.views.drawing.charts import BLUE, GREEN, INK, MUTED, ORANGE, bare_axes, padded_figure, plain_axes, set_title
+from shoal.views.steering.axes import PARTICLES, draw_trajectories, draw_workspace
+
+SQUARE: ConvexWorkspace = open_workspace("square")  # type: ignore[assignment]  # it is convex
+START, FIXED = np.array([(0.3, 0.55), (0.6, 0.7)]), np.array((0.55, 0.3))  # starts, and the goal of particle 2
+WORST = sqrt(2) + 2
+INSETS = (0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
+EXAMPLE = (0.6, 0.75, 2.0)  # s, e and β of Fig. 12
+_TILT = 1e-9
+
+
+def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, bool] | None:
+    """Return the shortest path of three moves in the unit square: length, toucher, contact, and whether it is reflected.
+
+    The goal is reflected in each wall; a contact where the adjustment cannot be made is moved to the nearest where it can, and then
+    the path is not reflected. None if no wall serves.
+    """
+    best = None
+    before, after = start[1] - start[0], goal[1] - goal[0]
+    corners = SQUARE.vertices
+    for toucher, sign in ((0, 1.0), (1, -1.0)):
+        low, high = toucher_shares(SQUARE, (sign * before, sign * after))
+        for wall in range(4):
+            normal, along = SQUARE.normals[wall], np.roll(corners, -1, axis=0)[wall] - corners[wall]
+            if not 0 <= sign * (normal @ after) <= sign * (normal @ before) > 0 or high[wall] < low[wall]:
+                continue
+            heights = [float(normal @ (point - corners[wall])) for point in (start[toucher], goal[toucher])]
+            ends = [float(along @ (point - corners[wall])) for point in (start[toucher], goal[toucher])]
+            ideal = (ends[0] * heights[1] + ends[1] * heights[0]) / max(sum(heights), _TILT)
+            share = float(np.clip(ideal, low[wall], high[wall]))
+            contact = corners[wall] + share * along
+            legs = sum(float(np.hypot(*(contact - point))) for point in (start[toucher], goal[toucher]))
+            length = legs + float(np.hypot(*(after - before)))
+            if best is None or length < best[0]:
+                best = length, toucher, contact, abs(share - ideal) < _TILT
+    return best
+
+
+@measuring("solved", "off", "tilt", "reflected")
+def crossing_check(*, seed: int) -> dict[str, float | None]:
+    """Return of a random problem how far its reflected path ends from the goal, and the difference of its angles at the wall."""
+    rng = np.random.default_rng(seed)
+    start, goal = rng.uniform(0.02, 0.98, (2, 2)), rng.uniform(0.02, 0.98, (2, 2))
+    found = shortest_crossing(start, goal)
+    if found is None:
+        return {"solved": 0, "off": None, "tilt": None, "reflected": None}
+    _, toucher, contact, reflected = found
+    sign = 1.0 if toucher == 0 else -1.0
+    moves = [contact - start[toucher], sign * ((goal[1] - goal[0]) - (start[1] - start[0])), goal[toucher] - contact]
+    end = ContactWorld(SQUARE).play(start, moves)[-1]
+    wall = int(np.argmin(SQUARE.wall_distances(contact)))
+    sines = [
+        float(SQUARE.normals[wall] @ (point - contact)) / float(np.hypot(*(point - contact)))
+        for point in (start[toucher], goal[toucher])
+    ]
+    return {"solved": 1, "off": float(np.abs(end - goal).max()), "tilt": abs(sines[0] - sines[1]), "reflected": int(reflected)}
+
+
+def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
+    trials = [trial for trial in trials_of(store, sweeps[0]) if trial["solved"]]
+    reflected = [trial for trial in trials if trial["reflected"]]
+    claims = (
+        claim(
+            f"largest difference of the sines at the wall, {len(reflected)} random paths by reflection",
+            "0: equal angles",
+            max(t["tilt"] for t in reflected),
+            within=(0, 1e-6),
+            why="exact up to rounding",
+        ),
+        claim(
+            f"largest error at the goals, {len(reflected)} paths played",
+            "0: three moves deliver both",
+            max(t["off"] for t in reflected),
+            within=(0, 1e-6),
+            why="exact up to rounding",
+        ),
+        claim(
+            "share of problems of three moves whose shortest path is reflected",
+            "1: others are invalid",
+            len(reflected) / len(trials),
+            within=(1, 1),
+            why="a contact that is moved to where the adjustment can be made serves, too",
+        ),
+    )
+    samples = 61 if settings.quick else 161
+    steps = (np.arange(samples) + 0.5) / samples
+    codes = np.full((samples, samples), np.nan)
+    for row, y in enumerate(steps):
+        for column, x in enumerate(steps):
+            found = shortest_crossing(START, np.array([(x, y), FIXED]))
+            codes[row, column] = np.nan if found is None else found[1]
+    from matplotlib.colors import ListedColormap
+
+    figure = padded_figure(9.0, 4.3)
+    left, right = figure.subplots(1, 2)
+    goal = np.array([(0.48, 0.2), FIXED])
+    path = shortest_crossing(START, goal)
+    assert path is not None  # this one has a path
+    _, toucher, contact, _ = path
+    sign = 1.0 if toucher == 0 else -1.0
+    moves = [contact - START[toucher], sign * ((goal[1] - goal[0]) - (START[1] - START[0])), goal[toucher] - contact]
+    draw_workspace(left, SQUARE)
+    states = ContactWorld(SQUARE).play(START, moves)
+    for particle, colour in enumerate(PARTICLES[:2]):
+        for here, there in pairwise(states[:, particle]):
+            arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
+            left.annotate("", xy=tuple(there), xytext=tuple(here), zorder=3, arrowprops=arrow)
+        left.plot(*START[particle], "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
+        left.plot(*goal[particle], "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
+    wall = int(np.argmin(SQUARE.wall_distances(contact)))
+    mirrored = goal[toucher] - 2 * float(SQUARE.wall_distances(goal[toucher])[wall]) * SQUARE.normals[wall]
+    left.plot(*np.array([contact, mirrored]).T, ":", color=MUTED, lw=1.4)
+    left.plot(*mirrored, "o", mfc="none", mec=MUTED, ms=9, label="goal, reflected")
+    left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=3, frameon=False, fontsize=8)
+    set_title(left, "equal angles at the wall")
+    draw_workspace(right, SQUARE)
+    right.imshow(
+        codes,
+        origin="lower",
+        extent=(0, 1, 0, 1),
+        cmap=ListedColormap(PARTICLES[:2]),
+        vmin=0,
+        vmax=1,
+        alpha=0.45,
+        interpolation="nearest",
+        zorder=1,
+    )
+    for particle, colour in enumerate(PARTICLES[:2]):
+        right.plot(*START[particle], "s", color=colour, mec="white", ms=8, zorder=4)
+    right.plot(*FIXED, "o", mfc="white", mec=PARTICLES[1], mew=2, ms=9, zorder=4)
+    set_title(right, "who touches first, by the goal of particle 1")
+    table = Table(
+        "trials",
+        ["trial", "error at the goals", "difference of sines", "reflected"],
+        [[t["trial"], t["off"], t["tilt"], t["reflected"]] for t in trials],
+        shown=False,
+    )
+    share = np.isnan(codes).mean()
+    return Outcome(
+        figure,
+        claims,
+        f"Of the goals drawn {100 * share:.0f} % have no path of three moves; they are left white.",
+        (table,),
+        NO_DATA,
+    )
+
+
+def length_by_contact(theta: float | NDArray[np.float64], s: float, e: float, beta: float) -> NDArray[np.float64]:
+    """Return the length of the path from S to the unit circle at θ and on to E: equation 9."""
+    touch = np.exp(1j * np.asarray(theta))
+    return np.asarray(np.abs(s - touch) + np.abs(e * np.exp(1j * beta) - touch))
+
+
+def best_angle(s: float, e: float, beta: float) -> float:
+    """Return the angle of the shortest path, by a search that knows no formula."""
+    around = np.linspace(-pi, pi, 2001)
+    near = around[np.argmin(length_by_contact(around, s, e, beta))]
+    bounds = (near - 0.01, near + 0.01)
+    found = minimize_scalar(
+        lambda t: float(length_by_contact(t, s, e, beta)), bounds=bounds, method="bounded", options={"xatol": 1e-12}
+    )
+    return float(found.x)
+
+
+@measuring("s", "e", "beta", "theta", "angles", "equation")
+def circle_check(*, seed: int) -> dict[str, float]:
+    """Return of a random S and E the best angle, the difference of both angles at the contact, and the residual of the equation."""
+    rng = np.random.default_rng(seed)
+    s, e, beta = rng.uniform(0.1, 0.9), rng.uniform(0.1, 0.9), rng.uniform(-3.0, 3.0)
+    theta = best_angle(s, e, beta)
+    touch, end = np.exp(1j * theta), e * np.exp(1j * beta)
+    angles = abs(np.angle((s - touch) / -touch)) - abs(np.angle((end - touch) / -touch))
+    equation = s * np.sin(theta) - e * (s * np.sin(2 * theta - beta) + np.sin(beta - theta))
+    return {"s": s, "e": e, "beta": beta, "theta": theta, "angles": abs(float(angles)), "equation": abs(float(equation))}
+
+
+def _fig12(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
+    trials = trials_of(store, sweeps[0])
+    simple = [abs(best_angle(*case)) for case in ((1.0, 0.5, 1.2), (0.5, 0.0, 0.0), (0.5, 0.7, 0.0))]
+    simple += [abs(best_angle(*case) - case[2]) for case in ((0.5, 1.0, 1.2), (0.0, 0.5, 1.2))]
+    claims = (
+        claim(
+            f"largest difference of both angles at the contact, {len(trials)} random pairs",
+            "0",
+            max(t["angles"] for t in trials),
+            within=(0, 1e-4),
+            why="the search finds angles to 1e-6",
+        ),
+        claim(
+            "largest residual of s sin θ = e (s sin(2θ-β) + sin(β-θ))",
+            "0",
+            max(t["equation"] for t in trials),
+            within=(0, 1e-4),
+            why="as above",
+        ),
+        claim(
+            "s = 1, e = 0 or β = 0: θ* = 0; e = 1 or s = 0: θ* = β; largest error",
+            "0",
+            max(simple),
+            within=(0, 1e-4),
+            why="as above",
+        ),
+    )
+    s, e, beta = EXAMPLE
+    theta = best_angle(s, e, beta)
+    around = np.linspace(-pi, pi, 721)
+    figure = padded_figure(9.0, 4.2)
+    left, right = figure.subplots(1, 2)
+    left.plot(np.cos(around), np.sin(around), color=INK, lw=1.6)
+    points = np.array([(s, 0.0), (np.cos(theta), np.sin(theta)), (e * np.cos(beta), e * np.sin(beta))])
+    left.plot(*points.T, "-", color=BLUE, lw=1.8)
+    left.plot(*np.array([(0, 0), points[1]]).T, ":", color=MUTED, lw=1.2)
+    for point, name, colour in zip((*points, (0.0, 0.0)), "SPEO", (ORANGE, INK, GREEN, MUTED), strict=True):
+        left.plot(*point, "o", color=colour, ms=6, zorder=4)
+        left.annotate(name, point, xytext=(7, 5), textcoords="offset points", color=colour, fontweight="bold")
+    bare_axes(left)
+    set_title(left, "shortest path by way of the circle")
+    right.plot(around, length_by_contact(around, s, e, beta), color=BLUE, lw=1.8)
+    right.plot(
+        theta,
+        length_by_contact(theta, s, e, beta),
+        "o",
+        color=ORANGE,
+        ms=7,
+        label=f"θ* = {theta:.3f}, length {float(length_by_contact(theta, s, e, beta)):.3f}",
+    )
+    right.set(xlabel="contact θ, radians", ylabel="length of the path")
+    right.legend(frameon=False, fontsize=9)
+    plain_axes(right)
+    set_title(right, f"s = {s}, e = {e}, β = {beta}")
+    columns = ["s", "e", "beta", "theta", "angles", "equation"]
+    table = Table("trials", columns, [[trial[name] for name in columns] for trial in trials], shown=False)
+    return Outcome(
+        figure, claims, "Angles are found by a search that knows neither the law of reflection nor the equation.", (table,), NO_DATA
+    )
+
+
+@measuring("length", "moves")
+def corner_swap(*, seed: int, planner: str, inset: float) -> dict[str, float]:
+    """Return length and moves of a plan for two particles that change places between opposite corners of the unit square."""
+    corners = np.array([(inset, inset), (1 - inset, 1 - inset)])
+    episode = run(SteeringProblem(SQUARE, corners, corners[::-1], planner=planner, tolerance=1e-6))
+    return {"length": float(episode.length), "moves": episode.moves}
+
+
+@measuring("length", "moves")
+def near_walls(*, seed: int) -> dict[str, float | None]:
+    """Return length and moves of the plan of algorithm 1 for random starts and goals, more of them near walls and corners."""
+    points = np.random.default_rng(seed).beta(0.4, 0.4, (2, 2, 2)).clip(0.001, 0.999)
+    episode = run(SteeringProblem(SQUARE, points[0], points[1], planner="greedy", tolerance=1e-3))
+    solved = str(episode.status) == "solved"
+    return {"length": float(episode.length) if solved else None, "moves": episode.moves if solved else None}
+
+
+def _swap_sweeps(settings: Settings) -> list[Sweep]:
+    return [
+        function_sweep("w-swap.corners", corner_swap, {"planner": ["greedy", "shortest"], "inset": [*INSETS]}, 1, settings),
+        function_sweep("w-swap.random", near_walls, {}, settings.of(400, 40), settings),
+    ]
+
+
+def _swap(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
+    swaps, others = (trials_of(store, sweep) for sweep in sweeps)
+    lengths = {name: np.array([trial["length"] for trial in swaps if trial["planner"] == name]) for name in ("greedy", "shortest")}
+    solved = [trial for trial in others if trial["length"] is not None]
+    most = max(trial["moves"] for trial in [*solved, *(swap for swap in swaps if swap["planner"] == "greedy")])
+    claims = (
+        claim(
+            f"length of the swap {INSETS[-1]:g} from the corners",
+            f"{WORST:.3f}: (√2+2)L",
+            lengths["shortest"][-1],
+            within=(0.995 * WORST, WORST),
+            why="it tends to that as the corners are approached, and stays below",
+        ),
+        claim(
+            f"longest of {len(solved)} random problems and all swaps by algorithm 1",
+            f"{WORST:.3f} at most",
+            max(*(t["length"] for t in solved), lengths["greedy"].max()),
+            within=(-inf, WORST),
+            why="one longer plan refutes it",
+        ),
+        claim("most moves of algorithm 1", "5 at most", most, within=(-inf, 5), why="one plan of more refutes it"),
+    )
+    figure = padded_figure(9.0, 4.2)
+    left, right = figure.subplots(1, 2)
+    corners = np.array([(0.15, 0.15), (0.85, 0.85)])
+    episode = run(SteeringProblem(SQUARE, corners, corners[::-1], planner="shortest", tolerance=1e-6))
+    draw_workspace(left, SQUARE)
+    draw_trajectories(left, episode)
+    set_title(left, f"swap of opposite corners: length {episode.length:.2f}")
+    for (name, values), colour in zip(lengths.items(), (BLUE, ORANGE), strict=True):
+        right.plot(INSETS, values, "o-", color=colour, ms=4, lw=1.5, label=name)
+    right.axhline(WORST, color=INK, lw=1.2, ls="--", label="printed: (√2+2)L")
+    right.set(xscale="log", xlabel="distance from the walls, sides", ylabel="length of the plan, sides")
+    right.legend(frameon=False, fontsize=9)
+    plain_axes(right)
+    set_title(right, "towards the corners")
+    rows = [[trial["planner"], trial["inset"], round(trial["length"], 5), trial["moves"]] for trial in swaps]
+    table = Table("swaps", ["planner", "distance from the walls", "length", "moves"], rows)
+    data = Table(
+        "random problems by algorithm 1",
+        ["trial", "length", "moves"],
+        [[t["trial"], t["length"], t["moves"]] for t in others],
+        shown=False,
+    )
+    return Outcome(
+        figure,
+        claims,
+        "The bound is a supremum: no plan takes it, as starts in the corners are held.",
+        (table, data),
+        "the paper has no figure of it",
+    )
+
+
+RECIPES = (
+    Recipe(
+        "w-fig11",
+        "paper W, Fig. 11",
+        "Shortest paths of three moves in a square",
+        lambda s: [function_sweep("w-fig11", crossing_check, {}, s.of(2000, 300), s)],
+        _fig11,
+    ),
+    Recipe(
+        "w-fig12",
+        "paper W, Fig. 12",
+        "The shortest path by way of a circle",
+        lambda s: [function_sweep("w-fig12", circle_check, {}, s.of(500, 50), s)],
+        _fig12,
+    ),
+    Recipe("w-swap", "paper W, section IV.D", "The worst case of a square", _swap_sweeps, _swap),
+)
