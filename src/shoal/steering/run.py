@@ -97,12 +97,14 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
     simple = isinstance(task.world, ContactWorld) and len(start) == 2
     outside = ~problem.place.contains(goal)
     inputs: Points | None = np.zeros((0, problem.place.dimensions))
-    states = None
+    states, remark = None, ""
     why_never = f"the goal {tuple(goal[outside][0].tolist())} is outside of the workspace" if outside.any() else None
     if why_never is None and simple:
         why_never = why_unreachable(task)
     if why_never is None and hasattr(planner, "control"):
-        inputs, states = planner.control(task, Apparatus(problem, start, seed=task.seed))
+        apparatus = Apparatus(problem, start, seed=task.seed)
+        inputs, states = planner.control(task, apparatus)
+        remark = apparatus.remark
     elif why_never is None and task.error(start) > task.tolerance:
         inputs = task.translation()
         inputs = _planned(task, planner, simple=simple) if inputs is None else inputs
@@ -123,6 +125,7 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
         status, reason = Status.APPROACHABLE, f"{why_near}; this plan comes within {error:.3g}"
     else:
         status, reason = Status.LIMIT, _why_not(problem, found, inputs, error)
+    reason += f"; {remark}" if remark else ""
     bounded = simple and not outside.any() and not problem.gain and not problem.execution
     return _Attempt(order, status, reason, inputs, states, error, task.lower_bound() if bounded else None)
 

@@ -414,3 +414,20 @@ def test_disturbances_are_checked():
     for bad in ({"execution": -1}, {"measurement": inf}, {"gain": 2}, {"particle_radius": float("nan")}):
         with pytest.raises(InvalidInputError):
             SteeringProblem("square", **bad)
+
+
+def test_robust_reaches_corners_in_a_world_without_noise_and_says_what_noise_it_stands():
+    """14 of 60 such goals, before."""
+    for start, goal in (
+        ([(0.2, 0.3), (0.6, 0.35)], [(0, 0), (0.3, 0.75)]),
+        ([(0.8, 0.3), (0.6, 0.9)], [(1, 1), (0, 0)]),
+        ([(0.5, 0.3), (0.2, 0.2)], [(1, 0), (0, 0)]),
+    ):
+        episode = steer(SteeringProblem(SQUARE, start, goal), planner="robust")
+        assert episode.status == "solved"
+        assert "execution noise" in episode.reason
+        assert episode.verify()
+    inside = SteeringProblem.from_dict(PROBLEM | {"kind": "steering"})
+    episode = steer(inside, planner="robust")
+    assert "runs with execution noise 2.5e-07 the loop arrives" in episode.reason
+    assert all(steer(inside, planner="robust", execution=2.5e-7, seed=seed) for seed in range(3, 6))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 from typing import Any
 
@@ -19,7 +20,10 @@ from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 
 SURE = 4.0  # standard deviations that count as never
-LEAST = 1e-4  # of the size: the smallest overshoot
+LEAST = 1e-4  # of the size: the smallest overshoot, and no more than half of the tolerance
+ASSUMED = 1 / 16  # of the tolerance: noise that is assumed where there is none
+QUIET_MOVES = 12  # with noise that is only assumed
+STOOD, STOOD_RUNS = (0.25, 0.0625), 3  # of the tolerance: noise that is tried, so many runs each
 CENTRAL = np.array([8.0, 40.0])  # sharpness that leaves chains far from all limits
 PRIOR = 0.3  # standard deviation of the gain's slope, in gains a size, before anything is seen
 
@@ -44,20 +48,53 @@ class Robust:
         return Shortest().plan(task)
 
     def control(self, task: SteeringTask, apparatus: Any) -> tuple[Points, Points]:
-        """Return the moves that were sent and the states that they led to."""
-        loop = _Loop(task, apparatus)
-        loop.run()
+        """Return the moves that were sent and the states that they led to.
+
+        In a world without noise the loop is the one for a slight noise; where that fails, the shortest moves are sent. What noise
+        the loop can stand is remarked.
+        """
+        if apparatus.problem.noisy:
+            _Loop(task, apparatus, apparatus.problem).run()
+        else:
+            short = replace(task, max_moves=min(task.max_moves, QUIET_MOVES))
+            _Loop(short, apparatus, apparatus.with_noise(ASSUMED * task.tolerance).problem).run()
+            if task.error(apparatus.states[-1]) <= task.tolerance:
+                apparatus.remark = _noise_stood(short, apparatus)
+            else:
+                apparatus.restart()
+                apparatus.remark = f"execution noise of {ASSUMED * task.tolerance:.2g} is too much here"
+                for move in _moves_or_none(self.plan(task), task):
+                    apparatus.send(move)
         d = task.start.shape[1]
         return np.array(apparatus.inputs).reshape(-1, d), np.array(apparatus.states)
+
+
+def _moves_or_none(moves: Points | None, task: SteeringTask) -> Points:
+    """Return a plan; no moves where there is none."""
+    return np.zeros((0, task.start.shape[1])) if moves is None or len(moves) > task.max_moves else moves
+
+
+def _noise_stood(task: SteeringTask, apparatus: Any) -> str:
+    """Return what execution noise the loop stands here, in words: the largest of some with which all of a few runs arrive."""
+    for share in STOOD:
+        noise = share * task.tolerance
+        for seed in range(STOOD_RUNS):
+            trial = apparatus.with_noise(noise, seed=seed)
+            _Loop(task, trial, trial.problem).run()
+            if task.error(trial.states[-1]) > task.tolerance or task.late:
+                break
+        else:
+            return f"in {STOOD_RUNS} of {STOOD_RUNS} runs with execution noise {noise:.2g} the loop arrives, too"
+    return f"execution noise of {STOOD[-1] * task.tolerance:.2g} is too much here"
 
 
 class _Loop:
     """One run of the closed loop."""
 
-    def __init__(self, task: SteeringTask, apparatus: Any) -> None:
-        self.task, self.apparatus = task, apparatus
+    def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:
+        self.task, self.apparatus, self.noise = task, apparatus, noise
         self.room = task.world.room
-        self.noise = apparatus.problem
+        self.least = min(LEAST * self.room.size, max(task.tolerance / 2, 1e-8 * self.room.size))
         self.field = _Field(self.room, self.noise)
         self.seen = self._inside(apparatus.look())
 
@@ -91,7 +128,7 @@ class _Loop:
         spread = SURE * float(np.hypot(self.noise.execution, self.noise.measurement))
         found: Chain | None = None
         for share in (1.0, 0.5, 0.2, 0.05, 0.0):
-            margin = max(share * 2 * spread, LEAST * self.room.size)
+            margin = max(share * 2 * spread, self.least)
             query = self._chain_query(margin)
             found = shortest_chain(query, cycles=(1, 2, 3), first_found=True)
             if found is not None:
@@ -142,7 +179,7 @@ class _Loop:
                 self._translate(way / self.field.mean(here, contact))
                 continue
             # Not so far over that the other particle comes to the wall as well.
-            over = max(min(spread + unsure, 0.45 * apart), LEAST * self.room.size)
+            over = max(min(spread + unsure, 0.45 * apart), self.least)
             self._translate(way / self.field.mean(here, contact) - inward * over)
             if self._distance(self.seen[toucher]) <= 3 * self.noise.measurement + 2e-9 * self.room.size:
                 return True
@@ -182,7 +219,7 @@ class _Loop:
             if unsure > 2 * spread and attempt < 2:
                 move = move * max(1 - (unsure + spread) / length, 0.3)
             push = -float(inward @ move)
-            least = max(spread, LEAST * self.room.size)
+            least = max(spread, self.least)
             if self.task.world.friction < inf:
                 along = float(np.linalg.norm(move + push * inward))
                 least = max(least, 1.1 * along / float(self.task.world.friction))

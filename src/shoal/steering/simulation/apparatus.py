@@ -20,14 +20,24 @@ class Apparatus:
         At the start and after each move.
     inputs : list of ndarray of float64, shape (d,)
         The moves that were sent.
+    remark : str
+        What the planner has to say of the run; it becomes part of the reason.
     """
 
     def __init__(self, problem: SteeringProblem, start: Points, *, seed: int) -> None:
-        self.problem = problem
+        self.problem, self.remark = problem, ""
         self._world = problem.world(seed=seed)
         _, self._execution, self._camera, _ = generators(seed)
         self.states = [self._world.initial(start)]
         self.inputs: list[Points] = []
+
+    def restart(self) -> None:
+        """Forget all moves: the particles are at their start."""
+        del self.states[1:], self.inputs[:]
+
+    def with_noise(self, noise: float, *, seed: int = 0) -> Apparatus:
+        """Return another apparatus at the same start, with execution noise of that standard deviation."""
+        return Apparatus(self.problem.replaced(execution=noise), self.states[0], seed=seed)
 
     def look(self) -> Points:
         """Return where the camera sees the particles."""
