@@ -51,6 +51,7 @@ demo: install
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
 	@map='$(BIN)/shoal map rectangle:9x9 --particles 3 --json'; folder=$$(mktemp -d); \
 	  { $$map --policy closest-frontier && $$map --scan-every adaptive --scan-cost 2 && $$map --slip 0.1 --policy closest-frontier; \
+	    for policy in elect-particle depth-first sweep; do $$map --policy $$policy; done; $$map --rule tilt; \
 	    for tour in hilbert moore hilbert-rectangle comb spanning-tree; do $(BIN)/shoal tour $$tour cave:20x15 --json; done; \
 	    $(BIN)/shoal tour hilbert 3x3x3 --json; } >/dev/null & rest=$$!; \
 	  { $$map && $(BIN)/shoal demo steer --json --out $$folder; } >/dev/null && rm -r $$folder && wait $$rest

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, has, popcount
+from shoal.swarm.kernels.dynamics.bits import ALL, ONE, TOP, ZERO, has, popcount
 
 BLOCK, MERGE, TILT = 0, 1, 2
 LEFT, UP, RIGHT, DOWN, IN, OUT = 0, 1, 2, 3, 4, 5
@@ -66,36 +66,61 @@ def move_across(field, command, rule):
         for start in range(0, length, BLOCK_WORDS):
             size = min(BLOCK_WORDS, length - start)
             source = line * line_stride + first + (start if ahead < 0 else length - start - size)
-            moved, some = move_words(field, source, size, ahead, rule)
-            travelled += moved
+            target, end = source + ahead, source + ahead + size
+            moving = field.before[:size]
+            some = shift_across(
+                field.occupied[source : source + size], field.occupied[target:end], field.free[target:end],
+                field.known[target:end], ALL, field.tried[:size], moving, ahead, rule,
+            )  # fmt: skip
+            for i in range(size):
+                travelled += popcount(moving[i])
             if some != ZERO:
-                words = learn(field, source + ahead, source + ahead + size)
+                words = learn(field, target, end)
                 classified, added = classified + words[0], added + words[1]
     return travelled, classified, added
 
 
 @in_place_kernel
-def move_words(field, source, size, ahead, rule):
-    """Move ``size`` words from ``source`` on by ``ahead`` words; return the cells travelled and the unknown cells tried.
+def shift_across(here, there, free, board, flip, tried, moving, ahead, rule):
+    """Move words of particles from ``here`` to ``there``, which lie ``ahead`` words apart, in loops that become vector code.
 
-    Words are taken in such an order that whoever still is in a word ahead when its turn comes stays there.
+    Notes in ``tried`` the cells entered or run against that are on ``board``, or not on it if ``flip`` is ALL, and in ``moving``
+    who moves. Returns the union of what was tried, one word.
     """
-    target, end = source + ahead, source + ahead + size
-    here, there = field.occupied[source : source + size], field.occupied[target:end]
-    free, known, tried = field.free[target:end], field.known[target:end], field.tried[:size]
-    sharing = ~ZERO if rule == MERGE else ZERO  # all ones: who is in the way does not matter
-    travelled, some = 0, ZERO
-    for step in range(size):
-        i = step if ahead < 0 else size - 1 - step
-        cells, held = here[i], there[i]
-        moving = cells & free[i] & (~held | sharing)
-        unknown = cells & ~known[i]
-        there[i] = held | moving
-        here[i] = cells & ~moving
-        tried[i] = unknown
-        some |= unknown
-        travelled += popcount(moving)
-    return travelled, some
+    some = ZERO
+    for i in range(moving.shape[0]):
+        hit = here[i] & (board[i] ^ flip)
+        tried[i] = hit
+        some |= hit
+    for i in range(moving.shape[0]):
+        moving[i] = here[i] & free[i]
+    if rule != MERGE:
+        hold(there, moving, ahead)
+    for i in range(moving.shape[0]):
+        here[i] &= ~moving[i]
+    for i in range(moving.shape[0]):
+        there[i] |= moving[i]
+    return some
+
+
+@in_place_kernel
+def hold(there, moving, ahead):
+    """Take those out of ``moving`` that are held up by one ahead which stays: the only recurrence from row to row."""
+    size, step = moving.shape[0], abs(ahead)
+    first = min(step, size)
+    if ahead < 0:
+        for i in range(first):
+            moving[i] &= ~there[i]
+        later, before, blocking = moving[first:], moving[: size - first], there[first:]
+        for i in range(later.shape[0]):
+            later[i] &= ~blocking[i] | before[i]
+        return
+    for i in range(size - first, size):
+        moving[i] &= ~there[i]
+    later, before, blocking = moving[: size - first], moving[first:], there[: size - first]
+    for back in range(later.shape[0]):
+        i = later.shape[0] - 1 - back
+        later[i] &= ~blocking[i] | before[i]
 
 
 @in_place_kernel
@@ -198,8 +223,14 @@ def move_along(field, command, rule):
     block = max(1, BLOCK_WORDS // field.width) * field.width
     for first in range(0, total, block):
         last = min(total, first + block)
-        moved, some = move_block(field, command, rule, first, last)
-        travelled += moved
+        size = last - first
+        before, staying = field.before[:size], field.staying[:size]
+        some = shift_along(
+            field.occupied[first:last], field.free[first:last], field.known[first:last], ALL, field.tried[:size], before, staying,
+            command, rule,
+        )  # fmt: skip
+        for i in range(size):
+            travelled += popcount(before[i] & ~staying[i])
         if some != ZERO:
             words = learn(field, first, last)
             classified, added = classified + words[0], added + words[1]
@@ -207,37 +238,34 @@ def move_along(field, command, rule):
 
 
 @in_place_kernel
-def move_block(field, command, rule, first, last):
-    """Move whole rows, words ``first`` to ``last - 1``; return the cells travelled and the unknown cells tried."""
-    occupied, known = field.occupied[first:last], field.known[first:last]
-    inner = last - first - 1
-    tried, before, staying = field.tried[: inner + 1], field.before[: inner + 1], field.staying[: inner + 1]
+def shift_along(occupied, free, board, flip, tried, before, staying, command, rule):
+    """Move particles along whole rows, as `shift_across` does; ``before`` and ``staying`` hold who was there and who stays."""
+    inner = occupied.shape[0] - 1
     for i in range(inner + 1):
         before[i] = occupied[i]
+    some = ZERO
+    following, moved = before[1:], staying[1:]
     if command == LEFT:
-        stay_left(field.free[first:last], before, staying, rule)
+        stay_left(free, before, staying, rule)
+        wanted, hit = board[:inner], tried[:inner]
         for i in range(inner):
-            moving, following = before[i] & ~staying[i], before[i + 1] & ~staying[i + 1]
-            occupied[i] = staying[i] | (moving >> ONE) | (following << TOP)
+            occupied[i] = staying[i] | ((before[i] & ~staying[i]) >> ONE) | ((following[i] & ~moved[i]) << TOP)
         for i in range(inner):
-            tried[i] = ((before[i] >> ONE) | (before[i + 1] << TOP)) & ~known[i]
+            hit[i] = ((before[i] >> ONE) | (following[i] << TOP)) & (wanted[i] ^ flip)
+            some |= hit[i]
         occupied[inner] = staying[inner] | ((before[inner] & ~staying[inner]) >> ONE)
-        tried[inner] = (before[inner] >> ONE) & ~known[inner]
-    else:
-        stay_right(field.free[first:last], before, staying, rule)
-        occupied[0] = staying[0] | ((before[0] & ~staying[0]) << ONE)
-        tried[0] = (before[0] << ONE) & ~known[0]
-        for i in range(inner):
-            moving, following = before[i + 1] & ~staying[i + 1], before[i] & ~staying[i]
-            occupied[i + 1] = staying[i + 1] | (moving << ONE) | (following >> TOP)
-        for i in range(inner):
-            tried[i + 1] = ((before[i + 1] << ONE) | (before[i] >> TOP)) & ~known[i + 1]
-    travelled, some = 0, ZERO
-    for i in range(inner + 1):
-        some |= tried[i]
-    for i in range(inner + 1):
-        travelled += popcount(before[i] & ~staying[i])
-    return travelled, some
+        tried[inner] = (before[inner] >> ONE) & (board[inner] ^ flip)
+        return some | tried[inner]
+    stay_right(free, before, staying, rule)
+    occupied[0] = staying[0] | ((before[0] & ~staying[0]) << ONE)
+    tried[0] = (before[0] << ONE) & (board[0] ^ flip)
+    target, wanted, hit = occupied[1:], board[1:], tried[1:]
+    for i in range(inner):
+        target[i] = moved[i] | ((following[i] & ~moved[i]) << ONE) | ((before[i] & ~staying[i]) >> TOP)
+    for i in range(inner):
+        hit[i] = ((following[i] << ONE) | (before[i] >> TOP)) & (wanted[i] ^ flip)
+        some |= hit[i]
+    return some | tried[0]
 
 
 @in_place_kernel

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, popcount
-from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, MERGE, RIGHT, UP, segments, stay_left, stay_right
+from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP, segments, shift_across, shift_along
 
 OCCUPIED, FRONTIER, UNSEEN = 0, 1, 2  # boards of a state; unseen: unknown and not on the frontier
 BOARDS = 3
@@ -98,89 +98,21 @@ def advance(scene, state, command):
 def push(scene, occupied, frontier, command):
     """Move the particles, in place, and note the frontier cells tried; return their union, one word."""
     if command == LEFT or command == RIGHT:
-        return along(scene, occupied, frontier, command)
+        return shift_along(
+            occupied, scene.ground, frontier, ZERO, scene.tried, scene.before, scene.staying, command, scene.rule
+        )  # fmt: skip
     for i in range(scene.tried.shape[0]):
         scene.tried[i] = ZERO
-    return across(scene, occupied, frontier, command)
-
-
-@in_place_kernel
-def across(scene, occupied, frontier, command):
-    """Move from row to row and note the frontier cells tried; return their union, one word.
-
-    Only who stays is a recurrence from row to row; all else is loops that become vector code.
-    """
     lines, stride, first, length, ahead = segments(scene, command)
     some = ZERO
     for line in range(lines):
-        start = line * stride + first
-        here, there = occupied[start : start + length], occupied[start + ahead : start + ahead + length]
-        free, wanted = scene.ground[start + ahead : start + ahead + length], frontier[start + ahead : start + ahead + length]
-        tried = scene.tried[start + ahead : start + ahead + length]
-        moving = scene.before[:length]
-        for i in range(length):
-            hit = here[i] & wanted[i]
-            tried[i] = hit
-            some |= hit
-        for i in range(length):
-            moving[i] = here[i] & free[i]
-        if scene.rule != MERGE:
-            hold(here, there, moving, ahead)
-        for i in range(length):
-            here[i] &= ~moving[i]
-        for i in range(length):
-            there[i] |= moving[i]
+        source = line * stride + first
+        target, end = source + ahead, source + ahead + length
+        some |= shift_across(
+            occupied[source : source + length], occupied[target:end], scene.ground[target:end], frontier[target:end], ZERO,
+            scene.tried[target:end], scene.before[:length], ahead, scene.rule,
+        )  # fmt: skip
     return some
-
-
-@in_place_kernel
-def hold(here, there, moving, ahead):
-    """Take those out of ``moving`` that are held up by one ahead which stays."""
-    size, step = moving.shape[0], abs(ahead)
-    first = min(step, size)
-    if ahead < 0:
-        for i in range(first):
-            moving[i] &= ~there[i]
-        later, before, blocking = moving[first:], moving[: size - first], there[first:]
-        for i in range(later.shape[0]):
-            later[i] &= ~blocking[i] | before[i]
-        return
-    for i in range(size - first, size):
-        moving[i] &= ~there[i]
-    later, before, blocking = moving[: size - first], moving[first:], there[: size - first]
-    for step in range(later.shape[0]):
-        i = later.shape[0] - 1 - step
-        later[i] &= ~blocking[i] | before[i]
-
-
-@in_place_kernel
-def along(scene, occupied, frontier, command):
-    """Move along the rows and note the frontier cells tried; return their union, one word."""
-    tried, before, staying, inner = scene.tried, scene.before, scene.staying, occupied.shape[0] - 1
-    for i in range(inner + 1):
-        before[i] = occupied[i]
-    some = ZERO
-    following, moved, wanted, hit = before[1:], staying[1:], frontier[:inner], tried[:inner]
-    if command == LEFT:
-        stay_left(scene.ground, before, staying, scene.rule)
-        for i in range(inner):
-            occupied[i] = staying[i] | ((before[i] & ~staying[i]) >> ONE) | ((following[i] & ~moved[i]) << TOP)
-        for i in range(inner):
-            hit[i] = ((before[i] >> ONE) | (following[i] << TOP)) & wanted[i]
-            some |= hit[i]
-        occupied[inner] = staying[inner] | ((before[inner] & ~staying[inner]) >> ONE)
-        tried[inner] = (before[inner] >> ONE) & frontier[inner]
-        return some | tried[inner]
-    stay_right(scene.ground, before, staying, scene.rule)
-    occupied[0] = staying[0] | ((before[0] & ~staying[0]) << ONE)
-    tried[0] = (before[0] << ONE) & frontier[0]
-    target, wanted, hit = occupied[1:], frontier[1:], tried[1:]
-    for i in range(inner):
-        target[i] = moved[i] | ((following[i] & ~moved[i]) << ONE) | ((before[i] & ~staying[i]) >> TOP)
-    for i in range(inner):
-        hit[i] = ((following[i] << ONE) | (before[i] >> TOP)) & wanted[i]
-        some |= hit[i]
-    return some | tried[0]
 
 
 @in_place_kernel

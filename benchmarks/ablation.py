@@ -1,0 +1,85 @@
+"""python -m benchmarks.ablation: what each mechanism of the planner brings, on the same starts with it and without it.
+
+One row a mechanism: moves without it over moves with it, as a geometric mean of paired trials over all maps and numbers of
+particles, with its 95 % confidence interval (normal approximation, of the logarithms), and the means of each map. Above 1 the
+mechanism helps.
+
+Options: --trials N (of each mechanism, in all), --maps, --counts, --only NAMES.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+import numpy as np
+from tests.swarm_runs import run
+
+from benchmarks.planners import variant
+from shoal import GridWorkspace, open_map
+from shoal.swarm.policies import Policy, make_policy
+
+MAPS = ("vessels:1000", "htree:1000", "rectangle:25x40", "line:1000")
+COUNTS = (50, 200, 600)
+
+# What the mechanism is without: the fields of Tuning that switch it off.
+MECHANISMS = {
+    "careful completion": {"left_behind_cost": 0},
+    "beam": {"beam_leaves": 0},
+    "outlook in the beam": {"outlook_weight": 0},
+    "variations": {"variations": 0},
+    "runs": {"run_candidates": 0},
+    "prediction": {"prediction_layers": 0},
+    "prediction beyond 12 layers": {"prediction_layers": 12, "joint_chance": 0},
+    "joint chance": {"joint_chance": 0},
+    "lattices": {"lattices": 0},
+    "extrapolation": {"future_weight": 0},
+    "early cells worth more with surprises": {"surprise_weight": 0},
+    "shorter horizon with surprises": {"surprise_shrink": 0},
+    "end in sight by trust": {"end_surprise": 0},
+    "end in sight by few frontier cells": {"end_frontier": 0},
+    "far sight": {"far_surprise": 0},
+    "near discount of its own": {"near_discount": 0.99},
+    "near horizon of its own": {"near_horizon": 300},
+    "search anew while nothing is classified": {"replan_after": 450},
+}
+
+
+def moves_of(workspaces: dict[str, GridWorkspace], counts: list[int], policy: Policy, trials: int) -> dict[str, list[int]]:
+    """Return the moves of each trial, by map; trials take the numbers of particles by turns."""
+    each = -(-trials // len(workspaces))
+    return {
+        name: [run(place, particles=counts[trial % len(counts)], trial=trial, policy=policy).moves for trial in range(each)]
+        for name, place in workspaces.items()
+    }
+
+
+def ratio(logarithms: list[float]) -> str:
+    """Return a geometric mean with its interval."""
+    half = 1.96 * float(np.std(logarithms, ddof=1)) / math.sqrt(len(logarithms))
+    mean = float(np.mean(logarithms))
+    return f"{math.exp(mean):.3f} [{math.exp(mean - half):.3f}, {math.exp(mean + half):.3f}]"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--trials", type=int, default=100)
+    parser.add_argument("--maps", default=",".join(MAPS))
+    parser.add_argument("--counts", default=",".join(map(str, COUNTS)))
+    parser.add_argument("--only", default=",".join(MECHANISMS))
+    given = parser.parse_args()
+    workspaces = {name: open_map(name) for name in given.maps.split(",")}
+    counts = [int(count) for count in given.counts.split(",")]
+    whole = moves_of(workspaces, counts, make_policy("best"), given.trials)
+    print(f"| without | moves without / with | {' | '.join(f'`{name}`' for name in workspaces)} |")
+    print(f"|---|---|{'---|' * len(workspaces)}", flush=True)
+    for name in given.only.split(","):
+        without = moves_of(workspaces, counts, variant("without", **MECHANISMS[name]), given.trials)
+        pairs = {place: [math.log(a / b) for a, b in zip(without[place], whole[place], strict=True)] for place in workspaces}
+        every = [one for some in pairs.values() for one in some]
+        means = " | ".join(f"{math.exp(float(np.mean(some))):.3f}" for some in pairs.values())
+        print(f"| {name} | {ratio(every)} | {means} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
