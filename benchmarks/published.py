@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import statistics
 
-from tests.golden.test_published import PUBLISHED, published_means
-from tests.swarm_runs import run_trials
-
-from shoal import open_map
+from shoal.lab import run_trials
+from shoal.papers.mapping.curves import MAPS
+from shoal.papers.recipe import published_curve
+from shoal.swarm import SwarmProblem
 
 COUNTS = (100, 500, 1000, 2500, 4000)
 
 
 def main() -> None:
     print("| map | " + " | ".join(f"n = {n}" for n in COUNTS) + " |\n|---|" + "---|" * len(COUNTS))
-    for name, file in PUBLISHED.items():
-        workspace, means, cells = open_map(name), published_means(file), []
+    for name, (_, file) in MAPS.items():
+        curve, cells = published_curve(file), []
         for n in COUNTS:
-            mean = statistics.fmean(e.moves for e in run_trials(workspace, trials=100, particles=n))
-            cells.append(f"{mean:.1f} ({100 * (mean / means[n] - 1):+.0f} %)")
+            problem = SwarmProblem(name, policy="closest-frontier", particles=n)
+            mean = statistics.fmean(episode.moves for episode in run_trials(problem, trials=100))
+            published = float(curve.mean[curve.x == n][0])
+            cells.append(f"{mean:.1f} ({100 * (mean / published - 1):+.0f} %)")
         print(f"| `{name}` | " + " | ".join(cells) + " |", flush=True)
 
 

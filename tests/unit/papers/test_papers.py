@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
 import sys
 from importlib import resources
 from pathlib import Path
@@ -239,3 +240,10 @@ def test_published_curves_lie_behind_ours():
     orders = {tuple(line.get_ydata()): line.get_zorder() for line in axes.lines if len(line.get_xdata())}
     assert orders[tuple(2 * x)] < orders[tuple(x)]
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["ours", "published", "± one standard deviation"]
+
+
+def test_the_benchmark_of_published_means_needs_no_tools_of_developers():
+    """The README names it; ``make install`` installs no pytest."""
+    tools = ("pytest", "hypothesis", "tests")
+    hidden = f"import sys; sys.modules.update(dict.fromkeys({tools}));"
+    subprocess.run([sys.executable, "-c", f"{hidden} import benchmarks.published"], check=True, cwd=Path(__file__).parents[3])

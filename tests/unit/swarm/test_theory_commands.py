@@ -51,6 +51,18 @@ def test_json_of_line(capsys):
     assert printed(capsys, "line", "--cells", "50", "-n", "5")["coverage"]["monte_carlo"] is None
 
 
+def test_what_is_printed_names_its_equation(capsys):
+    """Eq. 2 of paper D gives 15 for one particle in nine cells, eq. 1 of both papers 14."""
+    row = printed(capsys, "line", "--cells", "9", "-n", "1")["boundary"]
+    assert (row["exact"], row["exact_in"]) == (14, "papers M and D, eq. 1")
+    assert (row["printed"], row["printed_in"]) == (15, "paper D, eq. 2")
+    assert printed(capsys, "line", "--cells", "9", "-n", "2")["boundary"]["exact_in"] == "paper M, eq. 2"
+    assert run(["line", "--cells", "9", "-n", "1"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "14.0000 exact (papers M and D, eq. 1), 15.0000 by paper D, eq. 2 (+1.0000)" in told
+    assert "as printed" not in told
+
+
 def test_long_lines_have_monte_carlo_only(capsys):
     result = printed(capsys, "line", "--cells", "20000", "-n", "30", "--monte-carlo", "500")
     assert result["coverage"]["exact"] is None

@@ -23,6 +23,9 @@ LINE_EXAMPLE = "Example: shoal line --cells 1000 --particles 100 --monte-carlo 1
 SCHEDULE_EXAMPLE = "Example: shoal schedule --scan-cost 10 --move-cost 1 --max-distance 500"
 
 EXACT_CELLS = 10_000
+PRINTED_IN = {
+    "boundary": "paper D, eq. 2", "coverage": "papers M and D, section III.A.2", "largest_gap": "the data of paper M, Fig. 5",
+}  # fmt: skip
 _LISTED = 20_000  # positions of a schedule in the JSON
 _DIGITS = 1_000
 
@@ -76,28 +79,31 @@ def line(
 def line_summary(line: Line, sample: LineSample | None, *, seed: int) -> dict[str, Any]:
     """Return the JSON object of ``shoal line``; exact values of long lines are left out, as they take too long."""
     short = line.cells <= EXACT_CELLS
-    exact, printed = line.boundary_float, 3 * (1 + line.cells) / (1 + line.particles)
-    means: dict[str, tuple[float | None, float | None]] = {"boundary": (exact, printed)}
+    means: dict[str, tuple[float | None, float | None]] = {
+        "boundary": (line.boundary_float, 3 * (1 + line.cells) / (1 + line.particles))
+    }
     for name in ("coverage", "largest_gap"):
         mean = getattr(line, name) if short else None
         means[name] = (None, None) if mean is None else (float(mean.exact), float(mean.printed))
     result: dict[str, Any] = {"cells": line.cells, "particles": line.particles}
-    for name, (exact_mean, printed_mean) in means.items():
+    for name, (exact, printed) in means.items():
         result[name] = {
-            "exact": exact_mean,
-            "printed": printed_mean,
+            "exact": exact,
+            "printed": printed,
+            "printed_in": PRINTED_IN[name],
             "monte_carlo": None if sample is None else float(getattr(sample, name).mean()),
             "standard_error": None if sample is None else sample.standard_error(name),
         }
+    result["boundary"]["exact_in"] = "papers M and D, eq. 1" if line.particles == 1 else "paper M, eq. 2"
     result["coverage"]["published"] = float(line.published_coverage) if short else None
     return result | {"trials": 0 if sample is None else sample.trials, "seed": seed}
 
 
 def _means(row: dict[str, Any]) -> str:
     exact = f"more than {EXACT_CELLS} cells: Monte Carlo only" if row["exact"] is None else f"{row['exact']:.4f} exact"
-    parts = [exact]
+    parts = [f"{exact} ({row['exact_in']})" if "exact_in" in row else exact]
     if row["printed"] is not None:
-        parts.append(f"{row['printed']:.4f} as printed ({row['printed'] - row['exact']:+.4f})")
+        parts.append(f"{row['printed']:.4f} by {row['printed_in']} ({row['printed'] - row['exact']:+.4f})")
     if row["monte_carlo"] is not None:
         parts.append(f"{row['monte_carlo']:.4f} ± {row['standard_error']:.4f} by Monte Carlo")
     return ", ".join(parts)

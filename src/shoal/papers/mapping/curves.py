@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import inf
 from typing import Any
 
@@ -41,7 +40,7 @@ LINE_FILE, POINTS = "line-full-coverage-m5000.csv", "complex.csv"
 SUBSET_FILE = "closest-frontier-subset-coverage-complex.csv"
 MEANS = {"random-moves": 1683, "elect-particle": 578, "closest-frontier": 215}  # printed in the caption of Fig. 8
 POLICIES = tuple(MEANS)
-GREEDY = {"kind": "swarm", "policy": "closest-frontier"}
+GREEDY: dict[str, Any] = {"kind": "swarm", "policy": "closest-frontier"}
 PLACEMENTS = ("flood-fill", "region-fill", "uniform")
 TASKS = {"mapping": "mapping", "coverage": "coverage", "subset-coverage": "subset coverage, 10 % of the cells"}
 FIFTH = "subset coverage, 20 % of the cells"
@@ -61,7 +60,7 @@ def _slug(name: str) -> str:
     return f"{plain}-{digest_of(name)[:6]}"
 
 
-def _on_complex(name: str, settings: Settings, fixed: Mapping[str, Any] | None = None, **axes: Any) -> Sweep:
+def _on_complex(name: str, settings: Settings, fixed: dict[str, Any] | None = None, **axes: Any) -> Sweep:
     """Return a sweep on the complex map over numbers of particles, all axes but these paired."""
     chosen = settings.complex
     problem, axes = GREEDY | {"map": chosen} | (fixed or {}), axes | {"particles": counts_of(_free_cells(chosen))}
