@@ -240,13 +240,7 @@ class Problem:
     def refuse_code(cls, data: Any, *, where: str, names: Iterable[str] | None = None) -> None:
         """Refuse fields of a file that name somebody's code, which would be imported and run.
 
-        Parameters
-        ----------
-        data : mapping
-            Fields with values, as in the file.
-        where : str
-        names : iterable of str, optional
-            Look at these fields only: those whose code would run.
+        ``data`` has the fields as in the file; ``names`` are those whose code would run, if not all.
 
         Raises
         ------
@@ -255,12 +249,9 @@ class Problem:
         """
         known = cls.declarations()
         for name in known if names is None else names:
-            built_in = known[name].option.names
-            value = data.get(name) if built_in is not None and isinstance(data, Mapping) else None
-            if built_in is None or not isinstance(value, str) or ":" not in value:
-                continue
-            module = value.partition(":")[0]
-            if module not in built_in:
+            built_in, value = known[name].option.names, data.get(name) if isinstance(data, Mapping) else None
+            module, colon, _ = value.partition(":") if isinstance(value, str) else ("", "", "")
+            if built_in is not None and colon and module not in built_in:
                 raise InvalidInputError(
                     f"{where}: {name}: expected a built-in one, got {shortened(value)}, which runs the code of the Python module "
                     f"{shortened(module)}: allow it with --trust (in Python trust=True) if you know whose it is"

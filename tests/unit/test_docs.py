@@ -56,6 +56,7 @@ MODULES = [
     "lab.sweeps.toml_location",
     "lab.coordinator",
     "lab.statistics",
+    "lab.summaries",
     "lab.sweeps.progress",
     "lab.storage.store",
     "lab.sweeps.sweep",

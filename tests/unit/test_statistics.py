@@ -8,7 +8,8 @@ from scipy import stats
 
 from shoal.errors import InvalidInputError, UnknownNameError
 from shoal.lab import Store, Sweep, run_sweep
-from shoal.lab.statistics import compare, compare_along, estimate, summarise
+from shoal.lab.statistics import compare, estimate
+from shoal.lab.summaries import compare_along, summarise
 
 NUMBER = {"kind": "function", "function": "tests.unit.sweep_functions:number"}
 

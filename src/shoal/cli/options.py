@@ -1,11 +1,18 @@
-"""The options that commands share and no problem declares."""
+"""The options of commands: those that they share, and those that are made from the declarations of a problem."""
 
 from __future__ import annotations
 
+import functools
+import inspect
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+
+from shoal.checks import parse_json, read_text, shortened
+from shoal.errors import InvalidInputError
+from shoal.problem import LARGEST_PROBLEM, Declaration, Problem
 
 Trials = Annotated[int, typer.Option("--trials", help="How many times, each from another start.")]
 Seed = Annotated[int, typer.Option("--seed", help="The same seed gives the same result, whatever the workers.")]
@@ -33,3 +40,142 @@ Film = Annotated[
 ]
 Trust = Annotated[bool, typer.Option("--trust", help="Run code that a file names as MODULE:ATTRIBUTE. Know whose it is.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")]
+
+
+def takes_problem(
+    kind: type[Problem], *, from_file: bool = False, only: tuple[str, ...] = (), **fixed: Any
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator for a command: its first parameter, a problem, becomes an option for each field of ``kind``.
+
+    Parameters
+    ----------
+    kind : type
+    from_file : bool
+        Whether the argument may also be a problem file: the options that are given then replace its fields.
+    only : tuple of str
+        The fields that are options; all if empty.
+    **fixed
+        Fields that the command settles itself; they are no options.
+
+    Examples
+    --------
+    >>> from shoal.problem import option
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True, eq=False)
+    ... class Walk(Problem):
+    ...     part = "walk"
+    ...     steps: int = option(10, help="How many steps.", least=1)
+    >>> @takes_problem(Walk)
+    ... def walk(problem, loud: bool = False): print(problem.steps)
+    >>> list(inspect.signature(walk).parameters)
+    ['steps', 'loud']
+    >>> walk(steps=3)
+    3
+    """
+    known = {name: declared for name, declared in kind.declarations().items() if not only or name in only}
+    taken = {name: declared for name, declared in known.items() if name not in fixed}
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
+
+        @functools.wraps(command)
+        def wrapped(**given: Any) -> None:
+            texts = {name: given.pop(name) for name in taken if name in given}
+            if from_file:
+                command(_problem_of(kind, taken, texts, fixed, trust=given.pop("trust", False)), **given)
+                return
+            values = {name: parsed(taken[name], text) for name, text in texts.items()}
+            command(kind(**fixed, **values), **given)
+
+        made = [_parameter(declared, from_file=from_file) for declared in taken.values()]
+        if from_file:
+            made.append(inspect.Parameter("trust", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Trust))
+        made = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in [*made, *own]]
+        vars(wrapped)["__signature__"] = inspect.Signature(made)
+        wrapped.__annotations__ = {one.name: one.annotation for one in made}
+        del vars(wrapped)["__wrapped__"]  # else the signature of the command itself would be read
+        return wrapped
+
+    return decorate
+
+
+def _problem_of(
+    kind: type[Problem], taken: dict[str, Declaration], texts: dict[str, Any], fixed: dict[str, Any], *, trust: bool
+) -> Problem:
+    """Return the problem of a file with the options that were given in place of its fields, or the one of the options alone."""
+    given = {name: parsed(taken[name], text) for name, text in texts.items() if text is not None}
+    place = next(name for name, declared in taken.items() if declared.option.argument)
+    source = given.get(place)
+    if isinstance(source, str) and Path(source).suffix == ".json":
+        data = parse_json(read_text(Path(source), what="problem file", most=LARGEST_PROBLEM), where=source)
+        if isinstance(data, dict) and (place in data or "kind" in data):
+            for name in set(fixed) & set(data):
+                if data[name] != fixed[name]:
+                    raise InvalidInputError(
+                        f"{source}: {name}: expected {shortened(fixed[name])}, as of this command, got {shortened(data[name])}"
+                    )
+            return kind.load(source, trust=trust).replaced(
+                **fixed, **{name: value for name, value in given.items() if name != place}
+            )
+    return kind(**fixed, **given)
+
+
+def _parameter(declared: Declaration, *, from_file: bool) -> inspect.Parameter:
+    option = declared.option
+    by_text = option.parse is not None or declared.type is object
+    kind: Any = str if by_text else declared.type
+    if option.repeated:
+        kind = list[str]
+    default = inspect.Parameter.empty if declared.required else _default(declared)
+    shown: Any = default not in (None, "", inspect.Parameter.empty)
+    help_, metavar = help_of(declared), option.metavar
+    if from_file and option.argument:
+        default, shown, help_ = inspect.Parameter.empty, False, f"A problem file (JSON), or: {help_}"
+    elif from_file:
+        default, shown = None, str(default) if shown and default is not False else False
+    if declared.optional or default is None:
+        kind = kind | None
+    told: dict[str, Any] = {"help": help_, "show_default": shown}
+    if metavar:
+        told["metavar"] = metavar
+    if option.argument:
+        info: Any = typer.Argument(**told)
+    else:
+        info = typer.Option(*([option.short] if option.short else []), _flags(declared, both=from_file), **told)
+    return inspect.Parameter(declared.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info])
+
+
+def help_of(declared: Declaration) -> str:
+    """Return the help of an option: what it is, its values, its unit and its range."""
+    option = declared.option
+    unit = f" Unit: {option.unit}." if option.unit else ""
+    choices = f" One of {', '.join(option.choices)}." if option.choices else ""
+    return f"{option.help}{choices}{unit}"
+
+
+def _flags(declared: Declaration, *, both: bool) -> str:
+    either = declared.type is bool and (both or declared.default in (None, True))
+    return f"{declared.flag}/--no-{declared.flag[2:]}" if either else declared.flag
+
+
+def _default(declared: Declaration) -> Any:
+    """Return the default as the command line writes it; None for one that has no text."""
+    option, default = declared.option, declared.default
+    if option.parse is None or isinstance(default, str):
+        return default
+    return None if default is None or default == () else str(default)
+
+
+def parsed(declared: Declaration, given: Any) -> Any:
+    """Return the value that a text of the command line means."""
+    if given is None or (declared.option.repeated and not given):
+        return None if declared.required else declared.default
+    parse = declared.option.parse
+    if parse is None or (isinstance(given, str) and not declared.required and given == _default(declared)):
+        return declared.default if parse is not None else given
+    try:
+        return parse(given)
+    except InvalidInputError:
+        raise
+    except ValueError as error:
+        raise InvalidInputError(f"{declared.flag}: {error}") from None

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
+from shoal.cli.options import takes_problem
 from shoal.cli.output import check_folder, check_outputs, check_seed, print_json, print_table, say, write_films
-from shoal.cli.problem_options import takes_problem
 from shoal.errors import InvalidInputError
 from shoal.steering.problem import SteeringProblem
 

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import shortened
-from shoal.episode import Status
 from shoal.errors import InvalidInputError
-from shoal.lab.storage.store import Store
-from shoal.lab.sweeps.batches import is_storable
-from shoal.parts import PARTS, problem_type
 
 Method = Literal["auto", "t", "log", "bootstrap"]
 METHODS: tuple[Method, ...] = ("auto", "t", "log", "bootstrap")
 RESAMPLES = 2000
-_DONE = tuple(str(status) for status in Status if status.done)
 
 
 @dataclass(frozen=True)
@@ -194,181 +187,3 @@ def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method =
         p_value = float(stats.wilcoxon(differences, zero_method="zsplit").pvalue)
     ratio = float(after.mean() / before.mean()) if before.mean() else float("nan")
     return Comparison(found, ratio, effect, smaller, p_value)
-
-
-@dataclass(frozen=True)
-class Row:
-    """A point of a sweep and what is known of one measure there.
-
-    Parameters
-    ----------
-    values : dict
-        By axis.
-    estimate : Estimate or None
-        Of the mean; None if no trial has the measure, or if it grows until the task is done and no trial has done it.
-    missing : int
-        Trials that have it not: not played yet, failed, or None.
-    counted : int
-        Trials that have it.
-    completed : int or None
-        Those of them whose task is done; None if trials have no status.
-    bound : float or None
-        If not all are done and the measure grows until then: the estimate is of a restricted mean, in which larger values count
-        as this one, the least at which an unfinished trial ended. The mean is larger.
-    """
-
-    values: dict[str, Any]
-    estimate: Estimate | None
-    missing: int
-    counted: int
-    completed: int | None = None
-    bound: float | None = None
-
-    def __str__(self) -> str:
-        if not self.counted:
-            return "no trial yet"
-        if self.estimate is None:
-            return f"more than {self.bound:.6g}: 0 of {self.counted} trials completed"
-        if self.completed is None or self.completed == self.counted:
-            return f"{self.estimate}" + (f" ({self.counted} of {self.counted + self.missing} trials)" if self.missing else "")
-        told = f"{self.estimate}" if self.bound is None else f"restricted mean to {self.bound:.6g}: {self.estimate}"
-        return f"{told} ({self.completed} of {self.counted} trials completed)"
-
-
-@dataclass(frozen=True)
-class Measured:
-    """The values of one measure at a point of a sweep.
-
-    Parameters
-    ----------
-    values : dict
-        By axis.
-    trials : dict of int to float
-        By trial; those without a number are left out.
-    unfinished : set of int
-        Trials whose task was not done.
-    has_status : bool
-        Whether trials say so.
-    censored : bool
-        Whether the measure grows until the task is done: what an unfinished trial has is a lower bound.
-    """
-
-    values: dict[str, Any]
-    trials: dict[int, float]
-    unfinished: frozenset[int]
-    has_status: bool
-    censored: bool
-
-    def bound(self) -> float | None:
-        """Return the least value at which an unfinished trial ended; None if none did or its value is none of a bound."""
-        return min((self.trials[trial] for trial in self.unfinished), default=None) if self.censored else None
-
-
-def measured(store: Store, name: str, measure: str) -> list[Measured]:
-    """Return what was measured at each point of a sweep, in its order. No code that the store names is imported.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
-    """
-    stored = store.stored(name)
-    axes, kind, measures = stored.axes, stored.form.problem.get("kind"), stored.measures
-    if measure not in measures:
-        raise InvalidInputError(f"measure: expected one of {', '.join(measures)}, got {measure!r}")
-    censored = kind in PARTS and measure in problem_type(kind).censored
-    at = len(axes) + 2 + measures.index(measure)
-    status = len(axes) + 2 + measures.index("status") if kind in PARTS and "status" in measures else None
-    trials: dict[str, dict[int, float]] = {}
-    unfinished: dict[str, set[int]] = {}
-    for row in store.rows(name):
-        value, trial = row[at], row[len(axes)]
-        if value is not None and not (isinstance(value, int | float) and is_storable(value)):
-            raise InvalidInputError(
-                f"measure: expected one that is a number, got {measure!r}, which is {shortened(value)} in trial {trial}"
-            )
-        if value is not None:
-            key = repr(row[: len(axes)])
-            trials.setdefault(key, {})[trial] = float(value)
-            if status is not None and row[status] not in _DONE:
-                unfinished.setdefault(key, set()).add(trial)
-    return [
-        Measured(values, trials.get(key, {}), frozenset(unfinished.get(key, ())), status is not None, censored)
-        for _, values in store.points(name)
-        for key in [repr(tuple(values.values()))]
-    ]
-
-
-def summarise(store: Store, name: str, measure: str, *, level: float = 0.95, method: Method = "auto") -> list[Row]:
-    """Return the mean of a measure with its interval at each point of a sweep.
-
-    A measure that grows until the task is done is known of unfinished trials as a lower bound only: then the estimate is of the
-    restricted mean, and the row says so.
-
-    Raises
-    ------
-    InvalidInputError, UnknownNameError
-    """
-    expected = store.stored(name).trials
-    rows = []
-    for point in measured(store, name, measure):
-        bound, count = point.bound(), len(point.trials)
-        completed = count - len(point.unfinished) if point.has_status else None
-        found = None
-        if count and not (bound is not None and completed == 0):
-            found = estimate(_restricted(point, [*point.trials], bound), level=level, method=method)
-        rows.append(Row(point.values, found, expected - count, count, completed, bound))
-    return rows
-
-
-def _restricted(point: Measured, trials: Sequence[int], bound: float | None) -> list[float]:
-    """Return the values of trials, none above the bound."""
-    return [point.trials[trial] if bound is None else min(point.trials[trial], bound) for trial in trials]
-
-
-def compare_along(
-    store: Store, name: str, measure: str, axis: str, *, level: float = 0.95, method: Method = "auto"
-) -> list[tuple[dict[str, Any], Any, Any, Comparison | None]]:
-    """Compare the values of a paired axis with its first one, at each combination of the other axes.
-
-    Returns
-    -------
-    list of (values of the other axes, first value, other value, Comparison)
-        None instead of a comparison if fewer than two trials have both, or the task of no trial is done.
-
-    Raises
-    ------
-    InvalidInputError
-        If the axis is not paired: then the seeds differ.
-    UnknownNameError
-    """
-    paired = store.stored(name).form.paired
-    if axis not in paired:
-        raise InvalidInputError(
-            f"axis: expected a paired one ({', '.join(paired) or 'none'}), whose points share their seeds, got {axis!r}"
-        )
-    groups: dict[str, list[Measured]] = {}
-    for point in measured(store, name, measure):
-        groups.setdefault(repr(_without(point.values, axis)), []).append(point)
-    return [
-        (_without(point.values, axis), group[0].values[axis], point.values[axis], _compared(group[0], point, level, method))
-        for group in groups.values()
-        for point in group[1:]
-    ]
-
-
-def _without(values: dict[str, Any], axis: str) -> dict[str, Any]:
-    return {other: value for other, value in values.items() if other != axis}
-
-
-def _compared(first: Measured, second: Measured, level: float, method: Method) -> Comparison | None:
-    """Compare two points on the trials that both have; None if these are fewer than two, or no trial of either is done."""
-    both = sorted(first.trials.keys() & second.trials.keys())
-    unfinished = [trial for trial in both if trial in first.unfinished or trial in second.unfinished]
-    bounds = [bound for bound in (first.bound(), second.bound()) if bound is not None]
-    bound = min(bounds, default=None)
-    if len(both) < 2 or (bound is not None and first.unfinished & second.unfinished >= {*both}):
-        return None
-    found = compare(
-        _restricted(first, both, bound), _restricted(second, both, bound), level=level, method="t" if method == "auto" else method
-    )
-    return replace(found, unfinished=len(unfinished), bound=bound)

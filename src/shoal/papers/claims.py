@@ -15,7 +15,8 @@ from math import inf, isnan
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shoal.lab.statistics import Estimate, Row
+from shoal.lab.statistics import Estimate
+from shoal.lab.summaries import Row
 from shoal.views.drawing.curves import Published
 
 

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.lab.statistics import Estimate, Row
+from shoal.lab.statistics import Estimate
 from shoal.lab.storage.store import Store
+from shoal.lab.summaries import Row
 from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.claims import Claim, Verdict, verdict_of
 from shoal.views.drawing.curves import Curve, Published

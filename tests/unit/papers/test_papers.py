@@ -15,7 +15,8 @@ import pytest
 from shoal.cli import run as command
 from shoal.errors import InvalidInputError, UnknownNameError
 from shoal.lab import Store
-from shoal.lab.statistics import Row, estimate
+from shoal.lab.statistics import estimate
+from shoal.lab.summaries import Row
 from shoal.papers import Recipe, Settings, Verdict, recipes, reproduce, reproduce_all
 from shoal.papers.claims import claim, curve_claim, exponent, order_claim, verdict_of
 from shoal.papers.mapping.curves import MAPS

@@ -11,8 +11,8 @@ import typer
 
 from shoal.checks import check_number
 from shoal.cli import options
+from shoal.cli.options import help_of, parsed
 from shoal.cli.output import check_folder, print_json, print_table, say
-from shoal.cli.problem_options import help_of, parsed
 from shoal.search.problem import SearchProblem
 
 if TYPE_CHECKING:

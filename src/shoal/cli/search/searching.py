@@ -11,8 +11,8 @@ import typer
 
 from shoal.checks import check_choice
 from shoal.cli import options
+from shoal.cli.options import takes_problem
 from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, say, write_films
-from shoal.cli.problem_options import takes_problem
 from shoal.cli.search.missions import area_text, zones_text
 from shoal.errors import InvalidInputError
 from shoal.search.problem import SearchProblem

@@ -15,8 +15,8 @@ import typer
 
 from shoal.checks import check_integer
 from shoal.cli import options
+from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, moves_told, print_json, print_table, say
-from shoal.cli.problem_options import takes_problem
 from shoal.cli.swarm.exploration import load_kernels_for
 from shoal.errors import InvalidInputError
 from shoal.swarm.problem import DRIVEN, SwarmProblem

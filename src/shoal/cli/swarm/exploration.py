@@ -11,6 +11,7 @@ import typer
 
 from shoal.checks import check_integer
 from shoal.cli import options
+from shoal.cli.options import takes_problem
 from shoal.cli.output import (
     check_outputs,
     check_seed,
@@ -24,7 +25,6 @@ from shoal.cli.output import (
     say,
     write_films,
 )
-from shoal.cli.problem_options import takes_problem
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
 

@@ -66,7 +66,8 @@ def summary(
     """
     from shoal.checks import check_choice
     from shoal.lab import Store
-    from shoal.lab.statistics import METHODS, compare_along, summarise
+    from shoal.lab.statistics import METHODS
+    from shoal.lab.summaries import compare_along, summarise
 
     if out is not None:
         check_folder(out.parent)

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from shoal.lab.statistics import Estimate, Row, summarise
+from shoal.lab.statistics import Estimate
 from shoal.lab.storage.store import Store
+from shoal.lab.summaries import Row, summarise
 from shoal.lab.sweeps.sweep import Sweep, digest_of
 from shoal.papers.claims import Claim, claim, curve_claim, mean_ratio, order_claim, ratio
 from shoal.papers.recipe import (
@@ -63,7 +64,7 @@ def _slug(name: str) -> str:
 def _on_complex(name: str, settings: Settings, fixed: dict[str, Any] | None = None, **axes: Any) -> Sweep:
     """Return a sweep on the complex map over numbers of particles, all axes but these paired."""
     chosen = settings.complex
-    problem, axes = GREEDY | {"map": chosen} | (fixed or {}), axes | {"particles": counts_of(_free_cells(chosen))}
+    problem, axes = {**GREEDY, "map": chosen, **(fixed or {})}, axes | {"particles": counts_of(_free_cells(chosen))}
     trials, paired = settings.of(100, 20), tuple(axis for axis in axes if axis != "particles")
     return Sweep(name=f"{name}.{_slug(chosen)}", problem=problem, axes=axes, trials=trials, seed=settings.seed, paired=paired)
 

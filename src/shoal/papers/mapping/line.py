@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.lab.statistics import summarise
 from shoal.lab.storage.store import Store
+from shoal.lab.summaries import summarise
 from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.claims import Claim, claim
 from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, ends

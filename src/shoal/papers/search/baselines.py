@@ -7,8 +7,8 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.lab.statistics import summarise
 from shoal.lab.storage.store import Store
+from shoal.lab.summaries import summarise
 from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.claims import claim, ratio
 from shoal.papers.recipe import Outcome, Recipe, Settings, Table, curve_of, function_sweep, measuring, table_of, trials_of

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.lab.statistics import summarise
 from shoal.lab.storage.store import Store
+from shoal.lab.summaries import summarise
 from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.claims import claim
 from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, capital, curve_of
