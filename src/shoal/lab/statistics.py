@@ -110,7 +110,7 @@ def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "auto",
     Examples
     --------
     >>> print(estimate([2, 4, 4, 6]))
-    4 [2.08907, 7.65891]
+    4 [2.08899, 7.65921]
     """
     array = _checked(values, level)
     mean, count = float(array.mean()), len(array)
