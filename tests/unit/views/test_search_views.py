@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import cache
 from itertools import pairwise
 from math import inf
@@ -174,7 +175,7 @@ def test_figure_numbers_every_robot_and_shows_the_dead_and_what_nobody_saw():
     assert "died" in legend
     assert f"not seen: {episode('all dead').coverage.uncovered_m2:.4g} m²" in legend
     whole = [text.get_text() for text in routes_figure(episode("as planned")).legends[0].get_texts()]
-    assert whole == ["start"]
+    assert set(whole) <= {"start", "way to a cell farther off"}
 
 
 def test_timeline_names_whose_part_and_when():
@@ -255,3 +256,30 @@ def test_too_many_visits_for_a_page(monkeypatch):
     monkeypatch.setattr("shoal.views.search.page.LARGEST", 10)
     with pytest.raises(InvalidInputError, match="at most 10 visits of cells, got"):
         page_data(episode("ring"))
+
+
+def test_findings_appear_when_they_were_found():
+    """The first robot that passes may miss what is there: the page once showed it when that one came by."""
+    told = search("square:60", robots=3, footprint=10, targets=4, detection=0.5, multiplicity=3, seed=5)
+    data = page_data(told)
+    late = 0
+    for (_, _, moment, _), finding in zip(data["findings"], told.findings, strict=True):
+        logs = [told.trace.robots[robot - 1] for robot in finding.found_by]
+        assert moment == min(float(log.times[log.cells == finding.cell].min()) for log in logs)
+        first = min(float(log.times[log.cells == finding.cell].min()) for log in told.trace.robots)
+        late += moment > first
+    assert late > 0
+    assert data["north"] is False
+
+
+def test_a_map_has_a_scale_bar_and_all_its_signs(tmp_path):
+    field = tmp_path / "field.json"
+    ring = [[8.5, 47.4], [8.504, 47.4], [8.504, 47.402], [8.5, 47.402], [8.5, 47.4]]
+    field.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    told = search(str(field), robots=2, footprint=40, no_go=[[(8.502, 47.4008), (8.503, 47.4008), (8.503, 47.4013)]], seed=1)
+    drawn = routes_figure(told)
+    texts = [text.get_text() for text in drawn.axes[0].texts]
+    assert "\N{UPWARDS ARROW} N    50 m" in texts
+    signs = {text.get_text() for text in drawn.legends[0].get_texts()}
+    assert {"start", "no-go zone"} <= signs
+    assert "way to a cell farther off" in {text.get_text() for text in routes_figure(episode("as planned")).legends[0].get_texts()}

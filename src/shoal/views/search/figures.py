@@ -13,6 +13,7 @@ from shoal.search import SearchEpisode
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
 from shoal.views.drawing.polygon_paths import hole_in, rings_of
 from shoal.views.search.history import SearchHistory, long_legs, robot_colour
+from shoal.views.search.scale_bar import draw_scale_bar
 from shoal.views.search.timeline import draw_heading, timeline_figure
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     figure.draw_without_rendering()  # settles where the axes are, so that numbers can be kept apart on paper
     figure.set_layout_engine("none")
     _draw_robots(axes, history)
+    draw_scale_bar(figure, axes, north=episode.plan.grid.region.frame is not None)
     return figure
 
 
@@ -278,6 +280,10 @@ def _draw_legend(figure: Figure, history: SearchHistory) -> None:
         handles.append(Line2D([], [], ls="", marker="D", mfc="#ffd54a", mec=INK, ms=6, label="finding, and how sure"))
     if episode.obstacles:
         handles.append(Patch(facecolor=OBSTACLE, label="obstacle, found on the way"))
+    if any(long_legs(route, episode.plan.grid.size).any() for route in episode.routes):
+        handles.append(Line2D([], [], color=MUTED, lw=1.0, ls=(0, (3, 1.8)), label="way to a cell farther off"))
+    if episode.plan.grid.region.no_go_zones:
+        handles.append(Patch(facecolor=_OUTSIDE, edgecolor=_EDGE, lw=1.0, label="no-go zone"))
     left = _not_seen(episode).area
     if left > 1e-6 * episode.plan.grid.region.area_m2:
         handles.append(Patch(facecolor=NOT_SEEN, alpha=0.55, label=f"not seen: {left:.4g} m²"))

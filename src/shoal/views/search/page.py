@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.search import SearchEpisode
+from shoal.search.simulation.findings import Finding
 from shoal.views.drawing.polygon_paths import rings_of
 from shoal.views.player import render
 from shoal.views.search.history import RobotTrajectory, SearchHistory
@@ -48,7 +49,8 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
           65,535ths of the box from its lower left), ``visits`` (float32), ``activities`` [begin, end, kind, other], ``outline``
           (sides around what it took over, uint16: column, row, column, row), ``liar``.
         - ``obstacles`` : list of row * columns + column and when it was found.
-        - ``findings`` : list of x, y, when the cell was first searched, and confidence.
+        - ``findings`` : list of x, y, when it was first found, and confidence.
+        - ``north`` : whether up is north.
 
     Raises
     ------
@@ -89,10 +91,23 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
             for (row, col), moment in zip(plan.tour.cells[[*episode.obstacles]], episode.obstacles.values(), strict=True)
         ],
         "findings": [
-            [*(plan.tour_cost.points[one.cell] * plan.grid.size).tolist(), min(float(times[one.cell]), history.end), one.confidence]
+            [*(plan.tour_cost.points[one.cell] * plan.grid.size).tolist(), _found_at(history, one), one.confidence]
             for one in episode.findings
         ],
+        "north": plan.grid.region.frame is not None,
     }
+
+
+def _found_at(history: SearchHistory, finding: Finding) -> float:
+    """Return when the first of those that found something searched its cell: others may have passed it before, and missed it."""
+    logs, seen = history.episode.trace.robots, history.episode.seen
+    moments = [
+        float(moment)
+        for robot in finding.found_by
+        for cells, moment in zip(seen[robot - 1], logs[robot - 1].times, strict=True)
+        if finding.cell in cells
+    ]
+    return min([history.end, *moments])
 
 
 def _robot(history: SearchHistory, robot: int) -> dict[str, Any]:

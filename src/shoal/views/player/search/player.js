@@ -10,6 +10,11 @@
   const STATES = {
     listening: "listening", own: "searching", waiting: "waiting", paused: "paused", dead: "dead", complete: "knows all is searched",
   };
+  const lasting = (seconds) => {
+    if (seconds < 59.5) return `${Number(seconds.toPrecision(3))} s`;
+    const whole = Math.round(seconds), two = (n) => String(n).padStart(2, "0");
+    return `${Math.floor(whole / 3600)}:${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
+  };
   const wordOf = ({ kind, other }, liar) => (kind === "taken" ? `in the part of ${other}` : liar && kind === "own" ? "says it searches" : STATES[kind]);
 
   function start() {
@@ -39,8 +44,18 @@
       $(id).setAttribute("aria-label", words);
       $(id).title = `${words} (${key})`;
     }
+    $("robots").classList.toggle("few", history.robots.length <= 7);
+    $("robots").classList.toggle("many", history.robots.length > 14);
+    $("legend").innerHTML = [
+      ["start", "start"],
+      ...(history.robots.some((robot) => robot.activities.some((one) => one.kind === "dead")) ? [["dead", "died"]] : []),
+      ...(history.takeovers ? [["taken", "another’s part"]] : []),
+      ...(history.findings.length ? [["finding", "finding"]] : []),
+      ...(history.obstacles.length ? [["obstacle", "obstacle"]] : []),
+      ["ahead", "way ahead, of the robot followed"],
+    ].map(([sign, words]) => `<li><i class="sign-${sign}" aria-hidden="true"></i>${words}</li>`).join("");
     fillRows($("details"), [
-      ["Findings", number(history.findings.length)],
+      ["Findings", ""],
       ...(history.obstacles.length ? [["Obstacles met", number(history.obstacles.length)]] : []),
       ["Side of a cell", `${Number(history.size.toPrecision(4))} m`],
       ["Allocation", history.allocation],
@@ -134,7 +149,9 @@
       $("searched").textContent = number(done);
       $("bar").style.transform = `scaleX(${done / history.cells})`;
       const seconds = time * history.cellTime;
-      $("clock").textContent = `${number(Math.floor(time))} of ${number(Math.round(history.end))} cells’ time · ${number(Math.round(seconds))} s`;
+      $("clock").textContent = `${number(Math.floor(time))} of ${number(Math.round(history.end))} cells’ time · ${lasting(seconds)}`;
+      const found = `${number(history.foundAt(time))} of ${number(history.findings.length)}`, cell = $("details").querySelector("dd");
+      if (cell.textContent !== found) cell.textContent = found;
       $("scrub").value = Math.round(1000 * time);
       $("scrub").style.setProperty("--done", time / history.end);
       history.robots.forEach((robot, k) => reportRobot(robot, list[k]));
@@ -146,7 +163,7 @@
       const activity = robot.activityAt(time), done = robot.doneAt(time), told = `${activity.kind}${activity.other} ${done}`;
       if (told === row.told) return;
       row.told = told;
-      row.state.textContent = wordOf(activity, robot.liar);
+      row.state.textContent = row.button.title = wordOf(activity, robot.liar);
       row.done.textContent = number(done);
       row.bar.style.transform = `scaleX(${robot.visits.length ? done / robot.visits.length : 0})`;
       row.button.className = `is-${activity.kind}`;
@@ -263,6 +280,7 @@
       get playing() { return playing; },
       get searched() { return history.searchedAt(time); },
       get points() { return history.robots.map((robot) => robot.at(time)); },
+      get found() { return history.foundAt(time); },
       get doing() { return history.robots.map((robot) => robot.activityAt(time).kind); },
       get chosen() { return scene.chosen; },
       get zoom() { return view.zoom; },

@@ -70,6 +70,10 @@ const ShoalSearch = (() => {
     searchedAt(time) {
       return countUpTo(this.first, time + EARLY);
     }
+
+    foundAt(time) {
+      return this.findings.filter(([, , when]) => when <= time + EARLY).length;
+    }
   }
 
   function sized(drawn, cssWidth, cssHeight, ratio, rem) {
@@ -157,6 +161,37 @@ const ShoalSearch = (() => {
       for (const [fx, fy, when] of history.findings) if (when <= time + EARLY) this.drawFinding([fx, fy], colours);
       history.robots.forEach((robot, k) => { if (k !== this.chosen) this.drawRobot(robot, k, time, colours); });
       if (this.chosen >= 0) this.drawRobot(history.robots[this.chosen], this.chosen, time, colours);
+      this.drawScale(colours);
+    }
+
+    /** A bar of a round length in metres, and an arrow to the north. */
+    drawScale(colours) {
+      const { pen, canvas, unit, view, history } = this, most = 0.22 * canvas.width / view.scale, power = 10 ** Math.floor(Math.log10(most));
+      const length = [5, 2, 1].find((step) => step * power <= most) * power, long = length * view.scale;
+      const x = 12 * unit, y = canvas.height - 12 * unit;
+      pen.beginPath();
+      pen.moveTo(x, y - 5 * unit);
+      pen.lineTo(x, y);
+      pen.lineTo(x + long, y);
+      pen.lineTo(x + long, y - 5 * unit);
+      pen.strokeStyle = pen.fillStyle = colours.ink;
+      pen.lineWidth = 1.6 * unit;
+      pen.lineJoin = "miter";
+      pen.stroke();
+      pen.font = `${11 * unit}px system-ui, sans-serif`;
+      pen.textAlign = "center";
+      pen.textBaseline = "alphabetic";
+      pen.fillText(length >= 1000 ? `${length / 1000} km` : `${length} m`, x + long / 2, y - 5 * unit);
+      if (!history.north) return;
+      const middle = x + long + 20 * unit;
+      pen.beginPath();
+      pen.moveTo(middle, y - 26 * unit);
+      pen.lineTo(middle + 5 * unit, y - 13 * unit);
+      pen.lineTo(middle - 5 * unit, y - 13 * unit);
+      pen.closePath();
+      pen.fill();
+      pen.font = `700 ${11 * unit}px system-ui, sans-serif`;
+      pen.fillText("N", middle, y);
     }
 
     /** Cells that cannot be entered, once that was found. */
