@@ -6,6 +6,11 @@ import sys
 
 import numpy as np
 
+from shoal import notices
+
+if __name__ == "__main__":  # as commands do, before any kernel is imported
+    notices.listeners.append(lambda text: print(text, file=sys.stderr))
+
 from shoal.jit import kernel
 
 

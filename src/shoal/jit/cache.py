@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -18,6 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
+
+from shoal.notices import tell_once
 
 ENVIRONMENT = "SHOAL_CACHE"
 """Names the folder, if it is set."""
@@ -42,16 +43,16 @@ def folder_of(sources: Path) -> Path | None:
         folder = Path(named).expanduser() / subfolder
         if _is_usable(folder):
             return folder
-        _say_once(f"{ENVIRONMENT}: expected a folder that can be written, got {named}; kernels are compiled without a cache")
+        tell_once(f"{ENVIRONMENT}: expected a folder that can be written, got {named}; kernels are compiled without a cache")
         return None
     for folder in (sources / "__pycache__", _users_cache() / subfolder):
         if _is_usable(folder):
             return folder
     private = _private_folder()
     if private is None:
-        _say_once(f"kernels are compiled anew by each run: no cache folder can be written (name one with {ENVIRONMENT})")
+        tell_once(f"kernels are compiled anew by each run: no cache folder can be written (name one with {ENVIRONMENT})")
         return None
-    _say_once(f"compiled kernels are kept in {private}: no other folder can be written (name one with {ENVIRONMENT})")
+    tell_once(f"compiled kernels are kept in {private}: no other folder can be written (name one with {ENVIRONMENT})")
     return private / subfolder if _is_usable(private / subfolder) else None
 
 
@@ -84,14 +85,6 @@ def _private_folder() -> Path | None:
     except OSError:
         return None
     return folder if _is_usable(folder) else None
-
-
-@cache
-def _say_once(text: str) -> None:
-    """Print a line on stderr; the processes that this one starts say nothing again."""
-    if os.environ.get("SHOAL_CACHE_TOLD") != text and sys.stderr is not None:
-        print(f"shoal: {text}", file=sys.stderr, flush=True)
-    os.environ["SHOAL_CACHE_TOLD"] = text
 
 
 @cache
@@ -159,7 +152,7 @@ class _KernelCache(FunctionCache):
                     self._drop_index()
                     super().save_overload(signature, data)
         except OSError as error:
-            _say_once(f"compiled kernels cannot be kept in {self.cache_path}: {error.strerror or error}")
+            tell_once(f"compiled kernels cannot be kept in {self.cache_path}: {error.strerror or error}")
 
     def _drop_index(self) -> None:
         with suppress(OSError):
