@@ -173,6 +173,13 @@ def test_the_page_of_the_package_lists_its_names():
     assert sorted(listed) == sorted(shoal.__all__)
 
 
+def test_the_first_page_leads_to_every_other():
+    pages = set(re.findall(r": (\S+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M))
+    assert pages == {str(path.relative_to(ROOT / "docs")) for path in (ROOT / "docs").rglob("*.md")}
+    linked = set(re.findall(r"\]\((\S+\.md)\)", (ROOT / "docs" / "index.md").read_text()))
+    assert {page for page in pages if not page.startswith("adr/")} - linked == {"index.md"}
+
+
 def test_library_pages_cover_what_packages_offer():
     directives = re.findall(r"^::: (shoal\.\S+)", "\n".join(page.read_text() for page in (ROOT / "docs/api").glob("*.md")), re.M)
     for module in MODULES:
