@@ -17,7 +17,8 @@ from shoal.episode import Episode, Status, Verification
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.files import write_json
 from shoal.steering.problem import SteeringProblem
-from shoal.steering.simulation.apparatus import replay
+from shoal.steering.simulation.apparatus import condition, replay
+from shoal.steering.workspaces.convex import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
 
 STATUSES = (Status.SOLVED, Status.APPROACHABLE, Status.UNREACHABLE, Status.LIMIT)
@@ -97,12 +98,26 @@ class SteeringEpisode(Episode):
         """The largest distance of a particle to its goal at the end."""
         return float(np.linalg.norm(self.final - self.goal, axis=1).max())
 
+    @cached_property
+    def condition(self) -> float:
+        """How many times as large the error at the end is as one of the start, or as the tolerance of contacts, 1e-9 of the size.
+
+        Of a few to some hundreds for most plans. If it times that tolerance is more than that of the goals, the plan is sensitive:
+        it holds only in this arithmetic.
+        """
+        return condition(self.problem, self.inputs, seed=self.seed)
+
+    @property
+    def sensitive(self) -> bool:
+        """Whether an error as small as the tolerance of contacts would miss a goal."""
+        return bool(self.condition * TOUCH * self.problem.place.size > self.problem.tolerance)
+
     @property
     def metrics(self) -> dict[str, Any]:
         """The numbers by name."""
         return {
             "status": str(self.status), "moves": self.moves, "length": self.length, "error": self.error,
-            "lower_bound": self.lower_bound, "planner": self.planner, "seconds": self.seconds,
+            "lower_bound": self.lower_bound, "condition": self.condition, "planner": self.planner, "seconds": self.seconds,
         }  # fmt: skip
 
     def report(self) -> dict[str, Any]:
@@ -110,7 +125,8 @@ class SteeringEpisode(Episode):
         return {
             "status": str(self.status), "reason": self.reason, "planner": self.planner, "moves": self.moves,
             "length": self.length, "inputs": self.inputs.tolist(), "final": self.final.tolist(), "error": self.error,
-            "lower_bound": self.lower_bound, "order": (self.order + 1).tolist(), "seed": self.seed, "seconds": self.seconds,
+            "lower_bound": self.lower_bound, "condition": self.condition, "sensitive": self.sensitive,
+            "order": (self.order + 1).tolist(), "seed": self.seed, "seconds": self.seconds,
         }  # fmt: skip
 
     def verify(self) -> Verification:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.reference.test_steering import random_point
 from tests.steering import steer
 
-from shoal.steering import SteeringProblem, cylinder, disk, polygon, prism, region, regular_polygon
+from shoal.steering import ContactWorld, SteeringProblem, cylinder, disk, polygon, prism, region, regular_polygon
 
 SEVEN = polygon(
     [(0.9994, 0.407), (0.4218, 0.5772), (-0.6892, 0.5416), (-0.9426, 0.4653), (-0.994, 0.4213), (0.1934, 0.2083), (0.5959, 0.2431)]
@@ -107,3 +108,57 @@ def test_a_half_disk_with_an_arc_of_many_corners():
     few = polygon(np.stack([np.cos(angles[::12]), np.sin(angles[::12])], axis=1))
     assert episode
     assert episode.length <= 1.03 * steer(SteeringProblem(few, [(0.1, 0.5), (0.3, 0.2)], [(-0.6, 0.3), (0.5, 0.6)])).length
+
+
+def exact_error(episode):
+    """How far from its goal a particle ends where only who is within 1e-12 of the size is on a wall."""
+    world = ContactWorld(episode.problem.place, touch=1e-12)
+    return float(np.linalg.norm(world.play(episode.states[0], episode.inputs)[-1] - episode.goal, axis=1).max())
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        SteeringProblem(
+            disk(0.5),
+            [(0.18684891622563704, -0.3812595743890008), (0.09653993459181098, -0.19311579494478037)],
+            [(0.2332797333765324, 0.44145731450983394), (0.18796984784863247, -0.27861994212560814)],
+        ),
+        SteeringProblem(
+            polygon(
+                [
+                    (0.21546690397308826, 0.7772397318370127),
+                    (-0.022722015827114788, 0.7862140634449999),
+                    (-0.7823706413708885, 0.1593986970217928),
+                    (-0.5653438210491692, 0.08134699057349559),
+                    (-0.2364447754229027, 0.024640153942505294),
+                    (0.14467303334182346, 0.017750406704591826),
+                    (0.6292581075063397, 0.09975830685581027),
+                ]
+            ),
+            [(0.2789681564280675, 0.6195367209518581), (-0.14003431282030807, 0.4600310206760752)],
+            [(0.10945166852089791, 0.7154120976189076), (-0.3961501963315287, 0.2849368603202552)],
+        ),
+    ],
+)
+def test_plans_do_not_hold_by_the_tolerance_of_contacts_alone(problem):
+    """Their shortest plans ended .03 and .2 from a goal where walls hold only what is nearer than 1e-12."""
+    episode = steer(problem)
+    assert episode
+    assert exact_error(episode) <= problem.tolerance
+    assert not episode.sensitive
+    assert episode.report()["condition"] == episode.condition >= 0
+
+
+def test_a_plan_that_holds_by_the_tolerance_of_contacts_is_said_to_be_sensitive():
+    square = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
+    problem = SteeringProblem(square, [(0.5e-9, 0.2), (0.5, 0.5)], [(0.5e-9, 0.2), (0.3, 0.5)])
+    moves = np.array([(-0.2, 0.0)])
+    by_hand = replace(steer(problem, planner="greedy"), inputs=moves, states=ContactWorld(square).play(problem.start, moves))
+    assert by_hand.sensitive is False  # the particle meets its wall a little later
+    moves = np.array([(0.0, 0.3), (0.2, -0.1)])
+    problem = problem.replaced(goal=[(0.2, 0.1), (0.7, 0.7)])
+    by_hand = replace(by_hand, problem=problem, inputs=moves, states=ContactWorld(square).play(problem.start, moves))
+    assert by_hand.error <= problem.tolerance
+    assert by_hand.sensitive
+    assert exact_error(by_hand) > 0.1

@@ -10,6 +10,7 @@ import numpy as np
 
 from shoal.steering.contact.world import SteeringWorld
 from shoal.steering.kernels import region_contact as kernels
+from shoal.steering.workspaces.convex import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
 
@@ -26,6 +27,8 @@ class RegionWorld(SteeringWorld):
     Parameters
     ----------
     workspace : Region
+    touch : float
+        Of the size: who is nearer to an edge than this is on it.
 
     Notes
     -----
@@ -42,6 +45,7 @@ class RegionWorld(SteeringWorld):
     """
 
     workspace: Region
+    touch: float = TOUCH
 
     friction = inf
 
@@ -60,7 +64,7 @@ class RegionWorld(SteeringWorld):
             first += len(ring)
         before = along[links[:, 0]]
         reflex = before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0] < 0
-        return kernels.Edges(edges, normals, lengths, links, reflex, float(self.workspace.size))
+        return kernels.Edges(edges, normals, lengths, links, reflex, float(self.workspace.size) * self.touch / TOUCH)
 
     def is_held(self, point: Points, move: Points) -> bool:
         """Tell whether an edge would hold a particle at the start of a move."""

@@ -112,6 +112,8 @@ class ContactWorld(SteeringWorld):
         Of the gain, per unit of length.
     radius : float
         Of the particles.
+    touch : float
+        Of the size: who is nearer to a wall than this is on it.
 
     Raises
     ------
@@ -136,6 +138,7 @@ class ContactWorld(SteeringWorld):
     friction: float = inf
     gradient: Any = None
     radius: float = 0.0
+    touch: float = kernels.TOUCH
 
     def __post_init__(self) -> None:
         check_number(self.friction, what="friction", least=0, finite=False)
@@ -182,7 +185,8 @@ class ContactWorld(SteeringWorld):
         """What kernels take."""
         room = self.room
         normals, circle = np.ascontiguousarray(room.normals), np.array([*room.center, room.radius])
-        return kernels.Walls(normals, room.offsets, circle, float(self.workspace.size), float(self.friction), self.gain)
+        near = float(self.workspace.size) * self.touch / kernels.TOUCH
+        return kernels.Walls(normals, room.offsets, circle, near, float(self.friction), self.gain)
 
     def is_held(self, point: Points, move: Points) -> bool:
         """Tell whether a wall would hold a particle at the start of a move."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.steering.planners.chains.chain import Chain, ChainQuery
-from shoal.steering.planners.chains.improvement import improved_chain
+from shoal.steering.planners.chains.improvement import improved_chains
 from shoal.steering.planners.greedy import Greedy, greedy_chain, misses
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.task import SteeringTask, path_length, why_unreachable
@@ -29,16 +29,21 @@ class Shortest:
 
     def plan(self, task: SteeringTask) -> Points | None:
         """Return moves; see `Planner`."""
-        best = Greedy().plan(task)
+        plans = [Greedy().plan(task)]
         for first, state in task.departures():
             query = task.chain_query(start=state)
-            chain = improved_chain(query, _greedy_seeds(query, task))
-            moves = None if chain is None else task.moves_of(chain, query)
-            if moves is not None:
-                best = _shorter(task, best, np.array([*first, *moves]))
+            for chain in improved_chains(query, _greedy_seeds(query, task)):
+                moves = task.moves_of(chain, query)
+                if moves is None:
+                    continue
+                plans.append(whole := np.array([*first, *moves]))
+                if task.is_sure(whole):
+                    break
         if task.world.room.dimensions == 3 and not task.late:
-            best = _shorter(task, best, self._raised(task))
-        return best
+            plans.append(self._raised(task))
+        found = [moves for moves in plans if moves is not None]
+        found.sort(key=lambda moves: (misses(task, moves), path_length(moves)))
+        return next((moves for moves in found if misses(task, moves) or task.is_sure(moves)), found[0] if found else None)
 
     def _raised(self, task: SteeringTask) -> Points | None:
         """Return the plan of the plane with heights."""
@@ -54,10 +59,3 @@ def _greedy_seeds(query: ChainQuery, task: SteeringTask) -> list[Chain]:
     """Return the chain of the planner greedy, of any number of cycles."""
     chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
     return [] if chain is None else [chain]
-
-
-def _shorter(task: SteeringTask, one: Points | None, other: Points | None) -> Points | None:
-    """Return the shorter plan; one that ends within the tolerance before one that does not."""
-    if one is None or other is None:
-        return other if one is None else one
-    return min(one, other, key=lambda moves: (misses(task, moves), path_length(moves)))

@@ -24,6 +24,7 @@ _PUSH = 2e-9  # of the size: how far an adjustment goes into the wall at the lea
 _SLIGHT = 2e-7  # of the size: roundings that may lead off a wall
 _CONE = 1 - 1e-4  # of the friction: planned pushes keep off the edge of the cone, so that roundings can be made up for
 _TINY = 1e-6  # of the size: a move that might as well be left out
+EXACT_TOUCH = 1e-12  # of the size: who is nearer to a wall is on it, where contacts are looked at closely
 _ROUNDINGS = 1e-14  # of the size: what sums in another order may differ by
 _WIDER = (1e-7, 1e-6, 1e-5)  # margins for chains whose moves are fragile
 
@@ -122,12 +123,12 @@ class SteeringTask:
         short again a little farther from all walls.
         """
         start, moves = query.walls.restored(query.start), self._played(chain, query)
-        if moves is None or not self._arrives(moves, start) or self._is_sure(moves, start):
+        if moves is None or not self._arrives(moves, start) or self.is_sure(moves, start):
             return moves
         for margin in _WIDER:
             wider = replace(query, margin=margin)
             surer = self._played(refined(wider, chain), wider)
-            if surer is not None and self._arrives(surer, start) and self._is_sure(surer, start):
+            if surer is not None and self._arrives(surer, start) and self.is_sure(surer, start):
                 return surer
         return moves
 
@@ -135,10 +136,16 @@ class SteeringTask:
         """Return whether a plan ends within the tolerance."""
         return self.error(self.world.play(start, moves)[-1]) <= self.tolerance
 
-    def _is_sure(self, moves: Points, start: Points) -> bool:
-        """Return whether a plan would end there, too, if it began off its start by some roundings."""
-        steps = _ROUNDINGS * self.world.room.size * np.eye(start.shape[1])
-        return all(self._arrives(moves, start + step) for step in steps)
+    def is_sure(self, moves: Points, start: Points | None = None) -> bool:
+        """Return whether a plan ends there, too, if it begins off its start by some roundings, and if only what touches is held."""
+        begin = self.start if start is None else start
+        steps = _ROUNDINGS * self.world.room.size * np.eye(begin.shape[1])
+        exact = self._exact_world.play(begin, moves)[-1]
+        return self.error(exact) <= self.tolerance and all(self._arrives(moves, begin + step) for step in steps)
+
+    @cached_property
+    def _exact_world(self) -> Any:
+        return replace(self.world, touch=EXACT_TOUCH)
 
     def _played(self, chain: Chain, query: ChainQuery) -> Points | None:
         """Return the moves of a chain; each starts from where those before it have really led, so that roundings do not add up."""

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from shoal.steering.contact.disturbances import generators
 from shoal.steering.problem import SteeringProblem
+from shoal.steering.workspaces.convex import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
+
+EXACT_TOUCH = 1e-12  # of the size: how near who touches is to a wall, where contacts are looked at closely
 
 
 class Apparatus:
@@ -63,3 +68,24 @@ def replay(problem: SteeringProblem, inputs: Points, *, seed: int) -> Points:
     """Return all states when inputs are sent, again, with a seed; float64, shape (moves + 1, n, d)."""
     start, _ = problem.endpoints(seed)
     return np.asarray(problem.world(seed=seed).play(start, executed_moves(problem, inputs, seed=seed)))
+
+
+def condition(problem: SteeringProblem, inputs: Points, *, seed: int) -> float:
+    """Return how many times as large the error at the end is as one of the start, or as the tolerance of contacts.
+
+    The start is moved by 1e-12 of the size along each coordinate of each particle, and once particles are held only where they are
+    nearer to a wall than that. If a wall then no longer holds one, it is large.
+    """
+    world, moves = problem.world(seed=seed), executed_moves(problem, inputs, seed=seed)
+    start, _ = problem.endpoints(seed)
+    end = world.play(start, moves)[-1]
+    exact = replace(world, touch=EXACT_TOUCH).play(start, moves)[-1]
+    step = EXACT_TOUCH * problem.place.size
+    worst = float(np.linalg.norm(exact - end, axis=1).max()) / (TOUCH * problem.place.size)
+    for particle, axis in np.ndindex(start.shape):
+        for side in (-step, step):
+            moved = start.copy()
+            moved[particle, axis] += side
+            if problem.place.contains(moved).all():
+                worst = max(worst, float(np.linalg.norm(world.play(moved, moves)[-1] - end, axis=1).max()) / step)
+    return float(worst)

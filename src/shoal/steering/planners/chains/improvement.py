@@ -200,8 +200,8 @@ def _new_contacts(
     yield flat, contact, 0.0, walls.circle[2] - float(np.hypot(point[0], point[1]))
 
 
-def improved_chain(query: ChainQuery, seeds: Iterable[Chain] = ()) -> Chain | None:
-    """Return the shortest chain of any number of cycles that is found, None if there is none.
+def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chain]:
+    """Return the shortest chains of any number of cycles that are found, the shortest first; none if there are none.
 
     Parameters
     ----------
@@ -224,4 +224,4 @@ def improved_chain(query: ChainQuery, seeds: Iterable[Chain] = ()) -> Chain | No
             tries = FAR_TRIES
             pool.tried(far.touchers, far.walls, far.unknowns.copy())
     pool.improve(tries)
-    return min((refined(query, chain) for chain in pool.chains[:REFINED]), key=lambda chain: chain.length, default=None)
+    return sorted((refined(query, chain) for chain in pool.chains[:REFINED]), key=lambda chain: chain.length)
