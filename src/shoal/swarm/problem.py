@@ -199,17 +199,21 @@ class SwarmProblem(Problem):
     vessels: bool = option(False, help="MAP is a photograph: segment its vessels (needs the extra 'imaging').")
     width: int | None = option(None, help="With --vessels: larger side of the map.", unit="cells", least=1)
     low: float = option(
-        0.24,
-        help="With --vessels: response of the ridge filter, as a share of clear vessels', above which a vessel goes on.",
-        least=0,
-        most=1,
+        0.85,
+        help="With --vessels: response above which a vessel goes on, over the one that splits vessels from ground best.",
+        above=0,
+        most=10,
     )
-    high: float = option(0.42, help="With --vessels: response that a vessel reaches somewhere; lower finds more.", least=0, most=1)
+    high: float = option(1.4, help="With --vessels: response that a vessel reaches somewhere; lower finds more.", above=0, most=10)
     bright: bool | None = option(
         None, help="With --vessels: vessels are brighter than what is around them; by default the picture says."
     )
-    thickest: float = option(
-        0.035, help="With --vessels: width of the thickest vessel, as a share of the picture's larger side.", above=0, most=1
+    thickest: float | None = option(
+        None,
+        help="With --vessels: width of the thickest vessel, as a share of the picture's larger side; by default 0.0185 in a round "
+        "field of view, else 0.035.",
+        above=0,
+        most=0.5,
     )
     threshold: float = option(0.5, help="Pictures: pixels at least this bright are free.", least=0, most=1)
     invert: bool = option(False, help="Pictures: dark pixels are free.")

@@ -144,7 +144,7 @@ def test_retina(retina):
     assert_is_map(free)
     assert max(free.shape) == 160
     assert min(free.shape) > 140
-    assert 3000 <= np.count_nonzero(free) <= 5000
+    assert 2200 <= np.count_nonzero(free) <= 5000
     # The fovea, in the middle of the picture, has no vessels; the arcs above and below it have.
     middle = slice(65, 95)
     assert not free[74:86, middle].any()
@@ -174,7 +174,7 @@ def test_retina_in_other_sizes_and_with_other_thresholds(retina):
         (np.where(bars() > 0, np.inf, 0), "got NaN or infinity"),
         (np.full((50, 50), 1j), "expected a picture of real numbers, got an array of complex128"),
         (np.full((50, 50), "a"), "expected a picture of real numbers"),
-        (np.add.outer(np.arange(90.0), np.arange(90.0)), "found no line that stands out"),
+        (np.add.outer(np.arange(90.0), np.arange(90.0)), "found no network of lines that stands out"),
     ],
 )
 def test_what_is_no_picture_of_vessels_is_refused(image, message):
@@ -186,9 +186,9 @@ def test_what_is_no_picture_of_vessels_is_refused(image, message):
     ("options", "message"),
     [
         ({"width": 0}, "expected a width of at least 1 cell, got 0"),
-        ({"low": 0.0}, "expected thresholds with 0 < low <= high <= 1, got low=0.0"),
+        ({"low": 0.0}, "expected thresholds with 0 < low <= high <= 10, got low=0.0"),
         ({"low": 0.5, "high": 0.4}, "expected thresholds"),
-        ({"high": 1.5}, "expected thresholds"),
+        ({"high": 15}, "expected thresholds"),
         ({"low": float("nan")}, "expected thresholds"),
         ({"thickest": 0.0}, "expected thickest as a fraction"),
         ({"thickest": 0.9}, "expected thickest as a fraction"),
@@ -200,6 +200,6 @@ def test_options_out_of_range_are_refused(options, message):
 
 
 def test_without_scikit_image_the_error_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "skimage.transform", None)
+    monkeypatch.setitem(sys.modules, "skimage.filters", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'shoal\[imaging\]'"):
         segment_vessels(bars())

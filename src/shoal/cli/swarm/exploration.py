@@ -30,6 +30,7 @@ from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
 
 if TYPE_CHECKING:
     from shoal.swarm import SwarmEpisode
+    from shoal.swarm.maps.imaging import Vessels
 
 MAP_EXAMPLE = "Example: shoal map vessels:1000 --particles 100 --seed 1"
 COVER_EXAMPLE = "Example: shoal cover maze:21x15 --particles 20 --subset 0.1"
@@ -84,6 +85,7 @@ def _play(
     check_integer(trials, what="trials", least=1)
     if workers is not None:
         check_integer(workers, what="workers", least=1)
+    warn_of_no_vessels(problem)
     problem.check_at_place()  # before kernels are compiled
     load_kernels_for(problem)
     whole = isinstance(problem.chosen_policy, Offline)
@@ -213,7 +215,7 @@ def write_outputs(episodes: list[SwarmEpisode], result: dict[str, Any], out: Pat
 
         save_figure(figure(episodes[0]), out / "map.png")
         save_figure(figure(episodes, kind="frontier"), out / "frontier.png")
-        written += [out / "map.png", out / "frontier.png"]
+        written += [out / "map.png", out / "frontier.png", *overlay(episodes[0].problem, out)]
         _remove_earlier(out)
         kept = [episode for episode in episodes if episode.observations is None]  # of a drive with noise its log is kept
         names = ["episode.npz"] if len(episodes) == 1 else [f"episodes/{e.trial:05d}.npz" for e in episodes]
@@ -226,6 +228,30 @@ def write_outputs(episodes: list[SwarmEpisode], result: dict[str, Any], out: Pat
         write_json(out / "summary.json", result)
         written.append(out / "summary.json")
     return written + write_films(episodes[0], film)
+
+
+def warn_of_no_vessels(problem: SwarmProblem) -> None:
+    """Say so if the photograph of a problem may show no vessels."""
+    if problem.vessels and problem.place_is_file() and (warning := vessels_of(problem).warning):
+        say(f"shoal: warning: {problem.map}: {warning}")
+
+
+def vessels_of(problem: SwarmProblem) -> Vessels:
+    """Return the vessels of a problem's photograph."""
+    from shoal.swarm.maps.open import vessels_in
+
+    return vessels_in(problem.map, **{name: getattr(problem, name) for name in ("low", "high", "bright", "thickest")})
+
+
+def overlay(problem: SwarmProblem, out: Path) -> list[Path]:
+    """Write what was taken for vessels on the photograph, where the map is one."""
+    if not (problem.vessels and problem.place_is_file()):
+        return []
+    from shoal.swarm.maps.pictures import read_pixels
+    from shoal.views.swarm.photographs import overlay_picture, save_picture
+
+    picture = overlay_picture(read_pixels(Path(problem.map)), vessels_of(problem).mask)
+    return [save_picture(picture, out / "overlay.png")]
 
 
 def _remove_earlier(out: Path) -> None:

@@ -3,24 +3,40 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import print_json, print_table
+from shoal.cli.output import check_folder, print_json, print_table, quiet, say
+from shoal.cli.problem_options import takes_problem
+from shoal.errors import InvalidInputError
+from shoal.swarm.problem import SwarmProblem
 
+if TYPE_CHECKING:
+    from shoal.swarm.maps.workspace import GridWorkspace
+
+VESSEL_OPTIONS = ("vessels", "width", "low", "high", "bright", "thickest")
 EXAMPLE = "Example: shoal maps vessels:2000 --out vessels.png"
 
 
+@takes_problem(SwarmProblem, only=VESSEL_OPTIONS, map="photograph")
 def maps(
+    problem: SwarmProblem,
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="A generated map, such as cave:80x60.", show_default=False)
+        str | None,
+        typer.Argument(
+            metavar="[NAME]", help="A generated map, such as cave:80x60; with --vessels a photograph.", show_default=False
+        ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", metavar="FILE", help="Write it: .png .tif .bmp .jpg .txt .map .npy .csv .nii .nii.gz.", show_default=False
+            "--out",
+            metavar="FILE",
+            help="Write it: .png .tif .bmp .jpg .txt .map .npy .csv .nii .nii.gz. With --vessels a folder: mask.png (in the "
+            "photograph's own pixels), overlay.png and map.png.",
+            show_default=False,
         ),
     ] = None,
     seed: Annotated[
@@ -28,15 +44,20 @@ def maps(
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """List the generated maps; show one, or write it to a file."""
-    from shoal.errors import InvalidInputError
-
+    """List the generated maps; show one, or write it to a file. With --vessels: find the vessels in a photograph."""
     if name is None:
-        for option, value in (("--out", out), ("--seed", seed)):
+        for option, value in (("--out", out), ("--seed", seed), ("--vessels", problem.vessels or None)):
             if value is not None:
                 raise InvalidInputError(f"{option}: expected the name of a map with it, such as maze:21x15, got none")
         _list(json_)
-        return
+    elif problem.vessels:
+        _vessels(problem.replaced(map=name), out, json_)
+    else:
+        _show(name, out, seed, json_)
+
+
+def _show(name: str, out: Path | None, seed: int | None, json_: bool) -> None:
+    """Show a generated map, or write it."""
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.open import open_map
 
@@ -47,19 +68,52 @@ def maps(
     workspace = open_map(name)
     if out is not None:
         write_map(workspace, out)
-    result: dict[str, Any] = {
-        "name": workspace.name,
-        "shape": list(workspace.shape),
-        "free_cells": workspace.n_free,
-        "file": None if out is None else str(out),
-    }
     if json_:
-        print_json(result)
-    elif out is not None:
-        size = "x".join(map(str, workspace.shape))
-        print_table([("size", f"{size}, {workspace.n_free} free cells"), ("written", str(out))], title=workspace.name)
+        print_json(_told(workspace) | {"file": None if out is None else str(out)})
+    elif out is not None or workspace.ndim == 3:
+        written = [] if out is None else [("written", str(out))]
+        print_table([("size", _size(workspace)), *written], title=workspace.name)
     else:
         print(workspace)
+
+
+def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
+    """Find the vessels in a photograph; say how sure they are, and write pictures of them."""
+    from shoal.cli.swarm.exploration import overlay, vessels_of
+    from shoal.swarm.maps.files import write_map
+    from shoal.views.swarm.photographs import mask_picture, save_picture
+
+    if out is not None:
+        check_folder(out)
+    with quiet():
+        workspace = problem.place
+    found = vessels_of(problem)
+    if found.warning:
+        say(f"shoal: warning: {problem.map}: {found.warning}")
+    written: list[Path] = []
+    if out is not None:
+        written = [save_picture(mask_picture(found.mask), out / "mask.png"), *overlay(problem, out), out / "map.png"]
+        write_map(workspace, out / "map.png")
+    share = float(found.mask.mean())
+    if json_:
+        result = {"confidence": found.confidence, "bright": found.bright, "vessel_share": share, "files": [*map(str, written)]}
+        print_json(_told(workspace) | result)
+        return
+    rows = [
+        ("vessels", f"{'brighter' if found.bright else 'darker'} than the ground, {100 * share:.1f} % of the photograph"),
+        ("confidence", f"{found.confidence:.2f} of 1"),
+        ("map", _size(workspace)),
+        *(("written", str(path)) for path in written),
+    ]
+    print_table(rows, title=workspace.name)
+
+
+def _told(workspace: GridWorkspace) -> dict[str, Any]:
+    return {"name": workspace.name, "shape": list(workspace.shape), "free_cells": workspace.n_free}
+
+
+def _size(workspace: GridWorkspace) -> str:
+    return f"{'x'.join(map(str, workspace.shape))}, {workspace.n_free} free cells"
 
 
 def _list(json_: bool) -> None:

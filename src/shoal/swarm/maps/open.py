@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ def open_map(
     low: float = imaging.LOW,
     high: float = imaging.HIGH,
     bright: bool | None = None,
-    thickest: float = imaging.THICKEST,
+    thickest: float | None = None,
     **options: Any,
 ) -> GridWorkspace:
     """Return the workspace that ``place`` means.
@@ -72,12 +73,37 @@ def open_map(
     if vessels:
         if named:
             raise InvalidInputError(f"vessels: expected a photograph to segment, got the generated map {text!r}")
-        pixels = read_pixels(path)
-        try:
-            free = imaging.segment_vessels(pixels, width=width, low=low, high=high, bright=bright, thickest=thickest)
-        except InvalidInputError as error:
-            raise InvalidInputError(f"{path}: {error}") from None
-        return named_after(path, free)
+        found = vessels_in(path, low=low, high=high, bright=bright, thickest=thickest)
+        return named_after(path, imaging.map_of_vessels(found.mask, width=width))
     if named or (not path.suffix and not os.path.exists(path)):
         return GridWorkspace(generate_cached(text), name=text)
     return read_map(path, **options)
+
+
+def vessels_in(path: str | os.PathLike[str], **options: Any) -> imaging.Vessels:
+    """Return the vessels in a photograph; those of the last one are remembered while its file stays as it is.
+
+    Parameters
+    ----------
+    path : path
+        A picture.
+    **options
+        low, high, bright, thickest: see `shoal.swarm.maps.imaging.find_vessels`.
+
+    Raises
+    ------
+    InvalidInputError, MissingExtraError
+        If it is no picture, or shows no vessels.
+    """
+    photograph = Path(path)
+    stamp = os.stat(photograph).st_mtime_ns if os.path.isfile(photograph) else 0
+    return _vessels_in(photograph, stamp, tuple(sorted(options.items())))
+
+
+@lru_cache(maxsize=1)
+def _vessels_in(path: Path, _stamp: int, options: tuple[tuple[str, Any], ...]) -> imaging.Vessels:
+    pixels = read_pixels(path)
+    try:
+        return imaging.find_vessels(pixels, **dict(options))
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{path}: {error}") from None

@@ -1,0 +1,101 @@
+"""The map of a photograph's vessels: their largest connected network on cells."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.errors import InvalidInputError
+from shoal.swarm.maps.generators.components import Mask, crop, largest_part
+from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, find_vessels, imaging_module
+
+DEFAULT_WIDTH = 160  # cells
+
+
+def segment_vessels(
+    image: ArrayLike,
+    *,
+    width: int | None = None,
+    low: float = LOW,
+    high: float = HIGH,
+    bright: bool | None = None,
+    thickest: float | None = None,
+) -> Mask:
+    """Return the main vascular network of a picture as a map.
+
+    Parameters
+    ----------
+    image : array_like, shape (H, W), (H, W, 3) or (H, W, 4)
+        Grey or colour picture with any range of values.
+    width : int, optional
+        Larger side of the map in cells (160 if not given); less if the vessels cover fewer pixels than that.
+    low, high, bright, thickest
+        See `find_vessels`.
+
+    Returns
+    -------
+    ndarray, bool, shape (H, W)
+        True where free: one 4-connected network, no empty rim.
+
+    Raises
+    ------
+    InvalidInputError
+        If the array is no picture, an option is out of range, or no vessels are found.
+    MissingExtraError
+        If scikit-image is not installed.
+    """
+    return map_of_vessels(find_vessels(image, low=low, high=high, bright=bright, thickest=thickest).mask, width=width)
+
+
+def map_of_vessels(mask: Mask, *, width: int | None = None) -> Mask:
+    """Return the largest connected network of a mask, shape (H, W), on cells; a thin vessel stays connected.
+
+    The larger side has at most ``width`` cells, 160 if None.
+
+    Raises
+    ------
+    InvalidInputError
+        If the width is below 1.
+    """
+    if width is not None and width < 1:
+        raise InvalidInputError(f"expected a width of at least 1 cell, got {width}")
+    vessels = crop(_joined(mask))
+    factor = min(1.0, (DEFAULT_WIDTH if width is None else width) / max(vessels.shape))
+    rows, columns = (np.floor(np.arange(length) * factor).astype(np.int64) for length in vessels.shape)
+    shape = (int(rows[-1]) + 1, int(columns[-1]) + 1)
+    cell = rows[:, None] * shape[1] + columns
+    pixels = np.bincount(cell.ravel(), minlength=shape[0] * shape[1])
+    share = (np.bincount(cell.ravel(), vessels.ravel(), shape[0] * shape[1]) / pixels).reshape(shape)
+    free = (share > 0.5) | _trace(imaging_module("morphology").skeletonize(vessels), rows, columns, share)
+    return crop(largest_part(free))
+
+
+def _joined(mask: Mask) -> Mask:
+    """Return the largest network of a mask, gaps of a hundredth of the larger side bridged by a line."""
+    from scipy import ndimage
+
+    reach = max(mask.shape) / 200
+    wide = np.pad(mask, int(reach) + 2)
+    wide = ndimage.distance_transform_edt(~wide) <= reach
+    part = largest_part(wide, np.ones((3, 3)))
+    inner = slice(int(reach) + 2, -int(reach) - 2)
+    closed = (ndimage.distance_transform_edt(part) > reach)[inner, inner]
+    return largest_part(
+        (mask & part[inner, inner]) | imaging_module("morphology").skeletonize(closed | mask) & part[inner, inner], np.ones((3, 3))
+    )
+
+
+def _trace(skeleton: Mask, rows: NDArray[np.int64], columns: NDArray[np.int64], share: NDArray[np.float64]) -> Mask:
+    """Return the cells that a skeleton passes through, with a corner cell at each diagonal step."""
+    free = np.zeros(share.shape, dtype=np.bool_)
+    at = np.argwhere(skeleton)
+    free[rows[at[:, 0]], columns[at[:, 1]]] = True
+    padded = np.pad(skeleton, 1)
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        one = at[padded[at[:, 0] + 1 + down, at[:, 1] + 1 + right]]
+        row_one, column_one = rows[one[:, 0]], columns[one[:, 1]]
+        row_two, column_two = rows[one[:, 0] + down], columns[one[:, 1] + right]
+        # When only one of them changes, both corners are one of the two cells.
+        upper = share[row_one, column_two] >= share[row_two, column_one]
+        free[np.where(upper, row_one, row_two), np.where(upper, column_two, column_one)] = True
+    return free

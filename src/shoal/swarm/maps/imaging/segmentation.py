@@ -1,0 +1,221 @@
+"""Find vessels in a photograph: which of its pixels are vessel, and how sure that is."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.checks import check_number
+from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.swarm.maps.generators.components import Mask
+from shoal.swarm.maps.imaging.filters import FLATTENING, THICKEST_VESSEL, strongest_line, vessel_response, without_ground
+from shoal.swarm.maps.imaging.photographs import Grey, Photograph, read_photograph, resized
+
+LOW, HIGH = 0.85, 1.4  # thresholds, as multiples of the one that splits the responses best
+SHARES = {True: (0.09, 0.14), False: (0.02, 0.4)}
+"""Least and largest share of the pixels above the threshold, with a field of view (experts mark 12 % on average) and without."""
+THICKEST = {True: 0.0185, False: 0.035}
+"""Width of the thickest vessel over the larger side, with a field of view and without."""
+CLEARLY_BRIGHTER = 3.0  # strength of bright lines over that of dark ones from which dark ones are not tried
+SMALLEST_PART = 40  # pixels
+LEAST_CONFIDENCE, SURE = 0.25, 0.45
+NOISE, CLEAR = 1.08, 1.5  # strength of lines over that in noise of the same spectrum
+EDGE = 0.2  # share of the depth of a vessel that its edge has at least
+FAINT = 3.0  # contrast of a network to its ground, over the deviation of the ground, that noise does not reach
+EDGES, LINES = 0.5, 0.9  # share of the network that differs from both of its sides
+
+
+@dataclass(frozen=True)
+class Vessels:
+    """Where a photograph shows vessels.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (H, W)
+        True where there is vessel, in the photograph's own pixels.
+    confidence : float
+        From 0 (noise, or edges of other things) to 1.
+    bright : bool
+        Whether vessels are brighter than what is around them.
+    """
+
+    mask: Mask
+    confidence: float
+    bright: bool
+
+    @property
+    def warning(self) -> str | None:
+        """A sentence if the picture may show something else; None if not."""
+        if self.confidence >= SURE:
+            return None
+        return f"the picture may show no vessels: confidence {self.confidence:.2f} of 1 (compare the overlay)"
+
+
+def find_vessels(
+    image: ArrayLike, *, low: float = LOW, high: float = HIGH, bright: bool | None = None, thickest: float | None = None
+) -> Vessels:
+    """Return which pixels of a picture are vessel.
+
+    Parameters
+    ----------
+    image : array_like, shape (H, W), (H, W, 3) or (H, W, 4)
+        Grey or colour picture with any range of values; a fourth channel (opacity) is ignored.
+    low, high : float
+        Thresholds of the response, as multiples of the one that splits vessels from ground best (Otsu). A vessel goes on while
+        it is above ``low``, and counts if it is above ``high`` somewhere. Lower values give more and finer vessels.
+    bright : bool, optional
+        Whether vessels are brighter than what is around them; if not given, the clearer lines decide.
+    thickest : float, optional
+        Width of the thickest vessel, as a fraction of the larger side of the picture. If not given, 0.0185 in a photograph with a
+        surround, such as one of an eye, else 0.035.
+
+    Raises
+    ------
+    InvalidInputError
+        If the array is no picture, an option is out of range, or there are no vessels.
+    MissingExtraError
+        If scikit-image is not installed.
+
+    Notes
+    -----
+    The response is the mean of the multi-scale line detector (U. T. V. Nguyen et al., Pattern Recognition 46, 2013) and B-COSFIRE
+    (G. Azzopardi et al., Medical Image Analysis 19, 2015), each standardised.
+    """
+    _check_options(low, high, thickest)
+    picture = read_photograph(image)
+    width = THICKEST[picture.has_surround] if thickest is None else thickest
+    levels = _levels(picture, width)
+    found = _find(picture, levels, low, high, bright, np.shape(image)[:2])
+    if found.confidence >= LEAST_CONFIDENCE:
+        return found
+    if thickest is None:  # vessels of more than the usual width have to be clear
+        wider = _find(picture, levels + 1, low, high, bright, np.shape(image)[:2])
+        if wider.confidence >= SURE:
+            return wider
+    raise InvalidInputError(
+        "expected a picture with vessels in it, found no network of lines that stands out "
+        f"(confidence {found.confidence:.2f}, at least {LEAST_CONFIDENCE} is needed)"
+    )
+
+
+def _find(picture: Photograph, levels: int, low: float, high: float, bright: bool | None, shape: tuple[int, ...]) -> Vessels:
+    """Return the vessels that are clear on so many sizes of the picture, in the pixels of a photograph of that shape."""
+    deviation = FLATTENING * 2 ** (levels - 1)
+    flat = without_ground(picture.grey, picture.view, deviation)
+    if bright is None:
+        ratio = _strength(flat, picture.view) / (_strength(-flat, picture.view) + 1e-12)
+        ways = [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]  # an optic disc is bright, too
+    else:
+        ways = [bright]
+    found = [_network(flat if way else -flat, picture, levels, low, high) for way in ways]
+    confidence, way, network, response, least = max(
+        ((_confidence(part[0], picture.view, part[1]), way, *part[1:]) for way, part in zip(ways, found, strict=True)),
+        key=lambda one: one[0],
+    )
+    return Vessels(_in_own_pixels(network, response, least, shape), confidence, bool(way))
+
+
+def _network(flat: Grey, picture: Photograph, levels: int, low: float, high: float) -> tuple[Grey, Mask, Grey, float]:
+    """Return the flattened picture without what differs the other way, the network, the response and its lower threshold."""
+    from scipy.ndimage import gaussian_filter, grey_dilation
+
+    filters, view = imaging_module("filters"), picture.view
+    spread = 1.4826 * float(np.median(np.abs(flat[view])))
+    flat = np.maximum(flat, -3 * spread)  # else the filters answer beside what differs the other way
+    response = vessel_response(flat, view, levels, FLATTENING * 2 ** (levels - 1))
+    shares = SHARES[picture.has_surround]
+    least, most = np.quantile(response[view], [1 - share for share in shares])[::-1]
+    split = float(np.clip(filters.threshold_otsu(response[view]), least, most))
+    response = np.where(picture.within, response, response.min())
+    smooth = gaussian_filter(flat, 0.7)
+    response[smooth <= EDGE * grey_dilation(smooth, THICKEST_VESSEL * 2 ** (levels - 1))] = response.min()
+    network = _without_small(filters.apply_hysteresis_threshold(response, low * split, high * split), SMALLEST_PART * levels)
+    return flat, network, response, low * split
+
+
+def _check_options(low: float, high: float, thickest: float | None) -> None:
+    if not 0 < low <= high <= 10:
+        raise InvalidInputError(f"expected thresholds with 0 < low <= high <= 10, got low={low} and high={high}")
+    if thickest is not None and not 0 < check_number(thickest, what="thickest") <= 0.5:
+        raise InvalidInputError(f"expected thickest as a fraction above 0 and at most 0.5, got {thickest}")
+
+
+def imaging_module(module: str) -> Any:
+    """Return a module of scikit-image, which ships no types and takes long to import."""
+    try:
+        return importlib.import_module(f"skimage.{module}")
+    except ImportError:
+        raise MissingExtraError(
+            "expected scikit-image to find vessels in a picture, and it is not installed: run pip install 'shoal[imaging]'"
+        ) from None
+
+
+def _levels(picture: Photograph, thickest: float) -> int:
+    """Return on how many sizes of the picture the filters run so that they see the thickest vessel."""
+    width = thickest * max(picture.grey.shape) / THICKEST_VESSEL
+    return 1 + max(0, int(np.ceil(np.log2(width) - 0.1)))
+
+
+def _strength(flat: Grey, view: Mask, share: float = 0.05) -> float:
+    """Return how clear bright lines are: the mean of that share of the strongest of them."""
+    lines: NDArray[np.float64] = strongest_line(flat)[view]
+    kept = max(1, int(share * lines.size))
+    return float(np.partition(lines, -kept)[-kept:].mean())
+
+
+def _without_small(found: Mask, least: float) -> Mask:
+    """Return the parts of at least so many pixels; the largest ones if none has."""
+    from scipy import ndimage
+
+    parts, _ = ndimage.label(found, np.ones((3, 3)))
+    sizes = np.bincount(parts.ravel())
+    sizes[0] = 0
+    return np.asarray(sizes[parts] >= max(1, min(least, int(sizes.max()))))
+
+
+def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
+    """Return how sure it is that a network is one of vessels.
+
+    Vessels give stronger lines than noise of the same spectrum, and differ from both sides, where an edge differs from one.
+    """
+    spectrum = np.fft.rfft2(flat)
+    phase = np.angle(np.fft.rfft2(np.random.default_rng(0).standard_normal(flat.shape)))
+    noise = np.fft.irfft2(np.abs(spectrum) * np.exp(1j * phase), flat.shape)
+    ratio = _strength(flat, view, 0.02) / (_strength(noise, view, 0.02) + 1e-12)
+    ground = flat[view & ~network]
+    contrast = (flat[network].mean() - ground.mean()) / (ground.std() + 1e-12) if network.any() and ground.size else 0.0
+    stands_out = max((ratio - NOISE) / (CLEAR - NOISE), (contrast - FAINT) / FAINT)
+    lines = (_two_sided(flat, network) - EDGES) / (LINES - EDGES)
+    return float(np.clip(min(stands_out, lines), 0, 1))
+
+
+def _two_sided(flat: Grey, network: Mask) -> float:
+    """Return the share of the network's middle lines that differ from one side at least half as much as from the other."""
+    from scipy import ndimage
+
+    middle: Mask = imaging_module("morphology").skeletonize(network)
+    if not middle.any():
+        return 0.0
+    smooth = ndimage.gaussian_filter(network.astype(np.float64), 1)
+    rows, across, columns = (part[middle] for part in imaging_module("feature").structure_tensor(smooth, sigma=3, order="rc"))
+    angle = np.arctan2(2 * across, rows - columns) / 2  # across the vessel
+    reach = (ndimage.distance_transform_edt(network)[middle] + 2.5) * np.array([np.cos(angle), np.sin(angle)])
+    flat = ndimage.gaussian_filter(flat, 1)
+    sides = [ndimage.map_coordinates(flat, np.nonzero(middle) + way * reach, order=1, mode="nearest") for way in (1, -1)]
+    more, less = flat[middle] - np.minimum(*sides), flat[middle] - np.maximum(*sides)
+    return float(np.mean(less > more / 2))
+
+
+def _in_own_pixels(network: Mask, response: Grey, low: float, shape: tuple[int, ...]) -> Mask:
+    """Return a network in the pixels of the photograph, its edges where the response passes the threshold."""
+    if network.shape == shape:
+        return network
+    from scipy import ndimage
+
+    near = ndimage.binary_dilation(network, np.ones((3, 3)))
+    found = resized(np.where(near, response, np.minimum(response, low)), shape) > low
+    return _without_small(found, SMALLEST_PART * found.size / network.size)
