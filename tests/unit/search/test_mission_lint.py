@@ -373,3 +373,24 @@ def test_mistakes_are_an_exit_code(tmp_path, region, capsys):
     assert "robot-01.plan, item 2: expected doJumpId 2, got 1" in " ".join(said.out.split())
     assert "3 more like it" in said.out
     assert said.err == "shoal: 6 mistakes in the mission files\n"
+
+
+@pytest.mark.parametrize("suffix", [".plan", ".waypoints", ".geojson", ".kml", ".gpx", ".csv"])
+def test_numbers_that_nobody_means_are_mistakes(suffix, tmp_path, region):
+    """A sortie with the number 999999999999 once took all memory, an integer of 400 digits gave a traceback."""
+    write_good(tmp_path, suffix)
+    path = tmp_path / f"robot-01{suffix}"
+    good = path.read_text()
+    for found in list(re.finditer(r"-?\d+(\.\d+)?", good))[::3]:
+        for strange in ("999999999999", "1" + "0" * 400):
+            path.write_text(good[: found.start()] + strange + good[found.end() :])
+            assert all("\n" not in diagnostic.sentence for diagnostic in lint(tmp_path, region))
+
+
+@pytest.mark.parametrize("encoding", ["utf-7", "rot13", "zlib", "idna", "big5", "gb2312", "utf-32"])
+def test_encodings_that_a_mission_declares_do_no_harm(encoding, tmp_path, region):
+    for suffix in (".kml", ".gpx"):
+        write_good(tmp_path, suffix)
+        path = tmp_path / f"robot-01{suffix}"
+        path.write_text(path.read_text().replace("UTF-8", encoding))
+    assert {diagnostic.severity for diagnostic in lint(tmp_path, region)} <= {"warning"}

@@ -16,10 +16,10 @@ from shoal.search.missions.diagnostics import RULES, Sheet
 from shoal.search.missions.formats import geojson, gpx, kml, plan, table, wpl
 from shoal.search.missions.mission import ALTITUDES, SPEEDS, Mission
 from shoal.search.missions.rules import check_coordinates
+from shoal.search.regions.limits import LARGEST_FILE
 
 UNCOVERED = "uncovered.geojson"  # no mission: what the check leaves
 
-_LARGEST_FILE = 200_000_000  # bytes
 _NAME = re.compile(r"robot-(\d+)(?:-(\d+))?")
 
 
@@ -146,8 +146,8 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
     form = FORMATS.get(format_of(source))
     sheet = Sheet(source.name)
     try:
-        if source.stat().st_size > _LARGEST_FILE:
-            raise InvalidInputError(f"{source}: expected a file of at most {_LARGEST_FILE} bytes, got {source.stat().st_size}")
+        if source.stat().st_size > LARGEST_FILE:
+            raise InvalidInputError(f"{source}: expected a file of at most {LARGEST_FILE} bytes, got {source.stat().st_size}")
         content = source.read_bytes()
     except OSError as error:
         raise InvalidInputError(

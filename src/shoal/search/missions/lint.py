@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -109,12 +110,10 @@ def _check_sorties(sheets: list[Sheet]) -> None:
         if sheet.robot is not None and sheet.sortie is not None:
             numbers[Path(sheet.file).suffix, sheet.robot][sheet.sortie] = sheet
     for (_, robot), found in numbers.items():
-        missing = sorted({*range(1, max(found))} - {*found})
-        if missing:
+        missing = next(number for number in count(1) if number not in found)
+        if missing < max(found):
             sheet = found[max(found)]
-            sheet.add(
-                "sortie-missing", "", f"expected sorties 1 to {max(found)} of robot {robot}, got none with number {missing[0]}"
-            )
+            sheet.add("sortie-missing", "", f"expected sorties 1 to {max(found)} of robot {robot}, got none with number {missing}")
 
 
 def _check_formats(sheets: list[Sheet]) -> None:

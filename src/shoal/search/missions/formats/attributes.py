@@ -54,7 +54,7 @@ def _real(sheet: Sheet, place: str, name: str, found: Mapping[str, Any]) -> floa
     if not isinstance(value, bool):
         try:
             return float(value)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             pass
     sheet.add("wrong-value", place, f"expected a number as {name!r}, got {_short(value)}")
     return math.nan

@@ -14,6 +14,7 @@ from shoal.search.missions.formats.numbers import Number, degrees, dump_json, lo
 from shoal.search.missions.mission import Mission
 
 SUFFIX = ".geojson"
+_FARTHEST = 10**300  # a whole number beyond it may be none that a float can hold
 
 
 def write(mission: Mission) -> str:
@@ -87,6 +88,9 @@ def _position(sheet: Sheet, where: str, position: Any) -> tuple[float, float]:
     good = isinstance(position, list) and len(position) in (2, 3)
     if not good or not all(value is None or (isinstance(value, int | float) and not isinstance(value, bool)) for value in position):
         sheet.add("wrong-value", where, f"expected [longitude, latitude], got {repr(position)[:60]}")
+        return math.nan, math.nan
+    if any(isinstance(value, int) and abs(value) > _FARTHEST for value in position):
+        sheet.add("out-of-range", where, f"expected [longitude, latitude], got {repr(position)[:60]}")
         return math.nan, math.nan
     sheet.decimals = max(sheet.decimals or 0, *(value.decimals if isinstance(value, Number) else 0 for value in position[:2]))
     longitude, latitude = (math.nan if value is None else float(value) for value in position[:2])
