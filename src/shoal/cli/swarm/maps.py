@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
+from shoal.cli.options import takes_problem
 from shoal.cli.output import check_folder, print_json, print_table, quiet, say
-from shoal.cli.problem_options import takes_problem
 from shoal.errors import InvalidInputError
 from shoal.swarm.problem import SwarmProblem
 
