@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from shoal.checks import parse_json, read_text, shortened
+from shoal.checks import parse_json, read_text, shortened, suggestion
 from shoal.episode import Episode
 from shoal.errors import InvalidInputError
 from shoal.problem import LARGEST_PROBLEM, Problem
@@ -70,13 +70,18 @@ def problem_for(place: Any, fields: Mapping[str, Any]) -> Problem:
     >>> problem_for("line:9", {"particles": 3}).part, problem_for("square:100", {"robots": 2, "footprint": 10}).part
     ('swarm', 'search')
     """
+    known: dict[str, None] = {}
     for part in PARTS:
         kind = problem_type(part)
-        known = list(kind.declarations())
-        if set(fields) <= set(known):
-            return kind(**{known[0]: place}, **fields)
-    strange = sorted(set(fields) - set(problem_type("swarm").declarations()))
-    raise InvalidInputError(f"problem: expected fields of one part ({', '.join(PARTS)}), got {', '.join(strange)}")
+        names = list(kind.declarations())
+        if set(fields) <= set(names):
+            return kind(**{names[0]: place}, **fields)
+        known |= dict.fromkeys(names)
+    strange = next((name for name in fields if name not in known), None)
+    if strange is not None:
+        value = shortened(fields[strange])
+        raise InvalidInputError(f"problem: {strange}: expected no such field, got {value}{suggestion(strange, known)}")
+    raise InvalidInputError(f"problem: expected fields of one part ({', '.join(PARTS)}), got {', '.join(fields)}")
 
 
 def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:

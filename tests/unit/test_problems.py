@@ -85,8 +85,12 @@ def what_was_done(episode):
 def test_short_forms():
     assert shoal.run("vessels:300", particles=5, policy="closest-frontier").status == "complete"
     assert shoal.run(np.ones((3, 9), dtype=bool), particles=np.int64(3)).status == "complete"
-    with pytest.raises(InvalidInputError, match="expected fields of one part"):
+    with pytest.raises(InvalidInputError, match=r"partcles: .* \(did you mean 'particles'\?\)"):
         shoal.run("vessels:300", partcles=5)
+    with pytest.raises(InvalidInputError, match="expected fields of one part"):
+        shoal.run("vessels:300", particles=5, robots=3)
+    with pytest.raises(InvalidInputError, match=r"vesels: expected no such field, got True \(did you mean 'vessels'\?\)"):
+        shoal.run("maze:9x7", vesels=True)
 
 
 def test_a_field_that_is_none_of_the_problem_is_refused_with_the_nearest():
