@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from math import inf, pi, sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,10 @@ from shoal.steering.delta_space.two_moves import toucher_shares
 from shoal.steering.run import run
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.views.drawing.charts import BLUE, GREEN, INK, MUTED, ORANGE, bare_axes, padded_figure, plain_axes, set_title
-from shoal.views.steering.axes import PARTICLES, draw_trajectories, draw_workspace
+from shoal.views.steering.axes import PARTICLES, draw_trajectories, draw_workspace, legend_below
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SQUARE: ConvexWorkspace = open_workspace("square")  # type: ignore[assignment]  # it is convex
 START, FIXED = np.array([(0.3, 0.55), (0.6, 0.7)]), np.array((0.55, 0.3))  # starts, and the goal of particle 2
@@ -55,6 +59,12 @@ def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, 
     return best
 
 
+def crossing_moves(start: Points, goal: Points, toucher: int, contact: Points) -> list[Points]:
+    """Return the three moves: to the wall, the other particle to the difference of the goals, and on."""
+    change = (goal[1] - goal[0]) - (start[1] - start[0])
+    return [contact - start[toucher], change if toucher == 0 else -change, goal[toucher] - contact]
+
+
 @measuring("solved", "off", "tilt", "reflected")
 def crossing_check(*, seed: int) -> dict[str, float | None]:
     """Return of a random problem how far its reflected path ends from the goal, and the difference of its angles at the wall."""
@@ -64,8 +74,7 @@ def crossing_check(*, seed: int) -> dict[str, float | None]:
     if found is None:
         return {"solved": 0, "off": None, "tilt": None, "reflected": None}
     _, toucher, contact, reflected = found
-    sign = 1.0 if toucher == 0 else -1.0
-    moves = [contact - start[toucher], sign * ((goal[1] - goal[0]) - (start[1] - start[0])), goal[toucher] - contact]
+    moves = crossing_moves(start, goal, toucher, contact)
     end = ContactWorld(SQUARE).play(start, moves)[-1]
     wall = int(np.argmin(SQUARE.wall_distances(contact)))
     sines = [
@@ -101,67 +110,54 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
             why="a contact that is moved to where the adjustment can be made serves, too",
         ),
     )
-    samples = 61 if settings.quick else 161
-    steps = (np.arange(samples) + 0.5) / samples
-    codes = np.full((samples, samples), np.nan)
-    for row, y in enumerate(steps):
-        for column, x in enumerate(steps):
-            found = shortest_crossing(START, np.array([(x, y), FIXED]))
-            codes[row, column] = np.nan if found is None else found[1]
-    from matplotlib.colors import ListedColormap
-
     figure = padded_figure(9.0, 4.3)
     left, right = figure.subplots(1, 2)
-    goal = np.array([(0.48, 0.2), FIXED])
+    _draw_reflection(left, np.array([(0.48, 0.2), FIXED]))
+    share = _draw_touchers(right, 61 if settings.quick else 161)
+    columns = ["trial", "off", "tilt", "reflected"]
+    table = Table("trials", columns, [[trial[name] for name in columns] for trial in trials], shown=False)
+    sentence = f"Of the goals drawn {100 * share:.0f} % have no path of three moves; they are left white."
+    return Outcome(figure, claims, sentence, (table,), NO_DATA)
+
+
+def _draw_reflection(axes: Axes, goal: Points) -> None:
+    """Draw a path of three moves, and the goal of the toucher reflected in its wall."""
     path = shortest_crossing(START, goal)
-    assert path is not None  # this one has a path
+    assert path is not None  # this goal has a path
     _, toucher, contact, _ = path
-    sign = 1.0 if toucher == 0 else -1.0
-    moves = [contact - START[toucher], sign * ((goal[1] - goal[0]) - (START[1] - START[0])), goal[toucher] - contact]
-    draw_workspace(left, SQUARE)
-    states = ContactWorld(SQUARE).play(START, moves)
+    states = ContactWorld(SQUARE).play(START, crossing_moves(START, goal, toucher, contact))
+    draw_workspace(axes, SQUARE)
     for particle, colour in enumerate(PARTICLES[:2]):
         for here, there in pairwise(states[:, particle]):
             arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
-            left.annotate("", xy=tuple(there), xytext=tuple(here), zorder=3, arrowprops=arrow)
-        left.plot(*START[particle], "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
-        left.plot(*goal[particle], "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
+            axes.annotate("", xy=tuple(there), xytext=tuple(here), zorder=3, arrowprops=arrow)
+        axes.plot(*START[particle], "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
+        axes.plot(*goal[particle], "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
     wall = int(np.argmin(SQUARE.wall_distances(contact)))
     mirrored = goal[toucher] - 2 * float(SQUARE.wall_distances(goal[toucher])[wall]) * SQUARE.normals[wall]
-    left.plot(*np.array([contact, mirrored]).T, ":", color=MUTED, lw=1.4)
-    left.plot(*mirrored, "o", mfc="none", mec=MUTED, ms=9, label="goal, reflected")
-    left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=3, frameon=False, fontsize=8)
-    set_title(left, "equal angles at the wall")
-    draw_workspace(right, SQUARE)
-    right.imshow(
-        codes,
-        origin="lower",
-        extent=(0, 1, 0, 1),
-        cmap=ListedColormap(PARTICLES[:2]),
-        vmin=0,
-        vmax=1,
-        alpha=0.45,
-        interpolation="nearest",
-        zorder=1,
+    axes.plot(*np.array([contact, mirrored]).T, ":", color=MUTED, lw=1.4)
+    axes.plot(*mirrored, "o", mfc="none", mec=MUTED, ms=9, label="goal, reflected")
+    legend_below(axes)
+    set_title(axes, "equal angles at the wall")
+
+
+def _draw_touchers(axes: Axes, samples: int) -> float:
+    """Draw over the goal of particle 1 who touches first on the shortest path; return the share of goals without one."""
+    from matplotlib.colors import ListedColormap
+
+    steps = (np.arange(samples) + 0.5) / samples
+    paths = [[shortest_crossing(START, np.array([(x, y), FIXED])) for x in steps] for y in steps]
+    codes = np.array([[np.nan if path is None else path[1] for path in row] for row in paths])
+    draw_workspace(axes, SQUARE)
+    colours = ListedColormap(PARTICLES[:2])
+    axes.imshow(
+        codes, origin="lower", extent=(0, 1, 0, 1), cmap=colours, vmin=0, vmax=1, alpha=0.45, interpolation="nearest", zorder=1
     )
     for particle, colour in enumerate(PARTICLES[:2]):
-        right.plot(*START[particle], "s", color=colour, mec="white", ms=8, zorder=4)
-    right.plot(*FIXED, "o", mfc="white", mec=PARTICLES[1], mew=2, ms=9, zorder=4)
-    set_title(right, "who touches first, by the goal of particle 1")
-    table = Table(
-        "trials",
-        ["trial", "error at the goals", "difference of sines", "reflected"],
-        [[t["trial"], t["off"], t["tilt"], t["reflected"]] for t in trials],
-        shown=False,
-    )
-    share = np.isnan(codes).mean()
-    return Outcome(
-        figure,
-        claims,
-        f"Of the goals drawn {100 * share:.0f} % have no path of three moves; they are left white.",
-        (table,),
-        NO_DATA,
-    )
+        axes.plot(*START[particle], "s", color=colour, mec="white", ms=8, zorder=4)
+    axes.plot(*FIXED, "o", mfc="white", mec=PARTICLES[1], mew=2, ms=9, zorder=4)
+    set_title(axes, "who touches first, by the goal of particle 1")
+    return float(np.isnan(codes).mean())
 
 
 def length_by_contact(theta: float | NDArray[np.float64], s: float, e: float, beta: float) -> NDArray[np.float64]:
