@@ -19,8 +19,8 @@ from shoal.search.tours import make_tour
 TOURS = ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree", "open-hilbert")
 ALLOCATORS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
 _STEPWISE = 0.3  # share of scenarios in which robots go from cell to cell and meet obstacles
-_LARGEST = 10  # rows and columns
-_MOST_ROBOTS = 30
+_LARGEST = 7  # rows and columns
+_MOST_ROBOTS = 16
 
 
 def random_scenario(seed: int, *, wide: bool = False) -> Scenario:

@@ -9,6 +9,7 @@ import os
 from math import inf
 
 import pytest
+from tests.properties import search_scenarios
 from tests.properties.search_invariants import Checker, InvariantError, check_outcome
 from tests.properties.search_scenarios import random_scenario
 
@@ -18,7 +19,7 @@ from shoal.search.simulation import world as worlds
 from shoal.search.simulation.world import SearchWorld
 
 SEARCHES = int(os.environ.get("SHOAL_SOAK", "2000"))
-CHUNKS = 20
+CHUNKS = 4
 
 
 def play(seed, *, wide=False):
@@ -32,6 +33,13 @@ def play(seed, *, wide=False):
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_random_searches_hold_all_invariants(chunk):
     for seed in range(chunk, SEARCHES, CHUNKS):
+        play(seed)
+
+
+def test_larger_searches_hold_all_invariants(monkeypatch):
+    monkeypatch.setattr(search_scenarios, "_LARGEST", 10)
+    monkeypatch.setattr(search_scenarios, "_MOST_ROBOTS", 30)
+    for seed in range(SEARCHES // 50):
         play(seed)
 
 
