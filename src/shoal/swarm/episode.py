@@ -153,7 +153,22 @@ class SwarmEpisode(Episode):
         """Why the episode has its status, in one sentence."""
         left = int(self.trace.frontier[-1]) if self.moves else self.first_frontier
         rest = "" if self else f"; {left} frontier cells left"
-        return f"{REASONS[self.status]}{rest}"
+        done = REASONS[self.status]
+        if self and self.unreachable:
+            done = "every cell that particles can reach is done"
+        if self.unreachable:
+            rest += f"; {self.unreachable} of {self.workspace.n_free} free cells lie where no particle can get"
+        return f"{done}{rest}"
+
+    @cached_property
+    def unreachable(self) -> int:
+        """Free cells of a mapping that no particle can get to from its start: they are in other parts of the workspace."""
+        if self.targets is not None or self.observations is not None:
+            return 0
+        from scipy import ndimage
+
+        parts, count = ndimage.label(self.workspace.free)
+        return self.workspace.n_free - int(np.isin(parts, parts[tuple(self.start.T)]).sum()) if count > 1 else 0
 
     @property
     def sentence(self) -> str:
@@ -179,6 +194,7 @@ class SwarmEpisode(Episode):
             "task": self.task,
             "policy": self.policy,
             "map": {"name": workspace.name, "shape": list(workspace.shape), "free_cells": workspace.n_free},
+            "unreachable_cells": self.unreachable,
             "particles": self.particles,
             "placement": self.placement,
             "rule": self.rule,

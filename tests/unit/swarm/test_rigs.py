@@ -160,6 +160,8 @@ def test_ctrl_c_stops_the_rig_and_ends_the_log(tmp_path):
     assert rig.stops == 1
     result, verified = replay_log(tmp_path / "log.jsonl")
     assert result.moves == 2
+    assert (result.status, result.episode.status) == ("interrupted", "interrupted")
+    assert result.episode.verify()
     assert "was interrupted" in verified.message
 
 
@@ -194,6 +196,7 @@ def test_a_whole_line_that_is_no_message_is_the_rigs_fault():
         ("tcp:here:70000", "tcp:HOST:PORT"),
         ("exec:", "exec:COMMAND"),
         ('exec:"', "No closing quotation"),
+        ("serial:/dev/no-such-port", "expected a serial port, got '/dev/no-such-port', and there is no such device"),
         ("serial:/dev/x@fast", "expected a speed in baud after '@', got 'fast'"),
     ],
 )

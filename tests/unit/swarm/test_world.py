@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import shoal
 from shoal import GridWorkspace, InvalidInputError, UnknownNameError
 from shoal.swarm import GridWorld
 from shoal.testing import check_world
@@ -120,3 +121,15 @@ def test_the_conformance_check_finds_a_broken_world():
 
     with pytest.raises(AssertionError, match=r"particles became|another state"):
         check_world(Leaky)
+
+
+def test_a_complete_mapping_says_how_many_cells_no_particle_can_get_to():
+    free = np.ones((7, 12), bool)
+    free[:, 4] = False
+    episode = shoal.run(free, particles=1, start=((0, 0),), policy="closest-frontier")
+    assert episode.status == "complete"
+    assert "nothing is left" not in episode.reason
+    assert "49 of 77 free cells lie where no particle can get" in episode.sentence
+    assert episode.report()["unreachable_cells"] == 49
+    whole = shoal.run(free[:, :4], particles=1, policy="closest-frontier")
+    assert (whole.unreachable, whole.reason) == (0, "nothing is left to do")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -230,6 +230,9 @@ def replay_log(path: str | os.PathLike[str]) -> tuple[Drive, Verification]:
     ended = rig.ended
     if ended is None or ended["map"] is None:
         how = "breaks off" if ended is None else f"was {ended['status']}"
+        if result.status is Status.LIMIT:  # the end of the log is no limit that anybody set
+            episode = None if result.episode is None else replace(result.episode, status=Status.INTERRUPTED)
+            result = replace(result, status=Status.INTERRUPTED, episode=episode)
         return result, Verification(True, f"{result.moves} moves replayed; the log {how} there, before the run was over")
     if rig.problem.noise is None and result.belief.complete != (ended["status"] == "complete"):
         return result, Verification(

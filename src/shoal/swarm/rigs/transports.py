@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import queue
 import re
 import select
@@ -252,6 +253,8 @@ def open_transport(spec: str) -> Transport:
         device, _, baud = rest.partition("@")
         if baud and not re.fullmatch("[1-9][0-9]{0,7}", baud):
             raise InvalidInputError(f"rig: expected a speed in baud after '@', got {baud[:40]!r}")
+        if os.name == "posix" and not os.path.exists(device):
+            raise InvalidInputError(f"rig: expected a serial port, got {device[:80]!r}, and there is no such device")
         return SerialTransport(device, baud=int(baud or BAUD))
     if kind == "tcp":
         host, _, port = rest.rpartition(":")
