@@ -26,7 +26,6 @@ COUNTS = (50, 200, 600)
 MECHANISMS = {
     "careful completion": {"left_behind_cost": 0},
     "beam": {"beam_leaves": 0},
-    "outlook in the beam": {"outlook_weight": 0},
     "variations": {"variations": 0},
     "runs": {"run_candidates": 0},
     "prediction": {"prediction_layers": 0},
@@ -39,9 +38,7 @@ MECHANISMS = {
     "end in sight by trust": {"end_surprise": 0},
     "end in sight by few frontier cells": {"end_frontier": 0},
     "far sight": {"far_surprise": 0},
-    "near discount of its own": {"near_discount": 0.99},
     "near horizon of its own": {"near_horizon": 300},
-    "search anew while nothing is classified": {"replan_after": 450},
 }
 
 

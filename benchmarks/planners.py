@@ -33,7 +33,6 @@ def variant(name: str, **changed: float) -> Policy:
 
 VARIANTS = {
     "no-careful-completion": {"left_behind_cost": 0},
-    "no-outlook-in-the-beam": {"outlook_weight": 0},
     "no-beam": {"beam_leaves": 0},
     "no-variations": {"variations": 0},
     "no-runs": {"run_candidates": 0},

@@ -44,7 +44,7 @@ class Quick(BeamRollout):
 class QuickFirst(BeamRollout):
     """The same, with the end out of sight above five frontier cells."""
 
-    tuning = BeamRollout.tuning._replace(end_frontier=5, left_behind_cost=0, outlook_weight=0, run_candidates=0, **SMALL)
+    tuning = BeamRollout.tuning._replace(end_frontier=5, left_behind_cost=0, run_candidates=0, **SMALL)
 
 
 class Hasty(BeamRollout):

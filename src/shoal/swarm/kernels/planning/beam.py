@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.planning.frontier_paths import outlook
 from shoal.swarm.kernels.prediction.forward_model import advance, copy_state, digest, immediate_gains
 
 
@@ -18,7 +17,6 @@ class Beam(NamedTuple):
     states: NDArray[np.uint64]  # (2, width, boards, words)
     plans: NDArray[np.int8]  # (2, width, depth)
     values: NDArray[np.float64]  # (2, width): cells classified, discounted
-    ranks: NDArray[np.float64]  # (2, width): by which states are chosen
     marks: NDArray[np.uint64]  # (2, width): hashes
     child: NDArray[np.uint64]  # a state
 
@@ -50,23 +48,23 @@ def lowest_value(values, size):
 
 
 @in_place_kernel
-def search_beam(scene, root, beam, space, discount, width, depth, weight_ahead, rate, cap):
+def search_beam(scene, root, beam, gains, discount, width, depth):
     """Search from a state; return (which of the two halves holds the leaves, how many they are, moves simulated).
 
-    States are ranked by the cells classified, discounted, and ``weight_ahead`` times the `outlook` of what is left.
+    States are ranked by the cells classified, discounted.
     """
     copy_state(root, beam.states[0, 0])
     beam.values[0, 0], beam.marks[0, 0] = 0.0, digest(root)
     old, size, weight, simulated = 0, np.int64(1), 1.0, 0
-    gains, child = space.gains, beam.child
+    child = beam.child
     for level in range(depth):
         new, count = 1 - old, np.int64(0)
-        ranks, marks = beam.ranks[new, :width], beam.marks[new]
+        values, marks = beam.values[new, :width], beam.marks[new]
         for parent in range(size):
             immediate_gains(scene, beam.states[old, parent], gains)
             for command in range(gains.shape[0]):
                 value = beam.values[old, parent] + weight * gains[command]
-                if weight_ahead == 0.0 and value <= lowest_value(ranks, count):
+                if value <= lowest_value(values, count):
                     continue
                 copy_state(beam.states[old, parent], child)
                 advance(scene, child, np.int64(command))
@@ -74,16 +72,12 @@ def search_beam(scene, root, beam, space, discount, width, depth, weight_ahead, 
                 mark = digest(child)
                 if mark == beam.marks[old, parent]:  # nothing has moved
                     continue
-                rank = value
-                if weight_ahead > 0.0:
-                    rank += weight * weight_ahead * outlook(scene, child, space.planes, rate, cap)
-                    simulated += cap // 2
-                at = place_for(ranks, marks, count, rank, mark)
+                at = place_for(values, marks, count, value, mark)
                 if at < 0:
                     continue
                 count = max(count, at + 1)
                 copy_state(child, beam.states[new, at])
-                beam.values[new, at], ranks[at], marks[at] = value, rank, mark
+                values[at], marks[at] = value, mark
                 for i in range(level):
                     beam.plans[new, at, i] = beam.plans[old, parent, i]
                 beam.plans[new, at, level] = command
@@ -95,11 +89,11 @@ def search_beam(scene, root, beam, space, discount, width, depth, weight_ahead, 
 
 
 @in_place_kernel
-def take_best(ranks, size):
-    """Return the index of the best leaf, and forget its rank so that the next call returns the next."""
+def take_best(values, size):
+    """Return the index of the best leaf, and forget its value so that the next call returns the next."""
     best = 0
     for i in range(1, size):
-        if ranks[i] > ranks[best]:
+        if values[i] > values[best]:
             best = i
-    ranks[best] = -1.0
+    values[best] = -1.0
     return best

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ZERO, has, lowest, popcount
+from shoal.swarm.kernels.dynamics.bits import ZERO, has, lowest
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, directions
 from shoal.swarm.kernels.search.frontier_search import ahead, dilate, opposite
 
@@ -111,36 +111,3 @@ def beside(scene, cells, within, out):
     reach = layer if scene.layers > 1 else width
     dilate(cells, within, out, reach, size - reach, scene)
     rim_rows(cells, within, out, reach, scene)
-
-
-@in_place_kernel
-def outlook(scene, state, planes, rate, cap):
-    """Return the sum of ``rate ** (distance - 1)`` over the frontier cells, of which none counts as further than ``cap + 1``."""
-    occupied, frontier, ground = state[OCCUPIED], state[FRONTIER], scene.ground
-    wave, following, within = planes[WAVE], planes[NEXT], planes[WITHIN]
-    left, value, weight = 0, 0.0, 1.0
-    for i in range(frontier.shape[0]):
-        wave[i] = occupied[i]
-        within[i] = (ground[i] | frontier[i]) & ~occupied[i]
-        following[i] = ZERO
-        left += popcount(frontier[i])
-    reach = scene.width * scene.rows if scene.layers > 1 else scene.width
-    for _ in range(cap):
-        if left == 0:
-            break
-        dilate(wave, within, following, reach, wave.shape[0] - reach, scene)
-        rim_rows(wave, within, following, reach, scene)
-        some, reached = ZERO, 0
-        for i in range(frontier.shape[0]):
-            new = following[i]
-            some |= new
-            within[i] &= ~new
-            reached += popcount(new & frontier[i])
-            following[i] = new & ground[i]  # nobody goes on from a wall
-        if some == ZERO:
-            break
-        wave, following = following, wave
-        value += weight * reached
-        left -= reached
-        weight *= rate
-    return value + weight * left

@@ -21,7 +21,6 @@ MEMORY = record_type(
     np.int64,
     "plan_at", "plan_length",  # of the incumbent
     "quiet",  # moves since something was classified
-    "stale",  # moves since the last search
     "forced",  # commands left of a path that is played whole
     "random",  # state of the generator
     "simulated",  # moves simulated so far
@@ -68,7 +67,6 @@ def next_command(planner):
     if memory.plan_at >= memory.plan_length:
         return -1
     memory.plan_at += 1
-    memory.stale += 1
     return planner.incumbent[memory.plan_at - 1]
 
 

@@ -61,7 +61,7 @@ def evaluate(planner, length, best, few, style):
     surprise = memory.surprise / WHOLE
     brief = is_brief(planner)
     horizon = int(min(options.near_horizon, BRIEF_HORIZON) if brief else options.near_horizon)
-    discount = BRIEF_DISCOUNT if brief else options.near_discount
+    discount = BRIEF_DISCOUNT if brief else options.discount
     if few > 0:  # where predictions fail, what lies far ahead is not worth simulating
         far = surprise < options.far_surprise
         discount = options.far_discount if far else options.discount
@@ -147,14 +147,12 @@ def try_leaves(planner, best, few):
     if options.beam_leaves == 0:
         return best
     depth = int(options.beam_depth)
-    discount = options.discount if few > 0 else options.near_discount
     half, size, simulated = search_beam(
-        planner.scene, planner.root, beam, planner, discount, int(options.beam_width), depth,
-        options.outlook_weight, options.outlook_discount, int(options.outlook_cap),
-    )  # fmt: skip
+        planner.scene, planner.root, beam, planner.gains, options.discount, int(options.beam_width), depth
+    )
     planner.memory.simulated += simulated
     for _ in range(min(int(options.beam_leaves), size)):
-        leaf = take_best(beam.ranks[half], size)
+        leaf = take_best(beam.values[half], size)
         for i in range(depth):
             trial[i] = beam.plans[half, leaf, i]
         best = evaluate(planner, depth, best, few, planner.memory.style)
@@ -198,7 +196,7 @@ def choose_rollout(field, mapping, planner):
     memory.credit = int(min(memory.credit + options.budget, saved * options.budget))
     if memory.forced == 0 and memory.quiet >= options.force_after:
         force(field, planner)
-    renew = memory.credit > 0 and (memory.quiet == 0 or memory.stale >= options.replan_after)
+    renew = memory.credit > 0 and memory.quiet == 0
     if memory.forced > 0:
         memory.forced -= 1
     elif options.budget < BRIEF and not renew and memory.plan_at >= memory.plan_length:
@@ -208,7 +206,6 @@ def choose_rollout(field, mapping, planner):
         before = memory.simulated
         prepare(field, mapping, planner)
         search_plans(planner)
-        memory.stale = 0
         memory.credit -= memory.simulated - before
         if memory.plan_length == 0:  # all that is left is further than the horizon
             force(field, planner)

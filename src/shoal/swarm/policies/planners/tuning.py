@@ -12,20 +12,15 @@ class Tuning(NamedTuple):
     horizon: float  # moves, of plans to the end
     discount: float
     near_horizon: float  # moves, while there are more frontier cells
-    near_discount: float
     frontier_worth: float  # moves that classifying all at once is worth
     beam_width: float  # of the beam
     beam_depth: float
     beam_leaves: float  # of the beam that are completed
-    outlook_weight: float  # weight of the outlook in the beam
-    outlook_discount: float  # its discount for each move
-    outlook_cap: float  # its farthest cells
     variations: float  # of the incumbent
     left_behind_cost: float  # cells classified that a cell left behind offsets; 0: greedy completions alone
     free_threshold: float  # chance from which a cell is predicted to be free
     prediction_layers: float  # cells that predictions go on
     run_candidates: float  # 1: runs in one direction are candidates, too
-    replan_after: float  # moves that classify nothing, after which to search again
     force_after: float  # moves that classify nothing, after which a whole way is played
     joint_chance: float  # chance that all cells up to a predicted one are free
     future_weight: float  # what a cell counts that will join the frontier if all is as predicted
