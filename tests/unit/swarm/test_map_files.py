@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import struct
 
 import numpy as np
@@ -384,3 +385,29 @@ def test_thresholds_of_the_vessel_finder_reach_it(tmp_path):
     with pytest.raises(InvalidInputError, match=r"eye.png: expected thickest"):
         open_map(tmp_path / "eye.png", vessels=True, thickest=0.9)
     assert open_map(tmp_path / "eye.png", vessels=True, bright=False, low=0.2, high=0.3).n_free > 50
+
+
+def test_a_slice_that_is_a_link_to_nothing_is_named(tmp_path):
+    write_map(GridWorkspace(np.eye(3) == 0), tmp_path / "1.png")
+    (tmp_path / "2.png").symlink_to(tmp_path / "gone.png")
+    with pytest.raises(InvalidInputError, match=r"2\.png"):
+        read_map(tmp_path)
+
+
+def test_pages_are_counted_no_further_than_the_limit(tmp_path, monkeypatch):
+    from shoal.swarm.maps import pictures, reading
+
+    monkeypatch.setattr(reading, "MAX_LAYERS", 3)
+    monkeypatch.setattr(pictures, "MAX_LAYERS", 3)
+    for layers in (3, 5):
+        write_map(GridWorkspace(np.ones((layers, 4, 4))), tmp_path / f"{layers}.tif")
+    assert read_map(tmp_path / "3.tif").shape == (3, 4, 4)
+    with pytest.raises(InvalidInputError, match="expected at most 3 layers, got more"):
+        read_map(tmp_path / "5.tif")
+
+
+def test_compressed_zeros_are_no_volume_and_are_not_unfolded(tmp_path):
+    pytest.importorskip("nibabel")
+    (tmp_path / "bomb.nii.gz").write_bytes(gzip.compress(bytes(1 << 24)))
+    with pytest.raises(InvalidInputError, match="expected a NIfTI volume, got a damaged or cut off one or another kind of file"):
+        read_map(tmp_path / "bomb.nii.gz")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from shoal.checks import check_file
 from shoal.errors import InvalidInputError
-from shoal.swarm.maps.reading import MapOptions, check_size, reading
+from shoal.swarm.maps.reading import MAX_LAYERS, MapOptions, check_layers, check_size, reading
 from shoal.swarm.maps.workspace import GridWorkspace
 
 if TYPE_CHECKING:
@@ -39,7 +40,9 @@ def read_slices(folder: Path, options: MapOptions) -> NDArray[np.bool_]:
     InvalidInputError
         If there are none, they are of several kinds or sizes, or one has pages.
     """
-    files = [path for path in folder.iterdir() if path.suffix.lower() in PICTURES and path.is_file() and path.name[0] != "."]
+    entries = (path for path in folder.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != ".")
+    files = [path for path in islice(entries, MAX_LAYERS + 1) if not path.is_dir()]
+    check_layers(folder, len(files))
     if not files:
         raise InvalidInputError(f"{folder}: expected a map file, got a folder without slices ({' '.join(PICTURES)})")
     kinds = sorted({path.suffix.lower() for path in files})
@@ -48,6 +51,7 @@ def read_slices(folder: Path, options: MapOptions) -> NDArray[np.bool_]:
     files.sort(key=lambda path: [int(part) if part.isdigit() else part for part in re.split("([0-9]+)", path.name)])
     layers: list[NDArray[np.bool_]] = []
     for file in files:
+        check_file(file, what="slice", most=LARGEST_FILE)
         layers.append(read_picture(file, options))
         if layers[-1].ndim != 2:
             raise InvalidInputError(f"{file}: expected a slice, got a picture of {len(layers[-1])} pages")
@@ -101,12 +105,17 @@ def _pages(path: Path, turn: Callable[[Image], T], *, most: int | None = None) -
                 ) from None
             with image:
                 check_size(path, image.height, image.width)
-                count = int(getattr(image, "n_frames", 1)) if image.format == "TIFF" else 1
-                made = []
-                for page in range(min(count, most or count)):
-                    image.seek(page)
-                    check_size(path, count, image.height, image.width)
+                made: list[T] = []
+                for page in range(most or MAX_LAYERS + 1):
+                    try:  # one page after the other: to count them first would read a directory of each
+                        image.seek(page)
+                    except EOFError:
+                        break
+                    check_layers(path, page + 1)
+                    check_size(path, page + 1, image.height, image.width)
                     made.append(turn(image.copy()))
+                    if image.format != "TIFF":
+                        break
                 return made
     finally:
         Image.MAX_IMAGE_PIXELS = limit

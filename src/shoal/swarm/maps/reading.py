@@ -15,6 +15,9 @@ from shoal.errors import InvalidInputError, ShoalError
 MAX_CELLS = 2**28
 """The largest map accepted, in cells (16384 x 16384)."""
 
+MAX_LAYERS = 2**13
+"""The most layers accepted: pages of a TIFF, or slices in a folder."""
+
 
 @dataclass(frozen=True)
 class MapOptions:
@@ -55,6 +58,17 @@ class MapOptions:
             check_integer(self.label, what="label")
         if self.level is not None and self.label is not None:
             raise InvalidInputError(f"level: expected a level or a label, got {self.level:g} and {self.label}")
+
+
+def check_layers(where: Path, count: int) -> None:
+    """Refuse more layers than `MAX_LAYERS`.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if count > MAX_LAYERS:
+        raise InvalidInputError(f"{where}: expected at most {MAX_LAYERS} layers, got more")
 
 
 def check_size(where: Path, *sides: int) -> None:

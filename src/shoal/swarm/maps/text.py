@@ -68,8 +68,11 @@ def encode_movingai(workspace: GridWorkspace) -> bytes:
     return f"type octile\nheight {height}\nwidth {width}\nmap\n{str(workspace).replace('#', '@')}\n".encode()
 
 
+LARGEST_TEXT = 2**26  # bytes; a cell takes up to 100 bytes of memory while it is read
+
+
 def _lines(path: Path) -> list[str]:
-    text = read_text(path, what="map", most=2**31)
+    text = read_text(path, what="map", most=LARGEST_TEXT)
     return text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\n").split("\n")
 
 

@@ -36,7 +36,7 @@ def read_nifti(path: Path, options: MapOptions) -> tuple[NDArray[Any], tuple[flo
     """
     nibabel = _nibabel()
     with _silent(nibabel.imageglobals.logger), reading(path, "a NIfTI volume"):
-        image = nibabel.Nifti1Image.from_filename(path) if _is_first_version(path, nibabel) else nibabel.load(path)
+        image = _kind(path, nibabel).from_filename(path)
         shape = tuple(int(side) for side in image.shape)
         while len(shape) > 3 and shape[-1] == 1:
             shape = shape[:-1]
@@ -96,10 +96,16 @@ def _check_archive(path: Path, expected: int) -> None:
                 raise InvalidInputError(f"{path}: expected {expected} bytes of a volume, as its header says, got more")
 
 
-def _is_first_version(path: Path, nibabel: Any) -> bool:
-    """Tell whether a file is NIfTI of the first version, so that it is read as what its name says and as nothing else."""
+def _kind(path: Path, nibabel: Any) -> Any:
+    """Return the class of NIfTI images that a file begins as, so that it is read as that and as nothing else."""
     with nibabel.openers.Opener(path) as file:
-        return file.read(4) in {(348).to_bytes(4, "little"), (348).to_bytes(4, "big")}
+        begin = file.read(4)
+    for length, kind in ((348, nibabel.Nifti1Image), (540, nibabel.Nifti2Image)):
+        if begin in {length.to_bytes(4, "little"), length.to_bytes(4, "big")}:
+            return kind
+    raise InvalidInputError(
+        f"{path}: expected a NIfTI volume, got a damaged or cut off one or another kind of file (it begins with {begin!r})"
+    )
 
 
 def _unit(header: Any) -> float:
