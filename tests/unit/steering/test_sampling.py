@@ -115,3 +115,18 @@ def test_steer_with_it():
         steer(problem, planner="sampling", friction=0.5)
     with pytest.raises(InvalidInputError, match="planner greedy: expected a convex workspace, got a region"):
         steer(problem, planner="greedy")
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "known", "before"),
+    [
+        ([(3.7722, 2.0453), (3.905, 0.3233)], [(3.2076, 0.6981), (3.4865, 2.1758)], 5.621, 8.25),
+        ([(3.6089, 1.9086), (1.722, 3.1558)], [(3.9366, 1.4789), (3.8757, 3.7161)], 2.703, 5.299),
+    ],
+)
+def test_plans_around_obstacles_are_made_short(start, goal, known, before):
+    """The best known of 60 trees and 100,000 changes, and what the first plans were."""
+    episode = steer(SteeringProblem(YARD, start, goal))
+    assert episode.planner == "sampling"
+    assert episode.length <= 1.05 * known < before
+    assert episode.verify()

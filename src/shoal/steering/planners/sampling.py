@@ -16,7 +16,8 @@ from shoal.steering.kernels import sampling as kernels
 from shoal.steering.kernels.contact import Walls
 from shoal.steering.kernels.region_contact import Edges
 from shoal.steering.planners.protocol import PLANNERS
-from shoal.steering.planners.task import SteeringTask
+from shoal.steering.planners.shortening import shortened_by_changes
+from shoal.steering.planners.task import SteeringTask, path_length
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
 
@@ -25,7 +26,8 @@ ROUNDS = 80_000  # manoeuvres tried in one tree
 STRETCH = 5000  # of these before the next look at the clock
 TREES = 10  # grown until one reaches the goal
 MORE_ROUNDS = 10_000  # in each of the further trees, which may hold a shorter plan
-MORE_TREES = 8
+MORE_TREES = 16  # half as many for more particles and where they slide
+SHORTENED = ((17, 300), (5, 1200), (2, 1200))  # so many of the shortest plans are changed so many times
 SLIDING = 0.1  # of these where particles slide
 HITS = 1000  # of one tree: so often it is tried to get from a state to the goal by translations
 MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)  # of the size: how far from walls translations go, if that is possible
@@ -63,22 +65,21 @@ class Sampling:
         # Particles that slide take many times as long to simulate.
         share = 1.0 if task.world.friction == np.inf else SLIDING
         world, translations = world_of(task.world), _Translations(room, task.goal)
-        best: Points | None = None
-        for _tree in range(TREES):
-            best = _Tree(task, world, rng, left=int(share * ROUNDS)).search(translations)
-            if best is not None or task.late:
+        found: list[Points] = []
+        simple = len(task.start) == 2 and task.world.friction == np.inf
+        for tree in range(TREES + (MORE_TREES if simple else MORE_TREES // 2)):
+            if task.late or (tree >= TREES and not found):
                 break
-        for _tree in range(MORE_TREES if best is not None else 0):
-            if task.late:
-                break
-            other = _Tree(task, world, rng, left=int(share * MORE_ROUNDS)).search(translations)
-            if other is not None and _length(other) < _length(best):
-                best = other
-        return best
-
-
-def _length(moves: Points | None) -> float:
-    return np.inf if moves is None else float(np.linalg.norm(moves, axis=1).sum())
+            if tree < TREES and found:
+                continue
+            moves = _Tree(task, world, rng, left=int(share * (MORE_ROUNDS if found else ROUNDS))).search(translations)
+            found += [] if moves is None else [moves]
+        if simple:
+            for count, changes in SHORTENED:
+                found = sorted(
+                    (shortened_by_changes(task, moves, rng, changes=changes) for moves in found[:count]), key=path_length
+                )
+        return min(found, key=path_length, default=None)
 
 
 def world_of(world: Any) -> kernels.World:
