@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,7 +34,8 @@ def demo(
 ) -> None:
     """Map the vessels of a real eye: a fundus photograph, 300 particles, one shared command.
 
-    Writes the vessel map, the picture at the end, the frontier by move, films (GIF, MP4), the HTML player and the episode.
+    Writes the photograph, beside its vessels and with their outline, the vessel map, the picture at the end, the frontier by move,
+    films (GIF, MP4), the HTML player and the episode.
     'shoal demo steer' brings two particles to two goals in a square, a hexagon, a disk, a prism and a noisy field instead, and
     writes figures, episodes and two players. 'shoal demo search' sends 12 robots through a marsh around a lake; three of them die;
     it writes figures, the player, the episode and missions.
@@ -56,29 +56,30 @@ def demo(
 
 def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
     """Map the vessels of an eye."""
-    from PIL import Image
-
     from shoal.cli.swarm.exploration import summary, write_outputs
-    from shoal.files import atomic
     from shoal.swarm import GridWorkspace, SwarmProblem
     from shoal.swarm.maps.files import write_map
-    from shoal.swarm.maps.imaging import segment_vessels
+    from shoal.swarm.maps.imaging import find_vessels, map_of_vessels
     from shoal.swarm.run import run
+    from shoal.views.swarm.photographs import beside, overlay_picture, save_picture
 
     check_folder(out)
     photograph = retina()
     say("finding the vessels in the photograph ...")
-    workspace = GridWorkspace(segment_vessels(photograph), name="retina")
+    mask = find_vessels(photograph).mask
+    workspace = GridWorkspace(map_of_vessels(mask), name="retina")
     say(f"mapping {workspace.n_free} cells with {particles} particles ...")
     episode = run(SwarmProblem(workspace, particles=particles, policy="closest-frontier"), seed=seed)
     result = summary([episode], seed=seed)
-    picture = io.BytesIO()  # Pillow does not notice when a full disk takes only a part of what it writes
-    Image.fromarray(photograph).save(picture, format="JPEG", quality=90)
-    with atomic(out / "photograph.jpg") as temporary:
-        temporary.write_bytes(picture.getvalue())
+    pictures = {
+        "photograph.jpg": photograph,
+        "overlay.png": overlay_picture(photograph, mask),
+        "comparison.png": beside(photograph, mask),
+    }
+    written = [save_picture(picture, out / name) for name, picture in pictures.items()]
     write_map(workspace, out / "vessels.png")
     films = [out / "film.html", out / "film.gif", out / "film.mp4"]
-    written = [out / "photograph.jpg", out / "vessels.png", *write_outputs([episode], result, out, films)]
+    written += [out / "vessels.png", *write_outputs([episode], result, out, films)]
     if json_:
         print_json(result | {"files": [str(path) for path in written]})
         return

@@ -42,7 +42,7 @@ def check_film(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def film_size(height: int, width: int, side: int) -> tuple[int, int]:
+def film_size(height: int, width: int, side: int | None) -> tuple[int, int]:
     """Return (width, height) of a film of pictures of that size: whole pixels a cell if it can be, even sides as video needs.
 
     Examples
@@ -51,6 +51,7 @@ def film_size(height: int, width: int, side: int) -> tuple[int, int]:
     ((960, 930), (768, 960))
     """
     largest = max(height, width)
+    side = largest if side is None else side
     factor = side // largest if largest <= side else side / largest
     columns, rows = (max(2, round(length * factor / 2) * 2) for length in (width, height))
     return columns, rows
@@ -76,8 +77,8 @@ class Clip(Generic[At]):
         Those of the film.
     rate : float
         Frames a second.
-    side : int
-        The longer side of the film, in pixels; smaller pictures are enlarged.
+    side : int or None
+        The longer side of the film, in pixels; smaller pictures are enlarged. None: that of its pictures.
     quality : int
         The constant rate factor of H.264.
     palette : bytes, optional
@@ -87,7 +88,7 @@ class Clip(Generic[At]):
     frames: Callable[[Sequence[At]], Iterator[Frame]]
     moments: Sequence[At]
     rate: float
-    side: int
+    side: int | None
     quality: int
     palette: bytes | None = None
 
@@ -128,7 +129,7 @@ def _unpacked(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
     return np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=-1).astype(np.uint8)
 
 
-def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: bytes, side: int) -> None:
+def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: bytes, side: int | None) -> None:
     """Write frames, uint8 of shape (H, W, 3), as a GIF; small ones are enlarged to about ``side``, no pixel mixed from two."""
     from PIL import Image as Pillow
 
@@ -146,7 +147,7 @@ def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: byte
         first.save(file, format="GIF", save_all=True, append_images=images, duration=duration, loop=0, optimize=False, disposal=1)
 
 
-def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, side: int, quality: int) -> None:
+def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, side: int | None, quality: int) -> None:
     """Write frames as H.264, ``quality`` its constant rate factor, with our own ffmpeg process.
 
     What that says and how it ended tell whether the film is whole.

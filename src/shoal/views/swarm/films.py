@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
+from matplotlib import get_data_path
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
 from shoal.swarm import SwarmEpisode
 from shoal.swarm.maps.raster import PALETTE, in_strips
 from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.swarm.cell_colours import codes_by_move, palette_of_cells
-from shoal.views.swarm.volume import Fit, Slices, sheet, sheet_width
+from shoal.views.swarm.volume import Fit, Slices, sheet
 
 _SECONDS = 20.0
-SIDE = {".gif": 480, ".mp4": 960}  # pixels
+_FONT = f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf"
+ARROWS = dict(zip("lrud", "\u2190\u2192\u2191\u2193", strict=True))  # in and out have none
+LEGEND = {name: name for name in ("particle", "frontier", "free", "obstacle", "unknown")}
+SHORT_SIDE, LONG_SIDE = 720, 1920  # pixels: at least, and at most unless the map has more cells
+CAPTION = 68  # pixels, below the cells
 TURNS = 2  # of a volume in a film
-VOLUME_SIDE = {".gif": 440, ".mp4": 670}  # pixels of the view that turns
+VOLUME_SIDE = 720  # pixels of the view that turns
 VOLUME_FRAMES = 400  # of a film of one
 
 
 def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
     """Return the film of an episode, for a GIF or H.264; of longer episodes it shows every k-th move."""
-    workspace, volume = episode.workspace, episode.workspace.ndim == 3
-    side = (VOLUME_SIDE if volume else SIDE)[suffix]
+    volume = episode.workspace.ndim == 3
     shown = shown_moves(episode.moves, VOLUME_FRAMES if volume else LONGEST[suffix])
     return Clip(
-        frames=lambda moves: film_frames(episode, np.asarray(moves), side=side),
+        frames=lambda moves: captioned(episode, moves, film_frames(episode, np.asarray(moves))),
         moments=shown.tolist(),
         rate=float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60)),
-        side=sheet_width(tuple(n + 2 for n in workspace.shape), side, workspace.spacing) if volume else side,
+        side=None,
         quality=26,
         palette=None if volume else palette_of_cells(episode).rgb.tobytes(),  # a volume is drawn in shades
     )
@@ -46,7 +51,7 @@ def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, moves, min(moves + 1, max(2, at_most))).round().astype(np.int64))
 
 
-def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64], *, side: int = VOLUME_SIDE[".gif"]) -> Iterator[NDArray[np.uint8]]:
+def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64], *, side: int = VOLUME_SIDE) -> Iterator[NDArray[np.uint8]]:
     """Yield the picture after each move in ``shown``; uint8, shape (H, W, 3).
 
     In 2-D it has one pixel a cell; in 3-D it is a view that turns, with ``side`` pixels, and slices.
@@ -69,6 +74,36 @@ def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64], *, side: int = 
                 if episode.trace.scanned.all()
                 else np.vstack([picture, scan_strip(episode.trace.scanned, move, picture.shape[1])])
             )
+
+
+def captioned(episode: SwarmEpisode, moves: Iterable[int], pictures: Iterable[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
+    """Yield pictures enlarged by whole pixels, with a caption: the move, the arrow of its command, and what the colours mean."""
+    for move, picture in zip(moves, pictures, strict=True):
+        short, long = sorted(picture.shape[:2])
+        times = max(1, min(-(-SHORT_SIDE // short), LONG_SIDE // long))
+        cells = np.repeat(np.repeat(picture, times, axis=0), times, axis=1)
+        height, width = cells.shape[:2]
+        sheet = np.full((height + height % 2 + CAPTION, width + width % 2, 3), _colour("free"), dtype=np.uint8)
+        sheet[:height, :width] = cells
+        sheet[-CAPTION:] = _caption(episode, int(move), sheet.shape[1])
+        yield sheet
+
+
+def _caption(episode: SwarmEpisode, move: int, width: int) -> NDArray[np.uint8]:
+    strip = Image.new("RGB", (width, CAPTION), _colour("free"))
+    pen, ink = ImageDraw.Draw(strip), _colour("obstacle")
+    size = min(20.0, width / 38)
+    font = ImageFont.truetype(_FONT, size)
+    command = episode.commands[move - 1] if move else ""
+    arrow = "   " + ARROWS.get(command, {"i": "in", "o": "out"}.get(command, ""))
+    pen.text((10, 8), f"move {move} of {episode.moves}{arrow}", ink, font)
+    left = 10.0
+    names = dict(LEGEND, frontier="not covered yet") if episode.targets is not None else LEGEND
+    for key, name in names.items():
+        pen.rectangle((left, 41, left + 0.8 * size, 41 + 0.8 * size), _colour(key), _colour("unknown"))
+        pen.text((left + 1.2 * size, 38), name, ink, font)
+        left += 2.4 * size + pen.textlength(name, font)
+    return np.asarray(strip)
 
 
 def scan_strip(scanned: NDArray[np.bool_], move: int, width: int) -> NDArray[np.uint8]:

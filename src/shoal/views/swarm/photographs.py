@@ -29,6 +29,13 @@ def overlay_picture(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> N
     return drawn
 
 
+def beside(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return the photograph on the left and its vessels, white on black, on the right; uint8, shape (H, 2 W + gap, 3)."""
+    gap = np.full((mask.shape[0], max(1, mask.shape[1] // 50), 3), 255, dtype=np.uint8)
+    colours = photograph if photograph.ndim == 3 else np.dstack([photograph] * 3)
+    return np.hstack([colours, gap, np.dstack([mask_picture(mask)] * 3)])
+
+
 def save_picture(picture: NDArray[Any], path: Path) -> Path:
     """Write a picture, uint8, shape (H, W) or (H, W, 3), as its suffix says; return the path.
 
