@@ -31,7 +31,7 @@ def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
     volume = episode.workspace.ndim == 3
     shown = shown_moves(episode.moves, VOLUME_FRAMES if volume else LONGEST[suffix])
     return Clip(
-        frames=lambda moves: captioned(episode, moves, film_frames(episode, np.asarray(moves))),
+        frames=lambda moves: pictures_with_legend(episode, moves, film_frames(episode, np.asarray(moves))),
         moments=shown.tolist(),
         rate=float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60)),
         side=None,
@@ -76,7 +76,9 @@ def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64], *, side: int = 
             )
 
 
-def captioned(episode: SwarmEpisode, moves: Iterable[int], pictures: Iterable[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
+def pictures_with_legend(
+    episode: SwarmEpisode, moves: Iterable[int], pictures: Iterable[NDArray[np.uint8]]
+) -> Iterator[NDArray[np.uint8]]:
     """Yield pictures enlarged by whole pixels, with a caption: the move, the arrow of its command, and what the colours mean."""
     for move, picture in zip(moves, pictures, strict=True):
         short, long = sorted(picture.shape[:2])
