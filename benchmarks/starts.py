@@ -21,8 +21,8 @@ COMMANDS = {
     "noise": "map vessels:1000 -n 50 --slip 0.1 --policy closest-frontier --json",
     "adaptive scans": "map vessels:1000 -n 50 --scan-every adaptive --scan-cost 2 --json",
     "coverage": "cover vessels:1000 -n 50 --json",
-    "steering": "steer square --from 0.1,0.2,0.3,0.4 --to 0.4,0.3,0.2,0.1 --json",
-    "search": "search cave:20x15 --robots 3 --json",
+    "steering": "steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --json",
+    "search": "search rectangle:60x40 --robots 3 --footprint 5 --json",
     "tour": "tour spanning-tree cave:20x15 --json",
     "help": "--help",
 }
@@ -69,7 +69,7 @@ def main() -> None:
         for kind, command in COMMANDS.items():
             if only in (None, kind):
                 copy_sources(source)
-                run = ("-c", "import sys; from shoal.cli import main; main()", *command.split())
+                run = ("-c", "import sys; from shoal.cli import main; main()", *(word.replace("_", " ") for word in command.split()))
                 cpu_seconds("-c", BYTE_CODE, source=source)  # which is no part of it
                 first = cpu_seconds(*run, source=source)
                 second = min(cpu_seconds(*run, source=source) for _ in range(2))
