@@ -69,7 +69,8 @@ def main() -> None:
         for kind, command in COMMANDS.items():
             if only in (None, kind):
                 copy_sources(source)
-                run = ("-c", "import sys; from shoal.cli import main; main()", *(word.replace("_", " ") for word in command.split()))
+                words = (word.replace("_", " ") for word in command.split())  # an underscore is a blank within a word
+                run = ("-c", "from shoal.cli import main; main()", *words)
                 cpu_seconds("-c", BYTE_CODE, source=source)  # which is no part of it
                 first = cpu_seconds(*run, source=source)
                 second = min(cpu_seconds(*run, source=source) for _ in range(2))
