@@ -139,10 +139,8 @@ class Declaration:
         if self.type is int:
             return check_integer(value, what=self.name, least=option.least, most=option.most)
         if self.type is float:
-            return check_number(
-                value, what=self.name, least=option.least, most=option.most, above=option.above, below=option.below,
-                finite=option.finite,
-            )  # fmt: skip
+            limits = {name: getattr(option, name) for name in ("least", "most", "above", "below", "finite")}
+            return check_number(value, what=self.name, **limits)
         if option.choices:
             return check_choice(value, what=self.name, choices=option.choices)
         return check_text(value, what=self.name)

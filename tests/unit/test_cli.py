@@ -13,7 +13,7 @@ from shoal.cli.commands import COMMANDS
 from shoal.version import __version__
 
 FIELDS = ["task", "policy", "map", "particles", "placement", "rule", "seed", "trials", "moves", "status", "mean", "std"]
-FIELDS += ["scan_every", "scan_cost", "move_cost", "scans", "cost", "mean_cost", "distance"]
+FIELDS += ["scan_every", "scan_cost", "move_cost", "scans", "cost", "mean_cost", "distance", "unreachable_cells"]
 
 
 @pytest.mark.parametrize("command", [*COMMANDS])

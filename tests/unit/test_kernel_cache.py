@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -94,8 +95,8 @@ def test_a_change_of_any_kernel_is_seen_and_leaves_nothing_behind(script):
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can become another user")
 def test_installed_by_root_and_used_by_somebody_without_a_home(script, tmp_path):
-    for folder in (script.parent, *script.parents):
-        if folder.is_relative_to(tmp_path.parents[1]):
+    for folder in script.parents:
+        if folder != Path(tempfile.gettempdir()) and folder.is_relative_to(tempfile.gettempdir()):
             folder.chmod(0o755)
     temporary = tmp_path / "tmp"
     temporary.mkdir()
@@ -152,3 +153,11 @@ def test_three_first_runs_at_once_and_a_killed_one(script):
     runs = [start(script, *kinds) for kinds in (("int", "float"), ("float", "short"), ("short", "int"))]
     assert [run.communicate(timeout=120)[0].splitlines()[0] for run in runs] == ["12.0 12.0"] * 3
     assert played(script, "int", "float", "short") == ("12.0 12.0 12.0", "loaded", [])
+
+
+def test_a_kernel_from_the_cache_is_not_taken_for_another_that_was_made_alike(script):
+    alone = played(script, "made", "one")[0], played(script, "made", "nine")[0]
+    assert alone[0] != alone[1]
+    for path in (script.parent / "__pycache__").glob("*nine_more*"):
+        path.unlink()
+    assert played(script, "made", "one", "nine")[0] == " ".join(alone)  # one is loaded, then nine compiled

@@ -76,7 +76,26 @@ class Kernel(CPUDispatcher):
         return types.Dispatcher(self._part)
 
 
+def _named_apart(function: Callable[..., Any]) -> None:
+    """Give a kernel that was made within a function a name that tells which kernels it was made of.
+
+    Machine code is linked by name, and Numba tells such kernels apart by a number that each process counts anew: one from the
+    cache could otherwise stand for another one that this process compiles.
+    """
+    if "<locals>" in function.__qualname__:
+        made_of = [getattr(cell.cell_contents, "py_func", None) for cell in function.__closure__ or ()]
+        names = [one.__qualname__.split(".")[-1] for one in made_of if one is not None]
+        function.__qualname__ = f"{function.__qualname__}_{'_'.join(names)}"
+        if function.__qualname__ in _names:
+            raise TypeError(f"{function.__qualname__}: expected a kernel made of others than those before it")
+        _names.add(function.__qualname__)
+
+
+_names: set[str] = set()
+
+
 def _compiled(function: Callable[..., Any], **options: bool) -> Any:
+    _named_apart(function)
     if config.DISABLE_JIT:  # type: ignore[attr-defined]
         return function
     return cached(Kernel(function, targetoptions={**_OPTIONS, **options}))

@@ -27,9 +27,7 @@ if TYPE_CHECKING:
 
 Cells = tuple[tuple[int, ...], ...]
 
-READING = (
-    "vessels", "width", "low", "high", "bright", "thickest", "threshold", "invert", "scale", "level", "label",
-)  # fmt: skip
+READING = ("vessels", "width", "low", "high", "bright", "thickest", "threshold", "invert", "scale", "level", "label")
 """The fields that say how a map is read."""
 
 DRIVEN = (
@@ -172,10 +170,8 @@ class SwarmProblem(Problem):
         names=POLICY_NAMES, **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
-        None,
-        help="Planners (best, rollout, offline): moves that may be simulated for each move sent, on average; best and rollout are "
-        "given more for other than 1000 particles, up to ten times.",
-        above=0, most=1e12,
+        None, help="Planners (best, rollout, offline): moves that may be simulated for each move sent, on average; best and "
+        "rollout are given more for other than 1000 particles, up to ten times.", above=0, most=1e12,
     )  # fmt: skip
     time_per_move: float | None = option(
         None, help="Planners: time for each move, on average, instead of a budget; the commands then depend on the machine.",
@@ -183,10 +179,8 @@ class SwarmProblem(Problem):
     )  # fmt: skip
     max_moves: int = option(1_000_000, help="Stop an episode there, with status limit.", least=0)
     scan_every: int | str = option(
-        1,
-        help="Equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most cells for its price). With noise "
-        "a number: so many commands of a plan, or fewer where it ends.",
-        metavar="RULE", check=_check_scan_every,
+        1, help="Equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most cells for its price). With "
+        "noise a number: so many commands of a plan, or fewer where it ends.", metavar="RULE", check=_check_scan_every,
     )  # fmt: skip
     scan_cost: float = option(SCAN_COST, help="Price of a scan, in any unit.", least=0, most=DEAREST)
     move_cost: float = option(MOVE_COST, help="Price of a move, in the same unit.", least=0, most=DEAREST)
@@ -199,11 +193,9 @@ class SwarmProblem(Problem):
     vessels: bool = option(False, help="MAP is a photograph: segment its vessels (needs the extra 'imaging').")
     width: int | None = option(None, help="With --vessels: larger side of the map.", unit="cells", least=1)
     low: float = option(
-        0.85,
-        help="With --vessels: response above which a vessel goes on, over the one that splits vessels from ground best.",
-        above=0,
-        most=10,
-    )
+        0.85, help="With --vessels: response above which a vessel goes on, over the one that splits vessels from ground best.",
+        above=0, most=10,
+    )  # fmt: skip
     high: float = option(1.4, help="With --vessels: response that a vessel reaches somewhere; lower finds more.", above=0, most=10)
     bright: bool | None = option(
         None, help="With --vessels: vessels are brighter than what is around them; by default the picture says."
@@ -211,10 +203,8 @@ class SwarmProblem(Problem):
     thickest: float | None = option(
         None,
         help="With --vessels: width of the thickest vessel, as a share of the picture's larger side; by default 0.0185 in a round "
-        "field of view, else 0.035.",
-        above=0,
-        most=0.5,
-    )
+        "field of view, else 0.035.", above=0, most=0.5,
+    )  # fmt: skip
     threshold: float = option(0.5, help="Pictures: pixels at least this bright are free.", least=0, most=1)
     invert: bool = option(False, help="Pictures: dark pixels are free.")
     scale: float = option(1.0, help="Pictures: cells a pixel; 0.5 halves both sides.", above=0, most=64)
@@ -230,16 +220,13 @@ class SwarmProblem(Problem):
                 raise InvalidInputError(f"particles: expected {len(self.start)}, as many as start cells, got {self.particles}")
             object.__setattr__(self, "particles", len(self.start))
         if self.subset is not None and self.task not in ("coverage", "subset-coverage"):
-            raise InvalidInputError(
-                f"subset: expected it only together with the task coverage, got the task {_name_for_people(self.task)}"
-            )
+            task = _name_for_people(self.task)
+            raise InvalidInputError(f"subset: expected it only together with the task coverage, got the task {task}")
         if self.budget is not None and self.time_per_move is not None:
             raise InvalidInputError("budget: expected a budget or a time per move, got both")
         if not self.noise:
             if self.confidence != type(self).confidence:
-                raise InvalidInputError(
-                    f"confidence: expected it together with noise (slip, misplace, miss), got {self.confidence:g} alone"
-                )
+                raise InvalidInputError(f"confidence: expected it together with noise (slip, ...), got {self.confidence:g}")
             return
         object.__setattr__(self, "measures", (*self.measures, *NOISE_MEASURES))
         if self.rule != "block":

@@ -152,7 +152,10 @@ def test_turns_cost():
         (lambda c: search("square:100", robots=1, footprint=10, speed=-1), "speed: expected a number, above 0"),
         (lambda c: search("square:100", robots=1, footprint=10, detection=2), "detection: expected a number from 0 to 1"),
         (lambda c: search("square:100", robots=1, footprint=10, targets=1000), "targets: expected a number from 0 to 100"),
-        (lambda c: search("square:100", robots=1, footprint=10, loss=0.5, simulate=False), "simulated"),
+        (
+            lambda c: search("square:100", robots=1, footprint=10, loss=0.5, simulate=False),
+            "loss or a network: expected a simulation",
+        ),
     ],
 )
 def test_bad_input_is_refused_in_a_sentence(call, words):

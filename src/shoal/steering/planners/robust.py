@@ -7,8 +7,8 @@ from math import inf
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shoal.steering.contact.gain_belief import GainBelief
 from shoal.steering.contact.wall_release import direction_away_from, touched_normals
 from shoal.steering.kernels.contact import first_contact
 from shoal.steering.planners.chains.chain import Chain, ChainQuery
@@ -25,7 +25,6 @@ ASSUMED = 1 / 16  # of the tolerance: noise that is assumed where there is none
 QUIET_MOVES = 12  # with noise that is only assumed
 STOOD, STOOD_RUNS = (0.25, 0.0625), 3  # of the tolerance: noise that is tried, so many runs each
 CENTRAL = np.array([8.0, 40.0])  # sharpness that leaves chains far from all limits
-PRIOR = 0.3  # standard deviation of the gain's slope, in gains a size, before anything is seen
 
 
 @PLANNERS.register("robust")
@@ -95,7 +94,7 @@ class _Loop:
         self.task, self.apparatus, self.noise = task, apparatus, noise
         self.room = task.world.room
         self.least = min(LEAST * self.room.size, max(task.tolerance / 2, 1e-8 * self.room.size))
-        self.field = _Field(self.room, self.noise)
+        self.field = GainBelief(self.room, self.noise)
         self.seen = self._inside(apparatus.look())
 
     @property
@@ -313,54 +312,3 @@ class _Loop:
         middle[:2] = self.room.center
         middle[2:] = self.room.height / 2
         return middle
-
-
-class _Field:
-    """What is known of the gain g(p) = a + b p: a Gaussian belief, made sharper by every free flight."""
-
-    def __init__(self, room: Any, noise: Any) -> None:
-        d = room.dimensions
-        self.size, self.noise = room.size, noise
-        self.center = np.zeros(d)
-        self.center[:2] = room.center
-        self.estimate: NDArray[np.float64] = np.eye(d + 1)[0]
-        self.spread = np.diag(np.r_[PRIOR / 3, np.full(d, PRIOR)]) ** 2 * (1.0 if noise.gain else 1e-12)
-
-    def _features(self, point: Points) -> NDArray[np.float64]:
-        return np.asarray(np.r_[1.0, (point - self.center) / self.size])
-
-    def at(self, point: Points) -> float:
-        """Return the gain at a point."""
-        return max(float(self._features(point) @ self.estimate), 0.2)
-
-    def mean(self, here: Points, there: Points) -> float:
-        """Return the gain on the way between two points."""
-        return self.at((here + there) / 2)
-
-    def doubt(self, here: Points, there: Points) -> float:
-        """Return the standard deviation of that."""
-        features = self._features((here + there) / 2)
-        return float(np.sqrt(features @ self.spread @ features))
-
-    def forth(self, point: Points, move: Points) -> Points:
-        """Return where a move takes a free particle."""
-        middle = point + self.at(point) * move / 2
-        return np.asarray(point + self.at(middle) * move)
-
-    def back(self, point: Points, move: Points) -> Points:
-        """Return from where a move takes a free particle to a point."""
-        middle = point - self.at(point) * move / 2
-        return np.asarray(point - self.at(middle) * move)
-
-    def learn(self, here: Points, there: Points, move: Points) -> None:
-        """Sharpen the belief by one free flight: the gain in its middle is the way over the move."""
-        length = float(np.linalg.norm(move))
-        if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):
-            return
-        gain = float((there - here) @ move) / length**2
-        variance = (2 * self.noise.measurement**2 + self.noise.execution**2) / length**2 + 1e-6
-        features = self._features((here + there) / 2)
-        along = self.spread @ features
-        weight = along / (float(features @ along) + variance)
-        self.estimate = self.estimate + weight * (gain - float(features @ self.estimate))
-        self.spread = self.spread - np.outer(weight, along)

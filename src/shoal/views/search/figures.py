@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from shoal.search import SearchEpisode
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
 from shoal.views.drawing.polygon_paths import hole_in, rings_of
+from shoal.views.drawing.scale_bar import draw_scale_bar
 from shoal.views.search.history import SearchHistory, long_legs, robot_colour
-from shoal.views.search.scale_bar import draw_scale_bar
 from shoal.views.search.timeline import draw_heading, timeline_figure
 
 if TYPE_CHECKING:

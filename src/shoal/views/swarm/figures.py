@@ -13,6 +13,7 @@ from shoal.swarm import SwarmEpisode
 from shoal.swarm.maps.raster import PALETTE, in_strips
 from shoal.views.drawing.charts import MUTED, new_figure, padded_figure, plain_axes, set_title
 from shoal.views.drawing.curves import median_of
+from shoal.views.drawing.scale_bar import draw_scale_bar
 from shoal.views.swarm.cell_colours import NOISY, WRONG_FREE, codes_after, palette_of_cells
 from shoal.views.swarm.volume import Fit, Slices
 from shoal.views.swarm.volume import sheet as volume_sheet
@@ -59,6 +60,9 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     looked = "" if episode.trace.scanned.all() else f" and {scans} scans"
     set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}")
     _legend(axes, coverage=episode.targets is not None, noisy=palette is NOISY, seen=episode.observations is not None)
+    if workspace.spacing is not None:
+        cell = min(workspace.spacing) / fit.pixels_a_cell(900) if workspace.ndim == 3 else workspace.spacing[1]
+        draw_scale_bar(figure, axes, unit="mm", size=cell, above=True)
     return figure
 
 

@@ -16,6 +16,7 @@ from shoal.views.swarm.cell_colours import PLAIN, CellPalette
 
 ELEVATION = 0.35  # radians above the middle from which is looked
 FARTHEST = 0.45  # brightness of what is farthest away
+THROUGH = 0.45  # how much of a hidden particle is seen through the wall of its vessel
 BACKGROUND = tuple(bytes.fromhex(PALETTE["obstacle"][1:]))
 FINEST = 4  # pixels of a cell, before the picture is enlarged
 GAP = 8  # pixels between the parts of a sheet
@@ -69,6 +70,10 @@ class Fit:
         top, bottom = float((height - away * np.sin(elevation)).min()), float((height + away * np.sin(elevation)).max())
         return cls((z, y, x), 2 * (float(away.max()) + margin), bottom - top + 2 * margin, (top + bottom) / 2)
 
+    def pixels_a_cell(self, side: int) -> float:
+        """Return how long the shortest side of a cell is in a turned view of so many pixels."""
+        return 0.96 * side / max(self.wide, self.tall)
+
 
 def _sizes(spacing: tuple[float, ...] | None) -> NDArray[np.float64]:
     """Return the size of a cell along each axis, the smallest 1."""
@@ -113,19 +118,28 @@ def turned_view(
     small = -(-side // coarse)
     picture = np.full((small, small, 3), background, dtype=np.uint8)
     scale = 0.96 * small / largest
-    z, y, x = ((cells + 0.5) * sizes - np.array(fit.centre)).T * scale
-    across, away = x * np.cos(azimuth) + z * np.sin(azimuth), z * np.cos(azimuth) - x * np.sin(azimuth)
-    down, depth = (
-        y * np.cos(elevation) - away * np.sin(elevation) - fit.middle * scale,
-        away * np.cos(elevation) + y * np.sin(elevation),
-    )
+    size = max(1, int(np.ceil(scale * float(sizes.max()))))
+
+    def placed(cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+        z, y, x = ((cells + 0.5) * sizes - np.array(fit.centre)).T * scale
+        across, away = x * np.cos(azimuth) + z * np.sin(azimuth), z * np.cos(azimuth) - x * np.sin(azimuth)
+        down = y * np.cos(elevation) - away * np.sin(elevation) - fit.middle * scale
+        left, top = (np.floor(place + small / 2 - size / 2).astype(np.int64) for place in (across, down))
+        return left, top, away * np.cos(elevation) + y * np.sin(elevation)
+
+    left, top, depth = placed(cells)
     order = np.argsort(-depth, kind="stable")  # the nearest last, over all others
     nearness = 1 - (depth - depth.min()) / max(1e-9, float(np.ptp(depth)))
     shade = (FARTHEST + (1 - FARTHEST) * nearness)[:, None]
-    colours = (palette.rgb[codes[tuple(cells.T)]] * shade).astype(np.uint8)[order]
-    size = max(1, int(np.ceil(scale * float(sizes.max()))))
-    left, top = (np.floor(place[order] + small / 2 - size / 2).astype(np.int64) for place in (across, down))
-    _splat(picture, left, top, depth[order], colours, size)
+    colours = (palette.rgb[codes[tuple(cells.T)]] * shade).astype(np.uint8)
+    _splat(picture, left[order], top[order], depth[order], colours[order], size)
+    # Particles inside a wide vessel shine through its wall.
+    particles = np.argwhere(codes == palette.particle)
+    through, colour = picture.copy(), palette.rgb[palette.particle]
+    _splat(through, *placed(particles), np.broadcast_to(colour, (len(particles), 3)), size)
+    covered = (through == colour).all(axis=2) & (picture != colour).any(axis=2)
+    mixed = THROUGH * colour + (1 - THROUGH) * picture[covered]
+    picture[covered] = mixed.astype(np.uint8)
     return picture.repeat(coarse, axis=0).repeat(coarse, axis=1)[:side, :side]
 
 
@@ -215,6 +229,9 @@ def sheet(
 @lru_cache(maxsize=16)
 def _written(words: str, width: int, height: int) -> NDArray[np.uint8]:
     """Return a line of words, dark on white; uint8, shape (height, width, 3)."""
-    canvas = Canvas(width, height)
-    canvas.text((0, 0.72 * height), words, PALETTE["obstacle"], 0.74 * height)
+    canvas, size = Canvas(width, height), 0.74 * height
+    wide = canvas.text((0, 0.72 * height), words, PALETTE["obstacle"], size)
+    if wide > width:
+        canvas = Canvas(width, height)
+        canvas.text((0, 0.72 * height), words, PALETTE["obstacle"], size * (width - 1) / wide)
     return canvas.frame()

@@ -1,0 +1,63 @@
+"""What a closed loop knows of the gain: how strongly particles follow the input, here and there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.steering.workspaces.convex_geometry import Points
+
+PRIOR = 0.3  # standard deviation of the gain's slope, in gains a size, before anything is seen
+
+
+class GainBelief:
+    """What is known of the gain g(p) = a + b p: a Gaussian belief, made sharper by every free flight."""
+
+    def __init__(self, room: Any, noise: Any) -> None:
+        d = room.dimensions
+        self.size, self.noise = room.size, noise
+        self.center = np.zeros(d)
+        self.center[:2] = room.center
+        self.estimate: NDArray[np.float64] = np.eye(d + 1)[0]
+        self.spread = np.diag(np.r_[PRIOR / 3, np.full(d, PRIOR)]) ** 2 * (1.0 if noise.gain else 1e-12)
+
+    def _features(self, point: Points) -> NDArray[np.float64]:
+        return np.asarray(np.r_[1.0, (point - self.center) / self.size])
+
+    def at(self, point: Points) -> float:
+        """Return the gain at a point."""
+        return max(float(self._features(point) @ self.estimate), 0.2)
+
+    def mean(self, here: Points, there: Points) -> float:
+        """Return the gain on the way between two points."""
+        return self.at((here + there) / 2)
+
+    def doubt(self, here: Points, there: Points) -> float:
+        """Return the standard deviation of that."""
+        features = self._features((here + there) / 2)
+        return float(np.sqrt(features @ self.spread @ features))
+
+    def forth(self, point: Points, move: Points) -> Points:
+        """Return where a move takes a free particle."""
+        middle = point + self.at(point) * move / 2
+        return np.asarray(point + self.at(middle) * move)
+
+    def back(self, point: Points, move: Points) -> Points:
+        """Return from where a move takes a free particle to a point."""
+        middle = point - self.at(point) * move / 2
+        return np.asarray(point - self.at(middle) * move)
+
+    def learn(self, here: Points, there: Points, move: Points) -> None:
+        """Sharpen the belief by one free flight: the gain in its middle is the way over the move."""
+        length = float(np.linalg.norm(move))
+        if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):
+            return
+        gain = float((there - here) @ move) / length**2
+        variance = (2 * self.noise.measurement**2 + self.noise.execution**2) / length**2 + 1e-6
+        features = self._features((here + there) / 2)
+        along = self.spread @ features
+        weight = along / (float(features @ along) + variance)
+        self.estimate = self.estimate + weight * (gain - float(features @ self.estimate))
+        self.spread = self.spread - np.outer(weight, along)

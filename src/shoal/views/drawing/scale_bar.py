@@ -1,0 +1,53 @@
+"""The scale bar of a map, and the arrow to the north."""
+
+from __future__ import annotations
+
+from math import floor, log10
+from typing import TYPE_CHECKING
+
+from shoal.views.drawing.charts import INK
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def bar_length(most: float) -> float:
+    """Return the longest of 1, 2 and 5 times a power of ten that is not longer than ``most``.
+
+    Examples
+    --------
+    >>> bar_length(430.0), bar_length(0.15), bar_length(1000.0)
+    (200.0, 0.1, 1000.0)
+    """
+    unit = 10.0 ** floor(log10(most) + 1e-9)
+    return max(unit * step for step in (1, 2, 5) if unit * step <= most * (1 + 1e-9))
+
+
+def draw_scale_bar(
+    figure: Figure, axes: Axes, *, unit: str = "m", size: float = 1.0, north: bool = False, above: bool = False
+) -> None:
+    """Draw a scale bar under the right end of a map, or above it, and an arrow to the north where up is north.
+
+    Parameters
+    ----------
+    figure, axes : Figure, Axes
+    unit : str
+        Of length, as "m" or "mm".
+    size : float
+        How long one unit of the x axis is in that unit.
+    north, above : bool
+    """
+    from matplotlib.transforms import blended_transform_factory
+
+    left, right = axes.get_xlim()
+    length = bar_length(0.2 * (right - left) * size)
+    place = blended_transform_factory(axes.transData, axes.transAxes if above else figure.transFigure)
+    low = 1.025 if above else axes.get_position().y0 - 0.36 / figure.get_figheight()
+    axes.plot([right - length / size, right], [low, low], color=INK, lw=2.2, solid_capstyle="butt", transform=place, clip_on=False)
+    told = f"{length / 1000:g} km" if unit == "m" and length >= 1000 else f"{length:g} {unit}"
+    words = f"\N{UPWARDS ARROW} N    {told}" if north else told
+    axes.annotate(
+        words, (right - length / size, low), xycoords=place, xytext=(-5, 0), textcoords="offset points", ha="right", va="center",
+        fontsize=8, color=INK, annotation_clip=False,
+    )  # fmt: skip
