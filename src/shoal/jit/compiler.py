@@ -83,15 +83,9 @@ def _named_apart(function: Callable[..., Any]) -> None:
     cache could otherwise stand for another one that this process compiles.
     """
     if "<locals>" in function.__qualname__:
-        made_of = [getattr(cell.cell_contents, "py_func", None) for cell in function.__closure__ or ()]
-        names = [one.__qualname__.split(".")[-1] for one in made_of if one is not None]
+        made_of = [cell.cell_contents for cell in function.__closure__ or ()]
+        names = [one.py_func.__qualname__.split(".")[-1] if hasattr(one, "py_func") else repr(one) for one in made_of]
         function.__qualname__ = f"{function.__qualname__}_{'_'.join(names)}"
-        if function.__qualname__ in _names:
-            raise TypeError(f"{function.__qualname__}: expected a kernel made of others than those before it")
-        _names.add(function.__qualname__)
-
-
-_names: set[str] = set()
 
 
 def _compiled(function: Callable[..., Any], **options: bool) -> Any:

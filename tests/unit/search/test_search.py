@@ -154,7 +154,7 @@ def test_turns_cost():
         (lambda c: search("square:100", robots=1, footprint=10, targets=1000), "targets: expected a number from 0 to 100"),
         (
             lambda c: search("square:100", robots=1, footprint=10, loss=0.5, simulate=False),
-            "loss or a network: expected a simulation",
+            "loss or a network: expected a sim",
         ),
     ],
 )

@@ -34,17 +34,17 @@ class GainBelief:
         """Return the gain on the way between two points."""
         return self.at((here + there) / 2)
 
-    def doubt(self, here: Points, there: Points) -> float:
+    def deviation(self, here: Points, there: Points) -> float:
         """Return the standard deviation of that."""
         features = self._features((here + there) / 2)
         return float(np.sqrt(features @ self.spread @ features))
 
-    def forth(self, point: Points, move: Points) -> Points:
+    def ahead(self, point: Points, move: Points) -> Points:
         """Return where a move takes a free particle."""
         middle = point + self.at(point) * move / 2
         return np.asarray(point + self.at(middle) * move)
 
-    def back(self, point: Points, move: Points) -> Points:
+    def behind(self, point: Points, move: Points) -> Points:
         """Return from where a move takes a free particle to a point."""
         middle = point - self.at(point) * move / 2
         return np.asarray(point - self.at(middle) * move)

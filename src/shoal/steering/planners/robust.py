@@ -171,7 +171,7 @@ class _Loop:
             here = self.seen[toucher]
             inward = self._normal(contact)
             way = contact - here
-            unsure = 2 * self.field.doubt(here, contact) * float(np.linalg.norm(way))
+            unsure = 2 * self.field.deviation(here, contact) * float(np.linalg.norm(way))
             apart = float(inward @ (self.seen[1 - toucher] - here))
             if unsure > min(spread, 0.2 * apart) and attempt < 3:
                 way = way + inward * (unsure + spread)
@@ -214,7 +214,7 @@ class _Loop:
             change = sign * (target - (here[1] - here[0]))
             move = change / self.field.mean(here[other], here[other] + change)
             length = float(np.linalg.norm(move))
-            unsure = 2 * self.field.doubt(here[other], here[other] + change) * length
+            unsure = 2 * self.field.deviation(here[other], here[other] + change) * length
             if unsure > 2 * spread and attempt < 2:
                 move = move * max(1 - (unsure + spread) / length, 0.3)
             push = -float(inward @ move)
@@ -249,7 +249,7 @@ class _Loop:
         before = goal.copy()
         move = (goal - seen).mean(axis=0)
         for _round in range(3):
-            before = np.stack([self.field.back(point, move) for point in goal])
+            before = np.stack([self.field.behind(point, move) for point in goal])
             move = goal[0] - seen[0]
             gain = self.field.mean(seen[0], goal[0])
             move = move / gain
@@ -259,7 +259,7 @@ class _Loop:
         """Return the move that brings both as near to their goals as can be."""
         move = (self.task.goal - seen).mean(axis=0)
         for _round in range(4):
-            after = np.stack([self.field.forth(point, move) for point in seen])
+            after = np.stack([self.field.ahead(point, move) for point in seen])
             move = move + (self.task.goal - after).mean(axis=0)
         return np.asarray(move)
 
