@@ -20,7 +20,7 @@ from shoal.swarm.kernels.search.breadth_first import nearest_cells
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.generators.vessels3d import grow_tree, murray_radius
 from shoal.views import film
-from shoal.views.swarm.cell_colours import codes_of
+from shoal.views.swarm.cell_colours import PLAIN, codes_of
 from shoal.views.swarm.figures import map_figure
 from shoal.views.swarm.page import page_data
 from shoal.views.swarm.volume import Fit, Slices, sheet, sheet_width, slice_pictures, turned_view
@@ -317,3 +317,25 @@ def test_command_line(tmp_path, capsys):
     result = json.loads(capsys.readouterr().out)
     assert (result["status"], result["map"]["free_cells"]) == (["complete"], 200)
     assert (tmp_path / "out" / "map.png").exists()
+
+
+def test_particles_inside_a_wide_vessel_shine_through_its_wall():
+    codes = np.zeros((11, 11, 11), dtype=np.uint8)
+    codes[1:-1, 1:-1, 1:-1] = 2  # free
+    fit = Fit.of(GridWorkspace(np.ones((9, 9, 9), dtype=np.bool_)))
+    without = turned_view(codes, azimuth=0.6, side=120, fit=fit)
+    codes[5, 5, 5] = PLAIN.particle
+    within = turned_view(codes, azimuth=0.6, side=120, fit=fit)
+    changed = (without != within).any(axis=2)
+    assert 20 < changed.sum() < 2000
+    red, green, blue = within[changed].mean(axis=0)
+    assert red > green > blue  # some of the particle's orange
+
+
+def test_a_map_with_known_cells_has_a_scale_bar():
+    for shape, spacing in (((20, 30), (0.5, 0.5)), ((4, 20, 30), (1.0, 0.5, 0.5))):
+        known = GridWorkspace(np.ones(shape, dtype=np.bool_), spacing=spacing)
+        for workspace, found in ((known, True), (GridWorkspace(known.free), False)):
+            episode = run(workspace, particles=5, policy="closest-frontier", max_moves=3)
+            texts = [text.get_text() for text in map_figure(episode).axes[0].texts]
+            assert any(text.endswith(" mm") for text in texts) is found

@@ -25,9 +25,9 @@ def bar_length(most: float) -> float:
 
 
 def draw_scale_bar(
-    figure: Figure, axes: Axes, *, unit: str = "m", size: float = 1.0, north: bool = False, above: bool = False
+    figure: Figure, axes: Axes, *, unit: str = "m", size: float = 1.0, north: bool = False, above: float | None = None
 ) -> None:
-    """Draw a scale bar under the right end of a map, or above it, and an arrow to the north where up is north.
+    """Draw a scale bar under the right end of a map, and an arrow to the north where up is north.
 
     Parameters
     ----------
@@ -36,14 +36,17 @@ def draw_scale_bar(
         Of length, as "m" or "mm".
     size : float
         How long one unit of the x axis is in that unit.
-    north, above : bool
+    north : bool
+    above : float, optional
+        Draw it above the map instead, and end it there on the x axis.
     """
     from matplotlib.transforms import blended_transform_factory
 
     left, right = axes.get_xlim()
     length = bar_length(0.2 * (right - left) * size)
-    place = blended_transform_factory(axes.transData, axes.transAxes if above else figure.transFigure)
-    low = 1.025 if above else axes.get_position().y0 - 0.36 / figure.get_figheight()
+    right = right if above is None else above
+    place = blended_transform_factory(axes.transData, axes.transAxes if above is not None else figure.transFigure)
+    low = 1.025 if above is not None else axes.get_position().y0 - 0.36 / figure.get_figheight()
     axes.plot([right - length / size, right], [low, low], color=INK, lw=2.2, solid_capstyle="butt", transform=place, clip_on=False)
     told = f"{length / 1000:g} km" if unit == "m" and length >= 1000 else f"{length:g} {unit}"
     words = f"\N{UPWARDS ARROW} N    {told}" if north else told

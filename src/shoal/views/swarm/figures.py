@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.patches import Patch
 
 CORNER = 0.6  # radians from which a 3-D map is seen
+SIDE = 900  # pixels of its turned view
 _LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obstacle": "obstacle", "unknown": "unknown"}
 
 
@@ -47,7 +48,7 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     workspace, palette, codes = episode.workspace, palette_of_cells(episode), codes_after(episode, moves)
     if workspace.ndim == 3:
         slices, fit = Slices.of(workspace), Fit.of(workspace)
-        sheet = volume_sheet(codes, slices, azimuth=CORNER, side=900, spacing=workspace.spacing, palette=palette, fit=fit)
+        sheet = volume_sheet(codes, slices, azimuth=CORNER, side=SIDE, spacing=workspace.spacing, palette=palette, fit=fit)
     else:
         sheet = in_strips(palette.rgb[codes])
     height, width = sheet.shape[:2]
@@ -61,8 +62,9 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}")
     _legend(axes, coverage=episode.targets is not None, noisy=palette is NOISY, seen=episode.observations is not None)
     if workspace.spacing is not None:
-        cell = min(workspace.spacing) / fit.pixels_a_cell(900) if workspace.ndim == 3 else workspace.spacing[1]
-        draw_scale_bar(figure, axes, unit="mm", size=cell, above=True)
+        turned = workspace.ndim == 3
+        cell = min(workspace.spacing) / fit.pixels_a_cell(SIDE) if turned else workspace.spacing[1]
+        draw_scale_bar(figure, axes, unit="mm", size=cell, above=SIDE if turned else width - 0.5)
     return figure
 
 
