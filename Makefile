@@ -14,7 +14,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help install demo lint test test-wheel check bench soak docs clean
 
 help:
-	@echo 'make demo     set up, map the vessels of a real eye with 300 particles, write films and figures to ./demo'
+	@echo 'make demo     set up, map the vessels of a real eye with 300 particles, write a film, a player and figures to ./demo'
 	@echo 'make test     set up, run all tests (installs Chromium from Debian if there is none)'
 	@echo 'make install  set up .venv with the command .venv/bin/shoal'
 	@echo 'make test-wheel  build wheel and sdist, run a sample of the tests against the installed wheel, outside the checkout'

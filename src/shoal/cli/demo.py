@@ -35,7 +35,7 @@ def demo(
     """Map the vessels of a real eye: a fundus photograph, 300 particles, one shared command.
 
     Writes the photograph, beside its vessels and with their outline, the vessel map, the picture at the end, the frontier by move,
-    films (GIF, MP4), the HTML player and the episode.
+    a film (MP4), the HTML player and the episode.
     'shoal demo steer' brings two particles to two goals in a square, a hexagon, a disk, a prism and a noisy field instead, and
     writes figures, episodes and two players. 'shoal demo search' sends 12 robots through a marsh around a lake; three of them die;
     it writes figures, the player, the episode and missions.
@@ -73,12 +73,12 @@ def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
     result = summary([episode], seed=seed)
     pictures = {
         "photograph.jpg": photograph,
-        "overlay.png": overlay_picture(photograph, mask),
-        "comparison.png": beside(photograph, mask),
+        "overlay.jpg": overlay_picture(photograph, mask),
+        "comparison.jpg": beside(photograph, mask),
     }
     written = [save_picture(picture, out / name) for name, picture in pictures.items()]
     write_map(workspace, out / "vessels.png")
-    films = [out / "film.html", out / "film.gif", out / "film.mp4"]
+    films = [out / "film.html", out / "film.mp4"]
     written += [out / "vessels.png", *write_outputs([episode], result, out, films)]
     if json_:
         print_json(result | {"files": [str(path) for path in written]})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 
 import numpy as np
 from matplotlib import get_data_path
@@ -80,32 +81,38 @@ def pictures_with_legend(
     episode: SwarmEpisode, moves: Iterable[int], pictures: Iterable[NDArray[np.uint8]]
 ) -> Iterator[NDArray[np.uint8]]:
     """Yield pictures enlarged by whole pixels, with a caption: the move, the arrow of its command, and what the colours mean."""
+    blank: Image.Image | None = None
     for move, picture in zip(moves, pictures, strict=True):
         short, long = sorted(picture.shape[:2])
         times = max(1, min(-(-SHORT_SIDE // short), LONG_SIDE // long))
-        cells = np.repeat(np.repeat(picture, times, axis=0), times, axis=1)
-        height, width = cells.shape[:2]
-        sheet = np.full((height + height % 2 + CAPTION, width + width % 2, 3), _colour("free"), dtype=np.uint8)
-        sheet[:height, :width] = cells
-        sheet[-CAPTION:] = _caption(episode, int(move), sheet.shape[1])
-        yield sheet
+        height, width = (side * times for side in picture.shape[:2])
+        if blank is None:
+            blank = _legend(episode, width + width % 2, height + height % 2 + CAPTION)
+        sheet = blank.copy()
+        sheet.paste(Image.fromarray(picture).resize((width, height), Image.Resampling.NEAREST))
+        command = episode.commands[move - 1] if move else ""
+        arrow = "   " + ARROWS.get(command, {"i": "in", "o": "out"}.get(command, ""))
+        text = f"move {move} of {episode.moves}{arrow}"
+        ImageDraw.Draw(sheet).text((10, sheet.height - CAPTION + 8), text, _colour("obstacle"), _font(sheet.width))
+        yield np.asarray(sheet)
 
 
-def _caption(episode: SwarmEpisode, move: int, width: int) -> NDArray[np.uint8]:
-    strip = Image.new("RGB", (width, CAPTION), _colour("free"))
-    pen, ink = ImageDraw.Draw(strip), _colour("obstacle")
-    size = min(20.0, width / 38)
-    font = ImageFont.truetype(_FONT, size)
-    command = episode.commands[move - 1] if move else ""
-    arrow = "   " + ARROWS.get(command, {"i": "in", "o": "out"}.get(command, ""))
-    pen.text((10, 8), f"move {move} of {episode.moves}{arrow}", ink, font)
-    left = 10.0
+def _legend(episode: SwarmEpisode, width: int, height: int) -> Image.Image:
+    """Return what all frames share: at the foot, what the colours mean."""
+    sheet = Image.new("RGB", (width, height), _colour("free"))
+    pen, font, top = ImageDraw.Draw(sheet), _font(width), height - CAPTION
+    left, size = 10.0, font.size
     names = dict(LEGEND, frontier="not covered yet") if episode.targets is not None else LEGEND
     for key, name in names.items():
-        pen.rectangle((left, 41, left + 0.8 * size, 41 + 0.8 * size), _colour(key), _colour("unknown"))
-        pen.text((left + 1.2 * size, 38), name, ink, font)
+        pen.rectangle((left, top + 41, left + 0.8 * size, top + 41 + 0.8 * size), _colour(key), _colour("unknown"))
+        pen.text((left + 1.2 * size, top + 38), name, _colour("obstacle"), font)
         left += 2.4 * size + pen.textlength(name, font)
-    return np.asarray(strip)
+    return sheet
+
+
+@cache
+def _font(width: int) -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(_FONT, min(20.0, width / 38))
 
 
 def scan_strip(scanned: NDArray[np.bool_], move: int, width: int) -> NDArray[np.uint8]:
