@@ -25,7 +25,9 @@ import shoal.swarm
 import shoal.views
 from shoal.cli import run
 from shoal.cli.commands import COMMANDS, command
+from shoal.lab import worker_pools
 from shoal.swarm import GridWorkspace, GridWorld
+from shoal.views.drawing.encoding import LONGEST
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
@@ -133,30 +135,44 @@ def write_files_of(text: str) -> list[str]:
     return [name for name, _ in shown]
 
 
+@pytest.fixture
+def in_short(monkeypatch, tmp_path):
+    """Let commands run in a folder of their own, films have few frames and sweeps no processes."""
+    monkeypatch.chdir(tmp_path)
+    for suffix in LONGEST:
+        monkeypatch.setitem(LONGEST, suffix, 10)
+    monkeypatch.setattr(worker_pools, "Processes", lambda _: worker_pools.InProcess())
+
+
+def run_in_short(line):
+    """Run a command with three trials at most."""
+    name, *arguments = shlex.split(re.sub(r"--trials \d+", "--trials 3", line))
+    assert name == "shoal"
+    return run(arguments)
+
+
+@pytest.mark.usefixtures("in_short")
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: str(page.relative_to(ROOT)))
 def test_commands_of_a_page_run_in_their_order(page, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     for module in write_files_of(page.read_text()):
         monkeypatch.delitem(sys.modules, module, raising=False)
     for line in commands_of(page.read_text()):
-        name, *arguments = shlex.split(line)
-        assert name == "shoal"
-        assert run(arguments) == 0, f"{line}: {capsys.readouterr().err}"
+        assert run_in_short(line) == 0, f"{line}: {capsys.readouterr().err}"
 
 
-def test_examples_of_help_run(tmp_path, monkeypatch):
+@pytest.mark.usefixtures("in_short")
+def test_examples_of_help_run():
     """Each command's --help ends with an example. That of demo is what `make demo` runs: it takes ten seconds."""
-    monkeypatch.chdir(tmp_path)
     assert run(["map", "maze:9x7", "-n", "3", "--out", "result"]) == 0  # what replay's example replays
     write_files_of((ROOT / "docs" / "concepts" / "steering.md").read_text())  # steer's problem.json
     write_files_of((ROOT / "docs" / "how-to" / "sweeps.md").read_text())  # sweep run's sweep.toml
     write_files_of((ROOT / "docs" / "concepts" / "missions.md").read_text())  # the missions that missions check looks over
     for name in COMMANDS:
-        example = command(name).epilog.removeprefix("Example: shoal ")
-        assert f"{example} ".startswith(f"{name} ")
+        example = command(name).epilog.removeprefix("Example: ")
+        assert f"{example} ".startswith(f"shoal {name} ")
         if name != "demo":
-            assert run(shlex.split(example)) == 0, example
+            assert run_in_short(example) == 0, example
 
 
 def test_reference_pages_are_fresh(monkeypatch):

@@ -29,6 +29,7 @@ from shoal.swarm.theory.scan_schedules import (
     worst_of_both,
 )
 from shoal.views import film
+from shoal.views.drawing.encoding import LONGEST
 from shoal.views.swarm.films import scan_strip
 
 
@@ -286,8 +287,10 @@ def test_runs_go_on_into_the_unknown_but_not_past_a_turn():
     assert len(cave.commands) > 2 * cave.scans
 
 
-def test_films_show_scans(tmp_path):
-    episode = play(GridWorkspace(np.ones((6, 40), dtype=bool)), particles=3, scan_every="adaptive")
+def test_films_show_scans(tmp_path, monkeypatch):
+    for suffix in LONGEST:
+        monkeypatch.setitem(LONGEST, suffix, 10)
+    episode = play(GridWorkspace(np.ones((6, 20), dtype=bool)), particles=3, scan_every="adaptive")
     assert not episode.trace.scanned.all()
     film(episode, tmp_path / "film.gif")
     film(episode, tmp_path / "film.mp4")

@@ -20,6 +20,7 @@ from shoal.swarm.kernels.search.breadth_first import nearest_cells
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.generators.vessels3d import grow_tree, murray_radius
 from shoal.views import film
+from shoal.views.drawing.encoding import LONGEST
 from shoal.views.swarm.cell_colours import PLAIN, codes_of
 from shoal.views.swarm.figures import map_figure
 from shoal.views.swarm.page import page_data
@@ -242,7 +243,8 @@ def test_policies_map_a_tree(policy):
     assert run(workspace, particles=30, task="coverage", policy="closest-frontier").status == "complete"
 
 
-def test_films_figures_and_data(tmp_path):
+def test_films_figures_and_data(tmp_path, monkeypatch):
+    monkeypatch.setitem(LONGEST, ".gif", 8)
     workspace = GridWorkspace(generate("vessels3d:120"), name="tree", spacing=(1.0, 0.5, 2.0))
     episode = run(workspace, particles=10)
     episode.save(tmp_path / "e.npz")

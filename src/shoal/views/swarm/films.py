@@ -24,13 +24,12 @@ SHORT_SIDE, LONG_SIDE = 720, 1920  # pixels: at least, and at most unless the ma
 CAPTION = 68  # pixels, below the cells
 TURNS = 2  # of a volume in a film
 VOLUME_SIDE = 720  # pixels of the view that turns
-VOLUME_FRAMES = 400  # of a film of one
 
 
 def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
     """Return the film of an episode, for a GIF or H.264; of longer episodes it shows every k-th move."""
     volume = episode.workspace.ndim == 3
-    shown = shown_moves(episode.moves, VOLUME_FRAMES if volume else LONGEST[suffix])
+    shown = shown_moves(episode.moves, LONGEST[".gif" if volume else suffix])
     return Clip(
         frames=lambda moves: pictures_with_legend(episode, moves, film_frames(episode, np.asarray(moves))),
         moments=shown.tolist(),
