@@ -1,0 +1,33 @@
+"""Environments for learning: Gymnasium's for swarms and steering, PettingZoo's for searches (extra ``envs``).
+
+Importing this module registers ``shoal/Mapping-v0``, ``shoal/Coverage-v0``, ``shoal/SubsetCoverage-v0`` and ``shoal/Steering-v0``;
+``gymnasium.make("shoal.envs:shoal/Mapping-v0")`` imports it itself.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from shoal.errors import MissingExtraError
+
+try:
+    import gymnasium
+except ImportError:
+    raise MissingExtraError('environments need the extra "envs": pip install "shoal[envs]"') from None
+
+from shoal.envs.options import OptionError, SteeringEnvOptions, SwarmEnvOptions
+from shoal.envs.swarm import SwarmEnv
+
+__all__ = ["REGISTERED", "OptionError", "SteeringEnvOptions", "SwarmEnv", "SwarmEnvOptions"]
+
+_SWARM: dict[str, Any] = {"map": "vessels:1000", "max_moves": 1000}
+
+REGISTERED: dict[str, tuple[str, dict[str, Any]]] = {
+    "shoal/Mapping-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "mapping"}),
+    "shoal/Coverage-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "coverage"}),
+    "shoal/SubsetCoverage-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "subset-coverage"}),
+}
+"""By id: the class, and the options that are not at the default of their field; each may be given anew in `gymnasium.make`."""
+
+for _name, (_entry, _options) in REGISTERED.items():
+    gymnasium.register(id=_name, entry_point=_entry, kwargs=_options)

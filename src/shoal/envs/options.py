@@ -1,0 +1,147 @@
+"""Options of environments: the fields of a part's problem, and what only an environment has, declared in the same way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeVar
+
+import gymnasium
+
+from shoal.checks import check_integer, shortened, suggestion
+from shoal.errors import InvalidInputError, ShoalError
+from shoal.problem import Problem, option
+
+P = TypeVar("P", bound=Problem)
+O = TypeVar("O", bound="EnvOptions")  # noqa: E741 - an option
+
+OBSERVATIONS = ("planes", "window", "compact")
+CENTERS = ("particles", "frontier")
+
+
+class OptionError(InvalidInputError, gymnasium.error.Error):
+    """An option of an environment, or of its reset, is not as expected; a ValueError, and an error of Gymnasium."""
+
+
+@dataclass(frozen=True, eq=False)
+class EnvOptions(Problem):
+    """What an environment has beyond the fields of its problem."""
+
+    decided: ClassVar[tuple[str, ...]] = ()
+    """Fields of the problem that an environment has not, as whoever steps it decides that."""
+
+
+def _check_maps(given: Any) -> tuple[str, ...]:
+    if isinstance(given, str) or not all(isinstance(name, str) for name in given):
+        raise InvalidInputError(f"maps: expected a list of names or paths, got {shortened(given)}")
+    return tuple(given)
+
+
+def _check_window(given: Any) -> int:
+    side = check_integer(given, what="window", least=3)
+    if side % 2 == 0:
+        raise InvalidInputError(f"window: expected an odd number of cells, so that one is in the middle, got {side}")
+    return side
+
+
+@dataclass(frozen=True, eq=False)
+class SwarmEnvOptions(EnvOptions):
+    """What the environments of swarms have beyond the fields of a SwarmProblem: observation and reward."""
+
+    part: ClassVar[str] = "swarm-environment"
+    decided: ClassVar[tuple[str, ...]] = ("policy", "budget", "time_per_move")
+
+    maps: tuple[str, ...] = option(
+        (), help="Maps of which each episode draws one, in place of MAP; observations have the size of the largest.",
+        metavar="MAP ...", check=_check_maps, dump=list,
+    )  # fmt: skip
+    observation: str = option(
+        "planes", help="planes (all cells), window (the cells around one place) or compact (a few numbers).", choices=OBSERVATIONS
+    )
+    window: int = option(33, help="Side of the window.", unit="cells", least=3, check=_check_window)
+    center: str = option(
+        "particles", help="Middle of the window: of the particles, or the frontier cell that is nearest to one.", choices=CENTERS
+    )
+    classified_reward: float = option(1.0, help="Reward for each cell that is newly classified; in coverage, covered.")
+    move_price: float = option(1.0, help="What is taken from the reward for each command.")
+    final_bonus: float = option(100.0, help="Reward when the task is done.")
+
+
+@dataclass(frozen=True, eq=False)
+class SteeringEnvOptions(EnvOptions):
+    """What the environment of steering has beyond the fields of a SteeringProblem: its input and its reward."""
+
+    part: ClassVar[str] = "steering-environment"
+    decided: ClassVar[tuple[str, ...]] = ("planner", "time")
+
+    longest_move: float = option(1.0, help="Length along each axis of the action 1, in multiples of the workspace's size.", above=0)
+    progress_reward: float = option(
+        1.0, help="Reward for each size of the workspace by which the particle that is farthest from its goal comes nearer."
+    )
+    move_price: float = option(0.01, help="What is taken from the reward for each move.")
+    final_bonus: float = option(1.0, help="Reward when all particles are at their goals.")
+
+
+@dataclass(frozen=True, eq=False)
+class SearchEnvOptions(EnvOptions):
+    """What the environment of a search has beyond the fields of a SearchProblem: action, reward and limit."""
+
+    part: ClassVar[str] = "search-environment"
+    decided: ClassVar[tuple[str, ...]] = ("allocation", "simulate", "live")
+
+    action: str = option(
+        "direction", help="direction (one cell on, or stay) or cell (any one of all).", choices=("direction", "cell")
+    )
+    reward: str = option("shared", help="shared (all agents get the mean of all) or own.", choices=("shared", "own"))
+    searched_reward: float = option(1.0, help="Reward for each cell that nobody had searched before.")
+    step_price: float = option(0.1, help="What is taken from an agent's reward for each step.")
+    final_bonus: float = option(10.0, help="Reward of each agent that lives when all is searched.")
+    max_steps: int = option(
+        10_000, help="Stop an episode there; a step takes as long as a robot of speed 1 takes for a cell.", least=1
+    )
+
+
+ENVIRONMENTS: tuple[type[EnvOptions], ...] = (SwarmEnvOptions, SteeringEnvOptions, SearchEnvOptions)
+
+
+def split_fields(fields: Mapping[str, Any], problem: type[P], options: type[O]) -> tuple[P, O]:
+    """Return the problem and the options that keyword arguments make.
+
+    Raises
+    ------
+    OptionError
+        In one sentence: for a field that is unknown or not as expected.
+    """
+    offered = [name for name in problem.declarations() if name not in options.decided] + list(options.declarations())
+    for name, value in fields.items():
+        if name in options.decided:
+            raise OptionError(f"{name}: expected no such option, as whoever steps the environment decides, got {shortened(value)}")
+        if name not in offered:
+            raise OptionError(f"{name}: expected no such option, got {shortened(value)}{suggestion(name, offered)}")
+    own = options.declarations()
+    with option_errors():
+        made = options(**{name: value for name, value in fields.items() if name in own})
+        return problem(**{name: value for name, value in fields.items() if name not in own}), made
+
+
+@contextmanager
+def option_errors() -> Iterator[None]:
+    """Raise what Shoal finds wrong with options as an `OptionError`."""
+    try:
+        yield
+    except ShoalError as error:
+        raise OptionError(str(error)) from None
+
+
+def check_render_mode(render_mode: str | None, known: list[str]) -> str | None:
+    """Return a render mode; raise UnsupportedMode, as Gymnasium's users expect, for one that is unknown."""
+    if render_mode is not None and render_mode not in known:
+        raise gymnasium.error.UnsupportedMode(f"render_mode: expected one of {', '.join(known)}, got {shortened(render_mode)}")
+    return render_mode
+
+
+def check_running(running: bool) -> None:
+    """Refuse a step in an environment that is not between reset and the end of its episode."""
+    if not running:
+        raise gymnasium.error.ResetNeeded("step: expected a reset first, as no episode is going on, got an action")
