@@ -47,10 +47,10 @@ install: $(VENV)/.run-installed
 demo: install
 	@$(BIN)/shoal demo --out demo
 
-# Kernels are compiled once, before several test processes would do it at the same time.
+# Kernels and the tests' byte code are compiled once, before several test processes would do it at the same time.
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
 	@map='$(BIN)/shoal map rectangle:9x9 --particles 3 --json'; folder=$$(mktemp -d); \
-	  { $$map --policy closest-frontier && $$map --scan-every adaptive --scan-cost 2 && $$map --slip 0.1 --policy closest-frontier; \
+	  { $(BIN)/python -m pytest --collect-only -q && $$map --policy closest-frontier && $$map --scan-every adaptive --scan-cost 2 && $$map --slip 0.1 --policy closest-frontier; \
 	    for policy in elect-particle depth-first sweep; do $$map --policy $$policy; done; $$map --rule tilt; \
 	    for tour in hilbert moore hilbert-rectangle comb spanning-tree; do $(BIN)/shoal tour $$tour cave:20x15 --json; done; \
 	    $(BIN)/shoal tour hilbert 3x3x3 --json; } >/dev/null & rest=$$!; \

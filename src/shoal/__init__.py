@@ -12,6 +12,12 @@ Names are loaded when they are first used, so that ``import shoal`` is quick.
 
 from __future__ import annotations
 
+import sys
+
+if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
+    # `python -m shoal` puts the current folder first: a file in it would be taken for a module of Python's own.
+    del sys.path[0]
+
 from typing import TYPE_CHECKING
 
 from shoal.registry import loaded_on_use

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from shoal.errors import InvalidInputError, UnknownNameError
@@ -13,6 +15,62 @@ if TYPE_CHECKING:
     import inspect
 
 T = TypeVar("T")
+
+_FOLDERS: list[str] = []
+"""Where modules of the user's own lie, besides those that Python finds by itself."""
+_FROM_FOLDERS: list[str] = []
+"""The modules that were found there."""
+
+
+def look_in(folder: str) -> None:
+    """Let ``module:attribute`` mean modules in a folder, too: after all that Python finds by itself, and nothing else.
+
+    So a file ``email.py`` in the folder where a command is typed is not taken for Python's own.
+
+    Examples
+    --------
+    >>> look_in("/nowhere")
+    >>> Registry[type]("policy").get("math:pi")
+    3.141592653589793
+    """
+    if folder not in _FOLDERS:
+        _FOLDERS.append(folder)
+
+
+def users_modules() -> tuple[list[str], list[str]]:
+    """Return the folders and the modules found in them: what `import_users_modules` of a worker process needs."""
+    return list(_FOLDERS), list(_FROM_FOLDERS)
+
+
+def import_users_modules(folders: list[str], modules: list[str]) -> None:
+    """Import in this process what the user named in another; what fails is told when it is used.
+
+    Parameters
+    ----------
+    folders, modules : list of str
+        As `users_modules` returns them.
+    """
+    for folder in folders:
+        look_in(folder)
+    for name in modules:
+        with suppress(Exception, SystemExit):
+            _imported(name)
+
+
+def _imported(name: str) -> ModuleType:
+    """Return a module that the user named; the folders of the user's own are on the path only meanwhile."""
+    added = [folder for folder in _FOLDERS if folder not in sys.path]
+    sys.path.extend(added)
+    importlib.invalidate_caches()
+    try:
+        module = importlib.import_module(name)
+    finally:
+        for folder in added:
+            with suppress(ValueError):
+                sys.path.remove(folder)
+    if name not in _FROM_FOLDERS and (getattr(module, "__file__", None) or "").startswith(tuple(added) or ("\0",)):
+        _FROM_FOLDERS.append(name)
+    return module
 
 
 class Registry(Generic[T]):
@@ -85,8 +143,8 @@ class Registry(Generic[T]):
         if module_name in self._items:
             raise UnknownNameError(f"the {self.kind} {module_name!r} takes no option {attribute!r}")
         try:
-            found: T = getattr(importlib.import_module(module_name), attribute)
-        except Exception as error:  # the module is somebody's: anything may happen in it
+            found: T = getattr(_imported(module_name), attribute)
+        except (Exception, SystemExit) as error:  # the module is somebody's: anything may happen in it
             what = " ".join(str(error).split())
             raise UnknownNameError(f"cannot import the {self.kind} {name!r}: {type(error).__name__}: {what}") from error
         return found

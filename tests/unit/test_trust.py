@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -149,3 +151,39 @@ def test_what_is_none_of_its_kind_gets_one_sentence(arguments, capfd):
     assert printed.startswith("shoal: ")
     assert printed.count("\n") == 1
     assert "expected" in printed
+
+
+SCRIPT = "import sys; sys.path.pop(0); from shoal.__main__ import main; main()"  # as the installed command begins
+MINE = """
+from shoal.swarm.policies import ClosestFrontier
+
+class Mine(ClosestFrontier):
+    name = "mine"
+
+    def decide(self, *given):
+        return super().decide(*given)
+"""
+
+
+@pytest.mark.parametrize("begin", [["-m", "shoal"], ["-c", SCRIPT]], ids=["module", "script"])
+def test_files_in_the_current_folder_are_not_taken_for_modules_of_others(begin, tmp_path):
+    """A folder of downloads runs nothing; the user's own module in it is found, also by worker processes."""
+    for name in ("email", "numba", "PIL", "secrets", "calendar", "typing", "scipy", "pydantic", "rich", "typer"):
+        (tmp_path / f"{name}.py").write_text(f"import pathlib; pathlib.Path('ran-{name}').touch()\n")
+    (tmp_path / "mine.py").write_text(MINE)
+    for options in ([], ["--policy", "mine:Mine", "--trials", "2"]):
+        words = [*begin, "map", "line:9", "-n", "2", *options, "--json"]
+        ended = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert ended.returncode == 0, ended.stderr
+        assert json.loads(ended.stdout)["policy"] == "mine" or not options
+    assert not list(tmp_path.glob("ran-*"))
+
+
+@pytest.mark.parametrize(("options", "exit_code"), [(["--json"], 0), (["--out", "there"], 2)])
+def test_in_a_working_folder_that_was_deleted(options, exit_code, tmp_path):
+    """What writes nothing there runs, all else gets one sentence."""
+    code = f"import os; os.mkdir('gone'); os.chdir('gone'); os.rmdir({str(tmp_path / 'gone')!r}); {SCRIPT}"
+    words = [sys.executable, "-c", code, "map", "line:9", "-n", "2", *options]
+    ended = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == exit_code
+    assert ended.stderr.count("\n") == (exit_code == 2)

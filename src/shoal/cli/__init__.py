@@ -15,6 +15,7 @@ from shoal.cli.commands import app
 from shoal.cli.output import say
 from shoal.errors import ShoalError
 from shoal.notices import listeners
+from shoal.registry import look_in
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
@@ -74,7 +75,8 @@ def _refuse(text: str) -> int:
 
 def main() -> NoReturn:
     """Entry point of the ``shoal`` command."""
-    sys.path.insert(0, os.getcwd())  # a user's own policy, MODULE:ATTRIBUTE, lies where the command is typed
+    with suppress(OSError):  # the folder may have been deleted
+        look_in(os.getcwd())  # a user's own policy, MODULE:ATTRIBUTE, lies where the command is typed
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # letters that a terminal or a pipe cannot take are no reason to stop

@@ -8,6 +8,7 @@ import signal
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 
 from shoal.errors import InvalidInputError
+from shoal.registry import import_users_modules, users_modules
 
 
 def default_workers() -> int:
@@ -29,12 +30,14 @@ def make_executor(workers: int, *, compiled: bool) -> Executor:
         raise InvalidInputError(f"workers: expected 1 or more, got {workers}")
     if compiled:
         return ThreadPoolExecutor(workers, thread_name_prefix="shoal")
-    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=leave_interruptions_to_us)
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=begin_worker, initargs=users_modules())
 
 
-def leave_interruptions_to_us() -> None:
-    """Ignore Ctrl-C in a worker: a terminal sends it to all processes, and each would print a traceback."""
+def begin_worker(folders: list[str], modules: list[str]) -> None:
+    """Ignore Ctrl-C in a worker, which a terminal sends to all processes; import the user's own modules, as the starter did."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    import_users_modules(folders, modules)
 
 
 def give_up(executor: Executor) -> None:

@@ -14,8 +14,9 @@ from multiprocessing.connection import wait
 from typing import Any, Protocol
 
 from shoal.errors import InvalidInputError, MissingExtraError
-from shoal.lab.executors import default_workers, give_up, leave_interruptions_to_us
+from shoal.lab.executors import begin_worker, default_workers, give_up
 from shoal.lab.versions import check_versions, worker_versions
+from shoal.registry import users_modules
 
 
 class WorkerPool(Protocol):
@@ -78,7 +79,9 @@ class Processes:
         """Let a worker call a function."""
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self.workers, mp_context=context, initializer=_end_with_parent)
+            self._pool = ProcessPoolExecutor(
+                self.workers, mp_context=context, initializer=_end_with_parent, initargs=users_modules()
+            )
         try:
             with _interruptions_kept():
                 return self._pool.submit(function, *arguments)
@@ -116,9 +119,9 @@ def _interruptions_kept() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _end_with_parent() -> None:
-    """End this worker when its coordinator is gone: else it would wait for work for ever."""
-    leave_interruptions_to_us()
+def _end_with_parent(folders: list[str], modules: list[str]) -> None:
+    """Begin a worker that ends when its coordinator is gone: else it would wait for work for ever."""
+    begin_worker(folders, modules)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_watch_parent, args=(parent.sentinel,), daemon=True).start()
