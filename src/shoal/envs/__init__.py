@@ -16,9 +16,10 @@ except ImportError:
     raise MissingExtraError('environments need the extra "envs": pip install "shoal[envs]"') from None
 
 from shoal.envs.options import OptionError, SteeringEnvOptions, SwarmEnvOptions
+from shoal.envs.steering import SteeringEnv
 from shoal.envs.swarm import SwarmEnv
 
-__all__ = ["REGISTERED", "OptionError", "SteeringEnvOptions", "SwarmEnv", "SwarmEnvOptions"]
+__all__ = ["REGISTERED", "OptionError", "SteeringEnv", "SteeringEnvOptions", "SwarmEnv", "SwarmEnvOptions"]
 
 _SWARM: dict[str, Any] = {"map": "vessels:1000", "max_moves": 1000}
 
@@ -26,6 +27,7 @@ REGISTERED: dict[str, tuple[str, dict[str, Any]]] = {
     "shoal/Mapping-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "mapping"}),
     "shoal/Coverage-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "coverage"}),
     "shoal/SubsetCoverage-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "subset-coverage"}),
+    "shoal/Steering-v0": ("shoal.envs.steering:SteeringEnv", {"tolerance": 0.01}),
 }
 """By id: the class, and the options that are not at the default of their field; each may be given anew in `gymnasium.make`."""
 

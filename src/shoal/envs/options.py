@@ -134,6 +134,14 @@ def option_errors() -> Iterator[None]:
         raise OptionError(str(error)) from None
 
 
+def check_no_options(options: Mapping[str, Any] | None, known: tuple[str, ...] = ()) -> None:
+    """Refuse options of a reset that are not known."""
+    for name in options or {}:
+        if name not in known:
+            offered = f"one of {', '.join(known)}" if known else "none"
+            raise OptionError(f"reset: options: expected {offered}, got {shortened(name)}")
+
+
 def check_render_mode(render_mode: str | None, known: list[str]) -> str | None:
     """Return a render mode; raise UnsupportedMode, as Gymnasium's users expect, for one that is unknown."""
     if render_mode is not None and render_mode not in known:

@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from shoal.checks import shortened
 from shoal.envs import observations
-from shoal.envs.options import OptionError, SwarmEnvOptions, check_render_mode, check_running, option_errors, split_fields
+from shoal.envs.options import (
+    OptionError,
+    SwarmEnvOptions,
+    check_no_options,
+    check_render_mode,
+    check_running,
+    option_errors,
+    split_fields,
+)
 from shoal.envs.rendering import MODES, close_window, enlarged, rendered
 from shoal.errors import InvalidInputError
 from shoal.swarm.grid.belief import Belief
@@ -24,6 +32,7 @@ from shoal.swarm.noise.simulated import noisy_belief
 from shoal.swarm.policies.paths import route_to_frontier, step_from
 from shoal.swarm.policies.protocol import View
 from shoal.swarm.problem import SwarmProblem
+from shoal.swarm.run import run
 from shoal.swarm.simulation.exact import ExactSwarm
 from shoal.swarm.simulation.noisy import NoisySwarm
 
@@ -127,9 +136,7 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
         return self._told()
 
     def _chosen_map(self, options: dict[str, Any]) -> int:
-        for name in options:
-            if name != "map":
-                raise OptionError(f"reset: options: expected no option but map, got {shortened(name)}")
+        check_no_options(options, ("map",))
         chosen = options.get("map")
         if chosen is None:
             return int(self.np_random.integers(len(self._problems)))
@@ -214,6 +221,25 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
         """What a policy of `shoal.swarm` may see now."""
         occupied = self._swarm.state.occupied
         return View(self._swarm.belief, occupied, self.problem.rule, self._mapping, self.moves, *self._last_row)
+
+    def expert_actions(self, policy: Any) -> list[int]:
+        """Return the actions of a policy's whole episode, for the episode that has just begun.
+
+        Parameters
+        ----------
+        policy : str or Policy
+
+        Raises
+        ------
+        OptionError
+            For a policy that cannot do it, and with ``scan_every``, since policies choose the lengths of their runs.
+        """
+        check_running(self._running)
+        with option_errors():
+            if not self._scanning.every_move:
+                raise InvalidInputError(f"scan_every: expected 1 for the actions of a policy, got {self._scanning.every}")
+            problem = self._problems[self._drawn["map"]].replaced(policy=policy)
+            return [LETTERS.index(letter) for letter in run(problem, seed=self._drawn["seed"]).commands]
 
     def render(self) -> Any:
         """Return a picture (rgb_array), a text (ansi) or None (human: a window shows it).

@@ -21,6 +21,7 @@ from shoal.steering.workspaces.region import Region
 # Worlds and planners call kernels, whose compiler takes a second to load: they are imported when a problem is checked, so that
 # commands, which read the declarations below, start at once.
 
+DRAWS = 100_000  # of a random point, before there is no room for it
 FINEST = 1e-8  # of the size: contacts are no more exact
 RANDOM = "random"
 PLANNER_NAMES = ("shortest", "greedy", "fewest-moves", "robust", "sampling")
@@ -298,19 +299,24 @@ class SteeringProblem(Problem):
         return start, goal
 
     def _drawn(self, rng: np.random.Generator) -> Points:
-        """Return a point for each particle, uniform in the workspace."""
-        workspace = self.place
+        """Return a point for each particle, uniform in the workspace; particles with a radius fit in and do not overlap."""
+        workspace, room, apart = self.place, self.world().room, 2 * self.particle_radius
         if workspace.round:
             low, high = workspace.center - workspace.radius, workspace.center + workspace.radius
         else:
             corners = workspace.outline if isinstance(workspace, Region) else workspace.vertices
             low, high = corners.min(axis=0), corners.max(axis=0)
         points: list[Points] = []
-        while len(points) < self.n_particles:
+        for _ in range(DRAWS):
             point = rng.uniform(low, high)
-            if workspace.contains(point):
+            if room.contains(point) and all(np.linalg.norm(point - other) >= apart for other in points):
                 points.append(point)
-        return np.array(points)
+            if len(points) == self.n_particles:
+                return np.array(points)
+        raise InvalidInputError(
+            f"particle radius: expected room for {self.n_particles} particles, got none for a radius of {self.particle_radius:g} "
+            f"after {DRAWS} draws"
+        )
 
 
 def check_can_part(start: Points, goal: Points, tolerance: float) -> None:
