@@ -24,7 +24,7 @@ from shoal.views.swarm.page import player_page
 
 @pytest.fixture(scope="module")
 def episode():
-    return run(open_map("maze:15x11"), particles=10, seed=2)
+    return run(open_map("maze:9x7"), particles=4, seed=2)
 
 
 def picture_of(state, belief):
@@ -38,7 +38,7 @@ def colour(name):
 def test_raster_shows_every_state(episode):
     state, belief = next(iter(episode.frames()))
     raster = belief.picture(state.occupied)
-    assert raster.shape == (13, 17, 3)
+    assert raster.shape == (9, 11, 3)
     for cell in state.cells.tolist():
         assert tuple(raster[cell[0] + 1, cell[1] + 1]) == colour("particle")
     shown = {tuple(pixel) for pixel in raster.reshape(-1, 3).tolist()}
@@ -89,14 +89,14 @@ def test_gif_shows_each_move(episode, tmp_path):
         assert picture.n_frames == episode.moves + 1
         picture.seek(picture.n_frames - 1)
         assert min(picture.size) >= 720
-        cells = picture.convert("RGB").crop((0, 0, 17 * 56, 13 * 56))
-        last = np.asarray(cells.resize((17, 13), Image.Resampling.NEAREST))
+        cells = picture.convert("RGB").crop((0, 0, 11 * 80, 9 * 80))
+        last = np.asarray(cells.resize((11, 9), Image.Resampling.NEAREST))
     np.testing.assert_array_equal(last, picture_of(*episode.final()))
 
 
 def test_mp4_can_be_decoded(episode, tmp_path):
     film(episode, tmp_path / "film.mp4")
-    height, width = 13 * 56 + CAPTION, 17 * 56
+    height, width = 9 * 80 + CAPTION, 11 * 80
     decoded = subprocess.run(
         [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", tmp_path / "film.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"],
         check=True,
@@ -104,8 +104,8 @@ def test_mp4_can_be_decoded(episode, tmp_path):
     ).stdout
     frames = np.frombuffer(decoded, np.uint8).reshape(-1, height, width, 3)
     assert len(frames) == episode.moves + 1
-    side = 56
-    centres = frames[-1][side // 2 :: side, side // 2 :: side][:13, :17].astype(int)
+    side = 80
+    centres = frames[-1][side // 2 :: side, side // 2 :: side][:9, :11].astype(int)
     assert np.abs(centres - picture_of(*episode.final())).mean() < 12  # a lossy format
 
 
@@ -123,4 +123,4 @@ def test_player_page_holds_the_episode(episode, tmp_path):
     assert "https://" not in page
     data = json.loads(re.search(r'<script[^>]*type="application/json"[^>]*>(.*?)</script>', page, re.S).group(1))
     assert data["commands"] == episode.commands
-    assert data["shape"] == [11, 15]
+    assert data["shape"] == [7, 9]
