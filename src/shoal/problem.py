@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import types
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from dataclasses import MISSING, Field, field, fields, replace
 from functools import cache, cached_property
 from math import inf
 from pathlib import Path
@@ -27,6 +27,7 @@ from shoal.checks import (
     shortened,
     suggestion,
 )
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError, UnknownNameError
 
 LARGEST_PROBLEM = 20_000_000

@@ -70,7 +70,7 @@ def assert_is_workspace(workspace):
     if workspace is not None:
         assert workspace.n_free > 0
         assert workspace.ndim in (2, 3)
-        assert len(str(workspace)) >= workspace.free.size
+        assert len(workspace.text) >= workspace.free.size
 
 
 # Bytes: any, and those of good files with damages

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
 import gymnasium
 
 from shoal.checks import check_integer, shortened, suggestion
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.problem import Problem, option
 

@@ -8,9 +8,10 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.lab.storage.lock import locked
 from shoal.lab.storage.store import Store

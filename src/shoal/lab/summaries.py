@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from shoal.checks import shortened
+from shoal.dataclass import dataclass
 from shoal.episode import Status
 from shoal.errors import InvalidInputError
 from shoal.lab.statistics import Comparison, Estimate, Method, compare, estimate

@@ -9,10 +9,11 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from multiprocessing.connection import wait
 from typing import Any, Protocol
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.lab.executors import begin_worker, default_workers, give_up
 from shoal.lab.versions import check_versions, worker_versions

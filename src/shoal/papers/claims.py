@@ -8,13 +8,14 @@ would settle, or if what was printed is of something that was not published.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from math import inf, isnan
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from shoal.dataclass import dataclass
 from shoal.lab.statistics import Estimate
 from shoal.lab.summaries import Row
 from shoal.views.drawing.curves import Published

@@ -10,10 +10,11 @@ import importlib.util
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from shoal.dataclass import dataclass
 from shoal.files import write_text
 
 RECORD = Path(__file__).with_suffix(".json")

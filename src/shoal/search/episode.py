@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.checks import check_bool, check_integer, check_number, parse_json, read_text, shortened
+from shoal.dataclass import dataclass
 from shoal.episode import Episode, Status, Verification
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.files import write_json

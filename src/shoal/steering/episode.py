@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.checks import check_choice, check_integer, check_number, check_text, parse_json, read_text, shortened
+from shoal.dataclass import dataclass
 from shoal.episode import Episode, Status, Verification
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.files import write_json

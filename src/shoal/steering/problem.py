@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import os
 import re
-from dataclasses import dataclass
 from math import inf
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from shoal.checks import check_number, check_points, shortened
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.problem import Problem, option
 from shoal.steering.workspaces.convex_geometry import Points

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import permutations
 from math import inf
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from shoal.checks import check_integer
+from shoal.dataclass import dataclass
 from shoal.episode import Status
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode

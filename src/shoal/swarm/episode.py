@@ -6,13 +6,14 @@ import base64
 import html
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.episode import Episode, Status, Verification
 from shoal.errors import InvalidInputError
 from shoal.swarm.grid.belief import Belief

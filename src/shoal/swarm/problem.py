@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from shoal.checks import shortened
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.problem import Problem, option
 from shoal.registry import Registry, name_of

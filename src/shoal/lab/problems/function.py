@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from shoal.checks import shortened
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.lab.problems.base import MeasuredProblem
 from shoal.problem import option

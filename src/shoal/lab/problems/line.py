@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.lab.problems.base import MeasuredProblem
 from shoal.problem import option

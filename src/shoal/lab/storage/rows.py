@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from shoal.checks import parse_json, shortened
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.lab.sweeps.sweep import Sweep, SweepForm, form_of, sweep_of
 

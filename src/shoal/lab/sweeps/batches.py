@@ -6,13 +6,13 @@ import json
 import os
 import socket
 import time
-from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from shoal.checks import shortened
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.lab import problems
 from shoal.lab.sweeps.sweep import trial_seed

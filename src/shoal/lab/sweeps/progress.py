@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from shoal.dataclass import dataclass
 from shoal.lab.sweeps.sweep import Point
 
 

@@ -7,7 +7,7 @@ import json
 import os
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from itertools import product
 from math import prod
@@ -17,6 +17,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
 from shoal.checks import check_depth, check_integer, read_text, validation_message
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.lab.problems import FunctionProblem, trial_problem
 from shoal.lab.sweeps.axes import MAX_POINTS, axis_values

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import pi
 from typing import Literal
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.checks import check_choice, check_integer, check_number
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.steering.planners.chains.chain import ChainQuery
 from shoal.steering.planners.chains.cycles import nearest_cycles

@@ -6,13 +6,13 @@ directions, without any sampling of points.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from math import pi
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.steering.delta_space.disk_reach import DIRECTIONS, disk_reach
 from shoal.steering.delta_space.polygon_reach import PolygonReach, polygon_reach

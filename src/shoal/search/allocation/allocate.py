@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.checks import shortened
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.allocators import ALLOCATORS, Indices
 from shoal.search.allocation.arcs import Arc, numbers_of, way_to, work_time

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
+from shoal.dataclass import dataclass
 from shoal.search.allocation.allocate import Allocation, Arc, arcs_of, time_of
 from shoal.search.allocation.tour_cost import Floats, TourCost
 from shoal.search.tours.bitset import arc_bits, runs

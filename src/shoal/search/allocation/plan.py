@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_integer
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.allocate import Allocation, Arc, allocate
 from shoal.search.allocation.arcs import numbers_of

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from math import dist, inf
@@ -10,6 +9,7 @@ from math import dist, inf
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.cells.distances import CellDistances, Distances
 from shoal.search.cells.footprint import Footprint, MaskFootprint, Numbers

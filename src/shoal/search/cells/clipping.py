@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from shoal.dataclass import dataclass
 
 _WHOLE = 1e-9  # of a block: what is missing of it by rounding
 SPECK = 1e-9  # of a cell's area: what is smaller is rounding, not region

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from dataclasses import dataclass
 from functools import cached_property
 from math import ceil
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_number
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.cells.clipping import Clipped, Lattice, clip_to_cells
 from shoal.search.cells.portals import Portals, portals_of

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.files import write_json
 from shoal.search.missions.diagnostics import Diagnostic, Sheet

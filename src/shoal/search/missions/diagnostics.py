@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
 
+from shoal.dataclass import dataclass
 from shoal.search.regions.formats.xml_tree import Element, XmlError, parse_xml
 from shoal.search.regions.outline_checks import Points
 

@@ -6,9 +6,9 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
 from shoal.registry import Registry

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf
 from typing import Literal
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.checks import check_choice, check_integer, check_number
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.missions.merging import merged
 from shoal.search.missions.splitting import Ways, sorties

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.problem import Problem, option
 from shoal.search.problem.faults import Fault, check_faults, fault_text

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from math import inf
 from typing import Any, cast
 
 from shoal.checks import check_integer, check_number, shortened
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 
 

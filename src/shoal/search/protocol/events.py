@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from shoal.dataclass import dataclass
 from shoal.search.protocol.messages import Beacon
 
 

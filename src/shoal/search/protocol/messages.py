@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass
 from typing import Any, Literal, get_args
 from zlib import crc32
 
 from shoal.checks import check_integer, shortened
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.cells.footprint import WIDEST
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import inf
 from typing import Any
 
+from shoal.dataclass import dataclass
 from shoal.search.allocation.partition import Part
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.protocol.messages import Heartbeat, Status

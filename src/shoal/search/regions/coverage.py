@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_number
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.regions.outline_checks import Points, check_plane_points
 from shoal.search.regions.region import TOUCH, SearchRegion

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sized
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_points
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 
 Points = NDArray[np.float64]

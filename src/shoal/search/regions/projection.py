@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.checks import check_number
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 

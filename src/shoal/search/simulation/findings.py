@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import exp, log
 
+from shoal.dataclass import dataclass
 from shoal.search.simulation.scenario import Scenario
 
 _PRIOR = 0.01  # share of cells that hold something, before anybody has looked

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import inf
 
+from shoal.dataclass import dataclass
 from shoal.search.protocol.robot import Robot
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from itertools import pairwise
 from math import inf
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.checks import check_integer, check_number, check_text, shortened
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.plan import SearchPlan
 from shoal.search.problem.faults import Liar

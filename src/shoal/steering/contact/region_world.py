@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 
 import numpy as np
 
+from shoal.dataclass import dataclass
 from shoal.steering.contact.world import SteeringWorld
 from shoal.steering.kernels import region_contact as kernels
 from shoal.steering.workspaces.convex import TOUCH

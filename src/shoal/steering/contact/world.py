@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_number, check_points
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.steering.kernels import contact as kernels
 from shoal.steering.workspaces.convex import ConvexWorkspace

@@ -9,13 +9,13 @@ radii in turn. On a disk the second particle's contacts give the same sets.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import pi
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_integer, check_number
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.steering.workspaces.convex import ConvexWorkspace, disk
 from shoal.steering.workspaces.convex_geometry import Points

@@ -10,13 +10,13 @@ and the next depths are linear programs over those.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_points
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.steering.delta_space.disk_reach import check_moves
 from shoal.steering.delta_space.two_moves import toucher_shares, two_move_pieces

@@ -7,13 +7,13 @@ moves the other while the wall holds the toucher. Moves that touch nothing leave
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import pi
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_points
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.steering.workspaces.convex import ConvexWorkspace
 from shoal.steering.workspaces.convex_geometry import Points, clipped, hull

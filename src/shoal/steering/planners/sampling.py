@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.steering.contact.region_world import RegionWorld
 from shoal.steering.contact.world import ContactWorld

@@ -6,12 +6,13 @@ of the places and vectors are kept where the plan still works and is shorter; th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf
 from typing import Any
 
 import numpy as np
 
+from shoal.dataclass import dataclass
 from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from math import inf
 from typing import Any
 
 import numpy as np
 
+from shoal.dataclass import dataclass
 from shoal.steering.contact.friction_limits import friction_limit
 from shoal.steering.contact.wall_release import released_translation, separations, touched_normals
 from shoal.steering.contact.world import ContactWorld

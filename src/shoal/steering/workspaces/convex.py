@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from math import pi
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_bool, check_integer, check_number, check_points
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.steering.workspaces.convex_geometry import Points, check_inside, clipped, convex_outline, hull
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.steering.kernels.chain_limits import Shape
 from shoal.steering.workspaces.convex import ConvexWorkspace
 from shoal.steering.workspaces.convex_geometry import Points

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_points
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.steering.workspaces.convex import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points, check_inside

@@ -8,15 +8,16 @@ rim of the array as any other wall. Cell (r, c) of the workspace is bit ``(c + 1
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.swarm.grid.commands import letters_of
+from shoal.swarm.maps import raster
 
 Words = NDArray[np.uint64]
 _ONE, _TOP = np.uint64(1), np.uint64(63)
@@ -215,8 +216,8 @@ class Board:
         return Board(self.layout, words & _window_words(self.layout))
 
     def __str__(self) -> str:
-        layers = self.mask.reshape(self.layout.layers, self.layout.rows, self.layout.columns)
-        return "\n\n".join("\n".join("".join(np.where(row, "x", ".")) for row in layer) for layer in layers)
+        few = self.layout.layers * self.layout.rows <= raster.MOST_LINES
+        return raster.text_rows(self.mask, "x.") if few else repr(self)
 
     def __repr__(self) -> str:
         return f"<Board of {len(self)} cells in {self.layout.shape}>"

@@ -9,13 +9,13 @@ positions after every single command, and a scan after a run tells no less than 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.checks import check_integer, check_number
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.swarm.grid.state import SwarmState
 

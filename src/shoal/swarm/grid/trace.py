@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import one_line
 from shoal.swarm.grid.commands import encode
 
 Row = tuple[int, int, int]
@@ -36,6 +37,9 @@ class Trace(NamedTuple):
     frontier: NDArray[np.int32]
     travelled: NDArray[np.int64]
     scanned: NDArray[np.bool_]
+
+    def __repr__(self) -> str:
+        return one_line(self)
 
     @classmethod
     def empty(cls, moves: int) -> Trace:

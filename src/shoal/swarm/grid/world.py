@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.commands import RULES, encode

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from shoal.checks import check_file
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
 from shoal.swarm.maps.arrays import encode_npy, read_npy

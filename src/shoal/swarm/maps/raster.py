@@ -19,6 +19,7 @@ PALETTE: dict[str, str] = {
     "particle": "#d55e00",
 }
 _COLOURS = np.array([tuple(bytes.fromhex(colour[1:])) for colour in PALETTE.values()], dtype=np.uint8)
+MOST_LINES = 200  # of a map that is printed
 _WIDEST = 12  # ratio of width to height above which a map is drawn in several strips
 
 
@@ -38,6 +39,18 @@ def raster_of(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
         gap = np.full((codes.shape[1], 1), FREE, dtype=codes.dtype)  # white between layers
         codes = np.hstack([part for layer in codes for part in (layer, gap)][:-1])
     return _COLOURS[codes]
+
+
+def text_rows(cells: NDArray[np.bool_], letters: str) -> str:
+    """Return rows of two letters, the first where a cell is true; in 3-D an empty line stands between layers.
+
+    Examples
+    --------
+    >>> text_rows(np.array([[True, False]]), ".#")
+    '.#'
+    """
+    layers = np.where(cells, letters[0], letters[1]).reshape(-1, *cells.shape[-2:])
+    return "\n\n".join("\n".join("".join(row) for row in layer) for layer in layers)
 
 
 def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:

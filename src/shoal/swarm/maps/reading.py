@@ -5,11 +5,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from math import prod
 from pathlib import Path
 
 from shoal.checks import check_integer, check_number
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError, ShoalError
 
 MAX_CELLS = 2**28

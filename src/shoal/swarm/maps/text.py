@@ -54,7 +54,7 @@ def read_movingai(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
 
 def encode_rows(workspace: GridWorkspace) -> bytes:
     """Return the bytes of a file that `read_rows` reads."""
-    return f"{workspace}\n".encode()
+    return f"{workspace.text}\n".encode()
 
 
 def encode_csv(workspace: GridWorkspace) -> bytes:
@@ -65,7 +65,7 @@ def encode_csv(workspace: GridWorkspace) -> bytes:
 def encode_movingai(workspace: GridWorkspace) -> bytes:
     """Return the bytes of a file that `read_movingai` reads."""
     height, width = workspace.shape
-    return f"type octile\nheight {height}\nwidth {width}\nmap\n{str(workspace).replace('#', '@')}\n".encode()
+    return f"type octile\nheight {height}\nwidth {width}\nmap\n{workspace.text.replace('#', '@')}\n".encode()
 
 
 LARGEST_TEXT = 2**26  # bytes; a cell takes up to 100 bytes of memory while it is read

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_text, shortened
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.swarm.maps import raster
 from shoal.swarm.maps.reading import MAX_CELLS
@@ -142,9 +143,14 @@ class GridWorkspace:
         sizes[0] = 0
         return GridWorkspace(self.components == int(np.argmax(sizes)), name=self.name, spacing=self.spacing)
 
+    @property
+    def text(self) -> str:
+        """Rows of ``.`` (free) and ``#``, in 3-D an empty line between layers; as what it prints unless there are too many."""
+        return raster.text_rows(self.free, ".#")
+
     def to_dict(self) -> dict[str, Any]:
         """Return the workspace as JSON holds it: rows of ``.`` and ``#``; in 3-D an empty row stands before each layer."""
-        rows = str(self).split("\n")
+        rows = self.text.split("\n")
         told: dict[str, Any] = {"name": self.name, "rows": ["", *rows] if self.ndim == 3 else rows}
         return told if self.spacing is None else told | {"spacing": list(self.spacing)}
 
@@ -174,8 +180,7 @@ class GridWorkspace:
         return hash((self.shape, self.free.tobytes()))
 
     def __str__(self) -> str:
-        layers = self.free if self.ndim == 3 else self.free[np.newaxis]
-        return "\n\n".join("\n".join("".join(np.where(row, ".", "#")) for row in layer) for layer in layers)
+        return self.text if int(np.prod(self.shape[:-1])) <= raster.MOST_LINES else repr(self)
 
     def __repr__(self) -> str:
         size = "x".join(map(str, self.shape))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board
 from shoal.swarm.maps.workspace import GridWorkspace

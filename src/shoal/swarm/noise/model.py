@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import isfinite, log
 from typing import Any
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 
 CONFIDENCE = 0.99

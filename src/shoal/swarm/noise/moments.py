@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import log
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.swarm.noise.belief import NoisyBelief
 from shoal.swarm.noise.model import PRIOR, bound_of
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import ClassVar
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.commands import RULES

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, ClassVar
 
 from numpy.random import Generator
 
+from shoal.dataclass import dataclass
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.policies.compiled_policy import Compiled
 from shoal.swarm.policies.paths import OPPOSITE, step_from

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 from numpy.random import Generator
 
+from shoal.dataclass import dataclass
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.checks import check_choice, check_integer
+from shoal.dataclass import dataclass
 from shoal.episode import Status, Verification
 from shoal.errors import InvalidInputError
 from shoal.files import interruption_held

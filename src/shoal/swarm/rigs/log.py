@@ -6,7 +6,6 @@ import json
 import os
 import time
 import zlib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, TypeAdapter, ValidationError
 
 from shoal.checks import check_file, parse_json, validation_message
+from shoal.dataclass import dataclass
 from shoal.episode import Status
 from shoal.errors import InvalidInputError, OutputError, RigError
 from shoal.swarm.grid.belief import Belief

@@ -5,13 +5,13 @@ from __future__ import annotations
 import secrets
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.checks import check_number
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError, RigError
 from shoal.swarm.grid.commands import RULES, letters_of
 from shoal.swarm.grid.state import check_cells

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.views.drawing.charts import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, new_figure, plain_axes, set_title
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.search import Arc, RobotLog, Route, SearchEpisode
 from shoal.search.allocation.partition import partition
 from shoal.search.problem.faults import Liar, Slow, WrongPosition

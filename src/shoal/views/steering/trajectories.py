@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.steering.delta_space.two_moves import two_move_pieces
 from shoal.steering.simulation.apparatus import executed_moves

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.swarm import Belief, SwarmEpisode, SwarmState
 from shoal.swarm.maps.raster import PALETTE
 from shoal.swarm.noise import moments

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from shoal.dataclass import dataclass
 from shoal.swarm import GridWorkspace
 from shoal.swarm.maps.raster import PALETTE
 from shoal.views.drawing.canvas import Canvas

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from shoal.dataclass import dataclass
 from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.mission import Mission
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from xml.parsers import expat
 
+from shoal.dataclass import dataclass
 from shoal.search.regions.limits import DEEPEST, MOST_ELEMENTS
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import selectors
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from math import dist, inf
 from typing import Any
 
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.protocol.events import (
     Action,

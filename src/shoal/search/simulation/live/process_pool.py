@@ -13,11 +13,11 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from shoal.dataclass import dataclass
 from shoal.errors import ShoalError
 from shoal.search.simulation.live.task import LiveTask
 

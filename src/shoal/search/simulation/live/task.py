@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from shoal.checks import shortened
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.cells.distances import CellDistances
 from shoal.search.protocol.messages import Beacon

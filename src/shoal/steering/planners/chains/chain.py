@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.steering.kernels.chain import first_guess, settle
 from shoal.steering.kernels.chain_kinds import reflected_lengths
 from shoal.steering.kernels.chain_limits import Kind, new_place, put

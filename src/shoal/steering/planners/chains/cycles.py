@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from shoal.dataclass import one_line
 from shoal.steering.kernels.cycles import nearest_on_circle, nearest_on_polygon
 from shoal.steering.planners.chains.chain import ChainQuery
 from shoal.steering.workspaces.convex_geometry import Points
@@ -35,6 +36,9 @@ class Cycle(NamedTuple):
     low: float
     high: float
     after: Points
+
+    def __repr__(self) -> str:
+        return one_line(self)
 
     def contact(self, walls: NormalizedWalls, point: Points) -> tuple[float, Points]:
         """Return the contact nearest to a point: along the wall, and as a point."""

@@ -7,13 +7,14 @@ that wanders along a wall in small steps, is found by putting cycles into a shor
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from math import inf, pi
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.steering.kernels.chain_kinds import bound_of
 from shoal.steering.planners.chains.antipodal import antipodal_chain
 from shoal.steering.planners.chains.chain import ENOUGH, REFINING, ROOM, Chain, ChainQuery, refined

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.dataclass import dataclass
 from shoal.registry import Registry
 from shoal.swarm.maps.generators.cave import draw_cave
 from shoal.swarm.maps.generators.htree import draw_htree

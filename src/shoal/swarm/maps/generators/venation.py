@@ -10,10 +10,10 @@ Coordinates here are real (x, y) pairs in units of a cell, the centre of the org
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
+
+from shoal.dataclass import dataclass
 
 Points = NDArray[np.float64]
 Indices = NDArray[np.int64]

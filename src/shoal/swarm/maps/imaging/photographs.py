@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.dataclass import one_line
 from shoal.errors import InvalidInputError
 from shoal.swarm.maps.generators.components import Mask
 
@@ -30,6 +31,9 @@ class Photograph(NamedTuple):
 
     within: Mask
     """Where to look for vessels."""
+
+    def __repr__(self) -> str:
+        return one_line(self)
 
     @property
     def has_surround(self) -> bool:

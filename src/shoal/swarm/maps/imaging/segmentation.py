@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import importlib
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_number
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.swarm.maps.generators.components import Mask
 from shoal.swarm.maps.imaging.filters import FLATTENING, THICKEST_VESSEL, strongest_line, vessel_response, without_ground

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
+from shoal.dataclass import dataclass
 from shoal.swarm.policies.planners.planner_policy import PlannerPolicy
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_integer
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.commands import decode

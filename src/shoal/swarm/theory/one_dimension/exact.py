@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import pairwise
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.checks import check_integer
+from shoal.dataclass import dataclass
 from shoal.swarm.theory.one_dimension import counting
 
 _COUNTED = 1000  # particles, or empty cells, from which on C(m, n) has thousands of digits

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.checks import check_integer
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.swarm.theory.one_dimension.exact import Line
 

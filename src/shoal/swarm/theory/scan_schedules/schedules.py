@@ -9,12 +9,12 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from itertools import count
 
 from shoal.checks import check_integer
+from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 
 _LONGEST_PRICE = 300

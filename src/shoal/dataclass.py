@@ -1,0 +1,64 @@
+"""The library's dataclasses: those of Python, told in one line however large what they hold is."""
+
+from __future__ import annotations
+
+import dataclasses
+import reprlib
+from typing import TYPE_CHECKING, Any
+
+__all__ = ["dataclass", "one_line"]
+
+_COLLECTION = 6  # entries that are told of one
+_VALUE = 120  # characters that are told of a value of another kind
+
+
+class _Brief(reprlib.Repr):
+    """Values in a line: large arrays as their dtype and shape, of collections the first entries."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxtuple = self.maxlist = self.maxdict = self.maxset = self.maxfrozenset = _COLLECTION
+        self.maxother = self.maxstring = _VALUE
+
+    def repr_ndarray(self, array: Any, _level: int) -> str:
+        if array.size > _COLLECTION:
+            return f"<{array.dtype} {'x'.join(map(str, array.shape))}>"
+        return " ".join(repr(array).split())
+
+    def repr_instance(self, value: Any, level: int) -> str:
+        return " ".join(super().repr_instance(value, level).split())
+
+
+_brief = _Brief().repr
+
+
+def one_line(thing: Any) -> str:
+    """Return a dataclass or named tuple in one line, as its ``__repr__``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> @dataclass
+    ... class Path:
+    ...     name: str
+    ...     points: object
+    >>> Path("a", np.zeros((90, 2)))
+    Path(name='a', points=<float64 90x2>)
+    """
+    names = getattr(thing, "_fields", None) or [one.name for one in dataclasses.fields(thing) if one.repr]
+    return f"{type(thing).__name__}({', '.join(f'{name}={_brief(getattr(thing, name, None))}' for name in names)})"
+
+
+if TYPE_CHECKING:
+    from dataclasses import dataclass
+else:
+
+    def dataclass(cls=None, /, *, repr=True, **options):  # noqa: A002
+        """Return a class as `dataclasses.dataclass` does, with `one_line` as its ``__repr__`` unless it has one."""
+
+        def made(cls):
+            if repr and "__repr__" not in vars(cls):
+                cls.__repr__ = one_line
+            return dataclasses.dataclass(cls, repr=False, **options)
+
+        return made if cls is None else made(cls)
