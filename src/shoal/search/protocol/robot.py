@@ -14,7 +14,7 @@ no robot can reach then is left out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import inf
 
 from shoal.search.allocation.allocate import Arc
@@ -47,8 +47,14 @@ __all__ = ["LOOK", "Brief", "Robot", "advance"]
 _HELLOS = 8  # beacons while robots listen
 
 
-def advance(robot: Robot, event: Event) -> tuple[Robot, list[Action]]:
+Decision = tuple[Robot, Action | None, float]
+"""The state, what to do next, and until when to wait if it is nothing."""
+
+
+def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decision] | None = None) -> tuple[Robot, list[Action]]:
     """Return the state after an event, and what the robot does.
+
+    ``decide(robot, time)`` chooses where a robot goes that has nothing to do, in place of `next_action`.
 
     Examples
     --------
@@ -81,7 +87,7 @@ def advance(robot: Robot, event: Event) -> tuple[Robot, list[Action]]:
         robot = _allotted(robot, time)
     wake = inf
     if robot.status in ("searching", "waiting") and robot.target is None:
-        robot, action, wake = next_action(robot, time)
+        robot, action, wake = (decide or next_action)(robot, time)
         if action is not None:
             actions.append(action)
     if robot.status != "complete" or robot.lingering > 0:
@@ -175,7 +181,7 @@ def _arcs_to_search(robot: Robot) -> list[Arc]:
     ]
 
 
-def next_action(robot: Robot, time: float) -> tuple[Robot, Action | None, float]:
+def next_action(robot: Robot, time: float) -> Decision:
     """Return what to do next, and until when to wait if it is nothing."""
     if robot.allotted_to <= len(robot.peers):  # it has heard of another one
         robot = _allotted(robot, time)
@@ -195,7 +201,7 @@ def next_action(robot: Robot, time: float) -> tuple[Robot, Action | None, float]
     if cell is None:
         return robot.but(status="waiting"), None, wake
     robot = robot.but(aim=cell)
-    return _on_the_way(robot, cell if robot.width == 1 else _stop_for(robot, cell, own, wanted, time))
+    return head_for(robot, cell if robot.width == 1 else _stop_for(robot, cell, own, wanted, time))
 
 
 def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> int:
@@ -216,7 +222,7 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
     return stop if time + need / robot.rate <= robot.deadline else cell
 
 
-def _on_the_way(robot: Robot, cell: int) -> tuple[Robot, Action, float]:
+def head_for(robot: Robot, cell: int) -> Decision:
     """Go to a cell, or home if the energy would not last for both."""
     tour_cost, distances = robot.brief.tour_cost, robot.brief.tour_cost.distances
     through: tuple[int, ...] = ()

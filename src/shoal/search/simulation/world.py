@@ -32,7 +32,7 @@ from shoal.search.protocol.events import (
 )
 from shoal.search.protocol.inference import is_live, step_cost
 from shoal.search.protocol.messages import Beacon, decode_beacon, encode_beacon
-from shoal.search.protocol.robot import LOOK, Robot, advance
+from shoal.search.protocol.robot import LOOK, Decision, Robot, advance
 from shoal.search.simulation.outcome import SimulatedRobot, SimulationOutcome
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours.bitset import members
@@ -51,10 +51,16 @@ class SearchWorld:
         Called with the world and the number of the robot after every event; the invariants of the tests, for one.
     trace : bool
         Write down every event.
+    decide : callable, optional
+        Where robots go that have nothing to do, in place of the protocol; see `advance`. Then they do not listen first, and no
+        tour is allotted to them.
     """
 
-    def __init__(self, scenario: Scenario, *, check: Callable[[SearchWorld, int], None] | None = None, trace: bool = False) -> None:
-        self.scenario, self.check, self.tracing = scenario, check, trace
+    def __init__(
+        self, scenario: Scenario, *, check: Callable[[SearchWorld, int], None] | None = None, trace: bool = False,
+        decide: Callable[[Robot, float], Decision] | None = None,
+    ) -> None:  # fmt: skip
+        self.scenario, self.check, self.tracing, self.decide = scenario, check, trace, decide
         self.rng = np.random.default_rng(scenario.seed)
         self.time = 0.0
         self.covered = 0  # by robots that do not lie, as bits
@@ -88,8 +94,14 @@ class SearchWorld:
                 body.energy = fault.energy
             elif isinstance(fault, Liar):
                 body.liar = True
+        if self.decide is not None:
+            body.robot = body.robot.but(status="waiting")
         self.searched[number] = 0
         return body
+
+    def prompt(self, number: int, time: float) -> None:
+        """Have a robot decide anew at a time, if it has nothing to do then."""
+        self._post(time, number, "event", Wake(time))
 
     def _post(self, time: float, robot: int, kind: str, what: Any) -> None:
         self._number += 1
@@ -145,7 +157,7 @@ class SearchWorld:
     # What happens, by kind of entry in the queue.
 
     def _do_event(self, vehicle: SimulatedRobot, event: Event) -> None:
-        vehicle.robot, actions = advance(vehicle.robot, event)
+        vehicle.robot, actions = advance(vehicle.robot, event, self.decide)
         state = vehicle.robot.status
         if not vehicle.states or vehicle.states[-1][1] != state:
             vehicle.states.append((self.time, state))
@@ -282,7 +294,9 @@ class SearchWorld:
     def _takes_over(self, vehicle: SimulatedRobot) -> bool:
         """Tell whether a robot begins with the part of another one that it takes for dead."""
         robot = vehicle.robot
-        part = next(part for part in robot.parts if robot.aim is not None and part.bits >> robot.aim & 1)
+        part = next((part for part in robot.parts if robot.aim is not None and part.bits >> robot.aim & 1), None)
+        if part is None:
+            return False
         again = vehicle.aimed is not None and bool(part.bits >> vehicle.aimed & 1)
         return not again and not is_live(robot, part.robot, self.time)
 

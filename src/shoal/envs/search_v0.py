@@ -1,0 +1,309 @@
+"""A search as a parallel environment of PettingZoo: each robot is an agent that hears lossy messages and may die.
+
+``search_v0.parallel_env(**options)`` makes it, ``search_v0.env(**options)`` its turn-based form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pettingzoo
+from numpy.typing import NDArray
+
+from shoal.checks import shortened
+from shoal.envs.options import SearchEnvOptions, check_render_mode, check_running, option_errors, split_fields
+from shoal.envs.rendering import MODES, close_window, enlarged, rendered
+from shoal.search.allocation.plan import plan_search, start_points
+from shoal.search.problem import SearchProblem
+from shoal.search.protocol.inference import obstacles, reachable
+from shoal.search.protocol.robot import Decision, head_for
+from shoal.search.protocol.state import Robot
+from shoal.search.simulation.scenario import scenario_of
+from shoal.search.simulation.world import SearchWorld
+from shoal.search.tours.bitset import at_least, bits_to_array
+
+PLANES = ("region", "own", "searched", "obstacles", "found")
+"""Planes of an agent's observation: cells of the region; where it is; as far as it knows: searched, obstacles, something found."""
+
+DIRECTIONS = ((0, 0), (0, -1), (-1, 0), (0, 1), (1, 0))
+"""Of the actions 1 to 5: here, left, up, right, down."""
+
+_SEEDS = 2**31
+Observation = dict[str, NDArray[Any]]
+
+
+class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type: ignore[misc]  # PettingZoo has no types
+    """Robots without a coordinator search a region; each is an agent, ``robot_1``, ``robot_2``, ....
+
+    A step takes as long as the fastest robot takes for a cell. Action 0 is to wait, or to go on with what an agent is about. Others
+    are a cell to go to and search: the own one or one beside it (``action="direction"``, see `DIRECTIONS`), or with
+    ``action="cell"`` any, 1 and its number on the tour. An action outside of ``infos[agent]["action_mask"]`` counts as 0: an agent
+    that is on its way, or at a search, goes on. Cells already occupied, obstacles, energy, faults and messages are those of the
+    simulation of `shoal.search`; after ``reset(seed=s)`` starts and faults are those of ``shoal.run(problem, seed=s)``.
+
+    An agent sees what its robot knows: ``planes``, uint8, shape (5, H, W), one after another `PLANES`; ``position``, its row and
+    column; ``heard``, how long ago it heard of each robot, directly or from others, in steps, -1 if never; ``told``, how many cells
+    each is said to have searched; ``energy``, the share that is left; ``time``, in steps. A robot that dies is terminated and
+    leaves ``agents``. All are terminated when all cells that can be reached are searched, and truncated after ``max_steps``.
+
+    Parameters
+    ----------
+    render_mode : str, optional
+        "rgb_array", "ansi" or "human".
+    **fields
+        Of `SearchProblem` and `SearchEnvOptions`.
+
+    Raises
+    ------
+    OptionError
+        For options that cannot be; a ValueError and a gymnasium.error.Error.
+
+    Notes
+    -----
+    Source: paper H; docs/how-to/learning.md.
+
+    Examples
+    --------
+    >>> env = parallel_env(region="square:30", robots=2, loss=0.5)
+    >>> observations, infos = env.reset(seed=1)
+    >>> env.agents, observations["robot_1"]["planes"].shape, infos["robot_1"]["action_mask"].tolist()
+    (['robot_1', 'robot_2'], (5, 3, 3), [1, 1, 1, 1, 1, 1])
+    """
+
+    metadata: dict[str, Any] = {"name": "shoal_search_v0", "render_modes": MODES, "render_fps": 10, "is_parallelizable": True}  # noqa: RUF012
+
+    def __init__(self, *, render_mode: str | None = None, **fields: Any) -> None:
+        self.problem, self.options = split_fields({"region": "square:100", **fields}, SearchProblem, SearchEnvOptions)
+        self.render_mode = check_render_mode(render_mode, MODES)
+        with option_errors():
+            self._plan = plan_search(self.problem)
+            self._scenario = scenario_of(self.problem, self._plan, 0)
+        self._tour = self._plan.tour
+        self._numbers = {f"robot_{number}": number for number in range(1, self.problem.robots + 1)}
+        self.possible_agents = list(self._numbers)
+        self.agents: list[str] = []
+        cells, robots, shape, most = len(self._tour), self.problem.robots, self._tour.position.shape, self.options.max_steps
+        spaces: dict[str, gymnasium.Space[Any]] = {
+            "planes": gymnasium.spaces.Box(0, 1, (len(PLANES), *shape), np.uint8),
+            "position": gymnasium.spaces.Box(np.zeros(2, np.int64), np.array(shape) - 1, dtype=np.int64),
+            "heard": gymnasium.spaces.Box(-1.0, float(most), (robots,), np.float32),
+            "told": gymnasium.spaces.Box(0, cells, (robots,), np.int64),
+            "energy": gymnasium.spaces.Box(0.0, 1.0, (1,), np.float32),
+            "time": gymnasium.spaces.Box(0, most, (1,), np.int64),
+        }
+        self._count = 1 + (cells if self.options.action == "cell" else len(DIRECTIONS))
+        self.observation_spaces = {agent: gymnasium.spaces.Dict(spaces) for agent in self.possible_agents}
+        self.action_spaces = {agent: gymnasium.spaces.Discrete(self._count) for agent in self.possible_agents}
+        self._rng = np.random.default_rng()
+        self._world: SearchWorld | None = None
+
+    def observation_space(self, agent: str) -> gymnasium.Space[Any]:
+        """Return the space of an agent's observations."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> gymnasium.Space[Any]:
+        """Return the space of an agent's actions."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
+        """Begin an episode; nothing is done with ``options``.
+
+        Raises
+        ------
+        OptionError
+        """
+        if seed is not None:
+            self._rng = np.random.default_rng(seed)
+        self._drawn = int(self._rng.integers(_SEEDS)) if seed is None else seed
+        plan, problem = self._plan, self.problem
+        with option_errors():
+            places = start_points(plan.grid, problem.starts, problem.robots, np.random.default_rng(self._drawn))
+            starts = self._tour.position[tuple(plan.grid.cell_of(places).T)]
+            self._scenario = scenario_of(problem, replace(plan, places=places, starts=starts), self._drawn)
+        self._orders: dict[int, int] = {}
+        self._world = SearchWorld(self._scenario, decide=self._decide)
+        self.steps, self._length = 0, 1 / max(self._scenario.rates)
+        self.agents = list(self.possible_agents)
+        self._world.run(until=0.0)
+        self._watch()
+        return self._observations(self.agents), self._infos(self.agents)
+
+    def step(
+        self, actions: dict[str, Any]
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """Let all agents act, and time go on.
+
+        Raises
+        ------
+        gymnasium.error.ResetNeeded
+            Before a reset, and when no agents are left.
+        gymnasium.error.InvalidAction
+            Also for an agent without an action.
+        """
+        check_running(bool(self.agents))
+        assert self._world is not None
+        world, agents, time = self._world, self.agents, self.steps * self._length
+        for agent in agents:
+            number, choice = self._numbers[agent], self._checked(agent, actions)
+            if choice and self._mask(number)[choice]:
+                self._orders[number] = self._cell(number, choice)
+                world.prompt(number, time)
+        before = dict(world.searched)
+        self.steps += 1
+        world.run(until=self.steps * self._length + 1e-9)
+        done = not self._scenario.goal & ~at_least(list(world.searched.values()), self.problem.multiplicity)
+        dead = {agent: not world.vehicles[self._numbers[agent]].alive for agent in agents}
+        late = self.steps >= self.options.max_steps
+        rewards = self._rewards(agents, before)
+        for agent in agents:
+            rewards[agent] += self.options.final_bonus * (done and not dead[agent]) - self.options.step_price
+        terminations = {agent: done or dead[agent] for agent in agents}
+        truncations = {agent: late and not terminations[agent] for agent in agents}
+        self.agents = [agent for agent in agents if not (terminations[agent] or truncations[agent])]
+        self._watch()
+        return self._observations(agents), rewards, terminations, truncations, self._infos(agents)
+
+    def _checked(self, agent: str, actions: Any) -> int:
+        last = self._count - 1
+        choice: Any = actions.get(agent) if isinstance(actions, dict) else actions
+        if not isinstance(actions, dict) or not self.action_spaces[agent].contains(choice):
+            raise gymnasium.error.InvalidAction(f"{agent}: expected an action, a number from 0 to {last}, got {shortened(choice)}")
+        return int(choice)
+
+    def _rewards(self, agents: list[str], before: dict[int, int]) -> dict[str, float]:
+        """Return the reward of each agent for the cells that it searched and nobody before; shared ones are the mean."""
+        assert self._world is not None
+        found: dict[str, float] = {}
+        for agent in agents:
+            number = self._numbers[agent]
+            searched = self._world.searched[number]
+            new = searched & ~before[number] & ~at_least(list(before.values()), self.problem.multiplicity)
+            before[number] = searched
+            found[agent] = self.options.searched_reward * new.bit_count()
+        mean = sum(found.values()) / len(agents)
+        return dict.fromkeys(agents, mean) if self.options.reward == "shared" else found
+
+    # What agents decide, and what they know.
+
+    def _decide(self, robot: Robot, time: float) -> Decision:
+        """Send a robot where its agent has chosen; see `shoal.search.protocol.robot.advance`."""
+        cell = self._orders.pop(robot.number, None)
+        return (robot.but(status="waiting"), None, inf) if cell is None else head_for(robot.but(aim=cell), cell)
+
+    def _robot(self, number: int) -> Robot:
+        assert self._world is not None
+        return self._world.vehicles[number].robot
+
+    def _cell(self, number: int, choice: int) -> int:
+        """Return the cell, as a number on the tour, that an action means; -1 if there is none."""
+        if self.options.action == "cell":
+            return choice - 1
+        row, column = self._tour.cells[self._robot(number).cell] + DIRECTIONS[choice - 1]
+        position = self._tour.position
+        inside = 0 <= row < position.shape[0] and 0 <= column < position.shape[1]
+        return int(position[row, column]) if inside else -1
+
+    def _mask(self, number: int) -> NDArray[np.int8]:
+        """Return which actions an agent can take; int8, shape (actions,)."""
+        assert self._world is not None
+        robot, vehicle = self._robot(number), self._world.vehicles[number]
+        mask = np.zeros(self._count, dtype=np.int8)
+        mask[0] = 1
+        if vehicle.alive and robot.target is None and vehicle.paused_until <= self.steps * self._length:
+            there = reachable(robot, -inf)[0] & ~obstacles(robot)
+            cells = [self._cell(number, choice) for choice in range(1, len(mask))]
+            mask[1:] = [cell >= 0 and there >> cell & 1 for cell in cells]
+        return mask
+
+    def _observations(self, agents: list[str]) -> dict[str, Observation]:
+        return {agent: self._observation(self._numbers[agent]) for agent in agents}
+
+    def _observation(self, number: int) -> Observation:
+        robot, robots, n = self._robot(number), self.problem.robots, len(self._tour)
+        known = at_least(list(robot.searched.values()), self.problem.multiplicity)
+        sets = (robot.brief.everything, 1 << robot.cell, known, obstacles(robot), sum(1 << cell for cell in robot.found))
+        planes = np.zeros((len(PLANES), *self._tour.position.shape), dtype=np.uint8)
+        for plane, bits in zip(planes, sets, strict=True):
+            plane[tuple(self._tour.cells[bits_to_array(bits, n)].T)] = 1
+        heard = np.full(robots, -1.0, dtype=np.float32)
+        for other, peer in robot.peers.items():
+            if other <= robots:
+                heard[other - 1] = self.steps - peer.heard / self._length
+        heard[number - 1] = 0.0
+        told = np.array([robot.searched.get(other, 0).bit_count() for other in range(1, robots + 1)], dtype=np.int64)
+        left = 1.0 if robot.brief.energy == inf else robot.left / robot.brief.energy
+        return {
+            "planes": planes,
+            "position": self._tour.cells[robot.cell].astype(np.int64),
+            "heard": heard.clip(-1, None),
+            "told": told,
+            "energy": np.array([left], dtype=np.float32).clip(0, 1),
+            "time": np.array([self.steps], dtype=np.int64),
+        }
+
+    def _infos(self, agents: list[str]) -> dict[str, dict[str, Any]]:
+        return {agent: {"action_mask": self._mask(self._numbers[agent]), "seed": self._drawn} for agent in agents}
+
+    # What people see.
+
+    def _watch(self) -> None:
+        if self.render_mode == "human":
+            self.render()
+
+    def render(self) -> Any:
+        """Return a picture (rgb_array), a text (ansi) or None (human: a window shows it).
+
+        Raises
+        ------
+        gymnasium.error.ResetNeeded
+            Before the first reset.
+        """
+        check_running(self._world is not None)
+        return rendered(self, self._picture, self._text)
+
+    def _codes(self) -> NDArray[np.int64]:
+        """Return for each cell 0 outside, 1 unsearched, 2 searched, 2 + k with robot k in it, 2 + k + robots if that is dead."""
+        assert self._world is not None
+        codes = (self._tour.position >= 0).astype(np.int64)
+        done = at_least(list(self._world.searched.values()), self.problem.multiplicity)
+        codes[tuple(self._tour.cells[bits_to_array(done, len(self._tour))].T)] = 2
+        for number, vehicle in self._world.vehicles.items():
+            codes[tuple(self._tour.cells[vehicle.place])] = 2 + number + self.problem.robots * (not vehicle.alive)
+        return codes
+
+    def _text(self) -> str:
+        """Return one character a cell: blank outside, ? unsearched, . searched, a digit for a robot, x for a dead one."""
+        robots = self.problem.robots
+        signs = np.array([*" ?.", *(str(number % 10) for number in range(1, robots + 1)), *"x" * robots])
+        return "\n".join("".join(row) for row in signs[self._codes()])
+
+    def _picture(self) -> NDArray[np.uint8]:
+        from shoal.views.drawing.charts import MUTED
+        from shoal.views.search.history import robot_colour
+
+        robots = self.problem.robots
+        colours = ["#ffffff", "#b9c0ca", "#e8f1e4", *(robot_colour(k) for k in range(robots)), *[MUTED] * robots]
+        rgb = np.array([tuple(bytes.fromhex(colour[1:])) for colour in colours], dtype=np.uint8)
+        return enlarged(rgb[self._codes()])
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        close_window(self)
+
+
+def parallel_env(**fields: Any) -> SearchParallelEnv:
+    """Return the environment; the options are those of `SearchParallelEnv`."""
+    return SearchParallelEnv(**fields)
+
+
+def env(**fields: Any) -> Any:
+    """Return the environment in PettingZoo's turn-based form; the options are those of `SearchParallelEnv`."""
+    from pettingzoo.utils.conversions import parallel_to_aec
+
+    return parallel_to_aec(parallel_env(**fields))

@@ -1,0 +1,181 @@
+"""The parallel environment of searches: PettingZoo's own checks for every option, times, messages, deaths, errors."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test
+
+import shoal
+import shoal.envs
+from shoal.envs import search_v0
+from shoal.search import SearchProblem
+
+SMALL = {"region": "square:50", "robots": 4, "max_steps": 40}
+VARIANTS = {
+    "direction": {},
+    "cell": {"action": "cell"},
+    "lossy": {"loss": 0.5, "network": "range:3,delay:0.5"},
+    "crashes": {"crashes": 2},
+    "faults": {"faults": ["crash:1@3", "pause:2@2:6", "slow:3@1:2", "liar:4"]},
+    "rates": {"rates": (1, 2, 1, 1), "reward": "own"},
+    "footprints": {"footprint": (10, 10, 30, 10)},
+    "energy": {"energy": 80.0, "recharge": 5.0},
+    "multiplicity": {"multiplicity": 2},
+    "obstacles": {"obstacles": 3},
+    "obstacles-cell": {"obstacles": 3, "action": "cell"},
+    "ring": {"region": "ring:60x30"},
+    "targets": {"targets": 3, "false_alarm": 0.1},
+    "wrong-position": {"faults": ["wrong-position:1:2"]},
+}
+WAIT, HERE, LEFT, UP, RIGHT, DOWN = range(6)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_pettingzoos_own_checks_pass(variant, capsys):
+    options = SMALL | VARIANTS[variant]
+    env = search_v0.parallel_env(**options)
+    parallel_api_test(env, num_cycles=40)
+    parallel_seed_test(lambda: search_v0.parallel_env(**options), num_cycles=10)
+    observations, _ = env.reset(seed=1)
+    while env.agents:
+        observations, *_ = env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+        for agent, observation in observations.items():
+            assert env.observation_space(agent).contains(observation)
+
+
+@pytest.mark.filterwarnings("ignore:Observation")  # PettingZoo would rather have one array
+def test_pettingzoos_own_checks_pass_in_turns(capsys):
+    api_test(search_v0.env(**SMALL), num_cycles=50)
+
+
+def test_agents_that_do_what_the_protocol_does_take_as_long():
+    problem = SearchProblem("square:80", robots=3)
+    episode = shoal.run(problem, seed=2)
+    env = search_v0.parallel_env(region="square:80", robots=3, action="cell")
+    _, infos = env.reset(seed=2)
+    visits = {f"robot_{number}": list(robot.cells) for number, robot in enumerate(episode.trace.robots, start=1)}
+    while env.agents:
+        actions = {}
+        for agent in env.agents:
+            free = infos[agent]["action_mask"][1:].any()
+            actions[agent] = 1 + int(visits[agent].pop(0)) if free and visits[agent] else 0
+        _, _, terminations, _, infos = env.step(actions)
+    assert all(terminations.values())
+    listening = 1
+    assert abs(env.steps - (episode.trace.covered_at - listening)) <= 1
+
+
+def walk(env, agent_actions):
+    """Play actions; return what the last step told."""
+    told = None
+    for actions in agent_actions:
+        told = env.step({agent: actions.get(agent, WAIT) for agent in env.agents})
+    return told
+
+
+def corridor(**options):
+    """Return two robots in a row of six cells, at its ends."""
+    starts = np.array([(5.0, 5.0), (55.0, 5.0)])
+    return search_v0.parallel_env(region="rectangle:60x10", robots=2, starts=starts, **options)
+
+
+def test_a_robot_searches_cell_by_cell_and_the_others_hear_of_it():
+    env = corridor(reward="own", step_price=0.0)
+    observations, infos = env.reset(seed=1)
+    assert infos["robot_1"]["action_mask"].tolist() == [1, 1, 0, 0, 1, 0]
+    _, rewards, *_ = walk(env, [{"robot_1": HERE, "robot_2": HERE}])
+    assert rewards == {"robot_1": 1.0, "robot_2": 1.0}
+    observations, rewards, *_ = walk(env, [{"robot_1": RIGHT}])
+    assert rewards == {"robot_1": 1.0, "robot_2": 0.0}
+    observations, *_ = walk(env, [{}, {}])
+    assert observations["robot_1"]["position"].tolist() == [0, 1]
+    assert observations["robot_2"]["planes"][search_v0.PLANES.index("searched")].tolist() == [[1, 1, 0, 0, 0, 1]]
+    assert observations["robot_2"]["told"].tolist() == [2, 1]
+    _, rewards, terminations, _, infos = walk(env, [{"robot_1": RIGHT, "robot_2": LEFT}, {"robot_1": RIGHT, "robot_2": LEFT}])
+    assert terminations == {"robot_1": True, "robot_2": True}
+    assert rewards == {"robot_1": 11.0, "robot_2": 1.0 + 10.0} or sum(rewards.values()) == 21.0  # who searched the last one
+    assert env.agents == []
+
+
+def test_nothing_is_heard_when_all_messages_are_lost():
+    env = corridor(loss=1.0)
+    env.reset(seed=1)
+    observations, *_ = walk(env, [{"robot_1": HERE, "robot_2": HERE}, {}, {}])
+    assert observations["robot_2"]["heard"].tolist() == [-1.0, 0.0]
+    assert observations["robot_2"]["told"].tolist() == [0, 1]
+
+
+def test_how_long_ago_a_robot_was_heard():
+    env = corridor(network="partition:2:100")  # from time 2 on nothing passes between robots 1 and 2
+    observations, _ = env.reset(seed=1)
+    observations, *_ = walk(env, [{}, {}, {}, {}, {}])
+    assert 3.0 <= observations["robot_1"]["heard"][1] <= 4.0
+
+
+def test_a_robot_that_dies_leaves():
+    env = corridor(faults=["crash:2@2.5"])
+    env.reset(seed=1)
+    _, _, terminations, *_ = walk(env, [{}, {}])
+    assert terminations == {"robot_1": False, "robot_2": False}
+    observations, rewards, terminations, _, _ = walk(env, [{}])
+    assert terminations == {"robot_1": False, "robot_2": True}
+    assert set(observations) == set(rewards) == {"robot_1", "robot_2"}
+    assert env.agents == ["robot_1"]
+    assert set(walk(env, [{}])[0]) == {"robot_1"}
+
+
+def test_shared_rewards_are_the_mean():
+    env = corridor(step_price=0.5)
+    env.reset(seed=1)
+    assert walk(env, [{"robot_1": HERE}])[1] == {"robot_1": 0.0, "robot_2": 0.0}
+
+
+def test_render_modes():
+    env = corridor(render_mode="ansi", faults=["crash:2@0.5"])
+    env.reset(seed=1)
+    assert env.render() == "1????2"
+    walk(env, [{"robot_1": HERE}, {"robot_1": RIGHT}])
+    assert env.render() == ".1???x"
+    env = corridor(render_mode="rgb_array")
+    env.reset(seed=1)
+    assert env.render().shape == (80, 480, 3)
+    env = corridor(render_mode="human")
+    env.reset(seed=1)
+    assert env.render() is None
+    env.close()
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"robots": 0}, "robots: expected"),
+        ({"loss": 2}, "loss: expected"),
+        ({"action": "jump"}, "action: expected"),
+        ({"allocation": "hop"}, "allocation: expected no such option"),
+        ({"live": 3.0}, "live: expected no such option"),
+        ({"region": "no/such.geojson"}, "no/such.geojson"),
+        ({"obstacles": 30}, "obstacles: expected"),
+    ],
+)
+def test_bad_options(options, words):
+    with pytest.raises(shoal.envs.OptionError, match=words) as caught:
+        search_v0.parallel_env(**(SMALL | options))
+    assert "\n" not in str(caught.value)
+
+
+def test_wrong_steps():
+    env = search_v0.parallel_env(**(SMALL | {"max_steps": 1}))
+    for method in (lambda: env.step({}), env.render):
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            method()
+    env.reset(seed=1)
+    everyone = dict.fromkeys(env.agents, 0)
+    for actions in (None, {}, everyone | {"robot_2": 6}, everyone | {"robot_2": "up"}, [0, 0, 0, 0]):
+        with pytest.raises(gymnasium.error.InvalidAction, match=r"robot_\d: expected an action, a number from 0 to 5"):
+            env.step(actions)
+    assert all(env.step(everyone)[3].values()), "truncated by max_steps"
+    with pytest.raises(gymnasium.error.ResetNeeded, match="expected a reset first"):
+        env.step(everyone)
