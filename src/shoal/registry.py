@@ -6,10 +6,11 @@ import importlib
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from functools import partial
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.errors import InvalidInputError, ShoalError, UnknownNameError
 
 if TYPE_CHECKING:
     import inspect
@@ -82,6 +83,8 @@ class Registry(Generic[T]):
         What the objects are, for error messages ("policy").
     open_to_others : bool
         Whether ``module:attribute`` is a name, too.
+    functions : bool
+        Whether the objects are functions, so that options are arguments of theirs.
 
     Examples
     --------
@@ -96,8 +99,8 @@ class Registry(Generic[T]):
     shoal.errors.UnknownNameError: unknown colour 'rad': did you mean 'red'? (known: red; or MODULE:ATTRIBUTE)
     """
 
-    def __init__(self, kind: str, *, open_to_others: bool = True) -> None:
-        self.kind, self.open_to_others = kind, open_to_others
+    def __init__(self, kind: str, *, open_to_others: bool = True, functions: bool = False) -> None:
+        self.kind, self.open_to_others, self.functions = kind, open_to_others, functions
         self._items: dict[str, T] = {}
 
     def add(self, name: str, item: T) -> T:
@@ -187,17 +190,18 @@ def _is_made_by(thing: Any, kind: Any) -> bool:
         return False
 
 
-def configured(registry: Registry[type[T]], text: str) -> T:
+def configured(registry: Registry[Any], text: str) -> Any:
     """Return the object that ``NAME`` or ``module:attribute`` means, with options as in ``NAME:option=value,option=value``.
 
-    A value without ``option=`` goes to the first option. Options are converted to the type of their default.
+    A value without ``option=`` goes to the first option. Options are converted to the type that their parameter is annotated with,
+    or else of its default; where there is neither, to a number or bool if they read like one.
 
     Raises
     ------
     UnknownNameError
         If there is no such name.
     InvalidInputError
-        If there is no such option, or its value does not fit.
+        If there is no such option, its value does not fit, or somebody's class cannot be made.
 
     Examples
     --------
@@ -212,16 +216,25 @@ def configured(registry: Registry[type[T]], text: str) -> T:
 
     kind: Any = registry.get(name)
     if not inspect.isclass(kind) and not options:
-        return cast("T", kind)
+        return kind
+    what, function = f"the {registry.kind} {name!r}", registry.functions and not inspect.isclass(kind)
     try:
-        parameters = inspect.signature(kind).parameters
-        chosen = _options(f"the {registry.kind} {name!r}", text, options, parameters)
-        inspect.signature(kind).bind(**chosen)
+        signature = inspect.signature(kind)
+        own = {key: one for key, one in signature.parameters.items() if not function or one.default is not inspect.Parameter.empty}
+        chosen = _options(what, text, options, own)
+        if function:
+            return partial(kind, **chosen)
+        signature.bind(**chosen)
     except (TypeError, ValueError) as error:
         if isinstance(error, InvalidInputError):
             raise
         raise InvalidInputError(f"the {registry.kind} {text!r}: expected a class without arguments: {error}") from None
-    return cast("T", kind(**chosen))
+    try:
+        return kind(**chosen)
+    except (Exception, SystemExit) as error:  # the class may be somebody's
+        if isinstance(error, ShoalError):
+            raise
+        raise InvalidInputError(f"{what}: cannot be made: {type(error).__name__}: {' '.join(str(error).split())}") from error
 
 
 def _options(what: str, whole: str, text: str, parameters: Mapping[str, inspect.Parameter]) -> dict[str, Any]:
@@ -235,22 +248,31 @@ def _options(what: str, whole: str, text: str, parameters: Mapping[str, inspect.
             raise InvalidInputError(f"{what} has no option {key!r} (it {has})")
         if key in chosen:
             raise InvalidInputError(f"{what}: expected the option {key!r} once, got it again in {whole!r}")
-        chosen[key] = _converted(f"{what}: {key}", value, parameters[key].default)
+        chosen[key] = _converted(f"{what}: {key}", value, parameters[key])
     return chosen
 
 
-def _converted(what: str, value: str, default: object) -> object:
-    """Return the value of an option as the type of its default."""
-    if isinstance(default, bool):
-        if value not in ("true", "false"):
-            raise InvalidInputError(f"{what}: expected true or false, got {value!r}")
-        return value == "true"
-    if isinstance(default, int | float):
-        kind, noun = (int, "a whole number") if isinstance(default, int) else (float, "a number")
-        try:
-            return kind(value)
-        except ValueError:
-            raise InvalidInputError(f"{what}: expected {noun}, got {value!r}") from None
+_READ: dict[str, tuple[Callable[[str], object], str]] = {
+    "bool": ({"true": True, "false": False}.__getitem__, "true or false"),
+    "int": (int, "a whole number"),
+    "float": (float, "a number"),
+    "str": (str, "text"),
+}
+
+
+def _converted(what: str, value: str, parameter: inspect.Parameter) -> object:
+    """Return the value of an option as the type that its parameter is annotated with or has by default."""
+    for told in (parameter.annotation, type(parameter.default)):
+        kind = getattr(told, "__name__", str(told))  # annotations may be texts
+        if kind in _READ:
+            read, expected = _READ[kind]
+            try:
+                return read(value)
+            except (ValueError, KeyError):
+                raise InvalidInputError(f"{what}: expected {expected}, got {value!r}") from None
+    for read, _ in _READ.values():
+        with suppress(ValueError, KeyError):
+            return read(value)
     return value
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -12,7 +12,7 @@ from shoal.checks import shortened
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.problem import Problem, option
-from shoal.registry import Registry, name_of
+from shoal.registry import Registry, configured, name_of
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.commands import RULES
 from shoal.swarm.grid.scans import DEAREST, MOVE_COST, SCAN_COST, ScanRule
@@ -64,7 +64,7 @@ def _named(kind: str) -> dict[str, Any]:
         if kind == "placement":
             from shoal.swarm.grid.placements import PLACEMENTS
 
-            return PLACEMENTS, PLACEMENTS.get
+            return PLACEMENTS, partial(configured, PLACEMENTS)
         from shoal.swarm.policies import POLICIES, make_policy
 
         return POLICIES, make_policy

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from shoal.checks import shortened
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
+from shoal.registry import configured
 from shoal.search.allocation.allocators import ALLOCATORS, Indices
 from shoal.search.allocation.arcs import Arc, numbers_of, way_to, work_time
 from shoal.search.allocation.tour_cost import Floats, TourCost
@@ -118,7 +119,7 @@ def arcs_of(
 
 
 def _shared(tour_cost: TourCost, allocator: str, team: Team, order: Indices) -> tuple[tuple[Arc, ...], ...]:
-    share = ALLOCATORS.get(allocator)
+    share = configured(ALLOCATORS, allocator)
     arcs: list[tuple[Arc, ...]] = [()] * len(order)
     try:
         for robot, work in zip(order, share(tour_cost, team), strict=True):

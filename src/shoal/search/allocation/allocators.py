@@ -22,7 +22,7 @@ _CANDIDATES = 12  # cuts into equal arcs that are made better
 
 
 Allocator = Callable[[TourCost, Team], list[list[Arc]]]
-ALLOCATORS: Registry[Allocator] = Registry("allocation")
+ALLOCATORS: Registry[Allocator] = Registry("allocation", functions=True)
 
 
 @ALLOCATORS.register("stay")

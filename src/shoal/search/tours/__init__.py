@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from shoal.errors import InvalidInputError
+from shoal.registry import configured
 from shoal.search.tours import comb, hilbert, hilbert_rectangle, spanning_tree
 from shoal.search.tours.base import TOURS, TourMaker, check_covers
 from shoal.search.tours.codec import hilbert_decode, hilbert_encode, moore_decode, moore_encode
@@ -77,7 +78,7 @@ def find_tour_maker(maker: str | TourMaker) -> TourMaker:
     ------
     UnknownNameError, InvalidInputError
     """
-    found: Any = TOURS.get(maker) if isinstance(maker, str) else maker
+    found: Any = configured(TOURS, maker) if isinstance(maker, str) else maker
     try:
         made = found() if isinstance(found, type) else found
     except TypeError as error:

@@ -6,6 +6,7 @@ from typing import Any, cast
 
 from shoal.checks import shortened
 from shoal.errors import InvalidInputError
+from shoal.registry import configured
 from shoal.steering.planners import fewest_moves, greedy, robust, sampling, shortest
 from shoal.steering.planners.protocol import PLANNERS, Planner
 
@@ -21,7 +22,7 @@ def make_planner(planner: str | Planner) -> Planner:
         If it is no planner.
     UnknownNameError
     """
-    found: Any = PLANNERS.get(planner) if isinstance(planner, str) else planner
+    found: Any = configured(PLANNERS, planner) if isinstance(planner, str) else planner
     made = found() if isinstance(found, type) and callable(getattr(found, "plan", None)) else found
     if isinstance(made, type) or not callable(getattr(made, "plan", None)):
         raise InvalidInputError(f"planner: expected a name, or an object with a name and plan(task), got {shortened(made)}")

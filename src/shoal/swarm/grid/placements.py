@@ -10,13 +10,13 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
-from shoal.registry import Registry
+from shoal.registry import Registry, configured
 from shoal.swarm.grid.commands import offsets_of
 from shoal.swarm.grid.world import check_start
 from shoal.swarm.maps.workspace import GridWorkspace
 
 Placement = Callable[[GridWorkspace, int, Generator], NDArray[np.int64]]
-PLACEMENTS: Registry[Placement] = Registry("placement")
+PLACEMENTS: Registry[Placement] = Registry("placement", functions=True)
 
 
 def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Generator) -> NDArray[np.int64]:
@@ -50,7 +50,7 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
     """
     if not 1 <= n <= workspace.n_free:
         raise InvalidInputError(f"particles: expected 1 to {workspace.n_free} (the free cells of {workspace.name}), got {n}")
-    function = PLACEMENTS.get(placement) if isinstance(placement, str) else placement
+    function = configured(PLACEMENTS, placement) if isinstance(placement, str) else placement
     if not _takes(function, workspace, n, rng):
         raise InvalidInputError(f"placement {_name(placement)}: expected a function (workspace, n, rng) -> cells, got {function!r}")
     cells = function(workspace, n, rng)
