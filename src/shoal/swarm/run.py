@@ -14,10 +14,9 @@ from shoal.episode import Status
 from shoal.errors import InvalidInputError
 from shoal.jit import Stopwatch
 from shoal.swarm.episode import SwarmEpisode
-from shoal.swarm.grid.placements import place
 from shoal.swarm.grid.randomness import noise_rng, trial_rng
 from shoal.swarm.grid.trace import Trace
-from shoal.swarm.grid.world import GridWorld, check_start
+from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.noise.simulated import noisy_belief
 from shoal.swarm.policies import ClosestFrontier, Compiled, Offline, PlannerPolicy, Policy, RandomMoves
 from shoal.swarm.problem import SwarmProblem
@@ -26,6 +25,7 @@ from shoal.swarm.simulation.deciders import Decider, ReplannedRuns, make_decider
 from shoal.swarm.simulation.exact import ExactSwarm
 from shoal.swarm.simulation.loop import Controlled, OnMoves, closed_loop
 from shoal.swarm.simulation.noisy import NoisySwarm
+from shoal.swarm.simulation.starts import draw_start
 from shoal.version import versions
 
 
@@ -63,12 +63,8 @@ def run(
         raise InvalidInputError(f"problem: expected a SwarmProblem, got {type(problem).__name__}")
     seed, trial = check_integer(seed, what="seed", least=0), check_integer(trial, what="trial", least=0)
     problem.check_at_place()
-    workspace, rng = problem.place, trial_rng(seed, trial)
-    if problem.start is None:
-        start = place(workspace, problem.particles, problem.placement, rng)
-    else:
-        start = check_start(workspace, problem.start, rule=problem.rule)
-    targets = problem.chosen_task.choose_targets(workspace, rng)
+    rng = trial_rng(seed, trial)
+    start, targets = draw_start(problem, rng)
     if problem.noise is None:
         trace, status, first, seconds = _without_noise(problem, start, targets, rng, stepwise, on_moves)
     else:

@@ -90,7 +90,7 @@ class Coverage:
             If a target lies where no particle can get to.
         """
         wanted = world.workspace.free if targets is None else targets
-        check_reachable(world.workspace, state, wanted)
+        check_reachable(world.workspace, state.occupied.cells, wanted)
         everything = Board.full(world.layout)
         return Belief(open=world.free, known=everything, frontier=Board.of_mask(wanted) - state.occupied)
 
@@ -129,8 +129,8 @@ for _task in (Mapping, Coverage, SubsetCoverage):
     TASKS.add(_task.name, _task)
 
 
-def check_reachable(workspace: GridWorkspace, state: SwarmState, targets: NDArray[np.bool_]) -> None:
-    """Refuse targets in a part of the free space that holds no particle."""
+def check_reachable(workspace: GridWorkspace, start: NDArray[np.int64], targets: NDArray[np.bool_]) -> None:
+    """Refuse targets in a part of the free space that holds none of the start cells, shape (n, ndim)."""
     if targets.shape != workspace.shape:
         raise InvalidInputError(f"targets: expected a mask of shape {workspace.shape}, got {targets.shape}")
     if (targets & ~workspace.free).any():
@@ -138,7 +138,7 @@ def check_reachable(workspace: GridWorkspace, state: SwarmState, targets: NDArra
         raise InvalidInputError(f"targets: expected free cells, got the obstacle {cell}")
     labels = workspace.components
     reached = np.zeros(int(labels.max()) + 1, dtype=np.bool_)
-    reached[labels[state.occupied.inner]] = True
+    reached[labels[tuple(start.T)]] = True
     lost = targets & ~reached[labels]
     if lost.any():
         cell = tuple(int(i) for i in np.argwhere(lost)[0])

@@ -130,7 +130,7 @@ def learn(field, first, last):
     A tried cell is free if a particle stands in it, else obstacle. The unknown neighbours of those found free join the frontier;
     among them may be cells that were tried, too, and come later here, but they are on the frontier already.
     """
-    tried, width = field.tried, field.width
+    tried = field.tried
     classified, added = 0, 0
     for i in range(first, last):
         cells = tried[i - first]
@@ -143,17 +143,25 @@ def learn(field, first, last):
         if found == ZERO:
             continue
         field.open[i] |= found
-        added += add_frontier(field, i, (found << ONE) | (found >> ONE))
-        if found >> TOP != ZERO:
-            added += add_frontier(field, i + 1, ONE)
-        if found & ONE != ZERO:
-            added += add_frontier(field, i - 1, ONE << TOP)
-        added += add_frontier(field, i - width, found)
-        added += add_frontier(field, i + width, found)
-        if field.layers > 1:
-            added += add_frontier(field, i - width * field.rows, found)
-            added += add_frontier(field, i + width * field.rows, found)
+        added += add_neighbours(field, i, found)
     return classified, added
+
+
+@in_place_kernel
+def add_neighbours(field, i, found):
+    """Add the unknown neighbours of the cells ``found`` of one word to the frontier; return how many are new."""
+    width = field.width
+    added = add_frontier(field, i, (found << ONE) | (found >> ONE))
+    if found >> TOP != ZERO:
+        added += add_frontier(field, i + 1, ONE)
+    if found & ONE != ZERO:
+        added += add_frontier(field, i - 1, ONE << TOP)
+    added += add_frontier(field, i - width, found)
+    added += add_frontier(field, i + width, found)
+    if field.layers > 1:
+        added += add_frontier(field, i - width * field.rows, found)
+        added += add_frontier(field, i + width * field.rows, found)
+    return added
 
 
 @in_place_kernel

@@ -1,0 +1,68 @@
+"""What a batch is given: each check returns it as arrays, or refuses it in one sentence."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.checks import shortened
+from shoal.errors import InvalidInputError
+from shoal.swarm.problem import SwarmProblem
+
+LARGEST = 2**62
+ALIKE = ("rule", "task", "slip", "misplace", "miss", "confidence")
+"""The fields in which the problems of a batch do not differ."""
+
+
+def check_problems(problems: list[SwarmProblem]) -> None:
+    """Refuse problems that cannot be played in one batch."""
+    if not problems or not all(isinstance(one, SwarmProblem) for one in problems):
+        raise InvalidInputError(f"problem: expected a SwarmProblem, or several, got {shortened(problems)}")
+    first = problems[0]
+    for one in problems:
+        one.check_at_place()
+        for name in ALIKE:
+            mine, theirs = getattr(first, name), getattr(one, name)
+            if mine != theirs:
+                raise InvalidInputError(
+                    f"problems: expected the same {name} in all of them, got {shortened(mine)} and {shortened(theirs)}"
+                )
+
+
+def check_out(out: Any, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return an array of uint8 to be filled: a new one, or the given one."""
+    if out is None:
+        return np.empty(shape, dtype=np.uint8)
+    good = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == shape
+    if not good or not out.flags.c_contiguous or not out.flags.writeable:
+        got = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else shortened(out)
+        if good:
+            got += ", which is not contiguous" if not out.flags.c_contiguous else ", which cannot be written to"
+        raise InvalidInputError(f"out: expected a C-contiguous array of uint8 {shape}, got {got}")
+    filled: NDArray[np.uint8] = out
+    return filled
+
+
+def check_where(where: Any, count: int) -> NDArray[np.int64]:
+    """Return the numbers of the worlds that a mask marks."""
+    mask = np.asarray(where)
+    if mask.dtype != np.bool_ or mask.shape != (count,):
+        raise InvalidInputError(f"where: expected {count} booleans, one a world, got {mask.dtype} {mask.shape}")
+    return np.flatnonzero(mask)
+
+
+def check_numbers(
+    given: Any, chosen: NDArray[np.int64], count: int, *, what: str, least: int, below: int = LARGEST, single: bool = True
+) -> NDArray[np.integer[Any]]:
+    """Return whole numbers, one a world, or one for all if ``single``; those of the chosen worlds are checked."""
+    numbers = np.asarray(given)
+    if numbers.dtype.kind not in "iu" or not ((single and numbers.ndim == 0) or numbers.shape == (count,)):
+        raise InvalidInputError(f"{what}: expected {count} whole numbers, one a world, got {numbers.dtype} {numbers.shape}")
+    numbers = np.broadcast_to(numbers, count)[chosen]
+    bad = (numbers < least) | (numbers >= below)
+    if bad.any():
+        expected = f"{least} to {below - 1}" if below < LARGEST else f"{least} or more"
+        raise InvalidInputError(f"{what}: expected {expected}, got {numbers[bad][0]} for world {chosen[bad][0]}")
+    return numbers

@@ -1,0 +1,293 @@
+"""WorldBatch: many worlds that are stepped at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.checks import check_integer
+from shoal.errors import InvalidInputError
+from shoal.swarm.batch.checks import check_numbers, check_problems
+from shoal.swarm.batch.inspection import Boards, Inspection
+from shoal.swarm.batch.maps import PaddedMaps
+from shoal.swarm.batch.threads import processors, share_out
+from shoal.swarm.grid.commands import LETTERS, encode
+from shoal.swarm.grid.fields import RULE_CODES
+from shoal.swarm.grid.randomness import noise_rng, trial_rng
+from shoal.swarm.grid.tasks import check_reachable
+from shoal.swarm.grid.trace import Trace
+from shoal.swarm.kernels.batches.worlds import Steps, Worlds, begin_worlds, step_worlds
+from shoal.swarm.kernels.dynamics.moves import BLOCK_WORDS
+from shoal.swarm.problem import SwarmProblem
+from shoal.swarm.simulation.compiled import is_compiled
+from shoal.swarm.simulation.starts import draw_start, swarm_of
+
+SEEDS = 2**31
+"""Seeds of later episodes are drawn below."""
+
+
+class WorldBatch(Inspection):
+    """Worlds of one problem, or of several on different maps, that are stepped at once in compiled code.
+
+    World i begins as ``shoal.run(problem, seed=seed + i)`` does, and what it does depends on its own seed alone: not on how many
+    worlds there are, nor on the number of threads.
+
+    Parameters
+    ----------
+    problem : SwarmProblem, or sequence of them
+        Several may differ in all that says how an episode begins (map, particles, placement, ...); each episode draws one of them.
+        Their boards are padded to a common shape. The policy plays no part.
+    worlds : int
+        How many.
+    seed : int, sequence of int, or None
+        See `reset`.
+    threads : int, optional
+        At most so many; by default as many as there are processors.
+
+    Attributes
+    ----------
+    problems : list of SwarmProblem
+    layout : GridLayout
+        The window of all boards and planes, one cell of rim included.
+    moves : ndarray of int64, shape (worlds,)
+        Commands of the episode so far. These arrays are views: each step and reset writes to them.
+    frontier : ndarray of int32, shape (worlds,)
+        Cells that are left to do.
+    complete, terminated, truncated : ndarray of bool, shape (worlds,)
+        Whether the task is done; whether nothing is left to do (with noise also without it being done); whether the limit of moves
+        was reached before that.
+    seeds, maps : ndarray of int64, shape (worlds,)
+        What each episode began with: its seed, and the number of its problem.
+
+    Raises
+    ------
+    InvalidInputError
+        If a problem cannot be played, or several do not go together.
+
+    Notes
+    -----
+    A world takes four boards, 64 cells a word, and 68 bytes: 4.5 kB for vessels:1000, 14.5 kB for vessels:5000; its generator takes
+    1.3 kB; under rule merge 4 bytes more a cell. Worlds with noise or with a task of one's own are played by the code of
+    `shoal.run`, one by one, which is slower. Docs: docs/how-to/batches.md.
+
+    Examples
+    --------
+    >>> batch = WorldBatch(SwarmProblem("line:9", particles=3), worlds=4)
+    >>> rng = np.random.default_rng(1)
+    >>> while not batch.complete.all():
+    ...     trace = batch.step(rng.integers(4, size=4), where=~batch.complete)
+    >>> batch.moves.tolist()
+    [114, 37, 34, 108]
+    >>> batch.planes(["particles", "frontier"]).shape
+    (4, 2, 3, 11)
+    """
+
+    def __init__(
+        self,
+        problem: SwarmProblem | Sequence[SwarmProblem],
+        worlds: int,
+        *,
+        seed: int | Sequence[int | None] | None = 0,
+        threads: int | None = None,
+    ) -> None:
+        self.problems = [problem] if isinstance(problem, SwarmProblem) else list(problem)
+        check_problems(self.problems)
+        count = check_integer(worlds, what="worlds", least=1)
+        self.threads = processors() if threads is None else check_integer(threads, what="threads", least=1)
+        first = self.problems[0]
+        self._mapping = bool(getattr(first.chosen_task, "mapping", True))
+        self._compiled = first.noise is None and is_compiled(first.chosen_task)
+        self._rule, self._padded = RULE_CODES[first.rule], PaddedMaps([one.place for one in self.problems])
+        self.layout, self._merge, self._noisy = self._padded.layout, first.rule == "merge", first.noise is not None
+        rows, width = self.layout.words
+        boards = {name: np.zeros((count, self._padded.words), dtype=np.uint64) for name in Boards._fields}
+        cells = (rows, 64 * width) if self._merge else (0, 0)
+        self.maps, self.seeds = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+        self._worlds = Worlds(
+            free=self._padded.free, inside=self._padded.inside, map_of=self.maps, **boards,
+            counts=np.zeros((count, *cells), dtype=np.int32), layers=self.layout.layers, rows=self.layout.rows, width=width,
+        )  # fmt: skip
+        kinds = (np.int8, np.int32, np.int32, *[np.int64] * 3, *[np.bool_] * 3)
+        self._steps = Steps(*(np.zeros(count, kind) for kind in kinds))
+        self._work = np.zeros((self.threads, 3, max(BLOCK_WORDS, width)), dtype=np.uint64)
+        self._swarms: list[Any] = [None] * count
+        self._rngs: list[Generator] = []
+        self.moves, self.frontier = self._steps.moves, self._steps.frontier
+        self.complete, self.terminated, self.truncated = self._steps[-3:]
+        self._all, self._once = np.arange(count), np.ones(count, dtype=np.int64)
+        self.reset(seed=np.random.SeedSequence().generate_state(count).tolist() if seed is None else seed)
+
+    def __repr__(self) -> str:
+        return (
+            f"<WorldBatch: {len(self)} worlds of {self.layout.shape}, {np.count_nonzero(self.terminated | self.truncated)} ended>"
+        )
+
+    @property
+    def memory(self) -> int:
+        """Bytes of all arrays, the room to work in included."""
+        own = (self.seeds, self._work, self._all, self._once)
+        return sum(array.nbytes for array in (*self._worlds[:-3], *self._steps, *own))
+
+    def reset(
+        self, where: ArrayLike | None = None, *, seed: int | Sequence[int | None] | None = None, maps: ArrayLike | None = None
+    ) -> None:
+        """Let worlds begin an episode: particles are placed anew, and on one of the maps, if there are several.
+
+        Parameters
+        ----------
+        where : array_like of bool, shape (worlds,), optional
+            Which worlds; by default all.
+        seed : int, or sequence of int or None, one a world, optional
+            Of the episode, ``seed + i`` for world i, and of those that follow it; without a seed each world draws the next one.
+        maps : array_like of int, optional
+            Number of the problem that each world begins, one for all or one a world; without it each world draws its own.
+
+        Raises
+        ------
+        InvalidInputError
+            Then no world has changed.
+        """
+        chosen = self._chosen(where)
+        if not chosen.size:
+            return
+        rngs = self._drawn_rngs(seed, chosen)
+        seeds = [own if own is not None else int(rng.integers(SEEDS)) for own, rng in rngs]
+        if maps is None:
+            numbers = [int(rng.integers(len(self.problems))) for _, rng in rngs]
+        else:
+            numbers = check_numbers(maps, chosen, len(self), what="maps", least=0, below=len(self.problems)).tolist()
+        starts = [draw_start(self.problems[number], trial_rng(own)) for number, own in zip(numbers, seeds, strict=True)]
+        if self._compiled:
+            swarms: list[Any] = [None] * len(chosen)
+            boards = self._first_boards(numbers, starts)
+        else:
+            swarms = [
+                swarm_of(self.problems[number], *start, noise_rng(own))
+                for number, start, own in zip(numbers, starts, seeds, strict=True)
+            ]
+        if not self._rngs:
+            self._rngs = [rng for _, rng in rngs]
+        self.maps[chosen], self.seeds[chosen] = numbers, seeds
+        self._steps.limits[chosen] = [self.problems[number].max_moves for number in numbers]
+        for world, swarm, (_, rng) in zip(chosen.tolist(), swarms, rngs, strict=True):
+            self._swarms[world], self._rngs[world] = swarm, rng
+        if self._compiled:
+            self._share(begin_worlds, chosen, *boards)
+            return
+        for column in self._steps[1:5]:
+            column[chosen] = 0
+        self._steps.commands[chosen] = -1
+        self._show(chosen)
+
+    def _drawn_rngs(self, seed: int | Sequence[int | None] | None, chosen: NDArray[np.int64]) -> list[tuple[int | None, Generator]]:
+        """Return for each world its seed, if it has one, and its generator."""
+        if isinstance(seed, Sequence | np.ndarray) and len(seed) != len(self):
+            raise InvalidInputError(f"seed: expected {len(self)} seeds, one a world, got {len(seed)}")
+        rngs: list[tuple[int | None, Generator]] = []
+        for world in chosen.tolist():
+            own: Any = seed[world] if isinstance(seed, Sequence | np.ndarray) else seed
+            if own is None:
+                rngs.append((None, self._rngs[world]))
+                continue
+            own = check_integer(own, what="seed", least=0) + (0 if isinstance(seed, Sequence | np.ndarray) else world)
+            rngs.append((own, np.random.default_rng(own)))
+        return rngs
+
+    def _first_boards(self, numbers: list[int], starts: list[Any]) -> tuple[Any, ...]:
+        """Return start cells and cells to cover of some worlds as their kernel takes them."""
+        cells = [self._padded.lines(start) for start, _ in starts]
+        targets = np.zeros((0, 0), dtype=np.uint64)
+        if not self._mapping:
+            targets = np.zeros((len(starts), self._padded.words), dtype=np.uint64)
+            for row, number, (start, wanted) in zip(targets, numbers, starts, strict=True):
+                place = self.problems[number].place
+                check_reachable(place, start, wanted)
+                row[:] = self._padded.free[number] if wanted is place.free else self._padded.of_mask(wanted)
+        ends = np.cumsum([len(one) for one in cells], dtype=np.int64)
+        return np.concatenate(cells), ends, targets
+
+    def step(self, commands: ArrayLike | str, *, repeat: ArrayLike = 1, where: ArrayLike | None = None) -> Trace:
+        """Send one command to each world, which is then looked at.
+
+        Parameters
+        ----------
+        commands : array_like of int, shape (worlds,), or str
+            Codes, in the order of ``lurd`` (in three dimensions ``lurdio``), or these letters.
+        repeat : array_like of int, optional
+            How often each command is sent before the scan, one number for all or one a world; at most up to the limit of moves.
+        where : array_like of bool, shape (worlds,), optional
+            Which worlds get one; by default all.
+
+        Returns
+        -------
+        Trace
+            One row a world: what the commands did in all. Its arrays are views: each step and reset writes to them.
+
+        Raises
+        ------
+        InvalidInputError
+            If there are not as many commands as worlds, one of them is none, or its world has ended. Then no world has changed.
+        """
+        steps, chosen, ndim = self._steps, self._chosen(where), self.layout.ndim
+        given = encode(commands, ndim=ndim) if isinstance(commands, str) else commands
+        codes = check_numbers(given, chosen, len(self), what="commands", least=0, below=2 * ndim, single=False)
+        ended = (self.terminated | self.truncated)[chosen]
+        if ended.any():
+            over = chosen[ended][0]
+            raise InvalidInputError(f"step: expected worlds that go on, got world {over}, which has ended (reset it or use where)")
+        if isinstance(repeat, int) and repeat == 1:
+            times = self._once[: len(chosen)]
+        else:
+            times = check_numbers(repeat, chosen, len(self), what="repeat", least=1).astype(np.int64)
+            times = np.minimum(times, steps.limits[chosen] - steps.moves[chosen])
+        if chosen is not self._all:
+            steps.commands[:], steps.classified[:], steps.travelled[:] = -1, 0, 0
+        steps.commands[chosen] = codes
+        if self._compiled:
+            self._share(step_worlds, chosen, times)
+        else:
+            self._carry_out(chosen, times)
+        return Trace(*steps[:4], steps.commands >= 0)
+
+    def _carry_out(self, chosen: NDArray[np.int64], times: NDArray[np.int64]) -> None:
+        """Step worlds that kernels do not know, each by itself."""
+
+        def work(_: int, first: int, last: int) -> None:
+            for world, steps in zip(chosen[first:last].tolist(), times[first:last].tolist(), strict=True):
+                rows, _scanned = self._swarms[world].carry_out(LETTERS[self._steps.commands[world]], steps, scan=True)
+                columns = np.array(rows, dtype=np.int64).T
+                self._steps.classified[world], self._steps.travelled[world] = columns[0].sum(), columns[2].sum()
+                self._steps.moves[world] += steps
+            self._show(chosen[first:last])
+
+        share_out(work, len(chosen), words=64 * self._padded.words, threads=self.threads)
+
+    def _show(self, chosen: NDArray[np.int64]) -> None:
+        """Write the boards of worlds that kernels do not know, and whether their episodes have ended."""
+        steps = self._steps
+        for world in chosen.tolist():
+            swarm = self._swarms[world]
+            boards = (swarm.state.occupied, swarm.belief.open, swarm.belief.known, swarm.belief.frontier)
+            for name, board in zip(Boards._fields, boards, strict=True):
+                self._padded.padded(board, getattr(self._worlds, name)[world])
+            if swarm.state.counts is not None:
+                layout, whole = swarm.state.occupied.layout, self._worlds.counts[world]
+                whole[:] = 0
+                part = whole.reshape(self.layout.layers, self.layout.rows, -1)[: layout.layers, : layout.rows, : layout.columns]
+                part[...] = swarm.state.counts.reshape(part.shape)
+            steps.frontier[world] = len(swarm.belief.frontier)
+            steps.complete[world] = bool(swarm.finished)
+            steps.terminated[world] = steps.complete[world] or steps.frontier[world] == 0
+            steps.truncated[world] = not steps.terminated[world] and steps.moves[world] >= steps.limits[world]
+
+    def _share(self, kernel: Any, chosen: NDArray[np.int64], *arguments: Any) -> None:
+        """Run a kernel that changes worlds for those that are chosen, in threads."""
+
+        def work(thread: int, first: int, last: int) -> None:
+            kernel(self._worlds, self._steps, self._work[thread], chosen, *arguments, self._rule, self._mapping, first, last)
+
+        share_out(work, len(chosen), words=self._padded.words, threads=self.threads)

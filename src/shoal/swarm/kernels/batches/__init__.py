@@ -1,0 +1,1 @@
+"""Many worlds at once: one command each, how they begin, and what is seen of them as bytes."""

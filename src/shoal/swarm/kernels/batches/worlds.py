@@ -1,0 +1,112 @@
+"""Many worlds: their boards lie one after the other, and a thread takes a range of those that are asked for.
+
+All worlds have boards of one shape. A smaller map lies in the first rows and columns; nobody gets beyond it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.jit import in_place_kernel
+from shoal.swarm.kernels.dynamics.bits import ZERO, popcount, put
+from shoal.swarm.kernels.dynamics.moves import MERGE, Field, add_neighbours
+from shoal.swarm.kernels.dynamics.steps import step
+
+
+class Worlds(NamedTuple):
+    """The boards of all worlds, changed in place."""
+
+    free: NDArray[np.uint64]  # (maps, words): the truth
+    inside: NDArray[np.uint64]  # (maps, words): the window of each map, one cell of rim included
+    map_of: NDArray[np.int64]  # (worlds,): row of the two above
+    occupied: NDArray[np.uint64]  # (worlds, words), as the next three; see Field
+    open: NDArray[np.uint64]
+    known: NDArray[np.uint64]
+    frontier: NDArray[np.uint64]
+    counts: NDArray[np.int32]  # (worlds, rows, 64 x width); (worlds, 0, 0) but for merge
+    layers: int
+    rows: int
+    width: int
+
+
+class Steps(NamedTuple):
+    """What the last command did and how the episode stands, one entry a world, changed in place."""
+
+    commands: NDArray[np.int8]
+    classified: NDArray[np.int32]
+    frontier: NDArray[np.int32]
+    travelled: NDArray[np.int64]
+    moves: NDArray[np.int64]
+    limits: NDArray[np.int64]  # of moves
+    complete: NDArray[np.bool_]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+
+
+@in_place_kernel
+def field_of_world(worlds, world, work):
+    """Return the boards of one world; ``work`` has three rows for blocks of work space."""
+    return Field(
+        worlds.free[worlds.map_of[world]], worlds.occupied[world], worlds.open[world], worlds.known[world], worlds.frontier[world],
+        work[0], work[1], work[2], worlds.counts[world], worlds.layers, worlds.rows, worlds.width,
+    )  # fmt: skip
+
+
+@in_place_kernel
+def step_worlds(worlds, steps, work, chosen, repeat, rule, mapping, first, last):
+    """Carry out the command of each of the worlds ``chosen[first:last]``, as often as ``repeat`` says."""
+    for i in range(first, last):
+        world = chosen[i]
+        steps.travelled[world] = 0
+        steps.classified[world] = 0
+        field = field_of_world(worlds, world, work)
+        for _ in range(repeat[i]):
+            travelled, done, change = step(field, steps.commands[world], rule, mapping)
+            steps.travelled[world] += travelled
+            steps.classified[world] += done
+            steps.frontier[world] += change
+        steps.moves[world] += repeat[i]
+        note_end(steps, world)
+
+
+@in_place_kernel
+def note_end(steps, world):
+    """Note whether an episode has ended."""
+    steps.complete[world] = steps.terminated[world] = steps.frontier[world] == 0
+    steps.truncated[world] = steps.frontier[world] > 0 and steps.moves[world] >= steps.limits[world]
+
+
+@in_place_kernel
+def begin_worlds(worlds, steps, work, chosen, cells, ends, targets, rule, mapping, first, last):
+    """Let the worlds ``chosen[first:last]`` begin.
+
+    ``cells`` holds the start cells, row and column, of one world after the other, up to ``ends``; ``targets`` the cells to cover of
+    each, or nothing in a mapping.
+    """
+    for i in range(first, last):
+        world = chosen[i]
+        field = field_of_world(worlds, world, work)
+        field.occupied[:] = ZERO
+        field.counts[:] = 0
+        for k in range(ends[i - 1] if i > 0 else 0, ends[i]):
+            put(field.occupied, field.width, cells[k, 0], cells[k, 1])
+            if rule == MERGE:
+                field.counts[cells[k, 0], cells[k, 1]] += 1
+        remaining = 0
+        for k in range(field.occupied.shape[0]):
+            field.open[k] = field.occupied[k] if mapping else field.free[k]
+            field.known[k] = field.occupied[k] if mapping else worlds.inside[worlds.map_of[world], k]
+            field.frontier[k] = ZERO if mapping else targets[i, k] & ~field.occupied[k]
+            remaining += popcount(field.frontier[k])
+        for k in range(field.occupied.shape[0]):
+            if mapping and field.occupied[k] != ZERO:
+                remaining += add_neighbours(field, k, field.occupied[k])
+        steps.commands[world] = -1
+        steps.classified[world] = 0
+        steps.travelled[world] = 0
+        steps.moves[world] = 0
+        steps.frontier[world] = remaining
+        note_end(steps, world)

@@ -1,0 +1,35 @@
+"""How an episode begins: what is drawn, and the swarm that is then controlled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from shoal.swarm.grid.placements import place
+from shoal.swarm.grid.world import GridWorld, check_start
+from shoal.swarm.noise.simulated import noisy_belief
+from shoal.swarm.problem import SwarmProblem
+from shoal.swarm.simulation.exact import ExactSwarm
+from shoal.swarm.simulation.noisy import NoisySwarm
+
+
+def draw_start(problem: SwarmProblem, rng: Generator) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
+    """Draw start cells, int64, (n, ndim), unless the problem gives them, and then what its task draws, a mask of cells or None."""
+    workspace = problem.place
+    if problem.start is None:
+        start = place(workspace, problem.particles, problem.placement, rng)
+    else:
+        start = check_start(workspace, problem.start, rule=problem.rule)
+    return start, problem.chosen_task.choose_targets(workspace, rng)
+
+
+def swarm_of(
+    problem: SwarmProblem, start: NDArray[np.int64], targets: NDArray[np.bool_] | None, noise_rng: Generator
+) -> ExactSwarm | NoisySwarm:
+    """Return the swarm that an episode begins with; ``noise_rng`` is the generator of its noise."""
+    if problem.noise is not None:
+        return NoisySwarm(noisy_belief(problem.place, start, problem.noise, problem.confidence, noise_rng), noise_rng)
+    world = GridWorld(problem.place, problem.rule)
+    state = world.initial(start)
+    return ExactSwarm(world, problem.chosen_task, state, problem.chosen_task.begin(world, state, targets))
