@@ -1,0 +1,151 @@
+"""record: play a policy into a dataset of Minari, for imitation and offline learning."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from shoal.checks import check_integer, shortened
+from shoal.envs.options import OptionError
+from shoal.errors import MissingExtraError, OutputError
+from shoal.version import __version__
+
+Chooser = Callable[[Any, dict[str, Any]], Any]
+"""(observation, info) -> action."""
+
+
+def record(
+    env: gymnasium.Env[Any, Any],
+    policy: str | Chooser | Any,
+    path: str | os.PathLike[str],
+    *,
+    episodes: int = 10,
+    seed: int = 0,
+    name: str | None = None,
+) -> Any:
+    """Play a policy in an environment, and store what it observed and did in Minari's layout (HDF5).
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+        Made by ``gymnasium.make`` with one of Shoal's ids.
+    policy : str, object or callable
+        A policy of `shoal.swarm` (for steering a planner), by name or as an object, or a function (observation, info) -> action.
+        What ends before the task is done is truncated there.
+    path : path
+        Folder of the dataset, which must not exist yet; `minari.MinariDataset` opens it again.
+    episodes : int
+    seed : int
+        Episode k has the seed ``seed + k``.
+    name : str, optional
+        Of the dataset, ``NAMESPACE/NAME-v0``.
+
+    Returns
+    -------
+    minari.MinariDataset
+        Each of its episodes has ``observations`` (one more than moves), ``actions``, ``rewards``, ``terminations``, ``truncations``
+        and ``infos``.
+
+    Raises
+    ------
+    OptionError, MissingExtraError, OutputError
+
+    Examples
+    --------
+    >>> import gymnasium, tempfile
+    >>> env = gymnasium.make("shoal.envs:shoal/Mapping-v0", map="vessels:100", particles=10)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     dataset = record(env, "closest-frontier", folder + "/frontier", episodes=2)
+    ...     [(len(episode), episode.observations.shape) for episode in dataset]
+    [(125, (126, 4, 24, 21)), (111, (112, 4, 24, 21))]
+    """
+    try:
+        import minari
+        from minari.data_collector import EpisodeBuffer
+        from minari.dataset.minari_storage import MinariStorage
+    except ImportError:
+        raise MissingExtraError('datasets need the extra "envs": pip install "shoal[envs]"') from None
+    episodes, seed = check_integer(episodes, what="episodes", least=1), check_integer(seed, what="seed", least=0)
+    if not hasattr(env.unwrapped, "expert_actions"):
+        raise OptionError(f"env: expected an environment of Shoal, got {shortened(env)}")
+    target = Path(path)
+    if target.exists():
+        raise OutputError(f"cannot write {target}: expected a folder that does not exist yet")
+    label = policy if isinstance(policy, str) else str(getattr(policy, "name", getattr(policy, "__name__", type(policy).__name__)))
+    told = {
+        "dataset_id": name or f"{_plain(env.spec.id if env.spec else type(env.unwrapped).__name__)}/{_plain(label)}-v0",
+        "algorithm_name": label,
+        "requirements": [f"shoal=={__version__}"],
+        "minari_version": minari.__version__,
+    }
+    temporary = target.parent / f".{target.name[:40]}-{secrets.token_hex(6)}"
+    try:
+        temporary.mkdir(parents=True)
+        spaces = {"observation_space": env.observation_space, "action_space": env.action_space, "env_spec": _spec_of(env)}
+        storage = MinariStorage.new(temporary, **spaces, data_format="hdf5", jpeg_encoding=False)
+        storage.update_metadata(told)
+        storage.update_episodes(EpisodeBuffer(**_episode(env, policy, seed + k)) for k in range(episodes))
+        temporary.replace(target)
+    except OSError as error:
+        raise OutputError(f"cannot write {target}: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return minari.MinariDataset(target)
+
+
+def _episode(env: gymnasium.Env[Any, Any], policy: Any, seed: int) -> dict[str, Any]:
+    """Play one episode; return it as Minari wants it."""
+    observation, info = env.reset(seed=seed)
+    observations, infos, actions, rewards = [observation], [info], [], []
+    ends: list[tuple[bool, bool]] = []
+    plan = None if callable(policy) else iter(env.unwrapped.expert_actions(policy))  # type: ignore[attr-defined]  # all of Shoal's have it
+    while not (ends and any(ends[-1])):
+        action = _next_action(plan, policy, observation, info)
+        if action is None:
+            break
+        observation, reward, terminated, truncated, info = env.step(action)
+        observations.append(observation)
+        infos.append(info)
+        actions.append(action)
+        rewards.append(float(reward))
+        ends.append((terminated, truncated))
+    if not ends:
+        raise OptionError(f"policy: expected at least one action in the episode of seed {seed}, got none")
+    if not any(ends[-1]):
+        ends[-1] = False, True
+    terminations, truncations = zip(*ends, strict=True)
+    return {
+        "seed": seed, "observations": _stacked(observations), "actions": np.array(actions), "rewards": rewards,
+        "terminations": list(terminations), "truncations": list(truncations), "infos": _stacked(infos),
+    }  # fmt: skip
+
+
+def _next_action(plan: Iterator[Any] | None, policy: Any, observation: Any, info: dict[str, Any]) -> Any:
+    return policy(observation, info) if plan is None else next(plan, None)
+
+
+def _stacked(steps: list[Any]) -> Any:
+    """Return what each step told as arrays with one more axis, the steps."""
+    return {key: _stacked([step[key] for step in steps]) for key in steps[0]} if isinstance(steps[0], dict) else np.array(steps)
+
+
+def _plain(text: str) -> str:
+    """Return a text as names of datasets can be."""
+    return "".join(letter if letter.isalnum() or letter in "-_/" else "-" for letter in text).strip("-/").lower() or "policy"
+
+
+def _spec_of(env: gymnasium.Env[Any, Any]) -> Any:
+    """Return the spec of an environment, if JSON can hold its options; the dataset can then make the environment again."""
+    try:
+        if env.spec is not None:
+            env.spec.to_json()
+    except (TypeError, ValueError, AttributeError):
+        return None
+    return env.spec
