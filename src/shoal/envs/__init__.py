@@ -15,12 +15,12 @@ try:
 except ImportError:
     raise MissingExtraError('environments need the extra "envs": pip install "shoal[envs]"') from None
 
-from shoal.envs.dataset import record
+from shoal.envs.dataset import record_episodes
 from shoal.envs.options import OptionError, SteeringEnvOptions, SwarmEnvOptions
 from shoal.envs.steering import SteeringEnv
 from shoal.envs.swarm import SwarmEnv
 
-__all__ = ["REGISTERED", "OptionError", "SteeringEnv", "SteeringEnvOptions", "SwarmEnv", "SwarmEnvOptions", "record"]
+__all__ = ["REGISTERED", "OptionError", "SteeringEnv", "SteeringEnvOptions", "SwarmEnv", "SwarmEnvOptions", "record_episodes"]
 
 _SWARM: dict[str, Any] = {"map": "vessels:1000", "max_moves": 1000}
 

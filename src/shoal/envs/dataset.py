@@ -1,4 +1,4 @@
-"""record: play a policy into a dataset of Minari, for imitation and offline learning."""
+"""record_episodes: play a policy into a dataset of Minari, for imitation and offline learning."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Chooser = Callable[[Any, dict[str, Any]], Any]
 """(observation, info) -> action."""
 
 
-def record(
+def record_episodes(
     env: gymnasium.Env[Any, Any],
     policy: str | Chooser | Any,
     path: str | os.PathLike[str],
@@ -62,7 +62,7 @@ def record(
     >>> import gymnasium, tempfile
     >>> env = gymnasium.make("shoal.envs:shoal/Mapping-v0", map="vessels:100", particles=10)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     dataset = record(env, "closest-frontier", folder + "/frontier", episodes=2)
+    ...     dataset = record_episodes(env, "closest-frontier", folder + "/frontier", episodes=2)
     ...     [(len(episode), episode.observations.shape) for episode in dataset]
     [(125, (126, 4, 24, 21)), (111, (112, 4, 24, 21))]
     """

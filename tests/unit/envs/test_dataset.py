@@ -21,7 +21,7 @@ def mapping(**options):
 
 def test_what_is_stored_is_what_the_environment_told(tmp_path):
     env = mapping(observation="window", window=9)
-    shoal.envs.record(env, "closest-frontier", tmp_path / "data", episodes=2, seed=4)
+    shoal.envs.record_episodes(env, "closest-frontier", tmp_path / "data", episodes=2, seed=4)
     dataset = minari.MinariDataset(tmp_path / "data")
     assert dataset.total_episodes == 2
     assert dataset.observation_space == env.observation_space
@@ -43,7 +43,7 @@ def test_what_is_stored_is_what_the_environment_told(tmp_path):
 
 def test_planners_of_steering(tmp_path):
     env = gymnasium.make("shoal/Steering-v0")
-    dataset = shoal.envs.record(env, "shortest", tmp_path / "data", episodes=2)
+    dataset = shoal.envs.record_episodes(env, "shortest", tmp_path / "data", episodes=2)
     for episode in dataset:
         assert episode.terminations[-1]
         assert set(episode.observations) == {"particles", "delta", "goals", "goal_delta"}
@@ -56,19 +56,19 @@ def test_any_function_is_a_policy(tmp_path):
     def choose(observation, info):
         return int(rng.choice(np.flatnonzero(info["action_mask"])))
 
-    dataset = shoal.envs.record(mapping(max_moves=5), choose, tmp_path / "data", episodes=1, name="mine/some-v0")
+    dataset = shoal.envs.record_episodes(mapping(max_moves=5), choose, tmp_path / "data", episodes=1, name="mine/some-v0")
     assert dataset.id == "mine/some-v0"
     assert dataset[0].truncations.tolist() == [False] * 4 + [True]
 
 
 def test_a_policy_that_gives_up_is_truncated(tmp_path):
-    dataset = shoal.envs.record(mapping(), "manual:lurd", tmp_path / "data", episodes=1)
+    dataset = shoal.envs.record_episodes(mapping(), "manual:lurd", tmp_path / "data", episodes=1)
     assert dataset[0].actions.tolist() == [0, 1, 2, 3]
     assert dataset[0].truncations.tolist() == [False, False, False, True]
 
 
 def test_maps_that_have_no_name_are_no_part_of_the_spec(tmp_path):
-    dataset = shoal.envs.record(
+    dataset = shoal.envs.record_episodes(
         mapping(map=GridWorkspace([[1] * 9]), particles=1), "closest-frontier", tmp_path / "data", episodes=1
     )
     assert dataset.env_spec is None
@@ -78,12 +78,12 @@ def test_maps_that_have_no_name_are_no_part_of_the_spec(tmp_path):
 def test_nothing_is_left_of_a_recording_that_fails(tmp_path):
     for policy, words in [("no-such", "unknown policy"), (lambda observation, info: 7, "action: expected")]:
         with pytest.raises(gymnasium.error.Error, match=words):
-            shoal.envs.record(mapping(), policy, tmp_path / "data", episodes=1)
+            shoal.envs.record_episodes(mapping(), policy, tmp_path / "data", episodes=1)
     with pytest.raises(shoal.envs.OptionError, match="scan_every: expected 1"):
-        shoal.envs.record(mapping(scan_every=3), "closest-frontier", tmp_path / "data", episodes=1)
+        shoal.envs.record_episodes(mapping(scan_every=3), "closest-frontier", tmp_path / "data", episodes=1)
     with pytest.raises(shoal.envs.OptionError, match="expected an environment of Shoal"):
-        shoal.envs.record(gymnasium.make("CartPole-v1"), "closest-frontier", tmp_path / "data")
+        shoal.envs.record_episodes(gymnasium.make("CartPole-v1"), "closest-frontier", tmp_path / "data")
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "data").mkdir()
     with pytest.raises(OutputError, match="does not exist yet"):
-        shoal.envs.record(mapping(), "closest-frontier", tmp_path / "data")
+        shoal.envs.record_episodes(mapping(), "closest-frontier", tmp_path / "data")
