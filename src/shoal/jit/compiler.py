@@ -7,6 +7,7 @@ caches each: two thirds of the time. docs/adr/0012-kernels-compiled-once.md has 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,22 @@ from numba.core.typed_passes import NativeLowering
 from shoal.jit.cache import cached
 
 _OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+
+
+def _load_array_functions() -> None:
+    """Have Numba load what it knows of arrays without SciPy's linear algebra, a third of a second: only ``np.cov`` looks for it."""
+    blas = "scipy.linalg.cython_blas"
+    if blas in sys.modules:
+        return
+    sys.modules[blas] = None  # type: ignore[assignment]  # what is None here is not there
+    try:
+        from numba.np import arraymath
+    finally:
+        del sys.modules[blas]
+    arraymath._HAVE_BLAS = True  # SciPy is there
+
+
+_load_array_functions()
 
 
 class _Part(JITCodeLibrary):
@@ -62,6 +79,14 @@ class _PartCompiler(CompilerBase):
         return [pipeline]
 
 
+class _PartDispatcher(CPUDispatcher):
+    """What a kernel calls: compiled once for all values, not once more for each number that is written in a call."""
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        plain = {name: types.unliteral(one) for name, one in kws.items()}
+        return super().get_call_template(tuple(types.unliteral(one) for one in args), plain)
+
+
 class Kernel(CPUDispatcher):
     """A compiled function: called from Python an entry of its own, called from another kernel a part of that one's."""
 
@@ -72,7 +97,7 @@ class Kernel(CPUDispatcher):
         """What compiled code takes this object for."""
         if self._part is None:
             options = {**self.targetoptions, "no_cpython_wrapper": True}
-            self._part = CPUDispatcher(self.py_func, targetoptions=options, pipeline_class=_PartCompiler)
+            self._part = _PartDispatcher(self.py_func, targetoptions=options, pipeline_class=_PartCompiler)
         return types.Dispatcher(self._part)
 
 

@@ -54,7 +54,7 @@ class SteeringEpisode(Episode):
     lower_bound : float or None
         No plan that ends within the tolerance is shorter; None where none is known.
     seconds : float
-        Time for planning; in a closed loop for all of it.
+        Time for planning, without what goes by compiling and loading kernels; in a closed loop for all of it.
     versions : dict
         What it was computed with.
     """

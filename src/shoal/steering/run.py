@@ -13,6 +13,7 @@ import numpy as np
 from shoal.checks import check_integer
 from shoal.dataclass import dataclass
 from shoal.episode import Status
+from shoal.jit import Stopwatch
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
 from shoal.steering.planners.greedy import Greedy, misses
@@ -54,7 +55,7 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     planner = problem.chosen_planner
     start, goal = problem.endpoints(seed)
     check_can_part(start, goal, problem.tolerance)
-    begun = time.monotonic()
+    begun, watch = time.monotonic(), Stopwatch()
     orders = list(permutations(range(len(start)))) if problem.interchangeable else [tuple(range(len(start)))]
     attempts = []
     for left in range(len(orders), 0, -1):
@@ -67,7 +68,7 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     best = min(attempts, key=lambda one: one.rank(problem.tolerance, getattr(planner, "prefers", "length")))
     return SteeringEpisode(
         problem=problem, planner=planner.name, status=best.status, reason=best.reason, inputs=best.inputs, states=best.states,
-        order=np.array(best.order), seed=seed, lower_bound=best.lower_bound, seconds=time.monotonic() - begun,
+        order=np.array(best.order), seed=seed, lower_bound=best.lower_bound, seconds=watch.seconds,
         versions=versions(),
     )  # fmt: skip
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
 from shoal.steering.workspaces.convex import TOUCH, ConvexWorkspace
@@ -62,19 +64,19 @@ def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points
 
 
 def direction_away_from(rows: Points) -> Points | None:
-    """Return the unit vector whose products with all given vectors are largest at the least; None if one is hardly positive."""
-    from scipy.optimize import linprog
+    """Return the unit vector whose products with all given unit vectors are largest at the least; None if one is hardly positive.
 
+    It has the same product with a few of them, at most one for each dimension, and lies in their span.
+    """
     d = rows.shape[1]
     if not len(rows):
         return np.asarray(np.eye(d)[0])
-    found = linprog(
-        np.r_[np.zeros(d), -1.0],
-        A_ub=np.hstack([-rows, np.ones((len(rows), 1))]),
-        b_ub=np.zeros(len(rows)),
-        bounds=[(-1, 1)] * d + [(None, None)],
-    )
-    vector = np.asarray(found.x[:d])
-    length = float(np.linalg.norm(vector))
-    away: Points = vector / max(length, 1e-300)
-    return away if length > 0 and found.x[d] / length > _STEEP else None
+    best, most = None, _STEEP
+    for count in range(1, min(d, len(rows)) + 1):
+        for some in combinations(rows, count):
+            vector = np.linalg.lstsq(np.array(some), np.ones(count), rcond=None)[0]
+            length = float(np.linalg.norm(vector))
+            least = float((rows @ vector).min()) / length if length > 0 else 0.0
+            if least > most * (1 + 1e-12):
+                best, most = vector / length, least
+    return best

@@ -194,10 +194,8 @@ class ContactWorld(SteeringWorld):
 
     def moved(self, state: Points, move: Points) -> Points:
         """Move the particles, in place, without any checks."""
-        shares = np.ones(len(state))
-        before = state.copy()
-        for index, point in enumerate(state):
-            shares[index] = kernels.advance(point, move, self.walls)
+        before, spare = state.copy(), np.empty_like(move)
+        shares = np.array([kernels.advance(point, move, self.walls, spare) for point in state])
         if self.radius:
             stop_at_others(before, move, shares, 2 * self.radius, state)
         return state

@@ -20,10 +20,9 @@ from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.steering.delta_space.disk_reach import check_moves
 from shoal.steering.delta_space.two_moves import toucher_shares, two_move_pieces
-from shoal.steering.kernels.chain import first_guess, settle
-from shoal.steering.kernels.chain_kinds import kinds_of
-from shoal.steering.kernels.chain_limits import Kind
 from shoal.steering.kernels.cycles import deeper
+from shoal.steering.planners.chains.chain import ChainQuery
+from shoal.steering.planners.chains.kinds import kinds_of
 from shoal.steering.workspaces.convex import ConvexWorkspace
 from shoal.steering.workspaces.convex_geometry import Points, clipped, hull
 from shoal.steering.workspaces.normalized_walls import normalize_walls
@@ -87,13 +86,11 @@ class PolygonReach:
             raise InvalidInputError(f"after: expected the difference of two points of the polygon, got {tuple(goal.tolist())}")
         walls = normalize_walls(self.workspace)
         start, end = (np.stack([-delta / 2, delta / 2]) / walls.scale for delta in (self.before, goal))
-        lengths = np.zeros((2, len(walls.normals) + 1))  # all kinds of chains are of interest, however long
+        query = ChainQuery(walls, start, end, margin=0.0, push=0.0, rounds=np.empty(0))
         for cycles in range(1, self.moves // 2 + 1):
-            touchers, on, _ = kinds_of(cycles, start, end, walls.reaches, walls.shape, 0.0, np.inf, lengths)
-            for kind in range(len(on)):
-                chain = Kind(touchers[kind], on[kind], start, end, walls.shape, np.inf, 0.0, 0.0)
-                if settle(first_guess(start, end, cycles), 1e-12, np.empty(0), np.inf, chain) < np.inf:
-                    return True
+            touchers, on, _ = kinds_of(start, end, walls, cycles=cycles, push=0.0)
+            if any(query.settle(query.guess(cycles), *kind, enough=1e-12) < np.inf for kind in zip(touchers, on, strict=True)):
+                return True
         return False
 
     @cached_property
@@ -183,8 +180,10 @@ def polygon_reach(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, 
         depths[row] = np.where(fits, depth, -1.0)
     sets = [PolygonReach(workspace, start, 2, points, walls, depths)]
     normals, offsets = np.ascontiguousarray(workspace.normals), workspace.offsets
+    spare = [np.empty((4 * len(corners) + 8, 2)) for _ in range(3)]
     for done in range(4, moves + 1, 2):
-        depths = deeper(np.ascontiguousarray(corners), normals, offsets, points, walls, depths)
+        before_that, depths = depths, np.empty_like(depths)
+        deeper(np.ascontiguousarray(corners), normals, offsets, points, walls, before_that, depths, *spare)
         sets.append(PolygonReach(workspace, start, done, points, walls, depths))
     return sets
 

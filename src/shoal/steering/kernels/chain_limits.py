@@ -10,10 +10,11 @@ A limit is a value that must be positive; what is added up is minus its logarith
 from __future__ import annotations
 
 from collections import namedtuple
+from math import cos, inf, isnan, log, sin, sqrt
 
 import numpy as np
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 
 CONSTANT = 1e-13  # a limit whose gradient is smaller depends on no unknown
 FORGIVEN = 1e-12  # such a limit holds if it is above minus this
@@ -26,37 +27,30 @@ Kind = namedtuple("Kind", "touchers walls start goal shape friction margin push"
 """Which chains are meant: between which points, over which walls; how far the other particle keeps off them, and how far each
 adjustment goes into its wall."""
 
-Place = namedtuple("Place", "contacts delta")
-"""A chain. Of each contact: where it is, its derivatives by each of its coordinates and, on the circle, the second one by the arc;
-shape (cycles, d + 1, d). And its differences, shape (cycles + 1, d)."""
-
-Work = namedtuple("Work", "span index first second sums derivatives")
-"""A vector and its derivatives by the unknowns that it depends on, (1 + unknowns, d), and which they are; those of a value; sums
-over walls by a point: of normal / limit, of normal / limit^2, and of normal normal^T / limit^2; the Hessian of all, and its
-gradient as one more row.
-
-Kernels are handed the arrays that they need: each array taken out of a tuple is counted, which takes as long as a limit.
-"""
+Work = namedtuple(
+    "Work", "contacts delta span index first second cone_first cone_second sums derivatives lower direction tried wide"
+)
+"""What is worked in. The chain: of each contact where it is, its derivatives by each of its coordinates and, on the circle, the
+second one by the arc, (cycles, d + 1, d); its differences, (cycles + 1, d). A vector and its derivatives by the unknowns that it
+depends on, (1 + unknowns, d), and which they are; those of a value, twice; sums over walls by a point: of normal / limit, of
+normal / limit^2, and of normal normal^T / limit^2. Derivatives by all unknowns and the slack: the Hessian, and the gradient as one
+more row; its Cholesky factor; a step of Newton's method, and two chains with their slack."""
 
 
-@kernel
-def new_place(cycles, d):
-    return Place(np.zeros((cycles, d + 1, d)), np.empty((cycles + 1, d)))
-
-
-@kernel
-def new_work(unknowns, d):
-    size = 4 * d
+def new_work(cycles: int, d: int) -> Work:
+    """Return room for a chain of so many cycles."""
+    few, all_ = 4 * d, cycles * (2 * d - 1) - d + 1
     return Work(
-        np.zeros((1 + size, d)), np.zeros(size, dtype=np.int64), np.zeros(size), np.zeros((size, size)), np.zeros((2 + d, d)),
-        np.zeros((unknowns + 1, unknowns)),
+        np.zeros((cycles, d + 1, d)), np.zeros((cycles + 1, d)), np.zeros((1 + few, d)), np.zeros(few, dtype=np.int64),
+        np.zeros(few), np.zeros((few, few)), np.zeros(few), np.zeros((few, few)), np.zeros((2 + d, d)),
+        np.zeros((all_ + 1, all_)), np.zeros((all_, all_)), np.zeros(all_), np.zeros(all_), np.zeros(all_),
     )  # fmt: skip
 
 
-@kernel
-def put(x, kind, place):
+@in_place_kernel
+def put(x, kind, work):
     """Write the contacts and differences that x stands for."""
-    contacts, delta, walls, start, goal = place.contacts, place.delta, kind.walls, kind.start, kind.goal
+    contacts, delta, walls, start, goal = work.contacts, work.delta, kind.walls, kind.start, kind.goal
     frames, circle = kind.shape.frames, kind.shape.circle
     cycles, d = contacts.shape[0], contacts.shape[2]
     for m in range(cycles):
@@ -69,7 +63,7 @@ def put(x, kind, place):
                     contacts[m, 0, i] += x[y + k - 1] * frames[wall, k, i]
                     contacts[m, k, i] = frames[wall, k, i]
         else:
-            cosine, sine = np.cos(x[y] / circle[2]), np.sin(x[y] / circle[2])  # x[y] is the length of the arc
+            cosine, sine = cos(x[y] / circle[2]), sin(x[y] / circle[2])  # x[y] is the length of the arc
             contacts[m, 0, 0], contacts[m, 0, 1] = circle[0] + circle[2] * cosine, circle[1] + circle[2] * sine
             contacts[m, 1, 0], contacts[m, 1, 1] = -sine, cosine
             contacts[m, d, 0], contacts[m, d, 1] = -cosine / circle[2], -sine / circle[2]
@@ -84,19 +78,21 @@ def put(x, kind, place):
             delta[m, i] = x[cycles * (d - 1) + (m - 1) * d + i]
 
 
-@kernel
-def begin(span, points, row, factor):
+@in_place_kernel
+def begin(work, points, row, factor):
     """Set the vector to a row of points, times a factor; 0 makes it zero."""
+    span = work.span
     for i in range(span.shape[1]):
         span[0, i] = factor * points[row, i]
 
 
-@kernel
-def combine(contacts, delta, span, index, one, a, other, b, left, p, right, q):
+@in_place_kernel
+def combine(work, one, a, other, b, left, p, right, q):
     """Add ``a c[one] + b c[other] + p D[left] + q D[right]`` to the vector; write its derivatives; return of how many unknowns.
 
     A negative number leaves a term out.
     """
+    contacts, delta, span, index = work.contacts, work.delta, work.span, work.index
     cycles, d = contacts.shape[0], contacts.shape[2]
     used = 0
     for term in range(2):
@@ -125,7 +121,7 @@ def combine(contacts, delta, span, index, one, a, other, b, left, p, right, q):
     return used
 
 
-@kernel
+@in_place_kernel
 def rows_dot(one, i, other, k):
     """Return the product of a row of one array and a row of another one."""
     total = 0.0
@@ -134,10 +130,11 @@ def rows_dot(one, i, other, k):
     return total
 
 
-@kernel
-def add_length(contacts, span, index, first, derivatives, used, one, a, other, b, blur, weight, order):
+@in_place_kernel
+def add_length(work, used, one, a, other, b, blur, weight, order):
     """Add ``weight`` times the length of the vector, blurred where it vanishes, and its derivatives; return the value."""
-    length = np.sqrt(blur * blur + rows_dot(span, 0, span, 0))
+    contacts, span, index, first, derivatives = work.contacts, work.span, work.index, work.first, work.derivatives
+    length = sqrt(blur * blur + rows_dot(span, 0, span, 0))
     if order == 0:
         return weight * length
     n, d = derivatives.shape[1], span.shape[1]
@@ -157,7 +154,7 @@ def add_length(contacts, span, index, first, derivatives, used, one, a, other, b
     return weight * length
 
 
-@kernel
+@in_place_kernel
 def add_limit(index, first, second, derivatives, value, used, curved, forgiven, slack, order):
     """Add ``-log(value + slack)``, where the slack is the last unknown unless it is NaN; infinite if that is not positive.
 
@@ -167,14 +164,14 @@ def add_limit(index, first, second, derivatives, value, used, curved, forgiven, 
     for u in range(used):
         steep = max(steep, abs(first[u]))
     if steep <= CONSTANT:
-        return 0.0 if value >= -FORGIVEN - forgiven else np.inf
+        return 0.0 if value >= -FORGIVEN - forgiven else inf
     n = derivatives.shape[1]
-    last, phase = n - 1, not np.isnan(slack)
+    last, phase = n - 1, not isnan(slack)
     total = value + slack if phase else value
     if not total > 0:
-        return np.inf
+        return inf
     if order == 0:
-        return -np.log(total)
+        return -log(total)
     for u in range(used):
         i = index[u]
         derivatives[n, i] -= first[u] / total
@@ -189,17 +186,19 @@ def add_limit(index, first, second, derivatives, value, used, curved, forgiven, 
     if phase:
         derivatives[n, last] -= 1 / total
         derivatives[last, last] += 1 / total / total
-    return -np.log(total)
+    return -log(total)
 
 
-@kernel
-def add_flat(normals, offsets, near, span, index, sums, derivatives, used, skipped, margin, forgiven, slack, order):
+@in_place_kernel
+def add_flat(kind, work, used, skipped, forgiven, slack, order):
     """Add the limits of a point, the vector, that must lie inside of the flat walls by the margin.
 
     Only those near the wall ``skipped``, if it is one. All of them depend on the unknowns through the point: they are summed up by
     that first.
     """
-    d, phase = span.shape[1], not np.isnan(slack)
+    normals, offsets, near, margin = kind.shape.normals, kind.shape.offsets, kind.shape.near, kind.margin
+    span, sums = work.span, work.sums
+    d, phase = span.shape[1], not isnan(slack)
     total, product, ones, squares = 0.0, 1.0, 0.0, 0.0
     for i in range(2 + d):
         for k in range(d):
@@ -210,15 +209,15 @@ def add_flat(normals, offsets, near, span, index, sums, derivatives, used, skipp
         value = rows_dot(normals, wall, span, 0) - offsets[wall] - margin
         if used < d and is_constant(normals, wall, span, used):  # with a difference among the unknowns none is
             if value < -FORGIVEN - forgiven:
-                return np.inf
+                return inf
             continue
         if phase:
             value += slack
         if not value > 0:
-            return np.inf
+            return inf
         product *= value
         if product < TINY:
-            total -= np.log(product)
+            total -= log(product)
             product = 1.0
         if order > 0:
             inverse = 1.0 / value
@@ -232,11 +231,11 @@ def add_flat(normals, offsets, near, span, index, sums, derivatives, used, skipp
                 for k in range(d):
                     sums[2 + i, k] += share * normals[wall, k]
     if order > 0:
-        add_through(span, index, sums, derivatives, used, ones, squares, phase)
-    return total - np.log(product)
+        add_through(work, used, ones, squares, phase)
+    return total - log(product)
 
 
-@kernel
+@in_place_kernel
 def is_constant(normals, wall, span, used):
     """Tell whether the distance to a wall depends on no unknown."""
     for u in range(1, used + 1):
@@ -245,12 +244,13 @@ def is_constant(normals, wall, span, used):
     return True
 
 
-@kernel
-def add_through(span, index, sums, derivatives, used, ones, squares, phase):
+@in_place_kernel
+def add_through(work, used, ones, squares, phase):
     """Add the derivatives by a point, which are ``sums``, to those by the unknowns that it depends on.
 
     ``ones`` and ``squares`` are the sums of 1 / limit and of its square, which are derivatives by the slack.
     """
+    span, index, sums, derivatives = work.span, work.index, work.sums, work.derivatives
     n, d = derivatives.shape[1], span.shape[1]
     last = n - 1
     for u in range(used):
@@ -270,10 +270,11 @@ def add_through(span, index, sums, derivatives, used, ones, squares, phase):
         derivatives[last, last] += squares
 
 
-@kernel
-def add_round(contacts, circle, span, index, first, second, derivatives, used, one, margin, forgiven, slack, order):
+@in_place_kernel
+def add_round(kind, work, used, one, forgiven, slack, order):
     """Add the limit of a point, the vector, that must lie inside of the circle by the margin; c[one] is part of it."""
-    d = span.shape[1]
+    contacts, circle, margin, span = work.contacts, kind.shape.circle, kind.margin, work.span
+    index, first, second, d = work.index, work.first, work.second, work.span.shape[1]
     x, y = span[0, 0] - circle[0], span[0, 1] - circle[1]
     value = (circle[2] * circle[2] - x * x - y * y) / (2 * circle[2]) - margin
     for u in range(used):
@@ -282,22 +283,21 @@ def add_round(contacts, circle, span, index, first, second, derivatives, used, o
             second[u, v] = -(span[1 + u, 0] * span[1 + v, 0] + span[1 + u, 1] * span[1 + v, 1]) / circle[2]
         if index[u] == one * (d - 1):  # the contact enters with the factor 1
             second[u, u] -= (x * contacts[one, d, 0] + y * contacts[one, d, 1]) / circle[2]
-    return add_limit(index, first, second, derivatives, value, used, True, forgiven, slack, order)
+    return add_limit(index, first, second, work.derivatives, value, used, True, forgiven, slack, order)
 
 
-@kernel
-def add_hold(
-    contacts, delta, normals, circle, span, index, first, second, derivatives, m, wall, sign, push, friction, slack, order
-):  # fmt: skip
+@in_place_kernel
+def add_hold(kind, work, m, sign, slack, order):
     """Add the limits that the wall holds the toucher while D[m] becomes D[m+1]: pushed in, and inside of the friction cone."""
-    d, on_circle = span.shape[1], wall == normals.shape[0]
-    begin(span, delta, m, 0.0)
-    used = combine(contacts, delta, span, index, -1, 0.0, -1, 0.0, m + 1, sign, m, -sign)
-    into = outward(contacts, normals, circle, span, m, wall, 0)
+    contacts, circle, span, first, second, index = work.contacts, kind.shape.circle, work.span, work.first, work.second, work.index
+    d, push, on_circle = span.shape[1], kind.push, kind.walls[m] == kind.shape.normals.shape[0]
+    begin(work, work.delta, m, 0.0)
+    used = combine(work, -1, 0.0, -1, 0.0, m + 1, sign, m, -sign)
+    into = outward(kind, work, m, 0)
     for u in range(used):
-        first[u] = outward(contacts, normals, circle, span, m, wall, 1 + u)
-    if on_circle or friction < np.inf:
-        second[: used + 1, : used + 1] = 0.0
+        first[u] = outward(kind, work, m, 1 + u)
+        for v in range(used):
+            second[u, v] = 0.0
     if on_circle:  # the wall's direction depends on the contact, too
         index[used] = m * (d - 1)
         first[used] = span[0, 0] * contacts[m, 1, 0] + span[0, 1] * contacts[m, 1, 1]
@@ -309,15 +309,16 @@ def add_hold(
         for i in range(d):
             span[1 + used, i] = 0.0
         used += 1
-    total = add_limit(index, first, second, derivatives, into - push, used, on_circle, push, slack, order)
-    if friction == np.inf or total == np.inf:
+    total = add_limit(index, first, second, work.derivatives, into - push, used, on_circle, push, slack, order)
+    if kind.friction == inf or total == inf:
         return total
-    return total + add_cone(span, index, first, second, derivatives, friction, into, used, slack, order)
+    return total + add_cone(kind.friction, work, into, used, slack, order)
 
 
-@kernel
-def outward(contacts, normals, circle, span, m, wall, row):
+@in_place_kernel
+def outward(kind, work, m, row):
     """Return how far a row of the span leads out of the wall of a contact."""
+    contacts, span, normals, circle, wall = work.contacts, work.span, kind.shape.normals, kind.shape.circle, kind.walls[m]
     if wall < normals.shape[0]:
         return -rows_dot(normals, wall, span, row)
     total = 0.0
@@ -326,15 +327,15 @@ def outward(contacts, normals, circle, span, m, wall, row):
     return total / circle[2]
 
 
-@kernel
-def add_cone(span, index, first, second, derivatives, friction, into, used, slack, order):
+@in_place_kernel
+def add_cone(friction, work, into, used, slack, order):
     """Add the limit that the vector a lies in the cone |a|^2 <= (1 + friction^2) into^2, ``first`` and ``second`` are into's.
 
     Divided by a length, to keep units: (1 + friction^2) into - |a|^2 / into.
     """
+    span, first, second, cone_first, cone_second = work.span, work.first, work.second, work.cone_first, work.cone_second
     whole = 1 + friction * friction
     square, reach = rows_dot(span, 0, span, 0), max(into, 1e-12)
-    cone_first, cone_second = np.zeros(used), np.zeros((used, used))
     for u in range(used):
         u_along = rows_dot(span, 0, span, 1 + u)
         cone_first[u] = whole * first[u] - 2 * u_along / reach + square * first[u] / reach / reach
@@ -346,5 +347,5 @@ def add_cone(span, index, first, second, derivatives, friction, into, used, slac
                 + square * second[u, v] / reach / reach
                 - 2 * square * first[u] * first[v] / reach / reach / reach
             )
-    value = whole * reach - square / reach if into > 0 or np.isnan(slack) else -square / reach
-    return add_limit(index, cone_first, cone_second, derivatives, value, used, True, 0.0, slack, order)
+    value = whole * reach - square / reach if into > 0 or isnan(slack) else -square / reach
+    return add_limit(work.index, cone_first, cone_second, work.derivatives, value, used, True, 0.0, slack, order)

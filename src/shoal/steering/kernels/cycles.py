@@ -8,10 +8,11 @@ convex polygon: shifts of P by minus the contacts, cut by the cone.
 from __future__ import annotations
 
 from collections import namedtuple
+from math import acos, atan2, cos, sin, sqrt
 
 import numpy as np
 
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.steering.kernels.contact import dot
 
 CycleModel = namedtuple("CycleModel", "frames reaches normals offsets circle friction margin push")
@@ -23,7 +24,7 @@ FLAT = 1e-14
 DEPTH_SLACK = 1e-12  # of the unit: by how much a polygon of depths is cut too large
 
 
-@kernel
+@in_place_kernel
 def contact_range(delta, sign, wall, model, low, high, margin):
     """Return the part of a side, as a range around its middle, from where the other particle is inside by a margin."""
     frames, normals, offsets = model.frames, model.normals, model.offsets
@@ -40,27 +41,35 @@ def contact_range(delta, sign, wall, model, low, high, margin):
     return low, high
 
 
-@kernel
-def clip(corners, count, normal, offset, result):
-    """Cut a convex polygon by ``normal @ p >= offset``; return the number of corners that are left."""
+@in_place_kernel
+def clip(corners, count, across, up, offset, spare):
+    """Cut a convex polygon, in place, by ``(across, up) @ p >= offset``; return the number of corners that are left."""
     kept = 0
     for i in range(count):
         k = i + 1 if i + 1 < count else 0
-        here, there = dot(normal, corners[i]) - offset, dot(normal, corners[k]) - offset
+        here = across * corners[i, 0] + up * corners[i, 1] - offset
+        there = across * corners[k, 0] + up * corners[k, 1] - offset
         if here >= 0:
-            result[kept, 0], result[kept, 1] = corners[i, 0], corners[i, 1]
+            spare[kept, 0], spare[kept, 1] = corners[i, 0], corners[i, 1]
             kept += 1
         if (here > 0 and there < 0) or (here < 0 and there > 0):
             share = here / (here - there)
             for j in range(2):
-                result[kept, j] = corners[i, j] + share * (corners[k, j] - corners[i, j])
+                spare[kept, j] = corners[i, j] + share * (corners[k, j] - corners[i, j])
             kept += 1
+    copy_rows(spare, kept, corners)
     return kept
 
 
-@kernel
+@in_place_kernel
+def copy_rows(source, count, target):
+    for i in range(count):
+        target[i, 0], target[i, 1] = source[i, 0], source[i, 1]
+
+
+@in_place_kernel
 def nearest_in(corners, count, point, found):
-    """Write the point of a convex polygon, counter-clockwise, that is nearest to a point; return the distance."""
+    """Write the point of a convex polygon, counter-clockwise, nearest to a point, into the last two places; return the distance."""
     inside, best = count > 2, np.inf
     for i in range(count):
         k = i + 1 if i + 1 < count else 0
@@ -70,17 +79,17 @@ def nearest_in(corners, count, point, found):
             inside = False
         square = ex * ex + ey * ey
         share = min(max((ex * px + ey * py) / square, 0.0), 1.0) if square > 0 else 0.0
-        away = np.sqrt((px - share * ex) ** 2 + (py - share * ey) ** 2)
+        away = sqrt((px - share * ex) ** 2 + (py - share * ey) ** 2)
         if away < best:
             best = away
-            found[0], found[1] = corners[i, 0] + share * ex, corners[i, 1] + share * ey
+            found[3], found[4] = corners[i, 0] + share * ex, corners[i, 1] + share * ey
     if inside:
-        found[0], found[1] = point[0], point[1]
+        found[3], found[4] = point[0], point[1]
         return 0.0
     return best
 
 
-@kernel
+@in_place_kernel
 def cycle_outline(delta, sign, wall, model, corners, spare):
     """Fill ``corners`` with the polygon of all sD' of one wall and toucher; return how many, 0 if the wall gives nothing."""
     frames, reaches, normals, offsets = model.frames, model.reaches, model.normals, model.offsets
@@ -98,60 +107,53 @@ def cycle_outline(delta, sign, wall, model, corners, spare):
     for i in range(4):
         corners[i, 0], corners[i, 1] = wide * (-1 if i in (0, 3) else 1), wide * (-1 if i < 2 else 1)
     count = 4
-    normal = np.empty(2)
     for other in range(normals.shape[0]):
         rate = dot(normals[other], frames[wall, 1])
         base = dot(normals[other], frames[wall, 0])
-        least = offsets[other] - max(base + low * rate, base + high * rate) + (margin if other != wall else 0.0)
-        if other == wall:
-            least = 0.0
-        count = clip(corners, count, normals[other], least, spare)
-        corners[:count] = spare[:count]
-    normal[:] = -normals[wall]
-    count = clip(corners, count, normal, push - height, spare)
-    corners[:count] = spare[:count]
+        least = 0.0 if other == wall else offsets[other] - max(base + low * rate, base + high * rate) + margin
+        count = clip(corners, count, normals[other, 0], normals[other, 1], least, spare)
+    count = clip(corners, count, -normals[wall, 0], -normals[wall, 1], push - height, spare)
     if friction < np.inf:
         for side in (-1.0, 1.0):
-            for i in range(2):
-                normal[i] = -friction * normals[wall, i] + side * frames[wall, 1, i]
-            count = clip(corners, count, normal, sign * dot(normal, delta), spare)
-            corners[:count] = spare[:count]
+            across = side * frames[wall, 1, 0] - friction * normals[wall, 0]
+            up = side * frames[wall, 1, 1] - friction * normals[wall, 1]
+            count = clip(corners, count, across, up, sign * (across * delta[0] + up * delta[1]), spare)
     return count
 
 
-@kernel
-def nearest_on_polygon(delta, goal, model):
-    """Return for each wall and toucher the distance of the nearest D' (infinite if none), D', and the range of its contacts."""
-    reaches, margin, walls = model.reaches, model.margin, model.normals.shape[0]
-    distances, differences = np.full((walls, 2), np.inf), np.zeros((walls, 2, 2))
-    lows, highs = np.zeros((walls, 2)), np.zeros((walls, 2))
-    corners, spare = np.empty((2 * walls + 16, 2)), np.empty((2 * walls + 16, 2))
-    target, found = np.empty(2), np.empty(2)
-    for wall in range(walls):
+@in_place_kernel
+def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
+    """Write for each wall and toucher, into ``found``, shape (walls, 2, 5), the nearest D'.
+
+    Its distance, infinite if there is none, the range of its contacts, and itself.
+    """
+    reaches, margin = model.reaches, model.margin
+    for wall in range(model.normals.shape[0]):
         for toucher in range(2):
             sign = 1.0 if toucher == 0 else -1.0
+            one = found[wall, toucher]
+            one[0] = np.inf
             count = cycle_outline(delta, sign, wall, model, corners, spare)
             if count == 0:
                 continue
             for i in range(2):
                 target[i] = sign * goal[i]
-            away = nearest_in(corners, count, target, found)
+            one[0] = nearest_in(corners, count, target, one)
             for i in range(2):
-                found[i] *= sign
+                target[i] = sign * one[3 + i]
+                one[3 + i] = target[i]
             low, high = contact_range(delta, sign, wall, model, margin - reaches[wall], reaches[wall] - margin, margin)
-            low, high = contact_range(found, sign, wall, model, low, high, margin * 0.999)
+            low, high = contact_range(target, sign, wall, model, low, high, margin * 0.999)
             if high < low:
                 low = high = (low + high) / 2
-            distances[wall, toucher], lows[wall, toucher], highs[wall, toucher] = away, low, high
-            differences[wall, toucher] = found
-    return distances, differences, lows, highs
+            one[1], one[2] = low, high
 
 
-@kernel
-def nearest_from(angle, delta, goal, model, found):
+@in_place_kernel
+def nearest_from(angle, delta, goal, model, candidates, found):
     """Write the nearest D' with the first particle at an angle of the circle around the origin; return the distance."""
     radius, friction, margin, push = model.circle[2], model.friction, model.margin, model.push
-    ex, ey = np.cos(angle), np.sin(angle)
+    ex, ey = cos(angle), sin(angle)
     height = -(delta[0] * ex + delta[1] * ey)
     # In the frame of the contact: a to the left along the wall, h the depth below it.
     along, deep = -goal[0] * ey + goal[1] * ex, -(goal[0] * ex + goal[1] * ey)
@@ -161,20 +163,19 @@ def nearest_from(angle, delta, goal, model, found):
         return np.inf
     inner = radius - margin
     best, best_a, best_h = np.inf, 0.0, 0.0
-    candidates = np.empty((9, 2))
     count = 0
     candidates[count] = along, deep
     count += 1
     candidates[count] = along, min(deep, top)
     count += 1
-    away = np.sqrt(along**2 + (deep - radius) ** 2)
+    away = sqrt(along**2 + (deep - radius) ** 2)
     if away > 0:
         candidates[count] = along / away * inner, radius + (deep - radius) / away * inner
         count += 1
     square = inner**2 - (top - radius) ** 2
     if square >= 0:
-        candidates[count] = np.sqrt(square), top
-        candidates[count + 1] = -np.sqrt(square), top
+        candidates[count] = sqrt(square), top
+        candidates[count + 1] = -sqrt(square), top
         count += 2
     if friction < np.inf:
         for side in (-1.0, 1.0):
@@ -187,7 +188,7 @@ def nearest_from(angle, delta, goal, model, found):
             a, b = 1 + slope * slope, start * slope - (height - radius)
             c = start**2 + (height - radius) ** 2 - inner**2
             if b * b - a * c >= 0:
-                share = (-b + np.sqrt(b * b - a * c)) / a
+                share = (-b + sqrt(b * b - a * c)) / a
                 candidates[count] = start + share * slope, height - share
                 count += 1
     for k in range(count):
@@ -196,92 +197,84 @@ def nearest_from(angle, delta, goal, model, found):
             continue
         if friction < np.inf and abs(a - start) > friction * (height - h) * (1 + 1e-12):
             continue
-        away = np.sqrt((a - along) ** 2 + (h - deep) ** 2)
+        away = sqrt((a - along) ** 2 + (h - deep) ** 2)
         if away < best:
             best, best_a, best_h = away, a, h
     found[0], found[1] = -best_a * ey - best_h * ex, best_a * ex - best_h * ey
     return best
 
 
-@kernel
-def nearest_on_circle(delta, goal, model):
-    """Return the distance of the nearest D' that contacts of particle 1 give (infinite if none), D' and the angle."""
+@in_place_kernel
+def nearest_on_circle(delta, goal, model, candidates, found, nearest):
+    """Write the nearest D' that contacts of particle 1 give; return its distance, infinite if there is none, and the angle."""
     radius, margin = model.circle[2], model.margin
-    best, at, nearest = np.inf, 0.0, np.zeros(2)
-    size = np.sqrt(dot(delta, delta))
+    best, at = np.inf, 0.0
+    size = sqrt(dot(delta, delta))
     inner = radius - margin
     # |c + delta| <= inner leaves an arc around the direction of -delta.
     cosine = (radius**2 + size**2 - inner**2) / (2 * radius * size) if size > 0 else 2.0
     if cosine > 1:
-        return best, nearest, at
-    middle, half = np.arctan2(-delta[1], -delta[0]), np.arccos(cosine)
-    found = np.empty(2)
+        return best, at
+    middle, half = atan2(-delta[1], -delta[0]), acos(cosine)
     step = 2 * half / ANGLES
     for k in range(ANGLES + 1):
         angle = middle - half + k * step
-        away = nearest_from(angle, delta, goal, model, found)
+        away = nearest_from(angle, delta, goal, model, candidates, found)
         if away < best:
             best, at = away, angle
-            nearest[:] = found
+            nearest[0], nearest[1] = found[0], found[1]
     if not 0 < best < np.inf:
-        return best, nearest, at
+        return best, at
     while step > 1e-11:  # the distance is smooth there
         moved = False
-        for turn in (-step, step):
-            angle = min(max(at + turn, middle - half), middle + half)
-            away = nearest_from(angle, delta, goal, model, found)
+        for side in range(-1, 2, 2):
+            angle = min(max(at + side * step, middle - half), middle + half)
+            away = nearest_from(angle, delta, goal, model, candidates, found)
             if away < best:
                 best, at, moved = away, angle, True
-                nearest[:] = found
+                nearest[0], nearest[1] = found[0], found[1]
         if not moved:
             step *= 0.5
-    return best, nearest, at
+    return best, at
 
 
-@kernel
-def deeper(corners, normals, offsets, contacts, walls, depths):
-    """Return the greatest depths after one more cycle, shape (2, contacts); negative where the toucher cannot be.
+@in_place_kernel
+def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other, spare):
+    """Write the greatest depths after one more cycle, shape (2, contacts); negative where the toucher cannot be.
 
     For a pair of contacts c (used, of particle s) and d (next, of particle t) that is the largest t N_d . D over D = s (q - c),
     q in the polygon no deeper below the wall of c than allowed, and d + t D in the polygon: a polygon cut by half-planes.
     """
     n, sides = contacts.shape[0], normals.shape[0]
-    best = np.full((2, n), -1.0)
-    one, other = np.empty((4 * sides + 8, 2)), np.empty((4 * sides + 8, 2))
-    normal, spot = np.empty(2), np.empty(2)
+    for t in range(2):
+        for d in range(n):
+            best[t, d] = -1.0
     for s in range(2):
         sign = 1.0 if s == 0 else -1.0
         for c in range(n):
             if depths[s, c] < 0:
                 continue
             wall = walls[c]
-            one[:sides] = corners
-            for i in range(2):
-                normal[i] = -normals[wall, i]
-            slab = clip(one, sides, normal, -(offsets[wall] + depths[s, c]) - DEPTH_SLACK, other)
+            copy_rows(corners, sides, other)
+            least = -(offsets[wall] + depths[s, c]) - DEPTH_SLACK
+            slab = clip(other, sides, -normals[wall, 0], -normals[wall, 1], least, spare)
             for t in range(2):
                 turn = sign * (1.0 if t == 0 else -1.0)
                 for d in range(n):
-                    one[:slab] = other[:slab]
-                    count = inside_shifted(one, slab, contacts[c], contacts[d], turn, normals, offsets)
+                    copy_rows(other, slab, one)
+                    count = inside_shifted(one, slab, contacts[c], contacts[d], turn, normals, offsets, spare)
+                    across, up = normals[walls[d], 0], normals[walls[d], 1]
                     for k in range(count):
-                        for i in range(2):
-                            spot[i] = turn * (one[k, i] - contacts[c, i])
-                        best[t, d] = max(best[t, d], dot(normals[walls[d]], spot))
-    return best
+                        depth = turn * (across * (one[k, 0] - contacts[c, 0]) + up * (one[k, 1] - contacts[c, 1]))
+                        best[t, d] = max(best[t, d], depth)
 
 
-@kernel
-def inside_shifted(corners, count, used, following, turn, normals, offsets):
+@in_place_kernel
+def inside_shifted(corners, count, used, following, turn, normals, offsets, spare):
     """Cut a polygon, in place, to the points q with ``following + turn (q - used)`` inside; return how many corners are left."""
-    spare = np.empty((corners.shape[0], 2))
-    normal = np.empty(2)
     for wall in range(normals.shape[0]):
-        for i in range(2):
-            normal[i] = turn * normals[wall, i]
         least = offsets[wall] - dot(normals[wall], following) + turn * dot(normals[wall], used)
-        count = clip(corners, count, normal, least - DEPTH_SLACK, spare)
-        corners[:count] = spare[:count]
+        count = clip(corners, count, turn * normals[wall, 0], turn * normals[wall, 1], least - DEPTH_SLACK, spare)
         if count == 0:
             return 0
     return count

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.jit import kernel
-from shoal.steering.kernels.contact import advance
+from shoal.steering.kernels.contact import advance_all, copy
 from shoal.steering.kernels.shooting import EXACT, finish, holds_nearby, lengths_along, shortage, total_length
 
 WIDEST = 0.1  # of the size: the first changes of a plan
@@ -21,10 +21,9 @@ ENOUGH = 1e-6  # of the size: room to spare
 @kernel
 def least_shortage(start, goal, trial, walls, state, direction):
     """Return the smaller shortage of both touchers after all but the last two moves of a plan, and write the state there."""
-    state[:, :] = start
+    copy(start, state)
     for m in range(trial.shape[0] - 2):
-        for p in range(2):
-            advance(state[p], trial[m], walls)
+        advance_all(state, trial[m], walls, direction)
     one, _ = shortage(state, goal, 0, walls, direction)
     other, _ = shortage(state, goal, 1, walls, direction)
     return min(one, other)
@@ -57,17 +56,17 @@ def repair(start, goal, walls, trial):
 
 
 @kernel
-def draw(start, directions, shares, picks, walls, lengths, state, trial):
+def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
     """Write the moves that a row of picks says, a direction and a share each; return whether there are such."""
-    state[:, :] = start
+    copy(start, state)
     for m in range(picks.shape[0]):
         direction = directions[picks[m, 0] % directions.shape[0]]
         count = lengths_along(state, direction, shares, walls, lengths)
         if count == 0:
             return False
-        trial[m] = direction * lengths[picks[m, 1] % count]
-        for p in range(2):
-            advance(state[p], trial[m], walls)
+        for i in range(direction.shape[0]):
+            trial[m, i] = direction[i] * lengths[picks[m, 1] % count]
+        advance_all(state, trial[m], walls, spare)
     return True
 
 
@@ -85,24 +84,24 @@ def search_guided(start, goal, directions, shares, picks, nudges, enough, walls,
     for tried in range(picks.shape[0]):
         best = np.inf
         for row in picks[tried]:
-            if not draw(start, directions, shares, row, walls, lengths, state, trial):
+            if not draw(start, directions, shares, row, walls, lengths, state, trial, direction):
                 continue
             left = least_shortage(start, goal, trial, walls, state, direction)
             if left < best:
                 best = left
-                nearest[:] = trial
+                copy(trial, nearest)
         if best == np.inf or repair(start, goal, walls, nearest) > -0.5 * ENOUGH * walls.size:
             continue
         least_shortage(start, goal, nearest, walls, state, direction)
         for toucher in range(2):
             if finish(state, goal, toucher, walls, moves) > EXACT * walls.size:
                 continue
-            nearest[-2], nearest[-1] = moves[0], moves[1]
+            copy(moves, nearest[nearest.shape[0] - 2 :])
             length = total_length(nearest)
             if length < shortest and holds_nearby(start, goal, toucher, nearest, nudges, walls):
                 shortest = length
                 found += 1
-                plan[:] = nearest
+                copy(nearest, plan)
                 if found >= enough:
                     return found
     return found

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import namedtuple
+from math import sqrt
 
-import numpy as np
-
-from shoal.jit import kernel
+from shoal.jit import in_place_kernel
 from shoal.steering.kernels.contact import PUSHED, TOUCH
 
 Edges = namedtuple("Edges", "ends normals lengths links reflex size")
@@ -16,19 +15,19 @@ edges before and after each; where the corner at the beginning of an edge is ref
 GAP = 1e-12  # of the size: by so much edges are longer for who comes to them, so that nobody slips through where two meet
 
 
-@kernel
+@in_place_kernel
 def signed_distance(x, y, edge, ends, normals):
     """Return how far a point is in front of the line of an edge."""
     return normals[edge, 0] * (x - ends[edge, 0]) + normals[edge, 1] * (y - ends[edge, 1])
 
 
-@kernel
+@in_place_kernel
 def place_along(x, y, edge, ends, normals):
     """Return how far along an edge a point is."""
     return normals[edge, 1] * (x - ends[edge, 0]) - normals[edge, 0] * (y - ends[edge, 1])
 
 
-@kernel
+@in_place_kernel
 def is_on(x, y, edge, ends, normals, lengths, touch):
     """Tell whether a point is nearer to an edge than ``touch``."""
     away = signed_distance(x, y, edge, ends, normals)
@@ -39,13 +38,13 @@ def is_on(x, y, edge, ends, normals, lengths, touch):
     return away * away + beyond * beyond <= touch * touch
 
 
-@kernel
+@in_place_kernel
 def pushes(move, edge, normals, length):
     """Tell whether a move does not lead away from an edge."""
     return normals[edge, 0] * move[0] + normals[edge, 1] * move[1] <= PUSHED * length
 
 
-@kernel
+@in_place_kernel
 def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normals, lengths, touch):
     """Tell whether the edge across a reflex corner lets a particle go that this one would hold.
 
@@ -59,11 +58,11 @@ def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normal
     return signed_distance(x, y, other, ends, normals) > signed_distance(x, y, edge, ends, normals)
 
 
-@kernel
+@in_place_kernel
 def is_held(point, move, ends, normals, lengths, links, reflex, size):
     """Tell whether the boundary that a particle is on does not let it follow a move."""
     x, y, touch = point[0], point[1], TOUCH * size
-    length = np.sqrt(move[0] ** 2 + move[1] ** 2)
+    length = sqrt(move[0] ** 2 + move[1] ** 2)
     for edge in range(ends.shape[0]):
         if not pushes(move, edge, normals, length) or not is_on(x, y, edge, ends, normals, lengths, touch):
             continue
@@ -77,7 +76,7 @@ def is_held(point, move, ends, normals, lengths, links, reflex, size):
     return False
 
 
-@kernel
+@in_place_kernel
 def first_edge(point, move, ends, normals, lengths, links, reflex, size):
     """Return the share of a move after which a free particle meets an edge, the edge (-1 if none), and how far along it that is.
 
@@ -85,7 +84,7 @@ def first_edge(point, move, ends, normals, lengths, links, reflex, size):
     does not stop it: one of its two edges lets it go on.
     """
     x, y, touch = point[0], point[1], TOUCH * size
-    length = np.sqrt(move[0] ** 2 + move[1] ** 2)
+    length = sqrt(move[0] ** 2 + move[1] ** 2)
     share, met, along = 1.0, -1, 0.0
     for edge in range(ends.shape[0]):
         speed = normals[edge, 0] * move[0] + normals[edge, 1] * move[1]
@@ -105,7 +104,7 @@ def first_edge(point, move, ends, normals, lengths, links, reflex, size):
     return share, met, along
 
 
-@kernel
+@in_place_kernel
 def advance(point, move, edges):
     """Move one particle, in place; return the share of the input after which it stopped, 1 if it never did."""
     if move[0] == 0 and move[1] == 0:
@@ -121,3 +120,12 @@ def advance(point, move, edges):
     point[0] = ends[met, 0] + along * normals[met, 1]
     point[1] = ends[met, 1] - along * normals[met, 0]
     return share
+
+
+@in_place_kernel
+def advance_all(state, move, edges):
+    """Move all particles, in place; return the least share of the input after which one of them stopped."""
+    least = 1.0
+    for p in range(state.shape[0]):
+        least = min(least, advance(state[p], move, edges))
+    return least

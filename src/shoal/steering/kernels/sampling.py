@@ -13,6 +13,7 @@ import numpy as np
 
 from shoal.jit import kernel
 from shoal.steering.kernels import contact, region_contact
+from shoal.steering.kernels.contact import copy
 
 World = namedtuple("World", "flat edges walls")
 """Whether all walls are straight and hold without slip, then `region_contact.Edges` (none if it is not so) and `contact.Walls`."""
@@ -32,14 +33,9 @@ ROUNDS = 6  # nodes of which the most promising is taken
 @kernel
 def step(state, move, world):
     """Move all particles, in place; return the share of the move that all of them were free."""
-    least = 1.0
-    for p in range(state.shape[0]):
-        if world.flat:
-            share = region_contact.advance(state[p], move, world.edges)
-        else:
-            share = contact.advance(state[p], move, world.walls)
-        least = min(least, share)
-    return least
+    if world.flat:
+        return region_contact.advance_all(state, move, world.edges)
+    return contact.advance_all(state, move, world.walls, np.empty(2))
 
 
 @kernel
@@ -53,12 +49,10 @@ def add_normals(point, world, total):
                 total[0] += edges.normals[edge, 0]
                 total[1] += edges.normals[edge, 1]
         return
-    normals, offsets, circle, normal = world.walls.normals, world.walls.offsets, world.walls.circle, np.empty(2)
-    for wall in range(normals.shape[0] + 1):
-        if contact.touches(point, wall, normals, offsets, circle, near):
-            contact.normal_at(point, wall, normals, circle, normal)
-            total[0] += normal[0]
-            total[1] += normal[1]
+    for wall in range(world.walls.normals.shape[0] + 1):
+        if contact.touches(point, wall, world.walls, near):
+            for i in range(2):
+                total[i] += contact.normal_part(point, wall, world.walls, i)
 
 
 @kernel
@@ -78,13 +72,6 @@ def free_share(state, x, y, world):
     move[0], move[1] = x, y
     copy(state, trial)
     return step(trial, move, world)
-
-
-@kernel
-def copy(source, target):
-    for i in range(source.shape[0]):
-        for k in range(source.shape[1]):
-            target[i, k] = source[i, k]
 
 
 @kernel

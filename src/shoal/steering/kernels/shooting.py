@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from shoal.jit import kernel
-from shoal.steering.kernels.contact import advance, first_contact, is_held, norm
+from shoal.steering.kernels.contact import advance_all, copy, first_contact, is_held, norm
 
 EXACT = 1e-9  # of the size: how near to the goal a plan must end
 
@@ -77,12 +77,10 @@ def finish(points, goal, toucher, walls, moves):
     for i in range(d):
         moves[0, i] = direction[i] * length
     state = points.copy()
-    for p in range(2):
-        advance(state[p], moves[0], walls)
+    advance_all(state, moves[0], walls, direction)
     for i in range(d):
         moves[1, i] = goal[0, i] - state[0, i]
-    for p in range(2):
-        advance(state[p], moves[1], walls)
+    advance_all(state, moves[1], walls, direction)
     error = 0.0
     for p in range(2):
         total = 0.0
@@ -105,16 +103,13 @@ def holds_nearby(start, goal, toucher, trial, nudges, walls):
     """Tell whether plans whose tried moves differ by a little end at the goal, too: no plan may hang on a rounding."""
     tried = trial.shape[0] - 2
     moves = np.empty((2, start.shape[1]))
-    state, move = start.copy(), np.empty(start.shape[1])
+    state, move, spare = start.copy(), np.empty(start.shape[1]), np.empty(start.shape[1])
     for nudge in nudges:
-        state[:, :] = start
+        copy(start, state)
         for m in range(tried):
-            move[:] = trial[m]
-            if m == tried - 1:
-                for i in range(move.shape[0]):
-                    move[i] += nudge[i]
-            for p in range(2):
-                advance(state[p], move, walls)
+            for i in range(move.shape[0]):
+                move[i] = trial[m, i] + (nudge[i] if m == tried - 1 else 0.0)
+            advance_all(state, move, walls, spare)
         if finish(state, goal, toucher, walls, moves) > EXACT * walls.size:
             return False
     return True
@@ -128,24 +123,24 @@ def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
     """
     d = start.shape[1]
     best, found = np.inf, 0
-    lengths, trial = np.empty(shares.shape[0]), np.empty((3, d))
+    lengths, trial, spare = np.empty(shares.shape[0]), np.empty((3, d)), np.empty(d)
     moves, state = np.empty((2, d)), np.empty((2, d))
     for direction in directions:
         for number in range(lengths_along(start, direction, shares, walls, lengths)):
-            trial[0] = direction * lengths[number]
-            state[:, :] = start
-            for p in range(2):
-                advance(state[p], trial[0], walls)
+            for i in range(d):
+                trial[0, i] = direction[i] * lengths[number]
+            copy(start, state)
+            advance_all(state, trial[0], walls, spare)
             for toucher in range(2):
                 error = finish(state, goal, toucher, walls, moves)
                 length = norm(trial[0]) + norm(moves[0]) + norm(moves[1])
                 if error > EXACT * walls.size or length >= best:
                     continue
-                trial[1], trial[2] = moves[0], moves[1]
+                copy(moves, trial[1:])
                 if holds_nearby(start, goal, toucher, trial, nudges, walls):
                     best = length
                     found += 1
-                    best_moves[:] = trial
+                    copy(trial, best_moves)
                     if found >= enough:
                         return found
     return found
@@ -155,27 +150,26 @@ def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
 def improve(start, goal, tried, step, nudges, walls, best_moves):
     """Make a plan shorter, in place, by small changes of its tried moves; return its length."""
     d = start.shape[1]
-    trial, moves, state = best_moves.copy(), np.empty((2, d)), np.empty((2, d))
+    trial, moves, state, spare = best_moves.copy(), np.empty((2, d)), np.empty((2, d)), np.empty(d)
     best = total_length(best_moves)
     while step > 1e-6 * walls.size:
         moved = False
         for m in range(tried):
             for i in range(d):
                 for side in (-1.0, 1.0):
-                    trial[:] = best_moves
+                    copy(best_moves, trial)
                     trial[m, i] += side * step
-                    state[:, :] = start
+                    copy(start, state)
                     for k in range(tried):
-                        for p in range(2):
-                            advance(state[p], trial[k], walls)
+                        advance_all(state, trial[k], walls, spare)
                     for toucher in range(2):
                         if finish(state, goal, toucher, walls, moves) > EXACT * walls.size:
                             continue
-                        trial[tried], trial[tried + 1] = moves[0], moves[1]
+                        copy(moves, trial[tried:])
                         length = total_length(trial)
                         if length < best - 1e-9 * walls.size and holds_nearby(start, goal, toucher, trial, nudges, walls):
                             best, moved = length, True
-                            best_moves[:] = trial
+                            copy(trial, best_moves)
         if not moved:
             step *= 0.5
     return best

@@ -14,8 +14,8 @@ from shoal.dataclass import dataclass
 from shoal.steering.contact.friction_limits import friction_limit
 from shoal.steering.contact.wall_release import released_translation, separations, touched_normals
 from shoal.steering.contact.world import ContactWorld
-from shoal.steering.kernels.chain_kinds import reflected_lengths
 from shoal.steering.planners.chains.chain import MARGIN, Chain, ChainQuery, refined
+from shoal.steering.planners.chains.kinds import lengths_over_walls
 from shoal.steering.workspaces.convex import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import normalize_walls
@@ -221,9 +221,8 @@ class SteeringTask:
         if apart <= 2 * self.tolerance:
             return max(direct - self.tolerance, 0.0)
         walls = normalize_walls(self.world.room)
-        lengths = (
-            reflected_lengths(walls.normalized(self.start), walls.normalized(self.goal), walls.shape).min(axis=1) * walls.scale
-        )
+        start, goal = walls.normalized(self.start), walls.normalized(self.goal)
+        lengths = lengths_over_walls(start, goal, walls).min(axis=1) * walls.scale
         if self.world.friction < inf:  # a toucher that slides moves and changes Δ at once
             return max(direct - self.tolerance, float(lengths.min()) - self.tolerance, apart - 2 * self.tolerance, 0.0)
         one = float(lengths.min()) + apart - 3 * self.tolerance

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.planners.task import SteeringTask
@@ -59,6 +58,8 @@ def _least_vertical_moves(
     shares: NDArray[np.float64], start: NDArray[np.float64], goal: NDArray[np.float64], height: float
 ) -> NDArray[np.float64] | None:
     """Return the heights of moves that lead from heights to heights within 0 .. height; None if none do."""
+    from scipy.optimize import linprog
+
     count = len(shares)
     sums = np.tril(np.ones((count, count)))
     risen = [sums * shares[:, particle] for particle in range(2)]  # what each particle has risen after each move

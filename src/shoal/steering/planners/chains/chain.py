@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import time
 from dataclasses import field, replace
+from functools import cached_property
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.dataclass import dataclass
-from shoal.steering.kernels.chain import first_guess, settle
-from shoal.steering.kernels.chain_kinds import reflected_lengths
-from shoal.steering.kernels.chain_limits import Kind, new_place, put
+from shoal.steering.kernels.chain import settle
+from shoal.steering.kernels.chain_limits import Kind, new_work
 from shoal.steering.kernels.cycles import CycleModel
+from shoal.steering.planners.chains.kinds import bounds_of, lengths_over_walls
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import NormalizedWalls
 
@@ -55,10 +56,15 @@ class Chain:
 
     def contacts(self, walls: NormalizedWalls) -> Points:
         """Return where the contacts lie; float64, shape (cycles, d)."""
-        nowhere = np.zeros((2, walls.dimensions))
-        place = new_place(self.cycles, walls.dimensions)
-        put(self.unknowns, Kind(self.touchers, self.walls, nowhere, nowhere, walls.shape, inf, 0.0, 0.0), place)
-        return np.asarray(place.contacts[:, 0])
+        d, flat = walls.dimensions, self.walls < len(walls.frames)
+        along, contacts = self.unknowns[: self.cycles * (d - 1)].reshape(-1, d - 1), np.empty((self.cycles, d))
+        frames = walls.frames[self.walls[flat]]
+        contacts[flat] = frames[:, 0] + np.einsum("mk,mki->mi", along[flat], frames[:, 1:])
+        if not flat.all():
+            angles = along[~flat, 0] / walls.circle[2]
+            contacts[~flat, :2] = walls.circle[2] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+            contacts[~flat, 2:] = along[~flat, 1:]
+        return contacts
 
     def differences(self, before: Points, after: Points) -> Points:
         """Return Δ at the start and after each cycle; float64, shape (cycles + 1, d)."""
@@ -136,16 +142,21 @@ class ChainQuery:
     ) -> float:
         """Make a guess allowed and short, in place; return its length, infinite if that cannot be."""
         kind = Kind(touchers, on, self.start, self.goal, self.walls.shape, self.friction, self.margin, self.push)
-        return float(settle(guess, enough, self.rounds if rounds is None else rounds, bound, kind))
+        work = new_work(len(on), self.walls.dimensions)
+        return float(settle(guess, enough, self.rounds if rounds is None else rounds, bound, kind, work))
 
-    @property
-    def lengths_over_walls(self) -> NDArray[np.float64]:
-        """Each particle's shortest way to its goal over each wall; shape (2, walls + 1)."""
-        return np.asarray(reflected_lengths(self.start, self.goal, self.walls.shape))
+    @cached_property
+    def _lengths_over_walls(self) -> NDArray[np.float64]:
+        return lengths_over_walls(self.start, self.goal, self.walls)
+
+    def bounds_of(self, touchers: NDArray[np.int64], on: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return lower bounds of the lengths of all chains of some kinds, shape (kinds, cycles) each; float64, shape (kinds,)."""
+        return bounds_of(touchers, on, self.start, self.goal, self.walls, self._lengths_over_walls)
 
     def guess(self, cycles: int) -> NDArray[np.float64]:
-        """Return the middles of walls and differences on half of the straight way."""
-        return first_guess(self.start, self.goal, cycles)
+        """Return unknowns to begin with: the middles of walls, and differences on half of the straight way."""
+        between = (self.before + (self.after - self.before) * np.arange(1, cycles)[:, None] / cycles) / 2
+        return np.concatenate((np.zeros(cycles * (self.walls.dimensions - 1)), between.ravel()))
 
 
 def refined(query: ChainQuery, chain: Chain) -> Chain:

@@ -60,11 +60,15 @@ def nearest_cycles(query: ChainQuery, delta: Points, target: Points) -> list[Cyc
     """
     if query.walls.round:
         radius = query.walls.circle[2]
-        distance, after, angle = nearest_on_circle(delta, target, query.model())
+        after = np.zeros(2)
+        distance, angle = nearest_on_circle(delta, target, query.model(), np.empty((9, 2)), np.empty(2), after)
         along = [radius * float(angle + pi * toucher) for toucher in (0, 1)]
         return [Cycle(float(distance), k, 0, along[k], along[k], after) for k in (0, 1) if distance < inf]
-    distances, differences, lows, highs = nearest_on_polygon(delta, target, query.model())
+    walls = query.walls.sides
+    found, corners, spare = np.empty((walls, 2, 5)), np.empty((2 * walls + 16, 2)), np.empty((2 * walls + 16, 2))
+    nearest_on_polygon(delta, target, query.model(), corners, spare, np.empty(2), found)
     return [
-        Cycle(float(distances[wall, k]), int(k), int(wall), float(lows[wall, k]), float(highs[wall, k]), differences[wall, k])
-        for wall, k in np.argwhere(distances < inf)
+        Cycle(distance, int(k), int(wall), low, high, found[wall, k, 3:])
+        for wall, k in np.argwhere(found[..., 0] < inf)
+        for distance, low, high in [found[wall, k, :3].tolist()]
     ]

@@ -8,19 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import field
-from functools import cached_property
 from math import inf, pi
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.dataclass import dataclass
-from shoal.steering.kernels.chain_kinds import bound_of
 from shoal.steering.planners.chains.antipodal import antipodal_chain
 from shoal.steering.planners.chains.chain import ENOUGH, REFINING, ROOM, Chain, ChainQuery, refined
 from shoal.steering.planners.chains.search import chains_of
 from shoal.steering.planners.chains.sides import MANY, slid
 from shoal.steering.workspaces.convex_geometry import Points
+
+_Item = TypeVar("_Item")
 
 MOST_CYCLES = 8
 SLACK = 1.2  # times the shortest: longer ones are not kept
@@ -48,12 +49,8 @@ class ChainPool:
 
     query: ChainQuery
     chains: list[Chain] = field(default_factory=list)
-    _known: set[bytes] = field(default_factory=set)
+    _known: set[tuple[object, ...]] = field(default_factory=set)
     _expanded: dict[int, Chain] = field(default_factory=dict)  # kept, so that no other gets the number
-
-    @cached_property
-    def _over_walls(self) -> NDArray[np.float64]:
-        return self.query.lengths_over_walls
 
     @property
     def best(self) -> Chain | None:
@@ -77,22 +74,22 @@ class ChainPool:
         del self.chains[WIDTH:]
         return True
 
-    def tried(self, touchers: NDArray[np.int64], walls: NDArray[np.int64], guess: NDArray[np.float64]) -> int:
-        """Make a guess allowed and short, and take it in; return 1, or 0 where that is known to be of no use."""
-        round_ = self.query.walls.round
-        kind = touchers.tobytes() + b"|" + walls.tobytes() + (np.round(guess, 2).tobytes() if round_ else b"")
+    def begin(self, chain: Chain) -> None:
+        """Make a chain allowed and short, and take it in."""
+        along = chain.unknowns[: chain.cycles * (self.query.walls.dimensions - 1)].reshape(chain.cycles, -1)
+        deltas = list(chain.differences(self.query.before, self.query.after))
+        self.tried(_Candidate(0.0, chain.touchers.tolist(), chain.walls.tolist(), list(along), deltas))
+
+    def tried(self, one: _Candidate) -> int:
+        """Make a candidate allowed and short, and take it in; return 1, or 0 where that is known to be of no use."""
+        query, guess, round_ = self.query, one.guess, self.query.walls.round
+        kind = (*one.touchers, *one.walls, np.round(guess, 2).tobytes() if round_ else b"")
         if kind in self._known:
             return 0
         self._known.add(kind)
-        query, best = self.query, self.best
-        if best is not None:
-            least = bound_of(touchers, walls, query.start, query.goal, self._over_walls, query.walls.shape)
-            if least >= best.length:
-                return 0
-        enough = ROOM if round_ else ENOUGH
-        length = self.query.settle(
-            guess, touchers, walls, enough=enough, rounds=_ROUGH_ROUND if round_ else _ROUGH, bound=self.bound
-        )
+        touchers, walls = np.array(one.touchers), np.array(one.walls)
+        enough, rounds = (ROOM, _ROUGH_ROUND) if round_ else (ENOUGH, _ROUGH)
+        length = query.settle(guess, touchers, walls, enough=enough, rounds=rounds, bound=self.bound)
         if length < inf:
             self.add(slid(query, Chain(touchers, walls, guess, length)))
         return 1
@@ -104,50 +101,90 @@ class ChainPool:
             if parent is None:
                 return
             left = min(EACH, tries)
-            for touchers, walls, guess in children(self.query, parent):
+            for one, least in with_bounds(self.query, candidates(self.query, parent)):
                 if left <= 0 or self.query.late:
                     break
-                done = self.tried(touchers, walls, guess)
-                tries, left = tries - done, left - done
+                if least < self.chains[0].length:
+                    done = self.tried(one)
+                    tries, left = tries - done, left - done
             if tries > 0:
                 self._expanded[id(parent)] = parent
 
 
-def children(query: ChainQuery, chain: Chain) -> list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]]:
-    """Return touchers, walls and first guesses of chains with a cycle more, one fewer, or one of the other particle.
+class _Candidate(NamedTuple):
+    """A chain to try: a known one with a cycle more, one fewer, or one of the other particle.
 
-    Those come first for which a particle has the least way to its new wall.
+    Attributes
+    ----------
+    way : float
+        Least way of a particle to its new wall: what has less is tried first.
+    touchers, walls : list of int
+    along : list of ndarray of float64, shape (d - 1,)
+        Contacts along their walls, to begin with.
+    deltas : list of ndarray of float64, shape (d,)
+        Differences at the start, between cycles and at the end.
     """
-    d = query.walls.dimensions
-    along = chain.unknowns[: chain.cycles * (d - 1)].reshape(-1, d - 1)
-    deltas = chain.differences(query.before, query.after)
+
+    way: float
+    touchers: list[int]
+    walls: list[int]
+    along: list[Points]
+    deltas: list[Points]
+
+    @property
+    def guess(self) -> NDArray[np.float64]:
+        """The unknowns to begin with."""
+        return np.concatenate([*self.along, *self.deltas[1:-1]])
+
+
+def with_bounds(query: ChainQuery, found: list[_Candidate]) -> list[tuple[_Candidate, float]]:
+    """Return candidates with lower bounds of their lengths."""
+    bounds = np.empty(len(found))
+    for cycles in {len(one.walls) for one in found}:
+        some = [k for k, one in enumerate(found) if len(one.walls) == cycles]
+        bounds[some] = query.bounds_of(np.array([found[k].touchers for k in some]), np.array([found[k].walls for k in some]))
+    return list(zip(found, bounds.tolist(), strict=True))
+
+
+def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
+    """Return what may be shorter than a chain; those come first for which a particle has the least way to its new wall."""
+    d, circle, half = query.walls.dimensions, len(query.walls.normals), pi * query.walls.circle[2]
+    along = list(chain.unknowns[: chain.cycles * (d - 1)].reshape(-1, d - 1))
+    deltas = list(chain.differences(query.before, query.after))
+    touchers, walls = chain.touchers.tolist(), chain.walls.tolist()
+    opposite = [one + half * np.eye(d - 1)[0] for one in along]  # what one does by touching, the other does by touching opposite
     found = []
     for place in range(chain.cycles if chain.cycles > 1 else 0):
-        fewer = np.delete(deltas, min(max(place, 1), chain.cycles - 1), axis=0)
-        found.append((0.0, np.delete(chain.touchers, place), np.delete(chain.walls, place), np.delete(along, place, axis=0), fewer))
-    for place in np.flatnonzero(chain.walls == len(query.walls.normals)).tolist():
-        touchers, other = chain.touchers.copy(), along.copy()
-        touchers[place] = 1 - touchers[place]
-        other[place, 0] += pi * query.walls.circle[2]  # what one does by touching, the other does by touching opposite
-        found.append((0.0, touchers, chain.walls.copy(), other, deltas))
-    if (chain.walls == len(query.walls.normals)).all():
-        touchers = _nearest_touchers(query, chain, deltas)
-        other = along.copy()
-        other[touchers != chain.touchers, 0] += pi * query.walls.circle[2]
-        found.append((-1.0, touchers, chain.walls.copy(), other, deltas))
-    states = states_of(query, chain, deltas)
+        between = min(max(place, 1), chain.cycles - 1)
+        found.append(_Candidate(0.0, _cut(touchers, place), _cut(walls, place), _cut(along, place), _cut(deltas, between)))
+    for place in (place for place, wall in enumerate(walls) if wall == circle):
+        other = _put(_cut(touchers, place), place, 1 - touchers[place])
+        found.append(_Candidate(0.0, other, walls, _put(_cut(along, place), place, opposite[place]), deltas))
+    if all(wall == circle for wall in walls):
+        nearest = _nearest_touchers(query, chain, np.array(deltas))
+        places = [opposite[k] if one != touchers[k] else along[k] for k, one in enumerate(nearest)]
+        found.append(_Candidate(-1.0, nearest, walls, places, deltas))
+    states = states_of(query, chain, np.array(deltas))
     for place in range(chain.cycles + 1 if chain.cycles < MOST_CYCLES else 0):
         aside = deltas[place + 1 if place < chain.cycles else place - 1] - deltas[place]
+        after = min(place + 1, chain.cycles)
         for toucher in (0, 1):
             for wall, contact, share, way in _new_contacts(query, chain, along, place, toucher, states[place][toucher]):
-                touchers, walls = np.insert(chain.touchers, place, toucher), np.insert(chain.walls, place, wall)
-                more = np.insert(deltas, min(place + 1, chain.cycles), deltas[place] + share * aside, axis=0)
-                found.append((way, touchers, walls, np.insert(along, place, contact, axis=0), more))
-    found.sort(key=lambda one: one[0])
-    return [(touchers, walls, np.concatenate([ys.ravel(), ds[1:-1].ravel()])) for _, touchers, walls, ys, ds in found]
+                more = _put(touchers, place, toucher), _put(walls, place, wall), _put(along, place, contact)
+                found.append(_Candidate(way, *more, _put(deltas, after, deltas[place] + share * aside)))
+    found.sort(key=lambda one: one.way)
+    return found
 
 
-def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> NDArray[np.int64]:
+def _put(items: list[_Item], place: int, item: _Item) -> list[_Item]:
+    return [*items[:place], item, *items[place:]]
+
+
+def _cut(items: list[_Item], place: int) -> list[_Item]:
+    return [*items[:place], *items[place + 1 :]]
+
+
+def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> list[int]:
     """Return which particle should touch in each cycle over a round wall, the differences as they are, for the least way."""
     signs = np.array([1.0, -1.0])
     contacts = chain.contacts(query.walls) * np.where(chain.touchers == 0, 1.0, -1.0)[:, None]
@@ -163,7 +200,7 @@ def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> NDArra
     touchers = [int(total.argmin())]
     for choice in choices[:0:-1]:
         touchers.append(int(choice[touchers[-1]]))
-    return np.array(touchers[::-1], dtype=np.int64)
+    return touchers[::-1]
 
 
 def states_of(query: ChainQuery, chain: Chain, deltas: Points) -> Points:
@@ -177,7 +214,7 @@ def states_of(query: ChainQuery, chain: Chain, deltas: Points) -> Points:
 
 
 def _new_contacts(
-    query: ChainQuery, chain: Chain, along: Points, place: int, toucher: int, point: Points
+    query: ChainQuery, chain: Chain, along: list[Points], place: int, toucher: int, point: Points
 ) -> Iterator[tuple[int, Points, float, float]]:
     """Yield walls, contacts, shares of the change after them and ways for a new cycle of a particle that is at a point."""
     walls = query.walls
@@ -212,7 +249,7 @@ def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chai
     """
     pool = ChainPool(query)
     for chain in seeds:
-        pool.tried(chain.touchers, chain.walls, chain.unknowns.copy())
+        pool.begin(chain)
     for cycles in (1, 2, 3):
         for chain in chains_of(query, cycles, inf if pool.best is None else NEARLY * pool.best.length):
             pool.add(chain)
@@ -223,6 +260,6 @@ def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chai
         far = antipodal_chain(query, cycles=_BACKWARD, sides=sides)
         if far is not None:
             tries = FAR_TRIES
-            pool.tried(far.touchers, far.walls, far.unknowns.copy())
+            pool.begin(far)
     pool.improve(tries)
     return sorted((refined(query, chain) for chain in pool.chains[:REFINED]), key=lambda chain: chain.length)

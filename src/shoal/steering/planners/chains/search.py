@@ -10,8 +10,8 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.steering.kernels.chain_kinds import bound_of, kinds_of
 from shoal.steering.planners.chains.chain import REFINING, ROOM, Chain, ChainQuery
+from shoal.steering.planners.chains.kinds import kinds_of
 from shoal.steering.planners.chains.sides import between_few_sides, on_all_sides, slid
 
 _POLISHED = 8  # rough chains over a circle that are worth it
@@ -69,10 +69,7 @@ def _many_sided(query: ChainQuery, few: ChainQuery, cycles: int, bound: float) -
 
 def _flat(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield ever shorter chains over flat walls only."""
-    walls = query.walls
-    touchers, on, bounds = kinds_of(
-        cycles, query.start, query.goal, walls.reaches, walls.shape, query.push, bound, query.lengths_over_walls
-    )
+    touchers, on, bounds = kinds_of(query.start, query.goal, query.walls, cycles=cycles, push=query.push, bound=bound)
     for kind, least in enumerate(bounds):
         if least >= bound - 1e-9 or query.late:
             break
@@ -86,14 +83,13 @@ def _flat(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
 def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield ever shorter chains with a round wall."""
     firsts = list(_guesses(query, cycles))
-    lengths = query.lengths_over_walls
     rough: list[tuple[float, int, NDArray[np.int64], NDArray[np.float64]]] = []
     met: set[tuple[float, ...]] = set()
     on = np.full(cycles, len(query.walls.normals))
     d = query.walls.dimensions
     for kind in product((0, 1), repeat=cycles):
         touchers = np.array(kind, dtype=np.int64)
-        if query.late or bound_of(touchers, on, query.start, query.goal, lengths, query.walls.shape) >= bound:
+        if query.late or query.bounds_of(touchers[None], on[None])[0] >= bound:
             continue
         for first in firsts:
             guess = first.copy()
@@ -120,7 +116,7 @@ def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
 
 def _capped(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     """Yield ever shorter chains in a cylinder with an end cap among the walls."""
-    caps, lengths = len(query.walls.normals), query.lengths_over_walls
+    caps = len(query.walls.normals)
     radius, d = query.walls.circle[2], query.walls.dimensions
     for on in product(range(caps + 1), repeat=cycles):
         if all(wall == caps for wall in on):
@@ -128,7 +124,7 @@ def _capped(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
         rounds = [m for m, wall in enumerate(on) if wall == caps]
         for kind in product((0, 1), repeat=cycles):
             touchers, walls = np.array(kind, dtype=np.int64), np.array(on, dtype=np.int64)
-            if bound_of(touchers, walls, query.start, query.goal, lengths, query.walls.shape) >= bound or query.late:
+            if query.late or query.bounds_of(touchers[None], walls[None])[0] >= bound:
                 continue
             for angles in product(np.arange(5) * 2 * pi / 5, repeat=len(rounds)):
                 guess = query.guess(cycles)

@@ -1,0 +1,112 @@
+"""Kinds of chains, which particle touches which wall in which order, and lower bounds of their lengths.
+
+A particle that touches walls goes at least to its goal mirrored in them; all that changes the difference is a move while one
+particle is held. So with one toucher the length is at least its way plus |Dg - Ds|; with both, half of the sum of both lengths and
+|Dg - Ds|.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.normalized_walls import NormalizedWalls
+
+_AROUND = np.exp(2j * np.pi * np.arange(48) / 48)
+
+
+def way_over_circle(one: Points, other: Points, radius: float) -> float:
+    """Return the length of the shortest way from one point to another over a circle around zero.
+
+    Notes
+    -----
+    Its contact is a root z, |z| = 1, of A z^4 - B z^3 + conj(B) z - conj(A), with A = conj(S G) and B = r conj(S + G) (Alhazen).
+    Near the wall roots lie close together; there the feet of both points are as good.
+    """
+    s, g = complex(*one[:2]) / radius, complex(*other[:2]) / radius
+    a, b = np.conj(s * g), np.conj(s + g)
+    found = np.roots([a, -b, 0, np.conj(b), -np.conj(a)])
+    spots = np.concatenate([found, [s, g], _AROUND])
+    spots = spots[spots != 0]
+    spots = spots / np.abs(spots)
+    flat = radius * float(np.min(np.abs(spots - s) + np.abs(spots - g)))
+    return float(np.hypot(flat, np.linalg.norm(one[2:] - other[2:])))
+
+
+def lengths_over_walls(start: Points, goal: Points, walls: NormalizedWalls) -> NDArray[np.float64]:
+    """Return each particle's shortest way to its goal over each wall; float64, shape (2, walls + 1), the last is the circle."""
+    high = np.maximum(start @ walls.normals.T - walls.offsets, 0)
+    low = np.maximum(goal @ walls.normals.T - walls.offsets, 0)
+    flat = np.sqrt(np.sum((start - goal) ** 2, axis=1)[:, None] + 4 * high * low)
+    round_ = [way_over_circle(s, g, walls.circle[2]) if walls.round else inf for s, g in zip(start, goal, strict=True)]
+    return np.column_stack([flat, round_])
+
+
+def bounds_of(
+    touchers: NDArray[np.int64], on: NDArray[np.int64], start: Points, goal: Points, walls: NormalizedWalls,
+    lengths: NDArray[np.float64],
+) -> NDArray[np.float64]:  # fmt: skip
+    """Return lower bounds of the lengths of all chains of some kinds; float64, shape (kinds,).
+
+    Parameters
+    ----------
+    touchers, on : ndarray of int64, shape (kinds, cycles)
+    start, goal : ndarray of float64, shape (2, d)
+    walls : NormalizedWalls
+    lengths : ndarray of float64, shape (2, walls + 1)
+        What `lengths_over_walls` returns.
+    """
+    apart = float(np.linalg.norm((start[1] - start[0]) - (goal[1] - goal[0])))
+    normals = np.vstack([walls.normals, np.zeros((1, walls.dimensions))])  # what is mirrored in the circle stays
+    offsets = np.append(walls.offsets, 0.0)
+    least, used = np.empty((2, len(on))), np.empty((2, len(on)), dtype=np.bool_)
+    for p in (0, 1):
+        own = touchers == p
+        used[p] = own.any(axis=1)
+        image = np.repeat(goal[p][None], len(on), axis=0)
+        for m in range(on.shape[1] - 1, -1, -1):
+            normal = normals[on[:, m]] * own[:, m, None]
+            over = np.einsum("ij,ij->i", normal, image) - offsets[on[:, m]]
+            image -= 2 * over[:, None] * normal
+        flat = ~(own & (on == len(walls.normals))).any(axis=1)
+        direct = np.maximum(np.where(flat, np.linalg.norm(image - start[p], axis=1), 0.0), np.linalg.norm(goal[p] - start[p]))
+        least[p] = np.maximum(direct, np.where(own, lengths[p][on], 0.0).max(axis=1))
+    both = np.maximum((least.sum(axis=0) + apart) / 2, least.max(axis=0))
+    return np.asarray(np.where(used.all(axis=0), both, np.where(used[0], least[0], least[1]) + apart))
+
+
+def kinds_of(
+    start: Points, goal: Points, walls: NormalizedWalls, *, cycles: int, push: float, bound: float = inf
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Return the kinds of chains of so many cycles over flat walls that may be shorter than a bound, the shortest bounds first.
+
+    Returns
+    -------
+    touchers, on : ndarray of int64, shape (kinds, cycles)
+    bounds : ndarray of float64, shape (kinds,)
+    """
+    options = np.arange(2 * len(walls.normals))
+    firsts, lasts = (_fitting(delta, walls, least) for delta, least in ((start[1] - start[0], push), (goal[1] - goal[0], -1e-12)))
+    choices = [firsts, *[options] * (cycles - 2), lasts] if cycles > 1 else [np.intersect1d(firsts, lasts)]
+    kinds = np.stack(np.meshgrid(*choices, indexing="ij"), axis=-1).reshape(-1, cycles)
+    kinds = kinds[(kinds[:, 1:] != kinds[:, :-1]).all(axis=1)]  # twice the same would be once
+    touchers, on = kinds % 2, kinds // 2
+    bounds = bounds_of(touchers, on, start, goal, walls, lengths_over_walls(start, goal, walls))
+    order = np.argsort(bounds, kind="stable")
+    order = order[: np.searchsorted(bounds[order], bound)]
+    return touchers[order], on[order], bounds[order]
+
+
+def _fitting(delta: Points, walls: NormalizedWalls, least: float) -> NDArray[np.int64]:
+    """Return which walls and touchers, as 2 wall + toucher, can hold with the other particle inside: quickly and generously.
+
+    The other's distance to each wall is linear in the contact, so its largest value over the frame's box must not be negative.
+    """
+    heights = walls.normals @ delta
+    middle = walls.frames[:, 0] @ walls.normals.T - walls.offsets  # wall, other wall
+    most = middle + walls.reaches[:, None] * np.abs(walls.frames[:, 1:] @ walls.normals.T).sum(axis=1)
+    fits = np.stack([((most + sign * heights) >= -1e-9).all(axis=1) & (sign * heights > least) for sign in (1, -1)], axis=1)
+    return np.flatnonzero(fits)
