@@ -6,6 +6,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from enum import StrEnum
+from importlib import import_module
 from typing import Any, ClassVar, Self
 
 from shoal.dataclass import dataclass
@@ -108,6 +109,11 @@ class Episode(ABC):
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.sentence}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows; views lie above episodes and are loaded only here."""
+        shown: str = import_module("shoal.views").notebook_page(self)
+        return shown
 
     @property
     def sentence(self) -> str:

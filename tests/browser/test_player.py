@@ -474,3 +474,27 @@ def test_nothing_in_the_data_can_close_the_script():
     block = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert block is not None
     assert json.loads(block[1])["map"] == hostile
+
+
+def test_it_plays_at_once_where_that_is_wanted(open_player):
+    page = open_player(pond() | {"playing": True})
+    until(page, "shoalPlayer.move > 0")
+    still = open_player(pond() | {"playing": True}, reduced_motion="reduce")
+    until(still, "shoalPlayer.move === shoalPlayer.length")
+    assert not still.evaluate("shoalPlayer.playing")
+    assert open_player(pond()).evaluate("shoalPlayer.playing") is False
+
+
+def test_it_says_what_is_out_of_reach_and_how_long_a_cell_is(open_player):
+    page = open_player(pond() | {"unreachable": 7, "spacing": [0.25, 0.5]})
+    assert "7 free cells out of reach" in page.inner_text("#facts")
+    assert page.inner_text("#scaleWord").endswith(" mm")
+    millimetres = float(page.inner_text("#scaleWord").split()[0])
+    bar = page.locator("#scaleBar").bounding_box()["width"]
+    picture = page.locator("#picture").bounding_box()
+    assert 20 < bar < 140
+    assert bar / millimetres * 0.5 * 11 <= picture["width"]  # eleven columns of half a millimetre fit the stage
+    page.mouse.move(picture["x"] + picture["width"] / 2, picture["y"] + picture["height"] / 2)
+    page.mouse.wheel(0, -600)
+    until(page, f"document.getElementById('scaleBar').offsetWidth / parseFloat(scaleWord.textContent) > {1.2 * bar / millimetres}")
+    assert open_player(pond()).locator("#scaleRow").is_hidden()

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import io
+
 import numpy as np
 import pytest
+from PIL import Image
 from tests.browser.waiting import until
 from tests.swarm_runs import run
 
@@ -33,7 +37,7 @@ def test_every_move_is_what_the_library_says(open_player, rule):
 
 def test_it_turns_and_slices(open_player):
     episode = run(GridWorkspace(generate("vessels3d:400")), particles=40)
-    page = open_player(page_data(episode))
+    page = open_player(page_data(episode) | {"playing": False})
     picture = "document.getElementById('picture').toDataURL()"
     cut = "document.getElementById('slice').toDataURL()"
     before = page.evaluate(picture)
@@ -52,3 +56,15 @@ def test_it_turns_and_slices(open_player):
     assert page.locator("#cutAt").inner_text() == "-1"
     page.keyboard.press("d")
     until(page, f"{picture} !== {before!r}")
+
+
+def test_particles_shine_through_the_wall_of_a_wide_vessel(open_player):
+    block = GridWorkspace(np.ones((9, 9, 9)))
+    colours = []
+    for start in ([(4, 4, 4)], [(0, 0, 0)]):  # in the middle; at a corner
+        episode = run(block, start=start, task="coverage", policy="random-moves", max_moves=0)
+        page = open_player(page_data(episode) | {"playing": False})
+        url = page.evaluate("document.getElementById('picture').toDataURL()")
+        shown = np.asarray(Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))), dtype=int)
+        colours.append(int((shown[..., 0] > shown[..., 2]).sum()))  # cells to cover are blue
+    assert min(colours) > 100

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import html
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import field
@@ -21,7 +19,6 @@ from shoal.swarm.grid.commands import decode
 from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.grid.world import GridWorld
-from shoal.swarm.maps.raster import png_bytes
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise.map_errors import MapErrors
 from shoal.swarm.noise.model import Noise
@@ -158,8 +155,13 @@ class SwarmEpisode(Episode):
         if self and self.unreachable:
             done = "every cell that particles can reach is done"
         if self.unreachable:
-            rest += f"; {self.unreachable} of {self.workspace.n_free} free cells lie where no particle can get"
+            rest += f"; {self.out_of_reach} lie where no particle can get"
         return f"{done}{rest}"
+
+    @property
+    def out_of_reach(self) -> str:
+        """How many free cells no particle can get to, for people; empty if none."""
+        return f"{self.unreachable} of {self.workspace.n_free} free cells" if self.unreachable else ""
 
     @cached_property
     def unreachable(self) -> int:
@@ -304,15 +306,4 @@ class SwarmEpisode(Episode):
         return (
             f"<SwarmEpisode: {self.task} of {self.workspace.name!r} by {self.policy}, {self.particles} particles, "
             f"{self.moves} moves, {self.status}>"
-        )
-
-    def _repr_html_(self) -> str:
-        state, belief = self.final()
-        picture = base64.b64encode(png_bytes(belief.picture(state.occupied), side=480)).decode()
-        name, policy = html.escape(self.workspace.name), html.escape(self.policy)
-        return (
-            f'<figure style="margin:0"><img alt="final map of {name}" src="data:image/png;base64,{picture}" '
-            'style="image-rendering:pixelated;max-width:100%"/>'
-            f"<figcaption><b>{name}</b>: {self.task} by {policy}, {self.particles} particles, rule {self.rule}; "
-            f"{html.escape(self.sentence)}</figcaption></figure>"
         )

@@ -5,9 +5,12 @@ matplotlib is imported here and in papers only.
 
 from __future__ import annotations
 
+import base64
+import html
 import os
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 from shoal.checks import check_choice
@@ -21,7 +24,9 @@ if TYPE_CHECKING:
     from shoal.episode import Episode
 
 
-__all__ = ["figure", "film", "save_figure"]
+__all__ = ["figure", "film", "notebook_page", "save_figure"]
+
+INLINE = 1_000_000  # characters of a player that a notebook takes
 
 
 def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **options: Any) -> Figure:
@@ -78,6 +83,26 @@ def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[
             temporary.write_text(_views_of(episode, "page").player_page(episode), encoding="utf-8")
         else:
             encode_film(temporary, _views_of(episode, "films").clip_of(episode, suffix), gif=suffix == ".gif", on_frame=on_frame)
+
+
+def notebook_page(episode: Episode) -> str:
+    """Return an episode as HTML for a notebook: its figure, a sentence, and its player to open unless that is large."""
+    picture = BytesIO()
+    figure(episode).savefig(picture, format="png", dpi=110)
+    encoded, name = base64.b64encode(picture.getvalue()).decode(), html.escape(repr(episode).strip("<>"))
+    told = name if html.escape(episode.sentence) in name else f"{name}<br/>{html.escape(episode.sentence)}"
+    try:
+        player = _views_of(episode, "page").player_page(episode)
+    except InvalidInputError:  # it is too large for a browser
+        player = ""
+    frame = (
+        f'<details><summary>play</summary><iframe srcdoc="{html.escape(player)}" loading="lazy" '
+        'style="width:100%;height:720px;border:1px solid #ccc"></iframe></details>'
+    )
+    return (
+        f'<figure style="margin:0"><img alt="{name}" src="data:image/png;base64,{encoded}" style="max-width:100%"/>'
+        f"<figcaption>{told}</figcaption>{frame * (0 < len(player) < INLINE)}</figure>"
+    )
 
 
 def _views_of(episode: Any, room: str) -> Any:

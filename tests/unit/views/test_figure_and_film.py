@@ -61,4 +61,4 @@ def test_anything_else_is_refused(wrong, tmp_path):
 
 
 def test_names():
-    assert sorted(views.__all__) == ["figure", "film", "save_figure"]
+    assert sorted(views.__all__) == ["figure", "film", "notebook_page", "save_figure"]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import re
 import subprocess
+from dataclasses import replace
 
 import imageio_ffmpeg
 import numpy as np
@@ -17,8 +19,9 @@ from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.swarm.maps.raster import PALETTE, in_strips
 from shoal.views import film
 from shoal.views.drawing.charts import save_figure
+from shoal.views.swarm import films, page
 from shoal.views.swarm.figures import frontier_figure, map_figure
-from shoal.views.swarm.films import CAPTION, film_frames, shown_moves
+from shoal.views.swarm.films import CAPTION, LEGEND, film_frames, pictures_with_legend, shown_moves
 from shoal.views.swarm.page import player_page
 
 
@@ -57,8 +60,24 @@ def test_notebooks(episode):
     image = Image.open(io.BytesIO(episode.workspace._repr_png_()))
     assert image.width > 300
     html = episode._repr_html_()
-    assert "data:image/png;base64," in html
     assert "complete after" in html
+    assert "shoalPlayer" in html
+    picture = Image.open(io.BytesIO(base64.b64decode(re.search(r"data:image/png;base64,([^\"]+)", html).group(1))))
+    assert min(picture.size) > 300
+
+
+def test_a_volume_in_a_notebook_is_a_view_with_slices_and_no_strip_of_layers():
+    episode = run(open_map("vessels3d:60"), particles=9, policy="closest-frontier")
+    for data in (episode.workspace._repr_png_(), base64.b64decode(re.search(r"base64,([^\"]+)", episode._repr_html_()).group(1))):
+        picture = Image.open(io.BytesIO(data))
+        assert 0.5 < picture.width / picture.height < 2
+        assert min(picture.size) > 400
+
+
+def test_a_player_too_large_for_a_page_is_left_out(episode, monkeypatch):
+    monkeypatch.setattr(page, "LARGEST", 0)
+    assert "iframe" not in episode._repr_html_()
+    assert "base64," in episode._repr_html_()
 
 
 def test_three_dimensions_side_by_side():
@@ -92,6 +111,60 @@ def test_gif_shows_each_move(episode, tmp_path):
         cells = picture.convert("RGB").crop((0, 0, 11 * 80, 9 * 80))
         last = np.asarray(cells.resize((11, 9), Image.Resampling.NEAREST))
     np.testing.assert_array_equal(last, picture_of(*episode.final()))
+
+
+@pytest.fixture(scope="module")
+def parted():
+    """An episode in two rooms with a wall between; the size of a cell is known."""
+    free = np.ones((6, 12), dtype=np.bool_)
+    free[:, 8] = False
+    return run(GridWorkspace(free, name="rooms", spacing=(0.5, 0.5)), start=[(0, 0), (1, 1)], scan_every=2)
+
+
+def caption_of(episode, move):
+    (sheet,) = pictures_with_legend(episode, [move], film_frames(episode, np.array([move])))
+    return sheet[-CAPTION:].astype(int)
+
+
+def test_films_count_moves_and_explain_colours(parted):
+    captions = [caption_of(parted, move) for move in range(4)]
+    words, legend = slice(0, 36), slice(36, CAPTION)
+    for number, caption in enumerate(captions):
+        for name in LEGEND:
+            assert (caption[legend] == colour(name)).all(axis=2).sum() > 100, name
+        for other in captions[:number]:
+            assert (caption[words] != other[words]).any(), "the counter stands still"
+            assert (caption[legend] == other[legend]).all()
+
+
+def test_films_show_the_arrow_of_the_command(episode, monkeypatch):
+    before = caption_of(episode, 3)
+    turned = {"l": "r", "r": "l", "u": "d", "d": "u"}
+    monkeypatch.setattr(films, "ARROWS", {letter: films.ARROWS[turned[letter]] for letter in "lrud"})
+    assert (caption_of(episode, 3) != before).any()
+
+
+def test_films_have_a_scale_bar_where_the_size_of_a_cell_is_known(parted):
+    unknown = replace(parted, problem=replace(parted.problem, map=GridWorkspace(parted.workspace.free, name="rooms")))
+    known, none = (longest_line(caption_of(one, 1)[20]) for one in (parted, unknown))
+    assert none < 20
+    sheet = next(pictures_with_legend(parted, [0], film_frames(parted, np.array([0]))))
+    assert known == pytest.approx(2 * sheet.shape[1] / 14, abs=2)  # 1 mm: two cells of fourteen
+
+
+def longest_line(row):
+    """Return how many pixels side by side are dark."""
+    dark = (row == colour("obstacle")).all(axis=1)
+    return max(len(run) for run in "".join("x" if one else " " for one in dark).split())
+
+
+def test_what_is_out_of_reach_is_said_everywhere(parted):
+    assert parted.out_of_reach == "18 of 66 free cells"
+    assert "18 of 66 free cells are out of reach" in map_figure(parted).axes[0].get_title(loc="left")
+    assert page.page_data(parted)["unreachable"] == 18
+    assert "18 of 66 free cells" in parted._repr_html_()
+    whole = replace(parted, problem=replace(parted.problem, map=GridWorkspace(np.ones((6, 12)), name="rooms", spacing=(0.5, 0.5))))
+    assert (caption_of(parted, 1)[:36] != caption_of(whole, 1)[:36]).any()
 
 
 def test_mp4_can_be_decoded(episode, tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field
 from functools import cached_property
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -192,4 +193,7 @@ class GridWorkspace:
         return raster.raster_of(np.where(self.free, raster.FREE, raster.OBSTACLE).astype(np.uint8))
 
     def _repr_png_(self) -> bytes:
-        return raster.png_bytes(self.picture)
+        if self.ndim == 2:
+            return raster.png_bytes(self.picture)
+        view: NDArray[np.uint8] = import_module("shoal.views.swarm.volume").workspace_sheet(self)
+        return raster.png_bytes(view, side=max(view.shape))

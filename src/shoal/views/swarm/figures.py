@@ -15,7 +15,7 @@ from shoal.views.drawing.charts import MUTED, new_figure, padded_figure, plain_a
 from shoal.views.drawing.curves import median_of
 from shoal.views.drawing.scale_bar import draw_scale_bar
 from shoal.views.swarm.cell_colours import NOISY, WRONG_FREE, codes_after, palette_of_cells
-from shoal.views.swarm.volume import Fit, Slices
+from shoal.views.swarm.volume import CORNER, Fit, Slices
 from shoal.views.swarm.volume import sheet as volume_sheet
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
-CORNER = 0.6  # radians from which a 3-D map is seen
 SIDE = 900  # pixels of its turned view
 _LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obstacle": "obstacle", "unknown": "unknown"}
 
@@ -59,7 +58,8 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     axes.set_axis_off()
     scans = 1 + int(np.count_nonzero(episode.trace.scanned[:moves]))
     looked = "" if episode.trace.scanned.all() else f" and {scans} scans"
-    set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}")
+    lost = f"\n{episode.out_of_reach} are out of reach" if episode.unreachable else ""
+    set_title(axes, f"{episode.workspace.name} after {moves} moves{looked}{lost}")
     _legend(axes, coverage=episode.targets is not None, noisy=palette is NOISY, seen=episode.observations is not None)
     if workspace.spacing is not None:
         turned = workspace.ndim == 3

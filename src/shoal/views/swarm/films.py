@@ -10,9 +10,10 @@ from matplotlib import get_data_path
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from shoal.swarm import SwarmEpisode
+from shoal.swarm import GridWorkspace, SwarmEpisode
 from shoal.swarm.maps.raster import PALETTE, in_strips
 from shoal.views.drawing.encoding import LONGEST, Clip
+from shoal.views.drawing.scale_bar import bar_length
 from shoal.views.swarm.cell_colours import codes_by_move, palette_of_cells
 from shoal.views.swarm.volume import Fit, Slices, sheet
 
@@ -87,11 +88,13 @@ def pictures_with_legend(
         height, width = (side * times for side in picture.shape[:2])
         if blank is None:
             blank = _legend(episode, width + width % 2, height + height % 2 + CAPTION)
+            _draw_scale_bar(blank, episode.workspace, times)
         sheet = blank.copy()
         sheet.paste(Image.fromarray(picture).resize((width, height), Image.Resampling.NEAREST))
         command = episode.commands[move - 1] if move else ""
         arrow = "   " + ARROWS.get(command, {"i": "in", "o": "out"}.get(command, ""))
-        text = f"move {move} of {episode.moves}{arrow}"
+        lost = f"   {episode.out_of_reach} are out of reach" if episode.unreachable else ""
+        text = f"move {move} of {episode.moves}{arrow}{lost}"
         ImageDraw.Draw(sheet).text((10, sheet.height - CAPTION + 8), text, _colour("obstacle"), _font(sheet.width))
         yield np.asarray(sheet)
 
@@ -107,6 +110,19 @@ def _legend(episode: SwarmEpisode, width: int, height: int) -> Image.Image:
         pen.text((left + 1.2 * size, top + 38), name, _colour("obstacle"), font)
         left += 2.4 * size + pen.textlength(name, font)
     return sheet
+
+
+def _draw_scale_bar(sheet: Image.Image, workspace: GridWorkspace, times: int) -> None:
+    """Draw a scale bar at the right of the caption, if the size of a cell is known; a cell has so many pixels in 2-D."""
+    if workspace.spacing is None:
+        return
+    turned = workspace.ndim == 3
+    pixels = times * Fit.of(workspace).pixels_a_cell(VOLUME_SIDE) if turned else times
+    size = (min(workspace.spacing) if turned else workspace.spacing[1]) / pixels
+    length = bar_length(0.2 * sheet.width * size)
+    pen, font, right, low = ImageDraw.Draw(sheet), _font(sheet.width), sheet.width - 10, sheet.height - CAPTION + 20
+    pen.line((right - length / size, low, right, low), _colour("obstacle"), width=3)
+    pen.text((right - length / size - 8, low), f"{length:g} mm", _colour("obstacle"), font, anchor="rm")
 
 
 @cache

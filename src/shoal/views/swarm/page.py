@@ -51,7 +51,8 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
         - ``commands`` : str of the letters ``lurd``, in 3-D ``lurdio``.
         - ``scanned`` : None or missing if a scan followed every command; else base64 of ``numpy.packbits`` of whether one
           followed each.
-        - ``status`` : ``"complete"``, ``"stalled"`` or ``"limit"``.
+        - ``status`` : ``"complete"``, ``"stalled"`` or ``"limit"``; ``unreachable`` : how many free cells no particle can get to.
+        - ``playing`` : whether the page plays at once; it shows the end to people who ask for little motion.
         - With noise instead of ``start`` and ``targets``: ``moments`` : base64 of `shoal.views.swarm.recording.packed_moments`;
           ``looks`` : what their numbers mean; ``noise`` : rates by name; ``goal`` : how many cells there are to classify;
           ``truth`` : whether it is known what is wrong; ``seen`` : whether particles are where they were seen, not where they are.
@@ -68,6 +69,8 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
         "commands": episode.commands,
         "scanned": None if episode.trace.scanned.all() else _packed(episode.trace.scanned),
         "status": str(episode.status),
+        "unreachable": episode.unreachable,
+        "playing": True,
         "seed": episode.seed,
         "version": episode.versions["shoal"],
     } | (_recorded(episode) if episode.noisy else _simulated(episode))

@@ -10,10 +10,12 @@ from PIL import Image
 
 from shoal.dataclass import dataclass
 from shoal.swarm import GridWorkspace
+from shoal.swarm.maps import raster
 from shoal.swarm.maps.raster import PALETTE
 from shoal.views.drawing.canvas import Canvas
 from shoal.views.swarm.cell_colours import PLAIN, CellPalette
 
+CORNER = 0.6  # radians from which a picture is seen that does not turn
 ELEVATION = 0.35  # radians above the middle from which is looked
 FARTHEST = 0.45  # brightness of what is farthest away
 THROUGH = 0.45  # how much of a hidden particle is seen through the wall of its vessel
@@ -224,6 +226,13 @@ def sheet(
         whole[top : top + line, left:] = _written(name, room[1], line)
         whole[top + line : top + line + height, left : left + width] = drawn
     return whole
+
+
+def workspace_sheet(workspace: GridWorkspace, *, side: int = 640) -> NDArray[np.uint8]:
+    """Return the sheet of a 3-D workspace of which all is known; uint8, shape (side, about 1.4 side, 3)."""
+    codes = np.pad(np.where(workspace.free, raster.FREE, raster.OBSTACLE).astype(np.uint8), 1, constant_values=raster.OBSTACLE)
+    fit = Fit.of(workspace)
+    return sheet(codes, Slices.of(workspace), azimuth=CORNER, side=side, spacing=workspace.spacing, fit=fit)
 
 
 @lru_cache(maxsize=16)

@@ -152,6 +152,11 @@ const ShoalPicture = (() => {
 
     // ---- drawing ------------------------------------------------------------------------------------
 
+    /** Device pixels a millimetre, where the size of a cell is known. */
+    get density() {
+      return this.size / this.world.spacing[1];
+    }
+
     /** Draw move n; `slide` below 1 shows the particles on their way there. */
     draw(n, swarm, slide = 1) {
       const { pen, canvas, layout, size } = this;

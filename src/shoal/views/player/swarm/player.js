@@ -38,7 +38,8 @@
     const { length } = world.commands, covering = world.task !== "mapping";
     const ending = ENDINGS[data.status] ?? text(data.status);
     $("title").textContent = text(data.title) || text(data.map) || "Episode";
-    const facts = [data.map, data.task, data.policy, plural(world.start.length, "particle"), ending];
+    const lost = data.unreachable ? `${plural(data.unreachable, "free cell")} out of reach` : "";
+    const facts = [data.map, data.task, data.policy, plural(world.start.length, "particle"), ending, lost];
     ShoalDesk.showFacts(facts.map(text));
     $("of").textContent = `of ${number(length)}`;
     $("shareWord").textContent = covering ? "covered" : !world.noise ? "classified" : world.truth ? "right" : "settled";
@@ -247,6 +248,12 @@
     function reportZoom() {
       $("fit").hidden = picture.turns ? !picture.changed : picture.zoom === 1;
       $("stage").classList.toggle("zoomed", picture.zoom > 1);
+      $("scaleRow").hidden = !world.spacing;
+      if (!world.spacing) return;
+      const pixels = picture.density / (window.devicePixelRatio || 1), most = 120 / pixels, power = 10 ** Math.floor(Math.log10(most));
+      const length = [5, 2, 1].find((step) => step * power <= most) * power;
+      $("scaleBar").style.width = `${length * pixels}px`;
+      $("scaleWord").textContent = `${Number(length.toPrecision(1))} mm`;
     }
 
     function fit() {
@@ -307,6 +314,10 @@
     resize();
     report();
     build();
+    if (data.playing) {
+      if (calm.matches) goTo(length);
+      else start();
+    }
     return {
       length, play: start, pause, snapshot,
       get move() { return move; },

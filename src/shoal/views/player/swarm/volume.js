@@ -7,6 +7,7 @@
 const ShoalPicture = (() => {
   const ELEVATION = 0.35, AZIMUTH = 0.6; // radians from which it is seen at first
   const FARTHEST = 0.45; // brightness of what is farthest away
+  const THROUGH = 0.45; // how much of a hidden particle is seen through the wall of its vessel
   const TURN = 0.008; // radians a pixel of drag
   const CLOSEST = 12; // times that one may zoom in
   const MOST_OF_STAGE = 0.86; // of its height, for the slice and what belongs to it
@@ -168,6 +169,26 @@ const ShoalPicture = (() => {
       this.drawSlice();
     }
 
+    /** Device pixels a millimetre, where the size of a cell is known. */
+    get density() {
+      return (this.room().scale * this.zoom) / Math.min(...this.world.spacing);
+    }
+
+    /** Let particles shine through the walls before them. */
+    shine(words, particles, size) {
+      const { near } = this, { width } = this.canvas, [r, g, b] = this.palette.particle;
+      const mix = (word, shift, part) => ((THROUGH * part + (1 - THROUGH) * ((word >>> shift) & 255)) << shift) >>> 0;
+      for (const [left, top, depth] of particles) {
+        for (let py = top; py < top + size; py++) {
+          for (let at = py * width + left, end = at + size; at < end; at++) {
+            if (near[at] === -Infinity || near[at] >= depth - 1e-3) continue;
+            words[at] = ((255 << 24) | mix(words[at], 0, r) | mix(words[at], 8, g) | mix(words[at], 16, b)) >>> 0;
+            near[at] = -Infinity; // one hidden particle a pixel is enough
+          }
+        }
+      }
+    }
+
     drawCloud(n, swarm) {
       const { width, height } = this.canvas, { place, cells, near, timeline } = this;
       const words = new Uint32Array(this.pixels.data.buffer);
@@ -177,7 +198,7 @@ const ShoalPicture = (() => {
       const scale = room.scale * this.zoom, across = room.x, down = room.y - scale * middle;
       const size = Math.max(1, Math.ceil(scale * side)), half = size / 2;
       const [ca, sa, ce, se] = [Math.cos(this.azimuth), Math.sin(this.azimuth), Math.cos(this.elevation), Math.sin(this.elevation)];
-      const reach = wide / 2 + tall / 2;
+      const reach = wide / 2 + tall / 2, hidden = [];
       for (let i = 0; i < cells.length; i++) {
         const cell = cells[i];
         const held = swarm.count[cell] > 0, state = held ? FREE : timeline.state(cell, n);
@@ -190,6 +211,7 @@ const ShoalPicture = (() => {
         const [r, g, b] = held ? this.palette.particle : this.shades[timeline.shadeOf(cell, n)];
         const shade = clamp(FARTHEST + (1 - FARTHEST) * (0.5 - depth / (1.2 * reach)), FARTHEST, 1);
         const word = ((255 << 24) | ((b * shade) << 16) | ((g * shade) << 8) | (r * shade)) >>> 0;
+        if (held) hidden.push([left, top, depth]);
         for (let py = top; py < top + size; py++) {
           for (let at = py * width + left, end = at + size; at < end; at++) {
             if (depth < near[at]) {
@@ -199,6 +221,7 @@ const ShoalPicture = (() => {
           }
         }
       }
+      this.shine(words, hidden, size);
       this.pen.putImageData(this.pixels, 0, 0);
     }
 
