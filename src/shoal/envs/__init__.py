@@ -19,8 +19,20 @@ from shoal.envs.dataset import record_episodes
 from shoal.envs.options import OptionError, SteeringEnvOptions, SwarmEnvOptions
 from shoal.envs.steering import SteeringEnv
 from shoal.envs.swarm import SwarmEnv
+from shoal.envs.swarm_vector import SwarmVectorEnv
 
-__all__ = ["REGISTERED", "OptionError", "SteeringEnv", "SteeringEnvOptions", "SwarmEnv", "SwarmEnvOptions", "record_episodes"]
+__all__ = [
+    "REGISTERED",
+    "OptionError",
+    "SteeringEnv",
+    "SteeringEnvOptions",
+    "SwarmEnv",
+    "SwarmEnvOptions",
+    "SwarmVectorEnv",
+    "record_episodes",
+]
+
+_VECTORS = {"shoal.envs.swarm:SwarmEnv": "shoal.envs.swarm_vector:SwarmVectorEnv"}
 
 _SWARM: dict[str, Any] = {"map": "vessels:1000", "max_moves": 1000}
 
@@ -33,4 +45,4 @@ REGISTERED: dict[str, tuple[str, dict[str, Any]]] = {
 """By id: the class, and the options that are not at the default of their field; each may be given anew in `gymnasium.make`."""
 
 for _name, (_entry, _options) in REGISTERED.items():
-    gymnasium.register(id=_name, entry_point=_entry, kwargs=_options)
+    gymnasium.register(id=_name, entry_point=_entry, vector_entry_point=_VECTORS.get(_entry), kwargs=_options)

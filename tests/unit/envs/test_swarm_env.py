@@ -88,7 +88,7 @@ def test_a_window_is_a_cut_of_the_planes():
     env = gymnasium.make(IDS[0], **SMALL, observation="window", window=7).unwrapped
     observation, _ = env.reset(seed=3)
     planes = env.planes
-    middle = np.rint(observations.centers_of(planes[None])[0]).astype(int)
+    middle = np.rint(np.argwhere(planes[observations.PARTICLES]).mean(axis=0)).astype(int)
     padded = np.pad(planes, ((0, 0), (7, 7), (7, 7)))
     padded[observations.OBSTACLES] = np.pad(planes[observations.OBSTACLES], 7, constant_values=1)
     row, column = middle + 7

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,8 +18,10 @@ from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import GridLayout, Words
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.state import SwarmState
+from shoal.swarm.kernels.batches import measures
 from shoal.swarm.kernels.batches import planes as kernels
 from shoal.swarm.kernels.batches.worlds import Worlds
+from shoal.swarm.policies.paths import search_of
 
 PLANES = ("particles", "free", "obstacles", "frontier", "unknown", "map")
 """What there is to see of a cell: particles (how many, at most 255); known to be free; known to be an obstacle, or beyond the map
@@ -38,6 +41,29 @@ class Boards(NamedTuple):
     frontier: Words
 
 
+class Measures(NamedTuple):
+    """Sums over the particles of worlds, one row a world; in sums a cell counts with at most 255 of them."""
+
+    probing: NDArray[np.int64]  # (worlds, commands): who would enter a frontier cell
+    moving: NDArray[np.int64]  # (worlds, commands): whose next cell is no known obstacle and holds no particle
+    places: NDArray[np.int64]  # (worlds, ndim): indices into the planes
+    squares: NDArray[np.int64]  # (worlds, ndim): their squares
+    particles: NDArray[np.int64]  # (worlds,)
+    frontier: NDArray[np.int64]  # (worlds,): cells
+    known: NDArray[np.int64]  # (worlds,): cells that are known or frontier
+
+    @property
+    def middle(self) -> NDArray[np.float64]:
+        """Mean place of each world's particles, as indices into its planes; float64, shape (worlds, ndim)."""
+        return self.places / np.maximum(self.particles, 1)[:, None]
+
+    @property
+    def spread(self) -> NDArray[np.float64]:
+        """Standard deviation of the places along each axis; float64, shape (worlds, ndim)."""
+        mean_square = self.squares / np.maximum(self.particles, 1)[:, None]
+        return np.asarray(np.sqrt(np.maximum(mean_square - self.middle**2, 0.0)))
+
+
 class Inspection:
     """The boards of many worlds, and what is seen of them; see `shoal.swarm.batch.WorldBatch`."""
 
@@ -49,6 +75,7 @@ class Inspection:
     _padded: PaddedMaps
     _merge: bool
     _noisy: bool
+    _work: Words
 
     def __len__(self) -> int:
         return len(self._all)
@@ -102,19 +129,88 @@ class Inspection:
         ------
         InvalidInputError
         """
-        unknown = [name for name in names if name not in PLANES]
-        if unknown or isinstance(names, str):
-            raise InvalidInputError(f"planes: expected names out of {', '.join(PLANES)}, got {shortened(names)}")
+        codes = _codes_of(names)
         chosen = self._chosen(where)
         filled = check_out(out, (len(chosen), len(names), *self.layout.window))
-        codes, flat = np.array([PLANES.index(name) for name in names], dtype=np.int64), self.layout.layers * self.layout.rows
-        lines = filled.reshape(len(chosen), len(names), flat, self.layout.columns)
+        lines = filled.reshape(len(chosen), len(names), self.layout.layers * self.layout.rows, self.layout.columns)
 
         def work(_: int, first: int, last: int) -> None:
             kernels.write_planes(self._worlds, chosen, codes, lines, first, last)
 
         share_out(work, len(chosen), words=16 * len(names) * self._padded.words, threads=self.threads)
         return filled
+
+    def windows(
+        self, names: Sequence[str], centers: NDArray[np.int64], side: int, *, where: ArrayLike | None = None
+    ) -> NDArray[np.uint8]:
+        """Return the cells around one of each world, as `planes` does; what is beyond all maps shows as obstacle.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Out of `PLANES`.
+        centers : ndarray of int64, shape (worlds, ndim)
+            Indices into the planes.
+        side : int
+        where : array_like of bool, shape (worlds,), optional
+            Which worlds; by default all.
+
+        Returns
+        -------
+        ndarray of uint8, shape (worlds, planes, side, side), in three dimensions one side more
+        """
+        chosen, ndim, codes = self._chosen(where), self.layout.ndim, _codes_of(names)
+        filled = np.empty((len(chosen), len(names), *[side] * ndim), dtype=np.uint8)
+        cut = filled.reshape(len(chosen), len(names), -1, side, side)
+        middles = np.zeros((len(chosen), 3), dtype=np.int64)
+        middles[:, 3 - ndim :] = centers
+
+        def work(_: int, first: int, last: int) -> None:
+            measures.write_windows(self._worlds, chosen, codes, middles, self.layout.columns, cut, first, last)
+
+        share_out(work, len(chosen), words=side**ndim, threads=self.threads)
+        return filled
+
+    def measures(self, *, where: ArrayLike | None = None) -> Measures:
+        """Return sums over the particles of each world."""
+        chosen, ndim = self._chosen(where), self.layout.ndim
+        shapes = ((len(chosen), 2 * ndim, 2), (len(chosen), 3, 2), (len(chosen), 3))
+        commands, axes, totals = (np.zeros(shape, dtype=np.int64) for shape in shapes)
+
+        def work(_: int, first: int, last: int) -> None:
+            measures.measure_worlds(self._worlds, chosen, self.layout.columns, commands, axes, totals, first, last)
+
+        share_out(work, len(chosen), words=4 * self._padded.words, threads=self.threads)
+        return Measures(
+            commands[:, :, measures.PROBING], commands[:, :, measures.MOVING], axes[:, 3 - ndim :, measures.SUM],
+            axes[:, 3 - ndim :, measures.SQUARES], *totals.T,
+        )  # fmt: skip
+
+    def nearest_frontier(self, *, where: ArrayLike | None = None) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Return of the shortest way of a particle to the frontier its length, its first command and the cell where it ends.
+
+        Returns
+        -------
+        ndarray of int64, shape (worlds,)
+            0 if there is none.
+        ndarray of int64, shape (worlds,)
+        ndarray of int64, shape (worlds, ndim)
+            Indices into the planes.
+        """
+        chosen, searches = self._chosen(where), self._searches
+        found = np.zeros((len(chosen), 5), dtype=np.int64)
+
+        def work(thread: int, first: int, last: int) -> None:
+            measures.find_nearest(self._worlds, chosen, self._work[thread], searches[thread], found, first, last)
+
+        share_out(work, len(chosen), words=16 * self._padded.words, threads=self.threads)
+        return found[:, 0], found[:, 1], found[:, 5 - self.layout.ndim :]
+
+    @cached_property
+    def _searches(self) -> list[Any]:
+        """Work space of each thread."""
+        size = int(np.prod(self.layout.window))
+        return [search_of(self.layout, ties="column-major", neighbours="lurd", plan_size=size) for _ in range(self.threads)]
 
     def action_masks(self, *, where: ArrayLike | None = None) -> NDArray[np.int8]:
         """Return which commands can change anything, as far as is known; int8, shape (worlds, commands).
@@ -131,3 +227,10 @@ class Inspection:
         if not self._noisy:
             share_out(work, len(chosen), words=self._padded.words, threads=self.threads)
         return masks
+
+
+def _codes_of(names: Sequence[str]) -> NDArray[np.int64]:
+    """Return the kernels' codes of planes."""
+    if isinstance(names, str) or any(name not in PLANES for name in names):
+        raise InvalidInputError(f"planes: expected names out of {', '.join(PLANES)}, got {shortened(names)}")
+    return np.array([PLANES.index(name) for name in names], dtype=np.int64)

@@ -53,8 +53,8 @@ class WorldBatch(Inspection):
     problems : list of SwarmProblem
     layout : GridLayout
         The window of all boards and planes, one cell of rim included.
-    moves : ndarray of int64, shape (worlds,)
-        Commands of the episode so far. These arrays are views: each step and reset writes to them.
+    moves, limits : ndarray of int64, shape (worlds,)
+        Commands of the episode so far, and its limit of them. These arrays are views: each step and reset writes to them.
     frontier : ndarray of int32, shape (worlds,)
         Cells that are left to do.
     complete, terminated, truncated : ndarray of bool, shape (worlds,)
@@ -116,7 +116,7 @@ class WorldBatch(Inspection):
         self._work = np.zeros((self.threads, 3, max(BLOCK_WORDS, width)), dtype=np.uint64)
         self._swarms: list[Any] = [None] * count
         self._rngs: list[Generator] = []
-        self.moves, self.frontier = self._steps.moves, self._steps.frontier
+        self.moves, self.limits, self.frontier = self._steps.moves, self._steps.limits, self._steps.frontier
         self.complete, self.terminated, self.truncated = self._steps[-3:]
         self._all, self._once = np.arange(count), np.ones(count, dtype=np.int64)
         self.reset(seed=np.random.SeedSequence().generate_state(count).tolist() if seed is None else seed)
@@ -213,6 +213,8 @@ class WorldBatch(Inspection):
     def step(self, commands: ArrayLike | str, *, repeat: ArrayLike = 1, where: ArrayLike | None = None) -> Trace:
         """Send one command to each world, which is then looked at.
 
+        An episode that has nothing to do from the start ends with its first command.
+
         Parameters
         ----------
         commands : array_like of int, shape (worlds,), or str
@@ -235,7 +237,7 @@ class WorldBatch(Inspection):
         steps, chosen, ndim = self._steps, self._chosen(where), self.layout.ndim
         given = encode(commands, ndim=ndim) if isinstance(commands, str) else commands
         codes = check_numbers(given, chosen, len(self), what="commands", least=0, below=2 * ndim, single=False)
-        ended = (self.terminated | self.truncated)[chosen]
+        ended = ((self.terminated | self.truncated) & (self.moves > 0))[chosen]
         if ended.any():
             over = chosen[ended][0]
             raise InvalidInputError(f"step: expected worlds that go on, got world {over}, which has ended (reset it or use where)")
@@ -243,7 +245,7 @@ class WorldBatch(Inspection):
             times = self._once[: len(chosen)]
         else:
             times = check_numbers(repeat, chosen, len(self), what="repeat", least=1).astype(np.int64)
-            times = np.minimum(times, steps.limits[chosen] - steps.moves[chosen])
+            times = np.minimum(times, np.maximum(steps.limits[chosen] - steps.moves[chosen], 1))
         if chosen is not self._all:
             steps.commands[:], steps.classified[:], steps.travelled[:] = -1, 0, 0
         steps.commands[chosen] = codes

@@ -1,0 +1,174 @@
+"""SwarmVectorEnv: as many worlds as wanted behind Gymnasium's vector interface, stepped at once in compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from shoal.checks import check_integer, shortened
+from shoal.envs.options import OptionError, check_render_mode, check_running, option_errors
+from shoal.envs.rendering import MODES, rendered
+from shoal.envs.swarm_worlds import SwarmWorlds
+
+Infos = dict[str, Any]
+Stepped = tuple[NDArray[Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]
+
+
+class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
+    """Environments that each do exactly what a `shoal.envs.SwarmEnv` of the same seed does; `gymnasium.make_vec` returns it.
+
+    Parameters
+    ----------
+    num_envs : int
+    autoreset_mode : str or gymnasium.vector.AutoresetMode
+        When an environment that has ended begins its next episode: "NextStep", "SameStep", or "Disabled" (by ``reset`` with the
+        option ``reset_mask``, as in Gymnasium's own vector environments).
+    copy : bool
+        Whether each observation is an array of its own; otherwise those of planes are written into the same one again.
+    render_mode : str, optional
+        "rgb_array" or "ansi".
+    **fields
+        Of `SwarmProblem` and `SwarmEnvOptions`.
+
+    Raises
+    ------
+    OptionError
+        For options that cannot be; a ValueError and a gymnasium.error.Error.
+
+    Notes
+    -----
+    Docs: docs/how-to/learning.md.
+
+    Examples
+    --------
+    >>> envs = gymnasium.make_vec("shoal.envs:shoal/Mapping-v0", num_envs=3, map="line:9", particles=4)
+    >>> observations, infos = envs.reset(seed=1)
+    >>> observations.shape, infos["seed"].tolist()
+    ((3, 4, 3, 11), [1, 2, 3])
+    >>> rewards = envs.step([0, 1, 2])[1]
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        copy: bool = True,
+        render_mode: str | None = None,
+        **fields: Any,
+    ) -> None:
+        modes = [mode for mode in MODES if mode != "human"]
+        with option_errors():
+            self.num_envs = check_integer(num_envs, what="num_envs", least=1)
+        if autoreset_mode not in {*AutoresetMode, *(mode.value for mode in AutoresetMode)}:
+            names = ", ".join(mode.value for mode in AutoresetMode)
+            raise OptionError(f"autoreset_mode: expected one of {names}, got {shortened(autoreset_mode)}")
+        self.autoreset_mode, self.copy = AutoresetMode(autoreset_mode), copy
+        self.render_mode = check_render_mode(render_mode, modes)
+        self.metadata = {"render_modes": modes, "render_fps": 10, "autoreset_mode": self.autoreset_mode}
+        self._worlds = SwarmWorlds(self.num_envs, **fields)
+        self.problem, self.options, self.batch = self._worlds.problem, self._worlds.options, self._worlds.batch
+        self.single_observation_space, self.single_action_space = self._worlds.observation_space, self._worlds.action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._ended = np.zeros(self.num_envs, dtype=np.bool_)
+        self._begun = False
+        self._buffer: Any = None
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[Any], Infos]:
+        """Begin episodes in all environments, or those of a mask.
+
+        Parameters
+        ----------
+        seed : int, or sequence of int or None, optional
+            ``seed + i`` for environment i, or one for each.
+        options : dict, optional
+            ``reset_mask``: ndarray of bool, shape (num_envs,), which environments. ``map``: number of the map, one for all or one
+            for each.
+
+        Raises
+        ------
+        OptionError
+        """
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        given = dict(options or {})
+        mask = given.pop("reset_mask", None)
+        if mask is not None and not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)):
+            got = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else shortened(mask)
+            raise OptionError(f"reset: reset_mask: expected an array of {self.num_envs} booleans, got {got}")
+        check_running(self._begun or mask is None)
+        self._worlds.reset(mask, seed=seed, options=given)
+        self._ended[slice(None) if mask is None else mask] = False
+        self._begun = True
+        return self._observed(), self._infos(mask)
+
+    def step(self, actions: NDArray[Any]) -> Stepped:
+        """Send one action to each environment.
+
+        Raises
+        ------
+        gymnasium.error.ResetNeeded
+            Before a reset, and with the mode "Disabled" for an environment whose episode has ended.
+        gymnasium.error.InvalidAction
+        """
+        check_running(self._begun)
+        resetting = None
+        if self._ended.any():
+            if self.autoreset_mode == AutoresetMode.DISABLED:
+                over = int(np.argmax(self._ended))
+                raise gymnasium.error.ResetNeeded(f"step: expected a reset of environment {over} first, as its episode has ended")
+            resetting = self._ended.copy()
+        rewards, _ = self._worlds.step(actions, None if resetting is None else ~resetting)
+        if resetting is not None:
+            self._worlds.reset(resetting)
+            rewards[resetting] = 0.0
+        terminated, truncated = self.batch.terminated.copy(), self.batch.truncated.copy()
+        if resetting is not None:
+            terminated[resetting] = truncated[resetting] = False
+        ended = terminated | truncated
+        infos: Infos = {}
+        if self.autoreset_mode == AutoresetMode.SAME_STEP:
+            if ended.any():
+                infos = self._final(ended)
+                self._worlds.reset(ended)
+        else:
+            self._ended = ended
+        return self._observed(), rewards, terminated, truncated, infos | self._infos(None)
+
+    def _observed(self) -> NDArray[Any]:
+        if self.copy or self.options.observation != "planes":
+            return self._worlds.observed()
+        self._buffer = self._worlds.observed(out=self._buffer)
+        return np.asarray(self._buffer)
+
+    def _infos(self, mask: NDArray[np.bool_] | None) -> Infos:
+        """Return infos as Gymnasium has them of vectors: zeros where a mask leaves an environment out, and the masks."""
+        told: Infos = {}
+        there = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask.copy()
+        for name, values in self._worlds.info(mask).items():
+            told[name] = np.zeros((self.num_envs, *values.shape[1:]), dtype=values.dtype)
+            told[name][there] = values
+            told[f"_{name}"] = there.copy()
+        return told
+
+    def _final(self, ended: NDArray[np.bool_]) -> Infos:
+        """Return what is told of the last step of episodes that have ended."""
+        last = np.full(self.num_envs, None, dtype=object)
+        for world, observation in zip(np.flatnonzero(ended), self._worlds.observed(ended), strict=True):
+            last[world] = observation
+        return {"final_obs": last, "_final_obs": ended.copy(), "final_info": self._infos(ended), "_final_info": ended.copy()}
+
+    def render(self) -> tuple[Any, ...]:
+        """Return the picture (rgb_array) or text (ansi) of each environment."""
+        check_running(self._begun)
+        worlds = self._worlds
+        return tuple(rendered(self, partial(worlds.picture, i), partial(worlds.characters, i)) for i in range(self.num_envs))

@@ -1,0 +1,121 @@
+"""SwarmWorlds: what one environment of a swarm and a vector of them share, a batch with observations, rewards and infos."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.envs import observations
+from shoal.envs.options import OptionError, SwarmEnvOptions, check_no_options, option_errors, split_fields
+from shoal.envs.rendering import enlarged
+from shoal.errors import InvalidInputError
+from shoal.swarm.batch import WorldBatch
+from shoal.swarm.grid.belief import Belief
+from shoal.swarm.grid.board import Board
+from shoal.swarm.grid.trace import Trace
+from shoal.swarm.maps.raster import PARTICLE
+from shoal.swarm.problem import SwarmProblem
+
+
+class SwarmWorlds:
+    """The worlds of an environment.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+    **fields
+        Of `SwarmProblem` and `SwarmEnvOptions`.
+
+    Raises
+    ------
+    OptionError
+    """
+
+    def __init__(self, count: int, **fields: Any) -> None:
+        if "map" not in fields and fields.get("maps"):
+            fields = {"map": fields["maps"][0], **fields}
+        if "map" not in fields:
+            raise OptionError("map: expected a map, or maps, got none")
+        self.problem, self.options = split_fields(fields, SwarmProblem, SwarmEnvOptions)
+        with option_errors():
+            if self.problem.scan_every == "adaptive":
+                raise InvalidInputError("scan_every: expected a number, doubling or hyper, as actions are commands, got adaptive")
+            problems = [self.problem.replaced(map=name) for name in self.options.maps] or [self.problem]
+            self.batch = WorldBatch(problems, count, seed=None)
+        self.observation_space = observations.observation_space(self.batch.layout.window, self.options, rule=self.problem.rule)
+        self.action_space = gymnasium.spaces.Discrete(2 * self.batch.layout.ndim)
+        self.scanning = self.problem.scanning
+        self._streaks, self._last = np.zeros(count, dtype=np.int64), np.full(count, -1)
+
+    def reset(self, where: NDArray[np.bool_] | None = None, *, seed: Any = None, options: dict[str, Any] | None = None) -> None:
+        """Begin episodes; see `WorldBatch.reset`. The option map says on which map, one for all or one a world."""
+        check_no_options(options or {}, ("map",))
+        maps = (options or {}).get("map")
+        try:
+            with option_errors():
+                self.batch.reset(where, seed=seed, maps=maps)
+        except OptionError as error:
+            raise OptionError(f"reset: {error}") from None
+        self._streaks[slice(None) if where is None else where] = 0
+        self._last[slice(None) if where is None else where] = -1
+
+    def step(self, actions: Any, where: NDArray[np.bool_] | None = None) -> tuple[NDArray[np.float64], Trace]:
+        """Send an action to each world: a command, or a run of equal ones; return the rewards, and what the commands did."""
+        batch, given = self.batch, np.asarray(actions)
+        chosen: Any = slice(None) if where is None else where
+        self._check_actions(given, where)
+        self._streaks[chosen] = np.where(given == self._last, self._streaks + 1, 0)[chosen]
+        self._last[chosen] = given[chosen]
+        repeat: Any = 1
+        if not self.scanning.every_move:
+            repeat = np.array([self.scanning.interval(streak) for streak in self._streaks.tolist()])
+        before = batch.moves.copy()
+        trace = batch.step(given, repeat=repeat, where=where)
+        done = batch.complete & trace.scanned
+        return observations.rewards_of(trace.classified, batch.moves - before, done, self.options), trace
+
+    def _check_actions(self, given: NDArray[Any], where: NDArray[np.bool_] | None) -> None:
+        count, last = len(self.batch), int(self.action_space.n) - 1
+        if given.dtype.kind not in "iu" or given.shape != (count,):
+            raise gymnasium.error.InvalidAction(
+                f"actions: expected {count} whole numbers from 0 to {last}, one an environment, got {given.dtype} {given.shape}"
+            )
+        bad = np.logical_or(given < 0, given > last) & (True if where is None else where)
+        if bad.any():
+            raise gymnasium.error.InvalidAction(f"actions: expected whole numbers from 0 to {last}, got {given[np.argmax(bad)]}")
+
+    def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> NDArray[Any]:
+        """Return the observations of worlds."""
+        return observations.observed(self.batch, self.options, where, out)
+
+    def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
+        """Return what else is told of worlds: action masks, moves, cells of the frontier, and with what they began."""
+        batch, chosen = self.batch, slice(None) if where is None else where
+        columns: dict[str, NDArray[Any]] = {
+            "moves": batch.moves,
+            "frontier": batch.frontier,
+            "seed": batch.seeds,
+            "map": batch.maps,
+        }
+        told = {name: column[chosen].astype(np.int64) for name, column in columns.items()}
+        return {"action_mask": batch.action_masks(where=where), **told}
+
+    def picture(self, world: int) -> NDArray[np.uint8]:
+        """Return a picture of a world; uint8, shape (height, width, 3)."""
+        return enlarged(self.batch.belief(world).picture(self.batch.state(world).occupied))
+
+    def characters(self, world: int) -> str:
+        """Return a world as text."""
+        return characters_of(self.batch.belief(world), self.batch.state(world).occupied)
+
+
+def characters_of(belief: Belief, occupied: Board) -> str:
+    """Return what is known, one character a cell, rim included: o particle, . free, # obstacle, ? frontier, blank unknown."""
+    codes = belief.states
+    codes[occupied.mask] = PARTICLE
+    layers = codes.reshape(-1, *codes.shape[-2:])
+    return "\n\n".join("\n".join("".join(row) for row in np.array(list(" ?.#o"))[layer]) for layer in layers)

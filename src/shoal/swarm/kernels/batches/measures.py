@@ -1,0 +1,101 @@
+"""What learners are told of many worlds beside planes: windows, sums over the particles, and ways to the frontier."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.jit import in_place_kernel
+from shoal.swarm.kernels.batches.planes import OBSTACLES, PARTICLES, word_of
+from shoal.swarm.kernels.batches.worlds import field_of_world
+from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, has, lowest, popcount
+from shoal.swarm.kernels.search.frontier_search import ahead, nearest
+
+PROBING, MOVING = 0, 1  # measures of each command
+SUM, SQUARES = 0, 1  # of each axis
+
+
+@in_place_kernel
+def write_windows(worlds, chosen, planes, centers, columns, out, first, last):
+    """Write to ``out``, uint8, (worlds, planes, layers, rows, columns), the cells around a layer, row and column of each world.
+
+    What is beyond the boards, ``columns`` wide, shows as obstacle.
+    """
+    depth, height, side = out.shape[2], out.shape[3], out.shape[4]
+    for i in range(first, last):
+        world = chosen[i]
+        for p in range(planes.shape[0]):
+            counted = planes[p] == PARTICLES and worlds.counts.shape[1] > 0
+            for a in range(depth):
+                layer = centers[i, 0] + a - depth // 2
+                for b in range(height):
+                    row = centers[i, 1] + b - height // 2
+                    inside = 0 <= layer < worlds.layers and 0 <= row < worlds.rows
+                    line = layer * worlds.rows + row
+                    for c in range(side):
+                        column = centers[i, 2] + c - side // 2
+                        cell = 1 if planes[p] == OBSTACLES else 0
+                        if inside and 0 <= column < columns:
+                            if counted:
+                                cell = min(worlds.counts[world, line, column], 255)
+                            else:
+                                word = word_of(worlds, world, line * worlds.width + (column >> 6), planes[p])
+                                cell = 1 if (word >> np.uint64(column & 63)) & ONE != ZERO else 0
+                        out[i, p, a, b, c] = cell
+
+
+@in_place_kernel
+def measure_worlds(worlds, chosen, columns, commands, axes, totals, first, last):
+    """Sum up over particles.
+
+    Fills ``commands``, int64, (worlds, commands, 2): how many would enter a frontier cell, and how many one that is no known
+    obstacle and holds no particle; ``axes``, (worlds, 3, 2): the sums of their layers, rows and columns, and of the squares;
+    ``totals``, (worlds, 3): particles, cells of the frontier, cells known or of the frontier.
+    """
+    width, rows = worlds.width, worlds.rows
+    for i in range(first, last):
+        world = chosen[i]
+        occupied, known, free = worlds.occupied[world], worlds.known[world], worlds.open[world]
+        frontier, inside = worlds.frontier[world], worlds.inside[worlds.map_of[world]]
+        commands[i, :, :] = 0
+        axes[i, :, :] = 0
+        totals[i, :] = 0
+        for word in range(occupied.shape[0]):
+            totals[i, 1] += popcount(frontier[word])
+            totals[i, 2] += popcount((known[word] | frontier[word]) & inside[word])
+            left = occupied[word]
+            while left != ZERO:
+                row, column = word // width, 64 * (word % width) + lowest(left)
+                left &= left - ONE
+                weight = min(worlds.counts[world, row, column], 255) if worlds.counts.shape[1] > 0 else 1
+                totals[i, 0] += weight
+                for axis in range(3):
+                    place = column if axis == 2 else (row % rows if axis == 1 else row // rows)
+                    axes[i, axis, SUM] += weight * place
+                    axes[i, axis, SQUARES] += weight * place * place
+                for command in range(commands.shape[1]):
+                    r, c = ahead(row, column, command, rows)
+                    if not (0 <= r < worlds.layers * rows and 0 <= c < columns):
+                        continue
+                    if has(frontier, width, r, c):
+                        commands[i, command, PROBING] += weight
+                    if not has(occupied, width, r, c) and (has(free, width, r, c) or not has(known, width, r, c)):
+                        commands[i, command, MOVING] += weight
+
+
+@in_place_kernel
+def find_nearest(worlds, chosen, work, search, found, first, last):
+    """Write to ``found``, int64, (worlds, 5), of the shortest way of a particle to the frontier length, first command and end.
+
+    The end is layer, row and column; without a way all is 0.
+    """
+    for i in range(first, last):
+        field = field_of_world(worlds, chosen[i], work)
+        found[i, :] = 0
+        length = nearest(field, search, field.occupied)
+        if length == 0:
+            continue
+        row, column = search.origin[0], search.origin[1]
+        for k in range(length):
+            row, column = ahead(row, column, search.plan[k], field.rows)
+        found[i, 0], found[i, 1] = length, search.plan[0]
+        found[i, 2], found[i, 3], found[i, 4] = row // field.rows, row % field.rows, column
