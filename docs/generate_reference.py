@@ -11,6 +11,8 @@ import sys
 from pathlib import Path
 
 from shoal.cli.commands import COMMANDS
+from shoal.envs import REGISTERED
+from shoal.envs.options import ENVIRONMENTS, EnvOptions
 from shoal.lab.problems import KINDS, trial_problem_type
 from shoal.problem import Declaration, Problem
 
@@ -66,11 +68,42 @@ def problems() -> str:
 
 def section(kind: str, problem: type[Problem]) -> str:
     """Return the table of one kind of problem."""
-    summary = (problem.__doc__ or "").partition("\n\n")[0].replace("\n", " ")
-    rows = "".join(row(declared) for declared in problem.declarations().values())
     measures = problem.measures if isinstance(problem.measures, tuple) else ()
     measured = f"\nA sweep stores: {', '.join(f'`{name}`' for name in measures)}.\n" if measures else ""
-    return f'\n## kind = "{kind}"\n\n{summary}\n\n| field | type | default | meaning |\n|---|---|---|---|\n{rows}{measured}'
+    return f'\n## kind = "{kind}"\n\n{table(problem)}{measured}'
+
+
+def table(problem: type[Problem]) -> str:
+    """Return what a problem is, and the table of its fields."""
+    summary = (problem.__doc__ or "").partition("\n\n")[0].replace("\n", " ")
+    rows = "".join(row(declared) for declared in problem.declarations().values())
+    return f"{summary}\n\n| field | type | default | meaning |\n|---|---|---|---|\n{rows}"
+
+
+ENVIRONMENT_PAGE = """# Environments
+
+What environments have beyond the fields of their [problems](problems.md). Those are options, too, but for what whoever steps the
+environment decides. How to use them: [Learn a policy](../how-to/learning.md).
+
+| id | class | options that are not at their field's default |
+|---|---|---|
+"""
+
+
+def environments() -> str:
+    """Return the text of docs/reference/environments.md."""
+    rows = [
+        f"| `{name}` | `{entry.partition(':')[2]}` | {', '.join(f'`{key}={value!r}`' for key, value in options.items())} |\n"
+        for name, (entry, options) in REGISTERED.items()
+    ]
+    return ENVIRONMENT_PAGE + "".join(rows) + "".join(environment(options) for options in ENVIRONMENTS)
+
+
+def environment(options: type[EnvOptions]) -> str:
+    """Return the table of one kind of environment."""
+    kind = options.part.partition("-")[0]
+    without = ", ".join(f"`{name}`" for name in options.decided)
+    return f"\n## {kind.capitalize()}\n\n{table(options)}\nNo options: {without}.\n"
 
 
 def row(declared: Declaration) -> str:
@@ -86,7 +119,7 @@ def row(declared: Declaration) -> str:
     return f"| {' | '.join(cell.replace('|', ' or ') for cell in cells)} |\n"
 
 
-PAGES = {"commands.md": commands, "problems.md": problems}
+PAGES = {"commands.md": commands, "problems.md": problems, "environments.md": environments}
 
 if __name__ == "__main__":
     for name, made in PAGES.items():

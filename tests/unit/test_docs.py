@@ -18,6 +18,7 @@ import pytest
 from markdown.extensions.toc import slugify
 
 import shoal
+import shoal.envs
 import shoal.lab
 import shoal.search
 import shoal.steering
@@ -34,6 +35,9 @@ PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONT
 WITH_COMMANDS = [page for page in PAGES if "```console" in page.read_text()]
 MODULES = [
     "errors",
+    "envs.dataset",
+    "envs.observations",
+    "envs.search_v0",
     "search.allocation.allocate",
     "search.tours.bitset",
     "search.problem.faults",
@@ -105,7 +109,7 @@ MODULES = [
     "views.swarm.recording",
     "views.swarm.page",
 ]
-PACKAGES = [shoal, shoal.lab, shoal.search, shoal.steering, shoal.swarm, shoal.views]
+PACKAGES = [shoal, shoal.envs, shoal.lab, shoal.search, shoal.steering, shoal.swarm, shoal.views]
 
 
 def commands_of(text: str) -> list[str]:

@@ -1,0 +1,257 @@
+"""Learn to map vessels by imitating the planner `best`, and compare on maps that were not seen.
+
+Run: python examples/learn_mapping.py  (needs pip install "shoal[envs]"; ten minutes on one core)
+
+A small network rates each command by what every particle sees around itself: its patch of the map, turned so that the command
+points to the left, goes through a shared layer, and the sum over all particles, with a few numbers of the whole swarm, gives the
+rating. So one network serves all four commands, any map and any number of particles. It first imitates `best` along the episodes of
+`best`, then along its own, where it meets its own mistakes (DAgger: Ross, Gordon, Bagnell 2011). NumPy is all that it needs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+import shoal
+import shoal.envs
+from shoal.envs.observations import FREE, FRONTIER, OBSTACLES, PARTICLES
+from shoal.swarm import make_policy
+from shoal.swarm.grid.commands import LETTERS
+
+Floats = NDArray[np.float32]
+
+SIDE = 9  # of a patch, in cells
+REACH = 40  # moves: how far from the frontier still tells something
+HIDDEN, SUMS, RATERS = 48, 12, 24  # sizes of the layers
+BATCH = 64  # states a step
+SHARED = 5  # numbers of the whole swarm for each command
+
+
+# What the network is shown.
+
+
+def distances(planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return how many moves through known-free cells each cell is from the frontier, at most REACH; uint8, the planes' shape."""
+    found = np.full(planes.shape[1:], REACH, dtype=np.uint8)
+    free, edge = planes[FREE] > 0, planes[FRONTIER] > 0
+    found[edge] = 0
+    for step in range(1, REACH):
+        grown = np.zeros_like(edge)
+        grown[1:] |= edge[:-1]
+        grown[:-1] |= edge[1:]
+        grown[:, 1:] |= edge[:, :-1]
+        grown[:, :-1] |= edge[:, 1:]
+        edge = grown & free & (found == REACH)
+        if not edge.any():
+            break
+        found[edge] = step
+    return found
+
+
+def features(env: Any, last: int) -> tuple[NDArray[np.uint8], Floats]:
+    """Return the patch of each particle, uint8, (n, 5, SIDE, SIDE), and numbers of the swarm by command, float32, (4, SHARED)."""
+    planes, half = env.planes, SIDE // 2
+    far = distances(planes)
+    near = np.rint(255 * np.exp(far / -6.0) * (far < REACH)).astype(np.uint8)
+    stack = np.stack([*(255 * planes[[FREE, OBSTACLES, FRONTIER, PARTICLES]].clip(0, 1)), near])
+    padded = np.pad(stack, ((0, 0), (half, half), (half, half)))
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (SIDE, SIDE), axis=(1, 2))
+    rows, columns = np.nonzero(planes[PARTICLES])
+    shared = np.zeros((4, SHARED), dtype=np.float32)
+    here = far[rows, columns].astype(int)
+    closest = int(here.min())
+    for command, (down, right) in enumerate([(0, -1), (-1, 0), (0, 1), (1, 0)]):
+        there, entered = far[rows + down, columns + right], planes[:, rows + down, columns + right]
+        goes_on = (here == closest) & (there < here)
+        shared[command] = [
+            goes_on.any() / max(1, closest),
+            entered[FRONTIER].mean() * 4,
+            (there < here).mean(),
+            last == command,
+            last == (command + 2) % 4,
+        ]
+    return np.moveaxis(windows[:, rows, columns], 1, 0).copy(), shared
+
+
+# The network, with its gradients written out.
+
+
+class Network:
+    """Rates commands: a layer for each particle's turned patch, a sum, and two layers more."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        sizes = {"a": (5 * SIDE * SIDE, HIDDEN), "b": (HIDDEN, SUMS), "c": (SUMS + SHARED, RATERS), "d": (RATERS, 1)}
+        self.weights: dict[str, Floats] = {}
+        for name, (inputs, outputs) in sizes.items():
+            self.weights[name] = (rng.normal(size=(inputs, outputs)) * np.sqrt(2 / inputs)).astype(np.float32)
+            self.weights[name + "0"] = np.zeros(outputs, dtype=np.float32)
+        self.means = {name: np.zeros_like(weight) for name, weight in self.weights.items()}
+        self.squares = {name: np.zeros_like(weight) for name, weight in self.weights.items()}
+        self.updates = 0
+
+    def forward(self, patches: NDArray[np.uint8], shared: Floats, *, mirrored: bool = False) -> tuple[Floats, tuple[Any, ...]]:
+        """Return the ratings of states, float32, (states, 4), and what `learn` needs; patches are (states, n, 5, SIDE, SIDE)."""
+        w, (states, n) = self.weights, patches.shape[:2]
+        turned = np.stack([np.rot90(patches, k, axes=(3, 4)) for k in range(4)], axis=1)
+        if mirrored:
+            turned = turned[:, :, :, :, ::-1]
+        x = turned.reshape(states * 4 * n, -1).astype(np.float32) / 255
+        first = np.maximum(x @ w["a"] + w["a0"], 0)
+        second = np.maximum(first @ w["b"] + w["b0"], 0)
+        sums = second.reshape(states * 4, n, SUMS).sum(axis=1) / np.float32(np.sqrt(n))
+        joined = np.concatenate([sums, shared.reshape(states * 4, SHARED)], axis=1)
+        third = np.maximum(joined @ w["c"] + w["c0"], 0)
+        return (third @ w["d"] + w["d0"]).reshape(states, 4), (x, first, second, joined, third, n)
+
+    def learn(self, patches: NDArray[np.uint8], shared: Floats, labels: NDArray[np.int64], *, rate: float, mirrored: bool) -> float:
+        """Make the cross entropy of the labels smaller by one step of Adam; return it."""
+        w = self.weights
+        ratings, (x, first, second, joined, third, n) = self.forward(patches, shared, mirrored=mirrored)
+        chances = np.exp(ratings - ratings.max(axis=1, keepdims=True))
+        chances /= chances.sum(axis=1, keepdims=True)
+        states = np.arange(len(labels))
+        loss = -float(np.log(chances[states, labels] + 1e-9).mean())
+        chances[states, labels] -= 1
+        up = (chances / len(labels)).reshape(-1, 1)
+        slopes = {"d": third.T @ up, "d0": up.sum(axis=0)}
+        up = (up @ w["d"].T) * (third > 0)
+        slopes |= {"c": joined.T @ up, "c0": up.sum(axis=0)}
+        up = np.repeat((up @ w["c"].T)[:, :SUMS] / np.float32(np.sqrt(n)), n, axis=0) * (second > 0)
+        slopes |= {"b": first.T @ up, "b0": up.sum(axis=0)}
+        up = (up @ w["b"].T) * (first > 0)
+        slopes |= {"a": x.T @ up, "a0": up.sum(axis=0)}
+        self.updates += 1
+        for name, slope in slopes.items():
+            self.means[name] += 0.1 * (slope - self.means[name])
+            self.squares[name] += 0.001 * (slope * slope - self.squares[name])
+            mean, square = self.means[name] / (1 - 0.9**self.updates), self.squares[name] / (1 - 0.999**self.updates)
+            w[name] -= (rate * mean / (np.sqrt(square) + 1e-8)).astype(np.float32)
+        return loss
+
+
+# Episodes.
+
+
+class Learner:
+    """The network as a policy: the best rated of the commands that change something; at random by rating where nothing is found."""
+
+    def __init__(self, network: Network, rng: np.random.Generator) -> None:
+        self.network, self.rng = network, rng
+
+    def choose(self, seen: tuple[NDArray[np.uint8], Floats], mask: NDArray[np.int8], idle: int) -> int:
+        """Return a command; ``idle`` is for how many moves nothing has been classified."""
+        ratings = self.network.forward(seen[0][None], seen[1][None])[0][0].astype(float)
+        ratings[mask == 0] = -np.inf
+        if idle < 20:
+            return int(ratings.argmax())
+        chances = np.exp(ratings - ratings.max())
+        return int(self.rng.choice(4, p=chances / chances.sum()))
+
+
+def play(env: Any, learner: Learner | None, expert: Any, data: list[Any], rng: np.random.Generator, **reset: Any) -> int:
+    """Play an episode of the learner, or without one of the expert; add (seen, expert's command) to data; return the moves."""
+    _, info = env.reset(**reset)
+    env, plan, memory, last, idle = env.unwrapped, "", None, -1, 0
+    while True:
+        seen = features(env, last)
+        if learner is None:
+            if not plan:
+                plan, memory = expert.decide(env.view, memory, rng)
+            action, plan = LETTERS.index(plan[0]), plan[1:]
+            data.append((*seen, action))
+        else:
+            action = learner.choose(seen, info["action_mask"], idle)
+            if expert is not None and rng.random() < 0.5:  # neighbouring states tell much the same
+                data.append((*seen, LETTERS.index(expert.decide(env.view, None, rng)[0][0])))
+        left = info["frontier"]
+        _, reward, terminated, truncated, info = env.step(action)
+        last, idle = action, 0 if reward > -env.options.move_price or info["frontier"] != left else idle + 1
+        if terminated or truncated:
+            return int(info["moves"])
+
+
+def train(
+    network: Network, data: list[Any], epochs: int, rng: np.random.Generator, *, batch: int = 64, rate: float = 1e-3
+) -> float:
+    """Go through the data so many times; return the loss of the last time."""
+    patches, shared, labels = (np.array(part) for part in zip(*data, strict=True))
+    losses: list[float] = []
+    for epoch in range(epochs):
+        order = rng.permutation(len(labels))
+        falling = rate * (1 - 0.9 * epoch / epochs)
+        losses = []
+        for chosen in np.array_split(order, max(1, len(order) // BATCH)):
+            mirrored = bool(rng.random() < 0.5)
+            losses.append(network.learn(patches[chosen], shared[chosen], labels[chosen], rate=falling, mirrored=mirrored))
+    return float(np.mean(losses))
+
+
+def environment(names: list[str], particles: int, max_moves: int) -> Any:
+    """Return the environment whose episodes draw one of the maps."""
+    return gymnasium.make("shoal/Mapping-v0", maps=names, particles=particles, max_moves=max_moves, observation="window", window=3)
+
+
+def evaluate(learner: Learner, cells: int, particles: int, maps: range, max_moves: int) -> str:
+    """Return the table of all policies on maps; starts are the same for all."""
+    names = [f"vessels:{cells}:{k}" for k in maps]
+    env = environment(names, particles, max_moves)
+    rng = np.random.default_rng(0)
+
+    def moves_of(policy: str) -> list[int]:
+        common = {"particles": particles, "policy": policy, "max_moves": max_moves}
+        return [shoal.run(name, seed=k, **common).moves for k, name in enumerate(names)]
+
+    moves = {policy: moves_of(policy) for policy in ("random-moves", "closest-frontier", "greedy-classify")}
+    moves["learned (this script)"] = [play(env, learner, None, [], rng, seed=k, options={"map": k}) for k in range(len(names))]
+    moves["best"] = moves_of("best")
+    rows = [f"| policy | moves, mean of {len(names)} maps | standard error | times `best` | unfinished |", "|---|---|---|---|---|"]
+    for policy, counts in moves.items():
+        mean, error = np.mean(counts), np.std(counts, ddof=min(1, len(counts) - 1)) / np.sqrt(len(counts))
+        share, open_ = mean / np.mean(moves["best"]), sum(count >= max_moves for count in counts)
+        rows.append(f"| {policy} | {mean:.1f} | {error:.1f} | {share:.2f} | {open_} |")
+    return "\n".join([f"\nvessels:{cells}, {particles} particles, maps {maps.start} to {maps.stop - 1}\n", *rows])
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Train, evaluate, print."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--cells", type=int, default=300, help="size of the maps")
+    parser.add_argument("--particles", type=int, default=30)
+    parser.add_argument("--maps", type=int, default=60, help="maps to learn from: numbers 0, 1, ...")
+    parser.add_argument("--rounds", type=int, default=4, help="rounds along own episodes")
+    parser.add_argument("--epochs", type=int, default=5, help="passes through the data a round")
+    parser.add_argument("--tests", type=int, default=50, help="maps to compare on: numbers 1000, 1001, ...")
+    parser.add_argument("--large", type=int, default=20, help="maps of 1000 cells with 100 particles to compare on")
+    parser.add_argument("--max-moves", type=int, default=3000, help="longest episode; random moves take longer")
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args(arguments)
+    begun, rng = time.perf_counter(), np.random.default_rng(given.seed)
+    network, expert, data = Network(rng), make_policy("best"), []
+    learner = Learner(network, rng)
+    env = environment([f"vessels:{given.cells}:{k}" for k in range(given.maps)], given.particles, min(1000, given.max_moves))
+    for turn in range(given.rounds + 1):
+        played = [
+            play(env, learner if turn else None, expert, data, rng, seed=turn * given.maps + k, options={"map": k})
+            for k in range(given.maps)
+        ]
+        loss = train(network, data, given.epochs * (1 if turn else 2), rng)
+        who = "learner" if turn else "best"
+        print(
+            f"round {turn}: {who} took {np.mean(played):.0f} moves; {len(data)} states, loss {loss:.3f}, "
+            f"{time.perf_counter() - begun:.0f} s",
+            flush=True,
+        )
+    print(f"trained in {time.perf_counter() - begun:.0f} s")
+    print(evaluate(learner, given.cells, given.particles, range(1000, 1000 + given.tests), given.max_moves))
+    if given.large:
+        print(evaluate(learner, 1000, 100, range(1000, 1000 + given.large), given.max_moves))
+
+
+if __name__ == "__main__":
+    main()
