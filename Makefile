@@ -11,7 +11,7 @@ export PIP_CONSTRAINT := $(CURDIR)/requirements.lock
 # Else every process would compile every module that it imports to byte code again, which takes longer than many tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install demo lint test test-wheel check bench soak docs clean
+.PHONY: help install demo kernels lint test test-wheel check bench soak docs clean
 
 help:
 	@echo 'make demo     set up, map the vessels of a real eye with 300 particles, write a film, a player and figures to ./demo'
@@ -19,6 +19,7 @@ help:
 	@echo 'make install  set up .venv with the command .venv/bin/shoal'
 	@echo 'make test-wheel  build wheel and sdist, run a sample of the tests against the installed wheel, outside the checkout'
 	@echo 'make check    ruff, mypy --strict, import-linter, all tests, documentation'
+	@echo 'make kernels  after a change of kernels: lower them ahead of time'
 	@echo 'make bench    measure speed against the plain reference, in one run'
 	@echo 'make soak     long checks: 10,000 episodes of elect-particle, 20,000 with noise, 100,000 of planners, 100,000 searches'
 	@echo 'make docs     build the documentation into ./site'
@@ -49,13 +50,13 @@ demo: install
 
 # Kernels and the tests' byte code are compiled once, before several test processes would do it at the same time.
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
-	@map='$(BIN)/shoal map rectangle:9x9 --particles 3 --json'; folder=$$(mktemp -d); \
-	  { $(BIN)/python -m pytest --collect-only -q && $$map --policy closest-frontier && $$map --scan-every adaptive --scan-cost 2 && $$map --slip 0.1 --policy closest-frontier; \
-	    for policy in elect-particle depth-first sweep; do $$map --policy $$policy; done; $$map --rule tilt; \
-	    for tour in hilbert moore hilbert-rectangle comb spanning-tree; do $(BIN)/shoal tour $$tour cave:20x15 --json; done; \
-	    $(BIN)/shoal tour hilbert 3x3x3 --json; } >/dev/null & rest=$$!; \
-	  { $$map && $(BIN)/shoal demo steer --json --out $$folder; } >/dev/null && rm -r $$folder && wait $$rest
+	@{ $(BIN)/python -m pytest --collect-only -q && $(BIN)/python -m benchmarks.lowered --compile --parts steering search; } >/dev/null & rest=$$!; \
+	  $(BIN)/python -m benchmarks.lowered --compile --parts swarm && wait $$rest
 	@touch $@
+
+# What is committed of the kernels beside their sources, so that a first command has little to compile.
+kernels: $(VENV)/.dev-installed
+	@$(BIN)/python -m benchmarks.lowered
 
 # The browser tests need Debian's Chromium, and the program that drives it a small library.
 .PHONY: chromium

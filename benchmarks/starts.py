@@ -51,7 +51,7 @@ def cpu_seconds(*arguments: str, source: Path) -> float:
 def copy_sources(folder: Path) -> Path:
     """Copy the package without anything compiled; return the folder to import it from."""
     shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(ROOT / "src", folder, ignore=shutil.ignore_patterns("*.nbi", "*.nbc"))
+    shutil.copytree(ROOT / "src", folder, ignore=shutil.ignore_patterns("__pycache__"))
     return folder
 
 

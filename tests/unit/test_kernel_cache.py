@@ -10,13 +10,14 @@ import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from shoal import notices
-from shoal.jit import COMPILING, cache
+from shoal.jit import COMPILING, cache, lowered
 
 SOURCE = Path(__file__).with_name("small_kernels.py")
 NOBODY = 65534
@@ -59,17 +60,17 @@ def played(script, *kinds, **more):
 
 def imported(script):
     """Return what the kernels give in this process, as if it had begun anew, and whether they were compiled."""
-    cache._stamp.cache_clear()
-    cache.folder_of.cache_clear()
+    for function in (lowered.stamp, lowered._opened, cache.folder_of):
+        function.cache_clear()
     module = importlib.util.module_from_spec(importlib.util.spec_from_file_location(script.stem, script))
     module.__spec__.loader.exec_module(module)
     result = module.total(np.arange(4))
-    return int(result), "compiled" if sum(module.total.stats.cache_misses.values()) else "loaded"
+    return int(result), "compiled" if sum(module.total.entry.stats.cache_misses.values()) else "loaded"
 
 
 def test_beside_the_sources_and_in_a_named_folder(script, told, tmp_path, monkeypatch):
     assert [imported(script), imported(script)] == [(12, "compiled"), (12, "loaded")]
-    assert list((script.parent / "__pycache__").glob("*.nbi"))
+    assert list((script.parent / "__pycache__").glob("*.kernel"))
     monkeypatch.setenv("SHOAL_CACHE", str(tmp_path / "named"))
     assert [imported(script), imported(script)] == [(12, "compiled"), (12, "loaded")]
     assert not told
@@ -119,12 +120,11 @@ def test_installed_by_root_and_used_by_somebody_without_a_home(script, tmp_path)
     assert not list((temporary / f"shoal-kernels-{NOBODY}").iterdir())
 
 
-@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
-def test_damaged_files_are_replaced(suffix, script):
+def test_damaged_files_are_replaced(script):
     imported(script)
-    for damage in (b"", b"\x80", b"garbage" * 99):
-        for path in (script.parent / "__pycache__").glob(f"*{suffix}"):
-            path.write_bytes(damage)
+    (whole,) = (script.parent / "__pycache__").glob("*.kernel")
+    for damage in (b"", b"\x80", b"garbage" * 99, whole.read_bytes()[:99], whole.read_bytes()[:-99]):
+        whole.write_bytes(damage)
         assert [imported(script), imported(script)] == [(12, "compiled"), (12, "loaded")]
 
 
@@ -139,14 +139,14 @@ def test_a_full_disk_costs_time_and_one_line(script, told, tmp_path, monkeypatch
         assert imported(script) == (12, "compiled")
         assert len(told) == 1
         assert told[0].startswith("compiled kernels cannot be kept in")
-        assert not list(small.rglob("*.tmp.*"))
+        assert not [path for path in small.rglob("*") if path.is_file()]
     finally:
         subprocess.run(["umount", str(small)], check=True)
 
 
 def test_three_first_runs_at_once_and_a_killed_one(script):
     killed = start(script, "int", "float", "short")
-    while killed.poll() is None and not list((script.parent / "__pycache__").glob("*.nbi")):
+    while killed.poll() is None and not list((script.parent / "__pycache__").glob("*.kernel")):
         time.sleep(0.01)
     killed.send_signal(signal.SIGKILL)
     killed.communicate()
@@ -161,3 +161,55 @@ def test_a_kernel_from_the_cache_is_not_taken_for_another_that_was_made_alike(sc
     for path in (script.parent / "__pycache__").glob("*nine_more*"):
         path.unlink()
     assert played(script, "made", "one", "nine")[0] == " ".join(alone)  # one is loaded, then nine compiled
+
+
+@pytest.fixture
+def archive(script, monkeypatch):
+    """The archive of the kernels, which are to be compiled; nothing is kept of them but that."""
+    monkeypatch.setattr(lowered, "noted", {})
+    assert imported(script) == (12, "compiled")
+    lowered.write(script.parent)
+    monkeypatch.setattr(lowered, "noted", None)
+    forget(script)
+    return script.parent / lowered.NAME
+
+
+def forget(script):
+    """Remove what is kept in the cache."""
+    for path in (script.parent / "__pycache__").glob("*.kernel"):
+        path.unlink()
+
+
+def test_what_was_lowered_ahead_is_only_optimized(archive, script, told, monkeypatch):
+    monkeypatch.setattr(notices, "_told", set())
+    assert imported(script) == (12, "loaded")
+    assert told == [COMPILING]
+    archive.unlink()
+    assert imported(script) == (12, "loaded")  # from the cache
+
+
+@pytest.mark.parametrize("change", ["kernel", "numba", "platform", "damage", "part of it"])
+def test_what_was_lowered_ahead_of_something_else_is_not_used(change, archive, script, monkeypatch):
+    if change == "kernel":
+        script.write_text(script.read_text().replace("2 * numbers", "10 * numbers"))
+    elif change == "numba":
+        monkeypatch.setattr(lowered.numba, "__version__", "0.0")
+    elif change == "platform":
+        monkeypatch.setattr(lowered.binding, "get_process_triple", lambda: "some-other-machine")
+    elif change == "damage":
+        archive.write_bytes(b"garbage" * 99)
+    else:
+        content = bytearray(archive.read_bytes())
+        content[200:900] = bytes(700)
+        archive.write_bytes(content)
+    assert imported(script) == (60 if change == "kernel" else 12, "compiled")
+
+
+def test_archives_fit_their_kernels():
+    """If a kernel was changed: make kernels."""
+    parts = {path.parent for path in Path(lowered.__file__).parents[1].glob("*/kernels/lowered.zip")}
+    assert {part.parent.name for part in parts} == {"swarm", "steering", "search"}
+    for part in parts:
+        with zipfile.ZipFile(part / lowered.NAME) as archive:
+            assert archive.comment.decode().startswith(lowered.stamp(part).hex()), f"{part.parent.name}: make kernels"
+            assert not [kernel for kernel in archive.namelist() if str(Path.home()).encode() in archive.read(kernel)]

@@ -112,24 +112,6 @@ def warnings_said(category: type[Warning]) -> Iterator[None]:
         yield
 
 
-@contextmanager
-def no_linear_algebra() -> Iterator[None]:
-    """Keep Numba from importing SciPy's linear algebra while the block loads kernels: a quarter of a command's start.
-
-    Numba asks for it once, to know whether compiled code may call ``np.dot``. Our kernels do not, and a command that plays a
-    built-in policy runs no other compiled code. A command with a policy of a third party must not use this.
-    """
-    name = "scipy.linalg.cython_blas"
-    if name in sys.modules or "numba.np.arraymath" in sys.modules:
-        yield
-        return
-    sys.modules[name] = None  # type: ignore[assignment]  # how Python marks a module that cannot be imported
-    try:
-        yield
-    finally:
-        del sys.modules[name]
-
-
 def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
     """Return a function that takes (moves, frontier cells left) and says so on stderr now and then, for long episodes."""
     last = [time.monotonic()]

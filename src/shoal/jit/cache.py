@@ -1,23 +1,33 @@
 """Where compiled kernels are kept: beside the sources, in the user's cache, in the folder SHOAL_CACHE, or in a private one.
 
-Numba keeps them, with three changes. A kernel is compiled again if any kernel of its part has changed, since it holds the code of
-those that it calls. What is damaged is compiled again and replaced. And a folder that cannot be written, or a full disk, costs
-the time to compile, not the run.
+One file for each kernel that Python calls, signature and processor. A kernel is compiled again if any kernel of its part has
+changed, since it holds the code of those that it calls. What is damaged is compiled again and replaced. And a folder that cannot
+be written, or a full disk, costs the time to compile, not the run.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import pickle
+import re
+import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+import llvmlite
+import numba
+from numba.core.caching import NullCache
+from numba.core.compiler import compile_result
+from numba.core.runtime.nrt import rtsys
+from numba.core.serialize import dumps
 
+from shoal.jit import lowered
+from shoal.jit.libraries import Entry
+from shoal.jit.watch import COMPILING
 from shoal.notices import tell_once
 
 ENVIRONMENT = "SHOAL_CACHE"
@@ -29,8 +39,7 @@ def cached(compiled: Any) -> Any:
     source = Path(compiled.py_func.__code__.co_filename)
     if not source.is_file():
         return compiled
-    if folder_of(source.parent) is not None:
-        compiled._cache = _KernelCache(compiled.py_func)
+    compiled._cache = _KernelCache(compiled.py_func.__qualname__, source)
     return compiled
 
 
@@ -87,87 +96,96 @@ def _private_folder() -> Path | None:
     return folder if _is_usable(folder) else None
 
 
-@cache
-def _stamp(part: Path) -> bytes:
-    """Return a digest of all kernels of a part, and of how they are compiled."""
-    digest = hashlib.blake2b(digest_size=16)
-    for folder in (Path(__file__).parent, part):
-        for file in sorted(folder.rglob("*.py")):
-            digest.update(file.read_bytes())
-    return digest.digest()
+class _KernelCache(NullCache):
+    """What Numba asks for the compiled forms of one kernel. Nothing that is wrong on disk is an error."""
 
+    def __init__(self, name: str, source: Path) -> None:
+        self._name = re.sub(r"[^\w.-]", "", f"{source.stem}.{name}")
+        self._sources = source.parent
+        self._part = next((one for one in source.parents if one.name == "kernels"), source.parent)
 
-class _Locator:
-    """What Numba asks about a function's cache."""
+    @property
+    def cache_path(self) -> str:
+        return str(folder_of(self._sources))
 
-    def __init__(self, source: str) -> None:
-        self.folder = folder_of(Path(source).parent)
-        sources = Path(source).parent
-        self.part = next((one for one in (sources, *sources.parents) if one.name == "kernels"), sources)
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        arguments = tuple(getattr(signature, "args", signature))
+        with suppress(Exception):  # no file, or a damaged one: unpickling runs into anything
+            return self._rebuilt(self._read(arguments, target), arguments, target)
+        with suppress(Exception):  # no archive, or a damaged one
+            result = self._rebuilt(lowered.find(self._part, self._member(arguments)), arguments, target)
+            self._save(result, target)
+            return result
+        return None
 
-    @classmethod
-    def from_function(cls, function: Any, source: str) -> _Locator:
-        return cls(source)
+    def save_overload(self, signature: Any, result: Any) -> None:
+        if not result.library.has_dynamic_globals:
+            lowered.note(self._part, self._member(result.signature.args), self._reduced(result, None))
+            self._save(result, result.target_context)
 
-    def ensure_cache_path(self) -> None:
-        os.makedirs(self.get_cache_path(), exist_ok=True)
+    def _member(self, arguments: tuple[Any, ...]) -> str:
+        place = self._sources.relative_to(self._part).as_posix()
+        return f"{self._name}-{_digest(place, arguments)}"
 
-    def get_cache_path(self) -> str:
-        return str(self.folder)
+    def _file(self, arguments: tuple[Any, ...], target: Any) -> Path | None:
+        folder = folder_of(self._sources)
+        made_by = (numba.__version__, llvmlite.__version__, sys.implementation.cache_tag, target.codegen().magic_tuple())
+        return folder and folder / f"{self._name}-{_digest(arguments, made_by)}.kernel"
 
-    def get_source_stamp(self) -> bytes:
-        return _stamp(self.part)
+    def _read(self, arguments: tuple[Any, ...], target: Any) -> bytes:
+        file = self._file(arguments, target)
+        content = b"" if file is None else file.read_bytes()
+        if content[:16] != lowered.stamp(self._part):
+            raise ValueError("compiled from other sources")
+        return content[16:]
 
-    def get_disambiguator(self) -> str:
-        return "0"  # not the line, as Numba has it: what was compiled of an older version is replaced, not left behind
-
-
-class _KernelImpl(CompileResultCacheImpl):
-    _locator_classes = [_Locator]  # type: ignore[list-item]  # noqa: RUF012 - as Numba declares it
-
-
-class _KernelCache(FunctionCache):
-    """Numba's cache of a function, for which nothing that is wrong on disk is an error."""
-
-    _impl_class = _KernelImpl
-
-    def load_overload(self, signature: Any, target_context: Any) -> Any:
+    def _save(self, result: Any, target: Any) -> None:
+        file = self._file(result.signature.args, target)
+        if file is None:
+            return
+        temporary = file.with_suffix(f".{os.getpid()}")
         try:
-            found = super().load_overload(signature, target_context)
-        except Exception:  # a damaged file: unpickling runs into anything
-            self._drop_index()
-            return None
-        wanted = tuple(getattr(signature, "args", signature))
-        return found if found is not None and tuple(found.signature.args) == wanted else None
-
-    def save_overload(self, signature: Any, data: Any) -> None:
-        try:
-            os.makedirs(self.cache_path, exist_ok=True)
-            with _locked(Path(self.cache_path)):
-                try:
-                    super().save_overload(signature, data)
-                except OSError:
-                    raise
-                except Exception:  # a damaged index
-                    self._drop_index()
-                    super().save_overload(signature, data)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            temporary.write_bytes(lowered.stamp(self._part) + self._reduced(result, result.library._get_compiled_object()))
+            temporary.replace(file)
         except OSError as error:
             tell_once(f"compiled kernels cannot be kept in {self.cache_path}: {error.strerror or error}")
+            with suppress(OSError):
+                temporary.unlink()
 
-    def _drop_index(self) -> None:
-        with suppress(OSError):
-            os.unlink(os.path.join(self.cache_path, f"{self._impl.filename_base}.nbi"))
+    @staticmethod
+    def _reduced(result: Any, code: bytes | None) -> bytes:
+        """Return what is kept of a compiled kernel: its machine code, or what LLVM is to make that of."""
+        result.fndesc.typemap = result.fndesc.calltypes = None
+        library = result.library
+        environments = tuple(result._find_referenced_environments())
+        about = (result.fndesc, result.environment, result.signature, tuple(result.reload_init), environments)
+        return bytes(dumps((library.name, code, None if code else library.lowered, *about)))
+
+    def _rebuilt(self, content: bytes, arguments: tuple[Any, ...], target: Any) -> Any:
+        """Return a compiled kernel of what was kept of it."""
+        name, code, bitcode, description, environment, signature, reloads, environments = pickle.loads(content)
+        if tuple(signature.args) != arguments:
+            raise ValueError("compiled for other arguments")
+        if b"NRT_" in (code or bitcode):
+            rtsys.initialize(target)
+        for function in reloads:
+            function()
+        if code is None:
+            tell_once(COMPILING)
+            library = Entry.of_lowered(target.codegen(), name, bitcode)
+        else:
+            symbols = (description.llvm_func_name, description.llvm_cpython_wrapper_name)
+            library = Entry.of_machine_code(target.codegen(), name, code, symbols)
+        callable_ = target.get_executable(library, description, environment)
+        for each in environments:
+            library.codegen.set_env(each.env_name, each)
+        return compile_result(
+            target_context=target, typing_context=target.typing_context, library=library, environment=environment,
+            entry_point=callable_, fndesc=description, signature=signature, objectmode=False, lifted=(), type_annotation="",
+            reload_init=list(reloads), referenced_envs=environments,
+        )  # fmt: skip
 
 
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Let no other process write into a folder while the block runs: two would take the same name for two kernels."""
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        yield
-        return
-    with open(folder / "kernels.lock", "w") as file:
-        with suppress(OSError):  # a disk without locks
-            fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+def _digest(*things: Any) -> str:
+    return hashlib.blake2b(repr(things).encode(), digest_size=8).hexdigest()

@@ -168,10 +168,8 @@ class SwarmEpisode(Episode):
         """Free cells of a mapping that no particle can get to from its start: they are in other parts of the workspace."""
         if self.targets is not None or self.observations is not None:
             return 0
-        from scipy import ndimage
-
-        parts, count = ndimage.label(self.workspace.free)
-        return self.workspace.n_free - int(np.isin(parts, parts[tuple(self.start.T)]).sum()) if count > 1 else 0
+        parts = self.workspace.components
+        return self.workspace.n_free - int(np.isin(parts, parts[tuple(self.start.T)]).sum()) if parts.max() > 1 else 0
 
     @property
     def sentence(self) -> str:

@@ -17,7 +17,6 @@ from shoal.checks import check_integer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, moves_told, print_json, print_table, say
-from shoal.cli.swarm.exploration import load_kernels_for
 from shoal.errors import InvalidInputError
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
@@ -75,6 +74,7 @@ def drive(
     from shoal.swarm.rigs.driving import drive as drive_rig
     from shoal.swarm.rigs.log import DriveLog
     from shoal.swarm.rigs.remote import open_rig
+    from shoal.swarm.run import load_kernels
 
     check_outputs(out, film)
     truth = None if map_name is None else open_map(map_name)
@@ -88,7 +88,7 @@ def drive(
             opened = open_rig(rig, timeout=timeout, patience=patience_, on_event=None if book is None else book.event)
         try:
             _check_shape(opened, shape, truth)
-            load_kernels_for(problem)
+            load_kernels(problem)
             fields = {name: getattr(problem, name) for name in DRIVEN}
             result = drive_rig(opened, seed=seed, log=book, on_moves=moves_told(opened.name), **fields)
         finally:

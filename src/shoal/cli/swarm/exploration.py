@@ -16,7 +16,6 @@ from shoal.cli.output import (
     check_outputs,
     check_seed,
     moves_told,
-    no_linear_algebra,
     patience,
     print_json,
     print_table,
@@ -64,20 +63,12 @@ def cover(
     _play(problem, trials, seed, workers, out, film, json_)
 
 
-def load_kernels_for(problem: SwarmProblem) -> None:
-    """Load the kernels that a problem needs, or compile them."""
-    from shoal.swarm.policies import Compiled, Offline
-    from shoal.swarm.run import load_kernels
-
-    with no_linear_algebra() if isinstance(problem.chosen_policy, Compiled | Offline) else nullcontext():
-        load_kernels(problem)
-
-
 def _play(
     problem: SwarmProblem, trials: int, seed: int, workers: int | None, out: Path | None, film: list[Path] | None, json_: bool
 ) -> None:
     from shoal.lab import run_trials
     from shoal.swarm.policies import Offline
+    from shoal.swarm.run import load_kernels
 
     check_outputs(out, film)
     with quiet():
@@ -87,7 +78,7 @@ def _play(
         check_integer(workers, what="workers", least=1)
     warn_of_no_vessels(problem)
     problem.check_at_place()  # before kernels are compiled
-    load_kernels_for(problem)
+    load_kernels(problem)
     whole = isinstance(problem.chosen_policy, Offline)
     planned = patience("making a whole plan before the first move ...") if whole else nullcontext()
     with planned, progress("trials", trials, shown=trials > 1) as advance:

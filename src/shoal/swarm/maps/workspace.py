@@ -134,9 +134,7 @@ class GridWorkspace:
     @cached_property
     def components(self) -> NDArray[np.int32]:
         """Label of each cell's connected component, 0 for obstacles; int32, the shape of ``free``."""
-        from scipy import ndimage
-
-        return np.asarray(ndimage.label(self.free)[0], dtype=np.int32)
+        return raster.connected_parts(self.free)[0]
 
     def largest_component(self) -> GridWorkspace:
         """Return the workspace that keeps only the largest connected component (the first of equals)."""

@@ -5,22 +5,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.swarm.maps.raster import connected_parts
+
 Mask = NDArray[np.bool_]
 
 
-def largest_part(free: Mask, neighbours: NDArray[np.float64] | None = None) -> Mask:
+def largest_part(free: Mask, *, corners: bool = False) -> Mask:
     """Return the largest connected part of the free cells; all of them if there are none.
 
     Parameters
     ----------
     free : ndarray, bool, shape (H, W)
         True where free.
-    neighbours : ndarray, float64, shape (3, 3), optional
-        Not 0 where a cell touches the one in the middle; left, right, up and down if not given.
+    corners : bool
+        Whether cells touch that share no more than a corner.
     """
-    from scipy import ndimage
-
-    parts, number = ndimage.label(free, neighbours)
+    parts, number = connected_parts(free, corners=corners)
     if number <= 1:
         return free
     size = np.bincount(parts.ravel())

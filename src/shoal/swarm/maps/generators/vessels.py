@@ -6,6 +6,7 @@ import numpy as np
 
 from shoal.swarm.maps.generators.components import Mask, crop
 from shoal.swarm.maps.generators.venation import Indices, Points, VesselNetwork, grow_network, subtrees
+from shoal.swarm.maps.raster import connected_parts
 
 AREA_PER_CELL = 1.65  # area of the organ for each free cell, before the network is scaled
 TIP_WIDTH = 1.5  # cells, at the end of a twig
@@ -99,9 +100,7 @@ def _paint_discs(free: Mask, centre: Points, cell: Indices, radius: Points) -> N
 
 def _fill_specks(free: Mask) -> Mask:
     """Return the map without its smallest holes."""
-    from scipy import ndimage
-
-    holes = ndimage.label(~free, np.ones((3, 3)))[0]
+    holes = connected_parts(~free, corners=True)[0]
     area = np.bincount(holes.ravel())
     return np.asarray(free | ((area <= SPECK) & (area > 0))[holes] & (holes > 0))
 

@@ -10,8 +10,8 @@ from collections.abc import Iterable
 from functools import reduce
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from shoal.swarm.maps.generators.components import Mask
 
@@ -39,12 +39,12 @@ def vessel_response(flat: Grey, view: Mask, levels: int, deviation: float) -> Gr
     deviation : float
         Pixels over which contrast is evened.
     """
-    power = ndimage.gaussian_filter(flat**2, 2 * deviation)
+    power = scipy.ndimage.gaussian_filter(flat**2, 2 * deviation)
     flat = flat / (np.sqrt(power + 0.3 * power.mean()) + 1e-12)
     answers = []
     for level in range(levels):
         step = 2**level
-        small = ndimage.uniform_filter(flat, step)[::step, ::step]
+        small = scipy.ndimage.uniform_filter(flat, step)[::step, ::step]
         inside = view[::step, ::step]
         answer = (standardised(_line_strength(small, inside), inside) + standardised(_bar_strength(small), inside)) / 2
         if level:
@@ -58,14 +58,14 @@ def without_ground(grey: Grey, view: Mask, deviation: float) -> Grey:
     reach = int(3 * deviation)
     grey = np.pad(_mirrored(grey, view), reach, mode="symmetric")
     step = max(1, int(deviation / 5))
-    coarse = ndimage.median_filter(ndimage.uniform_filter(grey, step)[::step, ::step], int(3 * deviation / step))
+    coarse = scipy.ndimage.median_filter(scipy.ndimage.uniform_filter(grey, step)[::step, ::step], int(3 * deviation / step))
     ground = _enlarged(coarse, grey.shape, step)
-    return np.asarray((grey - ndimage.gaussian_filter(ground, deviation / 4))[reach:-reach, reach:-reach])
+    return np.asarray((grey - scipy.ndimage.gaussian_filter(ground, deviation / 4))[reach:-reach, reach:-reach])
 
 
 def _enlarged(coarse: Grey, shape: tuple[int, ...], step: int) -> Grey:
     places = (np.minimum(np.arange(n) / step, m - 1) for n, m in zip(shape, coarse.shape, strict=True))
-    return np.asarray(ndimage.map_coordinates(coarse, np.meshgrid(*places, indexing="ij"), order=1))
+    return np.asarray(scipy.ndimage.map_coordinates(coarse, np.meshgrid(*places, indexing="ij"), order=1))
 
 
 def standardised(values: Grey, view: Mask) -> Grey:
@@ -77,7 +77,7 @@ def standardised(values: Grey, view: Mask) -> Grey:
 def _mirrored(grey: Grey, view: Mask) -> Grey:
     if view.all():
         return grey
-    nearest = ndimage.distance_transform_edt(~view, return_distances=False, return_indices=True)
+    nearest = scipy.ndimage.distance_transform_edt(~view, return_distances=False, return_indices=True)
     across = tuple(
         np.clip(2 * near - here, 0, side - 1) for near, here, side in zip(nearest, np.indices(grey.shape), grey.shape, strict=True)
     )
@@ -87,7 +87,7 @@ def _mirrored(grey: Grey, view: Mask) -> Grey:
 def _line_strength(grey: Grey, view: Mask) -> Grey:
     """Return the multi-scale line detector: the brightest line through each pixel against the window around it."""
     total = standardised(grey, view)
-    around = ndimage.uniform_filter(grey, LINE_WINDOW)
+    around = scipy.ndimage.uniform_filter(grey, LINE_WINDOW)
     lengths = range(1, LINE_WINDOW + 1, 2)
     for length in lengths:
         total = total + standardised(strongest_line(grey, length) - around, view)
@@ -97,7 +97,7 @@ def _line_strength(grey: Grey, view: Mask) -> Grey:
 def strongest_line(grey: Grey, length: int = LINE_WINDOW) -> Grey:
     """Return the highest mean along a line through each pixel, of any angle."""
     angles = np.pi * np.arange(ANGLES if length > 1 else 1) / ANGLES
-    return _highest(ndimage.convolve(grey, _line(length, angle)) for angle in angles)
+    return _highest(scipy.ndimage.convolve(grey, _line(length, angle)) for angle in angles)
 
 
 def _line(length: int, angle: float) -> Grey:
@@ -126,8 +126,8 @@ def _along(
     """Yield the answer of one B-COSFIRE filter at each of its angles."""
     reach = radii[-1] + 1
     padded = np.pad(grey, reach, mode="symmetric")
-    fields = np.maximum(ndimage.gaussian_filter(padded, deviation / 2) - ndimage.gaussian_filter(padded, deviation), 0)
-    seen = [np.log(ndimage.gaussian_filter(fields, (tolerance + growth * radius) / 3) + 1e-6) for radius in radii]
+    fields = np.maximum(scipy.ndimage.gaussian_filter(padded, deviation / 2) - scipy.ndimage.gaussian_filter(padded, deviation), 0)
+    seen = [np.log(scipy.ndimage.gaussian_filter(fields, (tolerance + growth * radius) / 3) + 1e-6) for radius in radii]
     weights = np.exp(-4.5 * (np.array(radii) / radii[-1]) ** 2)
     rows, columns = grey.shape
     for angle in 2 * np.pi * turns * np.arange(count := round(2 * turns * ANGLES)) / count:

@@ -77,11 +77,11 @@ def _joined(mask: Mask) -> Mask:
     reach = max(mask.shape) / 200
     wide = np.pad(mask, int(reach) + 2)
     wide = ndimage.distance_transform_edt(~wide) <= reach
-    part = largest_part(wide, np.ones((3, 3)))
+    part = largest_part(wide, corners=True)
     inner = slice(int(reach) + 2, -int(reach) - 2)
     closed = (ndimage.distance_transform_edt(part) > reach)[inner, inner]
     return largest_part(
-        (mask & part[inner, inner]) | imaging_module("morphology").skeletonize(closed | mask) & part[inner, inner], np.ones((3, 3))
+        (mask & part[inner, inner]) | imaging_module("morphology").skeletonize(closed | mask) & part[inner, inner], corners=True
     )
 
 

@@ -1,0 +1,82 @@
+"""Write the archives of lowered kernels, ``src/shoal/*/kernels/lowered.zip``, that do not fit their kernels: ``make kernels``.
+
+python -m benchmarks.lowered [--all | --compile] [--parts swarm steering search]
+
+Plays all kinds of runs once, each quick. With ``--compile`` nothing is written, but what they need is in the cache afterwards.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import os
+import tempfile
+from pathlib import Path
+
+PARTS = Path(__file__).parent.parent / "src" / "shoal"
+SMALL = "map rectangle:9x9 --particles 3"
+COMMANDS = {
+    "swarm": [
+        *(f"{SMALL} --policy {policy}" for policy in ("best", "closest-frontier", "elect-particle", "depth-first", "sweep")),
+        f"{SMALL} --rule tilt --policy closest-frontier",
+        f"{SMALL} --scan-every adaptive --scan-cost 2",
+        f"{SMALL} --slip 0.1 --policy closest-frontier",
+        "map rectangle:9x9 --particles 3 --placement flood-fill --policy closest-frontier",
+        "cover rectangle:9x9 --particles 3",
+    ],
+    "steering": ["steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1"],
+    "search": [
+        "search rectangle:60x40 --robots 3 --footprint 5",
+        *(f"tour {name} cave:20x15" for name in ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree")),
+        "tour hilbert 3x3x3",
+    ],
+}
+
+
+def play(parts: list[str]) -> None:
+    """Run commands in this process, so that each kernel is compiled once."""
+    from shoal.cli import run
+
+    for command in (command for part in parts for command in COMMANDS[part]):
+        words = [word.replace("_", " ") for word in command.split()]  # an underscore is a blank within a word
+        with contextlib.redirect_stdout(io.StringIO()):
+            code = run([*words, "--json"])
+        if code:
+            raise SystemExit(f"shoal {command}: exit code {code}")
+
+
+def write(parts: list[str]) -> None:
+    """Compile the kernels of some parts and write their archives."""
+    from numba.core.ir import Loc
+
+    from shoal.jit import lowered
+
+    # Some kernels hold places in Numba's sources for error messages: those are to name no folder of this machine.
+    begin = Loc.__init__
+    Loc.__init__ = lambda self, filename, *more, **others: begin(self, os.path.basename(filename), *more, **others)
+    lowered.noted = {}
+    play(parts)
+    for part in parts:
+        file = lowered.write(PARTS / part / "kernels")
+        print(f"{file.relative_to(PARTS)}: {file.stat().st_size // 1024} KiB")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--parts", nargs="+", choices=COMMANDS, default=list(COMMANDS))
+    parser.add_argument("--all", action="store_true")
+    parser.add_argument("--compile", action="store_true")
+    given = parser.parse_args()
+    if given.compile:
+        play(given.parts)
+        return
+    from shoal.jit import lowered
+
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["SHOAL_CACHE"] = folder
+        write([part for part in given.parts if given.all or not lowered.fits(PARTS / part / "kernels")])
+
+
+if __name__ == "__main__":
+    main()
