@@ -46,6 +46,19 @@ def test_two_particles_around_obstacles(room, start, goal):
     planned(RegionWorld(room), start, goal)
 
 
+@pytest.mark.parametrize(
+    ("points", "best_known"),
+    [
+        ([(0.01, 3.89), (1.19, 1.26), (3.57, 2.34), (1.89, 3.09)], 5.83),  # were 8.1 to 10.7 long
+        ([(1.19, 2.97), (2.89, 0.87), (3.32, 2.63), (2.73, 3.28)], 5.42),  # 9.6
+    ],
+)
+def test_plans_around_an_obstacle_come_near_to_the_best_known(points, best_known):
+    """Best known: the shortest of searches twenty times as long."""
+    moves = planned(RegionWorld(YARD), points[:2], points[2:], 4e-6)
+    assert np.linalg.norm(moves, axis=1).sum() < 1.05 * best_known
+
+
 def test_a_mere_translation_goes_around():
     """Particles that are right but for a translation take a way on which none meets a wall."""
     moves = planned(RegionWorld(YARD), [(0.5, 0.5), (0.5, 0.7)], [(3.2, 3.2), (3.2, 3.4)])

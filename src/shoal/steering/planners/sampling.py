@@ -17,7 +17,7 @@ from shoal.steering.kernels import sampling as kernels
 from shoal.steering.kernels.contact import Walls
 from shoal.steering.kernels.region_contact import Edges
 from shoal.steering.planners.protocol import PLANNERS
-from shoal.steering.planners.shortening import shortened_by_changes
+from shoal.steering.planners.shortening import annealed
 from shoal.steering.planners.task import SteeringTask, path_length
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
@@ -28,7 +28,7 @@ STRETCH = 5000  # of these before the next look at the clock
 TREES = 10  # grown until one reaches the goal
 MORE_ROUNDS = 10_000  # in each of the further trees, which may hold a shorter plan
 MORE_TREES = 16  # half as many for more particles and where they slide
-SHORTENED = ((17, 300), (5, 1200), (2, 1200))  # so many of the shortest plans are changed so many times
+SHORTENED = 60_000  # changes of each plan
 SLIDING = 0.1  # of these where particles slide
 HITS = 1000  # of one tree: so often it is tried to get from a state to the goal by translations
 MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)  # of the size: how far from walls translations go, if that is possible
@@ -76,10 +76,7 @@ class Sampling:
             moves = _Tree(task, world, rng, left=int(share * (MORE_ROUNDS if found else ROUNDS))).search(translations)
             found += [] if moves is None else [moves]
         if simple:
-            for count, changes in SHORTENED:
-                found = sorted(
-                    (shortened_by_changes(task, moves, rng, changes=changes) for moves in found[:count]), key=path_length
-                )
+            found = [moves if task.late else annealed(task, world, moves, rng, changes=SHORTENED) for moves in found]
         return min(found, key=path_length, default=None)
 
 
