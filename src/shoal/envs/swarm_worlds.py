@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 
 from shoal.envs import observations
 from shoal.envs.options import OptionError, SwarmEnvOptions, check_no_options, option_errors, split_fields
-from shoal.envs.rendering import enlarged
+from shoal.envs.rendering import SIDE, enlarged
 from shoal.errors import InvalidInputError
 from shoal.swarm.batch import WorldBatch
-from shoal.swarm.grid.belief import Belief
-from shoal.swarm.grid.board import Board
 from shoal.swarm.grid.trace import Trace
-from shoal.swarm.maps.raster import PARTICLE
+from shoal.swarm.maps.raster import raster_of
 from shoal.swarm.problem import SwarmProblem
 
 
@@ -105,17 +103,22 @@ class SwarmWorlds:
         return {"action_mask": batch.action_masks(where=where), **told}
 
     def picture(self, world: int) -> NDArray[np.uint8]:
-        """Return a picture of a world; uint8, shape (height, width, 3)."""
-        return enlarged(self.batch.belief(world).picture(self.batch.state(world).occupied))
+        """Return a picture of a world, in three dimensions with three slices beside it; uint8, shape (height, width, 3)."""
+        from shoal.views.swarm.volume import CORNER, Fit, Slices, sheet
+
+        codes = self._codes(world)
+        if codes.ndim == 2:
+            return enlarged(raster_of(codes))
+        place = self.batch.problems[int(self.batch.maps[world])].place
+        return sheet(codes, Slices.of(place), azimuth=CORNER, side=SIDE, spacing=place.spacing, fit=Fit.of(place))
 
     def characters(self, world: int) -> str:
-        """Return a world as text."""
-        return characters_of(self.batch.belief(world), self.batch.state(world).occupied)
+        """Return what is known as text, one character a cell: o particle, . free, # obstacle, ? frontier, blank unknown."""
+        codes = self._codes(world)
+        layers = np.array(list(" ?.#o"))[codes.reshape(-1, *codes.shape[-2:])]
+        return "\n\n".join("\n".join("".join(row) for row in layer) for layer in layers)
 
+    def _codes(self, world: int) -> NDArray[np.uint8]:
+        from shoal.views.swarm.cell_colours import codes_of
 
-def characters_of(belief: Belief, occupied: Board) -> str:
-    """Return what is known, one character a cell, rim included: o particle, . free, # obstacle, ? frontier, blank unknown."""
-    codes = belief.states
-    codes[occupied.mask] = PARTICLE
-    layers = codes.reshape(-1, *codes.shape[-2:])
-    return "\n\n".join("\n".join("".join(row) for row in np.array(list(" ?.#o"))[layer]) for layer in layers)
+        return codes_of(self.batch.state(world), self.batch.belief(world))

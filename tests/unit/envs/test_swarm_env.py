@@ -110,6 +110,9 @@ def test_render_modes():
     env = gymnasium.make(IDS[0], **SMALL, render_mode="rgb_array")
     env.reset(seed=1)
     assert env.render().shape == (24 * 20, 21 * 20, 3)
+    env = gymnasium.make(IDS[0], map="vessels3d:100", particles=20, render_mode="rgb_array")
+    env.reset(seed=1)
+    assert env.render().shape[0] == 480, "a view of the volume with slices beside it"
 
 
 @pytest.mark.parametrize(
