@@ -44,6 +44,21 @@ def play(parts: list[str]) -> None:
             code = run([*words, "--json"])
         if code:
             raise SystemExit(f"shoal {command}: exit code {code}")
+    if "swarm" in parts:
+        play_batch()
+
+
+def play_batch() -> None:
+    """Step some worlds, and look at them in all ways."""
+    from shoal.swarm import SwarmProblem
+    from shoal.swarm.batch import PLANES, WorldBatch
+
+    batch = WorldBatch(SwarmProblem("rectangle:9x9", particles=3), 2)
+    batch.step("ll")
+    batch.planes()
+    batch.action_masks()
+    batch.measures()
+    batch.windows(PLANES, batch.nearest_frontier()[2], 3)
 
 
 def write(parts: list[str]) -> None:

@@ -165,6 +165,29 @@ for shape in ((3, 5), (6, 64), (2, 3, 4)):
 """
 
 
+BATCHES = """
+import numpy as np
+np.seterr(over="ignore")  # words wrap around on purpose
+from shoal.swarm import SwarmProblem, GridWorkspace
+from shoal.swarm.batch import PLANES, WorldBatch
+rng = np.random.default_rng(23)
+for shape in ((3, 5), (2, 64), (2, 2, 5)):
+    free = rng.random(shape) < 0.8
+    free.flat[0] = True
+    place = GridWorkspace(free).largest_component()
+    for rule in ("block", "merge", "tilt"):
+        for task in ("mapping", "coverage"):
+            problem = SwarmProblem(place, particles=3, rule=rule, task=task, policy="closest-frontier", max_moves=20)
+            batch = WorldBatch(problem, 3, threads=1)
+            for commands in rng.integers(0, 2 * len(shape), (12, 3)):
+                trace = batch.step(commands, repeat=2)
+                told = (*trace, *batch.boards, batch.planes(PLANES), batch.action_masks(), *batch.measures())
+                told = (*told, *batch.nearest_frontier(), batch.windows(PLANES, batch.nearest_frontier()[2], 3))
+                print(shape, rule, task, *(column.tolist() for column in told))
+                batch.reset(batch.terminated | batch.truncated)
+"""
+
+
 def episodes(*, compiled: bool, script: str = SCRIPT) -> str:
     environment = dict(os.environ, NUMBA_DISABLE_JIT="0" if compiled else "1")
     done = subprocess.run(
@@ -207,3 +230,9 @@ def test_same_noise_with_the_compiler_off():
     compiled = episodes(compiled=True, script=NOISE)
     assert len(compiled.splitlines()) == 18
     assert episodes(compiled=False, script=NOISE) == compiled
+
+
+def test_same_batches_with_the_compiler_off():
+    compiled = episodes(compiled=True, script=BATCHES)
+    assert len(compiled.splitlines()) == 3 * 3 * 2 * 12
+    assert episodes(compiled=False, script=BATCHES) == compiled

@@ -36,6 +36,9 @@ def share_out(work: Callable[[int, int, int], None], count: int, *, words: int, 
         At most so many.
     """
     parts = max(1, min(threads, count, count * words // SMALLEST))
+    if parts == 1:
+        work(0, 0, count)
+        return
     ends = [count * part // parts for part in range(parts + 1)]
     others = [_pool(threads).submit(work, part, ends[part], ends[part + 1]) for part in range(parts - 1)]
     try:

@@ -118,8 +118,9 @@ def hold(there, moving, ahead):
     for i in range(size - first, size):
         moving[i] &= ~there[i]
     later, before, blocking = moving[: size - first], moving[first:], there[: size - first]
-    for back in range(later.shape[0]):
-        i = later.shape[0] - 1 - back
+    i = np.uint64(later.shape[0])  # unsigned: no test for negative indices, which takes as long as all else
+    while i > ZERO:
+        i -= ONE
         later[i] &= ~blocking[i] | before[i]
 
 
