@@ -21,7 +21,7 @@ from shoal.steering.workspaces.region import Region
 # Worlds and planners call kernels, whose compiler takes a second to load: they are imported when a problem is checked, so that
 # commands, which read the declarations below, start at once.
 
-DRAWS = 100_000  # of a random point, before there is no room for it
+DRAWS = 10_000  # of a random point, before there is no room for it
 FINEST = 1e-8  # of the size: contacts are no more exact
 RANDOM = "random"
 PLANNER_NAMES = ("shortest", "greedy", "fewest-moves", "robust", "sampling")
