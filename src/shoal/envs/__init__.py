@@ -12,6 +12,7 @@ from shoal.errors import MissingExtraError
 
 try:
     import gymnasium
+    import pettingzoo  # noqa: F401 - of search_v0
 except ImportError:
     raise MissingExtraError('environments need the extra "envs": pip install "shoal[envs]"') from None
 

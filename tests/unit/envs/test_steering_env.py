@@ -78,6 +78,15 @@ def test_interchangeable_particles_take_the_best_matching():
     assert gymnasium.make(NAME, **swapped).reset()[1]["error"] == pytest.approx(0.1)
 
 
+def test_a_vector_of_gymnasiums_own_kind():
+    envs = gymnasium.make_vec(NAME, num_envs=3, workspace="disk", max_moves=2)
+    observations, infos = envs.reset(seed=5)
+    assert infos["seed"].tolist() == [5, 6, 7]
+    for _ in range(4):  # past the end, where they begin anew
+        observations, *_ = envs.step(envs.action_space.sample())
+    assert observations["delta"].shape == (3, 1, 2)
+
+
 def test_render_modes():
     env = gymnasium.make(NAME, **PAIR, render_mode="ansi")
     env.reset()
