@@ -137,7 +137,8 @@ class SearchEpisode(Episode):
         """What the robots have seen of the region, checked apart from the cells."""
         seeing = [robot for robot, log in enumerate(self.trace.robots) if robot + 1 not in self.liars and log.cells.size]
         ways = [self.routes[robot].points for robot in seeing]
-        return coverage_check(self.plan.grid.region, ways, self.plan.footprints[seeing] if seeing else self.plan.grid.footprint)
+        grid = self.plan.grid
+        return coverage_check(grid.region, ways, self.plan.footprints[seeing] if seeing else grid.footprint, angle=grid.angle)
 
     @cached_property
     def seen(self) -> tuple[tuple[NDArray[np.int64], ...], ...]:
@@ -180,6 +181,7 @@ class SearchEpisode(Episode):
                 "cells": grid.n_cells,
                 "area_m2": grid.region.area_m2,
                 "cell_m": grid.size,
+                "angle_deg": grid.angle,
                 "no_go_zones": grid.region.no_go_zones,
             },
             "robots": len(trace.robots),

@@ -16,19 +16,20 @@ from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.allocate import Allocation, Arc, allocate
 from shoal.search.allocation.arcs import numbers_of
+from shoal.search.allocation.orientation import GridTour, best_grid_tour, grid_tour
 from shoal.search.allocation.partition import in_passes
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.allocation.viewpoint_selection import select_viewpoints
 from shoal.search.cells.distances import CellDistances, Distances, RegionDistances
 from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
-from shoal.search.cells.grid import CellGrid, cells_of
+from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.coverage import check_footprints
 from shoal.search.regions.formats.table import read_vertices
 from shoal.search.regions.outline_checks import text_of
 from shoal.search.regions.region import SearchRegion
-from shoal.search.tours import Tour, make_tour
+from shoal.search.tours import Tour
 
 Points = NDArray[np.float64]
 LAYOUTS = ("random", "clustered", "line")
@@ -153,9 +154,8 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     robots = problem.robots
     footprints = check_footprints(problem.footprint, robots)
     speeds = np.ones(robots) if problem.rates is None else np.array(problem.rates)
-    grid = cells_of(problem.place, cell_side(footprints, speeds))
-    tour = make_tour(problem.chosen_tour, grid.mask)
-    paths = RegionPaths(grid, transit=problem.transit)
+    laid = _grid_tour(problem, cell_side(footprints, speeds))
+    grid, tour, paths = laid.grid, laid.tour, laid.paths
     tour_cost = _tour_cost(tour, paths, problem.turn_cost, stepwise=problem.stepwise)
     places = start_points(grid, problem.starts, robots, np.random.default_rng(seed))
     numbers = tour.position[tuple(grid.cell_of(places).T)]
@@ -166,6 +166,14 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
         team = zip(range(1, robots + 1), numbers.tolist(), speeds.tolist(), widths.tolist(), strict=True)
         given = in_passes(tour_cost, given, tuple(team), middles, problem.multiplicity)
     return SearchPlan(grid, tour_cost, places, numbers, speeds, given, footprints, problem.transit)
+
+
+def _grid_tour(problem: SearchProblem, size: float) -> GridTour:
+    """Cut the region into cells and lay a tour through them, at the best angle if that is to be chosen."""
+    given: dict[str, Any] = {"stepwise": problem.stepwise, "transit": problem.transit}
+    if isinstance(problem.angle, str):
+        return best_grid_tour(problem.place, size, problem.tours_to_compare, turn_cost=problem.turn_cost, **given)
+    return grid_tour(problem.place, size, problem.chosen_tour, angle=problem.angle, **given)
 
 
 def _tour_cost(tour: Tour, paths: RegionPaths, turn_cost: float, *, stepwise: bool) -> TourCost:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from math import ceil
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from shoal.dataclass import dataclass
+from shoal.errors import InvalidInputError
 
+MAX_CELLS = 4_000_000
 _WHOLE = 1e-9  # of a block: what is missing of it by rounding
 SPECK = 1e-9  # of a cell's area: what is smaller is rounding, not region
 
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """The lines of a square grid.
+    """The lines of a square grid, in a frame of its own: rows lie along x.
 
     Parameters
     ----------
@@ -25,12 +28,23 @@ class Lattice:
         Side of a cell, metres.
     shape : tuple of int
         Rows and columns.
+    angle : float
+        By how much the rows are turned from the region's x axis, degrees counter-clockwise.
     """
 
     left: float
     top: float
     size: float
     shape: tuple[int, int]
+    angle: float = 0.0
+
+    def to_region(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return points of the lattice's frame in that of the region; float64, shape (..., 2)."""
+        return turned(points, self.angle)
+
+    def from_region(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return points of the region's frame in that of the lattice; float64, shape (..., 2)."""
+        return turned(points, -self.angle)
 
     def boxes(self, rows: NDArray[np.int64], cols: NDArray[np.int64], span: int = 1) -> Any:
         """Return blocks of ``span`` times ``span`` cells as Shapely boxes; a line has the same coordinate in all of them."""
@@ -48,9 +62,61 @@ class Lattice:
         return np.stack([self.left + (cols + 0.5) * self.size, self.top - (rows + 0.5) * self.size], axis=-1)
 
 
+def turned(points: ArrayLike, angle: float) -> NDArray[np.float64]:
+    """Return points turned about the origin by an angle, degrees counter-clockwise; float64, shape (..., 2).
+
+    Examples
+    --------
+    >>> turned([(2.0, 1.0)], 90).tolist()
+    [[-1.0, 2.0]]
+    """
+    array = np.asarray(points, dtype=np.float64)
+    if angle == 0:
+        return array
+    quarters, rest = divmod(angle, 90.0)  # so that quarter turns are exact
+    cosine, sine = np.cos(np.radians(rest)), np.sin(np.radians(rest))
+    for _ in range(int(quarters) % 4):
+        cosine, sine = -sine, cosine
+    return np.asarray(array @ np.array([[cosine, sine], [-sine, cosine]]))
+
+
+def turned_shape(shape: Any, angle: float) -> Any:
+    """Return a Shapely geometry turned about the origin by an angle, degrees counter-clockwise."""
+    import shapely
+
+    return shape if angle == 0 else shapely.transform(shape, lambda points: turned(points, angle))
+
+
+def lattice_over(area: Any, size: float, angle: float = 0.0, offset: tuple[float, float] = (0.0, 0.0)) -> Lattice:
+    """Return a lattice over an area of its frame, centred on its bounds or shifted from there; see `cells_of`.
+
+    Raises
+    ------
+    InvalidInputError
+        For more than 4 million cells.
+    """
+    left, low, right, high = area.bounds
+    if (right - left) / size * ((high - low) / size) > 4 * MAX_CELLS or max(right - left, high - low) / size > 4 * MAX_CELLS:
+        cols = rows = 0
+    else:
+        # What a side is longer by than whole cells because of rounding needs no cell of its own.
+        sides = zip((right - left, high - low), offset, strict=True)
+        cols, rows = (max(1, ceil(length / size - 1e-9)) + (shift > 0) for length, shift in sides)
+    if not 0 < rows * cols <= MAX_CELLS:
+        least = np.sqrt((right - left) * (high - low) / MAX_CELLS)
+        raise InvalidInputError(
+            f"footprint: expected at most {MAX_CELLS} cells, got {(right - left) / size:.0f} times {(high - low) / size:.0f} "
+            f"cells of {size:g} m; a region of {right - left:.4g} m by {high - low:.4g} m needs about {least:.2g} m or more"
+        )
+    corner = (left + right - cols * size) / 2, (low + high + rows * size) / 2
+    # A shifted lattice has a row and a column more, half of which lies on each side.
+    right_by, up_by = ((shift - 0.5) * size if shift > 0 else 0.0 for shift in offset)
+    return Lattice(corner[0] + right_by, corner[1] + up_by, size, (rows, cols), angle)
+
+
 @dataclass(frozen=True, eq=False)
 class Clipped:
-    """A region on a lattice.
+    """A region on a lattice, in the lattice's frame.
 
     Parameters
     ----------

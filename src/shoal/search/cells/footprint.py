@@ -101,7 +101,8 @@ class RegionFootprint(MaskFootprint):
 
     @cached_property
     def _viewpoints(self) -> NDArray[np.float64]:
-        return np.asarray(self._grid.viewpoints[self._grid.viewpoint_starts[self._index]])
+        """In the frame of the lattice."""
+        return self._grid.lattice.from_region(self._grid.viewpoints[self._grid.viewpoint_starts[self._index]])
 
     @cached_property
     def _single(self) -> NDArray[np.bool_]:
@@ -139,7 +140,7 @@ class RegionFootprint(MaskFootprint):
         import shapely
 
         square = shapely.box(*(place - self._half), *(place + self._half))
-        parts = shapely.get_parts(shapely.intersection(self._grid.region.area, square))
+        parts = shapely.get_parts(shapely.intersection(self._grid.area, square))
         return parts[int(np.argmin(shapely.distance(parts, shapely.points(place))))]
 
     def _piece(self, cell: int) -> Any:

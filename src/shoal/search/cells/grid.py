@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict, deque
 from functools import cached_property
-from math import ceil
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,13 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.checks import check_number
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
-from shoal.search.cells.clipping import Clipped, Lattice, clip_to_cells
+from shoal.search.cells.clipping import Clipped, Lattice, clip_to_cells, lattice_over, turned_shape
 from shoal.search.cells.portals import Portals, portals_of
-from shoal.search.cells.viewpoints import viewpoints_of
+from shoal.search.cells.viewpoints import viewpoints_of, viewpoints_on_rows
 from shoal.search.regions.outline_checks import Points, check_plane_points
 from shoal.search.regions.region import SearchRegion
-
-MAX_CELLS = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +62,18 @@ class CellGrid:
 
     @property
     def corner(self) -> tuple[float, float]:
-        """(x, y) of the top left corner, metres."""
+        """(x, y) of the top left corner in the frame of the lattice, metres."""
         return self.lattice.left, self.lattice.top
+
+    @property
+    def angle(self) -> float:
+        """By how much the rows are turned from the region's x axis, degrees counter-clockwise."""
+        return self.lattice.angle
+
+    @cached_property
+    def area(self) -> Any:
+        """The region's area in the frame of the lattice; a Shapely geometry."""
+        return turned_shape(self.region.area, -self.angle)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -90,7 +98,7 @@ class CellGrid:
 
     def centers(self) -> Points:
         """Return the centres of all cells, in the order of `cells`, inside the region or not; float64, shape (n_cells, 2)."""
-        return self.lattice.centers(*self.cells.T)
+        return self.lattice.to_region(self.lattice.centers(*self.cells.T))
 
     def waypoints(self) -> Points:
         """Return the first viewpoint in each cell, in the order of `cells`; float64, shape (n_cells, 2)."""
@@ -125,7 +133,7 @@ class CellGrid:
 
     def point(self, cell: tuple[int, int]) -> Points:
         """Return the centre of any cell of the lattice, inside the region or not; float64, shape (2,)."""
-        return np.asarray(self.lattice.centers(np.array([cell[0]]), np.array([cell[1]]))[0])
+        return np.asarray(self.lattice.to_region(self.lattice.centers(np.array([cell[0]]), np.array([cell[1]])))[0])
 
     def cell_of(self, points: ArrayLike) -> NDArray[np.int64]:
         """Return the cell that each point lies in, or the one with the nearest waypoint if that one holds nothing of the region.
@@ -135,8 +143,9 @@ class CellGrid:
         ndarray of int64, shape (n, 2)
         """
         array = check_plane_points(points, what="points")
-        cols = np.floor((array[:, 0] - self.lattice.left) / self.size).astype(np.int64)
-        rows = np.floor((self.lattice.top - array[:, 1]) / self.size).astype(np.int64)
+        there = self.lattice.from_region(array)
+        cols = np.floor((there[:, 0] - self.lattice.left) / self.size).astype(np.int64)
+        rows = np.floor((self.lattice.top - there[:, 1]) / self.size).astype(np.int64)
         found = np.stack([np.clip(rows, 0, self.shape[0] - 1), np.clip(cols, 0, self.shape[1] - 1)], axis=1)
         lost = ~self.mask[tuple(found.T)]
         if lost.any():
@@ -185,7 +194,15 @@ class CellGrid:
         return f"<CellGrid {height}x{width}, {self.n_cells} cells of {self.size:g} m, {len(self.viewpoints)} viewpoints>"
 
 
-def cells_of(region: SearchRegion, footprint: float, *, size: float | None = None) -> CellGrid:
+def cells_of(
+    region: SearchRegion,
+    footprint: float,
+    *,
+    size: float | None = None,
+    angle: float = 0.0,
+    offset: tuple[float, float] = (0.0, 0.0),
+    on_rows: bool = False,
+) -> CellGrid:
     """Return the cells of a region for a footprint.
 
     Parameters
@@ -195,11 +212,17 @@ def cells_of(region: SearchRegion, footprint: float, *, size: float | None = Non
         Side of the square that a vehicle sees, metres. It may be larger than the region: then there is one cell.
     size : float, optional
         Side of a cell, at most the footprint; smaller cells make footprints overlap. Default: the footprint.
+    angle : float
+        By how much the rows are turned from the x axis, degrees counter-clockwise. Footprints turn with them.
+    offset : tuple of float
+        By how much the lattice is shifted to the right and up in its own frame, in sides of a cell, 0 to 1. With (0, 0) it is
+        centred on the bounds of the region in that frame.
+    on_rows : bool
+        Whether cells on the border are seen from the middle lines of rows where they can be, for tours that follow rows.
 
     Returns
     -------
     CellGrid
-        Its lattice is centred on the region's bounds, which is where the fewest cells are cut.
 
     Raises
     ------
@@ -221,8 +244,9 @@ def cells_of(region: SearchRegion, footprint: float, *, size: float | None = Non
     step = side if size is None else check_number(size, what="cell size", above=0)
     if step > side:
         raise InvalidInputError(f"cell size: expected at most the footprint, {side:g} m, got {step:g} m")
-    lattice = _lattice(region, step)
-    clipped = clip_to_cells(region.area, lattice)
+    area = turned_shape(region.area, -angle)
+    lattice = lattice_over(area, step, angle, offset)
+    clipped = clip_to_cells(area, lattice)
     portals = portals_of(clipped, lattice)
     mask = clipped.whole.copy()
     mask[clipped.rows, clipped.cols] = True
@@ -231,26 +255,12 @@ def cells_of(region: SearchRegion, footprint: float, *, size: float | None = Non
             f"region {region.name!r}: expected some area in cells of {step:g} m, got {region.area_m2:g} m2, which is below rounding"
         )
     own = _own_pieces(clipped)
-    points, index = viewpoints_of(clipped.pieces, lattice.centers(clipped.rows, clipped.cols), footprint=side, size=step)
+    centers = lattice.centers(clipped.rows, clipped.cols)
+    known = viewpoints_on_rows(clipped, lattice, own, footprint=side) if on_rows else ()
+    points, index = viewpoints_of(clipped.pieces, centers, footprint=side, size=step, known=known)
     adopted = _adopted(clipped, portals, own)
     viewpoints, starts = _in_order(clipped, lattice, mask, points, index, adopted)
-    return CellGrid(region, side, mask, lattice, clipped, portals, viewpoints, starts, own)
-
-
-def _lattice(region: SearchRegion, size: float) -> Lattice:
-    left, low, right, high = region.bounds
-    if (right - left) / size * ((high - low) / size) > 4 * MAX_CELLS or max(right - left, high - low) / size > 4 * MAX_CELLS:
-        cols = rows = 0
-    else:
-        # What a side is longer by than whole cells because of rounding needs no cell of its own.
-        cols, rows = (max(1, ceil(length / size - 1e-9)) for length in (right - left, high - low))
-    if not 0 < rows * cols <= MAX_CELLS:
-        least = np.sqrt((right - left) * (high - low) / MAX_CELLS)
-        raise InvalidInputError(
-            f"footprint: expected at most {MAX_CELLS} cells, got {(right - left) / size:.0f} times {(high - low) / size:.0f} "
-            f"cells of {size:g} m; a region of {right - left:.4g} m by {high - low:.4g} m needs about {least:.2g} m or more"
-        )
-    return Lattice((left + right - cols * size) / 2, (low + high + rows * size) / 2, size, (rows, cols))
+    return CellGrid(region, side, mask, lattice, clipped, portals, lattice.to_region(viewpoints), starts, own)
 
 
 def _own_pieces(clipped: Clipped) -> NDArray[np.int64]:

@@ -77,17 +77,18 @@ class PortalGraph:
         if known is not None:
             return known
         rows, cols = np.divmod(self._numbers[[one, other]] - self._n, self.grid.shape[1])
-        return np.asarray(self.grid.lattice.centers(rows, cols).mean(axis=0))
+        return self.grid.lattice.to_region(self.grid.lattice.centers(rows, cols).mean(axis=0))
 
     def _piece(self, point: Points) -> int:
         """Return the node whose piece is nearest to a point."""
         import shapely
 
         clipped, lattice = self.grid.clipped, self.grid.lattice
-        col, row = (point - [lattice.left, lattice.top]) * [1, -1] / lattice.size
+        there = lattice.from_region(point)
+        col, row = (there - [lattice.left, lattice.top]) * [1, -1] / lattice.size
         near = np.flatnonzero((np.abs(clipped.rows + 0.5 - row) <= 1.5) & (np.abs(clipped.cols + 0.5 - col) <= 1.5))
         r, c = np.clip([int(row), int(col)], 0, np.array(lattice.shape) - 1)
         if clipped.whole[r, c]:
             return int(np.searchsorted(self._numbers, self._n + r * lattice.shape[1] + c))
         numbers = near if len(near) else np.arange(self._n)
-        return int(numbers[np.argmin(shapely.distance(clipped.pieces[numbers], shapely.points(point)))])
+        return int(numbers[np.argmin(shapely.distance(clipped.pieces[numbers], shapely.points(there)))])

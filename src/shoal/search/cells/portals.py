@@ -39,7 +39,8 @@ def portals_of(clipped: Clipped, lattice: Lattice) -> Portals:
     """Find all portals that lead to or from a piece on the border."""
     found = [portal for axis in (0, 1) for portal in _matched(_stretches(clipped, lattice, axis), clipped, lattice, axis)]
     pairs = np.array([portal[:2] for portal in found], dtype=np.int64).reshape(-1, 2)
-    return Portals(pairs, np.array([portal[2:4] for portal in found]).reshape(-1, 2), np.array([portal[4] for portal in found]))
+    middles = lattice.to_region(np.array([portal[2:4] for portal in found]).reshape(-1, 2))
+    return Portals(pairs, middles, np.array([portal[4] for portal in found]))
 
 
 Stretch = tuple[int, int, int, int, float, float]  # row, column of the cell after the line; before 0 or after 1; piece; from, to

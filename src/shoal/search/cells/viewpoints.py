@@ -1,19 +1,77 @@
-"""Viewpoints: where a vehicle stands so that its footprint covers a piece of a cell, without leaving the piece."""
+"""Viewpoints: where a vehicle stands so that its footprint covers a piece of a cell, without leaving the region."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.search.cells.clipping import SPECK
+from shoal.search.cells.clipping import SPECK, Clipped, Lattice
 from shoal.search.regions.outline_checks import Points
 
 _HAIR = 1e-9  # of a footprint
 
 
-def viewpoints_of(pieces: Any, centers: Points, *, footprint: float, size: float) -> tuple[Points, NDArray[np.int64]]:
+def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], *, footprint: float) -> Any:
+    """Return for each piece the place on the middle line of its row from which all of it is seen; None where there is none.
+
+    The place may lie in the cell before or after it, so that a vehicle drives straight on, and no farther than it must: towards the
+    neighbour that has more of the region.
+
+    Parameters
+    ----------
+    clipped : Clipped
+    lattice : Lattice
+    own : ndarray of int64, shape (H, W)
+        The number of each cell's own piece, as in `CellGrid`.
+    footprint : float
+        Metres.
+
+    Returns
+    -------
+    list of (ndarray of float64, shape (1, 2)) or None
+        One a piece.
+    """
+    import shapely
+
+    width = lattice.shape[1]
+    bounds, half = shapely.bounds(clipped.pieces), footprint / 2
+    middle = lattice.centers(clipped.rows, clipped.cols)
+    found: list[Points | None] = []
+    for k, (row, col) in enumerate(zip(clipped.rows.tolist(), clipped.cols.tolist(), strict=True)):
+        least, most = bounds[k, 2] - half, bounds[k, 0] + half
+        x, y = middle[k]
+        if most < least:
+            found.append(None)
+            continue
+        beside = [(row, other) for other in (col - 1, col + 1) if 0 <= other < width and own[row, other] >= 0]
+        rooms = [_piece(clipped, lattice, cell, own) for cell in beside]
+        parts = shapely.get_parts(shapely.union_all([clipped.pieces[k], *rooms]))
+        room = parts[int(np.argmin(shapely.distance(parts, shapely.point_on_surface(clipped.pieces[k]))))]
+        line = shapely.intersection(room, shapely.linestrings([(least, y), (max(most, least + _HAIR), y)]))
+        places = shapely.get_coordinates(line)[:, 0]
+        if not len(places):
+            found.append(None)
+            continue
+        sides = {other - col: float(room.area) for (_, other), room in zip(beside, rooms, strict=True)}
+        before, after = sides.get(-1, 0.0), sides.get(1, 0.0)
+        best = places.min() if before > after else places.max() if after > before else places[np.argmin(np.abs(places - x))]
+        found.append(np.array([[best, y]]))
+    return found
+
+
+def _piece(clipped: Clipped, lattice: Lattice, cell: tuple[int, int], own: NDArray[np.int64]) -> Any:
+    """Return the own piece of a cell."""
+    if clipped.whole[cell]:
+        return lattice.boxes(np.array([cell[0]]), np.array([cell[1]]))[0]
+    return clipped.pieces[own[cell]]
+
+
+def viewpoints_of(
+    pieces: Any, centers: Points, *, footprint: float, size: float, known: Sequence[Points | None] = ()
+) -> tuple[Points, NDArray[np.int64]]:
     """Return places in pieces of cells from which their whole area is seen.
 
     A piece that holds the centre of its cell is seen from there. Another is seen from its point nearest to the centre among those
@@ -27,6 +85,8 @@ def viewpoints_of(pieces: Any, centers: Points, *, footprint: float, size: float
         Of the cells.
     footprint, size : float
         Sides of the footprint and of a cell, metres; size <= footprint.
+    known : sequence of (ndarray of float64, shape (k, 2)) or None
+        Places for some pieces, which are taken where the centre is not in the piece.
 
     Returns
     -------
@@ -37,9 +97,10 @@ def viewpoints_of(pieces: Any, centers: Points, *, footprint: float, size: float
     import shapely
 
     from_center = shapely.intersects_xy(pieces, centers[:, 0], centers[:, 1])
+    places = [centers[k : k + 1] if easy else known[k] if known else None for k, easy in enumerate(from_center.tolist())]
     found = [
-        centers[k : k + 1] if easy else _viewpoints(pieces[k], centers[k], footprint, SPECK * size * size)
-        for k, easy in enumerate(from_center.tolist())
+        _viewpoints(pieces[k], centers[k], footprint, SPECK * size * size) if place is None else place
+        for k, place in enumerate(places)
     ]
     counts = [len(points) for points in found]
     points = np.concatenate(found) if found else np.zeros((0, 2))

@@ -10,6 +10,8 @@ from shoal.errors import InvalidInputError
 from shoal.problem import Problem, option
 from shoal.search.problem.faults import Fault, check_faults, fault_text
 from shoal.search.problem.fields import (
+    AUTO,
+    check_angle,
     check_cells_at,
     check_footprint,
     check_network,
@@ -20,6 +22,7 @@ from shoal.search.problem.fields import (
     dump_faults,
     dump_no_go,
     dump_region,
+    parse_angle,
     parse_count_or_path,
     parse_numbers,
 )
@@ -29,9 +32,12 @@ from shoal.search.regions.region import SearchRegion
 AUTO_TOUR, AUTO_ALLOCATION = "spanning-tree", "hop"
 """What ``auto`` chooses: the tour that exists in every region, and the allocation with the least makespan."""
 
+AUTO_TOURS = ("boustrophedon", "spanning-tree")
+"""What ``auto`` chooses from where it chooses the angle, too."""
+
 LIVE_FAULTS = ("crash",)
 
-TOURS = ("spanning-tree", "comb", "hilbert-rectangle", "hilbert", "moore", "open-hilbert")
+TOURS = ("spanning-tree", "boustrophedon", "comb", "hilbert-rectangle", "hilbert", "moore", "open-hilbert")
 ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
 
 
@@ -86,6 +92,11 @@ class SearchProblem(Problem):
     allocation: str = option(
         "auto", help=f"Who searches which part of the tour: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE; "
         "auto is hop, the quickest.", names=ALLOCATIONS,
+    )  # fmt: skip
+    angle: float | str = option(
+        0.0, help="Of the rows of cells, counter-clockwise from east. auto takes the angle, the shift of the rows and, where --tour "
+        "is auto, the tour (boustrophedon or spanning-tree) that is soonest once round, turns included; where turns cost nothing, "
+        "one counts as a cell.", unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
     )  # fmt: skip
     no_go: tuple[Any, ...] = option(
         (), help="Zones to keep out of, in the units of REGION. May be given again.", metavar="FILE", repeated=True, parse=list,
@@ -173,12 +184,17 @@ class SearchProblem(Problem):
     @property
     def chosen_tour(self) -> str:
         """The tour that was asked for, or what ``auto`` stands for."""
-        return AUTO_TOUR if self.tour == "auto" else self.tour
+        return AUTO_TOUR if self.tour == AUTO else self.tour
+
+    @property
+    def tours_to_compare(self) -> tuple[str, ...]:
+        """The tours of which the soonest is taken where the angle is chosen."""
+        return AUTO_TOURS if self.tour == AUTO else (self.tour,)
 
     @property
     def chosen_allocation(self) -> str:
         """The allocation that was asked for, or what ``auto`` stands for."""
-        return AUTO_ALLOCATION if self.allocation == "auto" else self.allocation
+        return AUTO_ALLOCATION if self.allocation == AUTO else self.allocation
 
     @property
     def chosen_speed(self) -> float:

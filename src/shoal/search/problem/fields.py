@@ -18,6 +18,7 @@ from shoal.search.regions.limits import LARGEST_FILE, check_count
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion, region_of
 
+AUTO = "auto"
 _POLYGON = re.compile(r"\s*(MULTI)?POLYGON\b", re.IGNORECASE)
 
 
@@ -137,6 +138,20 @@ def check_positive(value: Any, what: str) -> tuple[float, ...]:
     if not isinstance(value, list | tuple | np.ndarray):
         raise InvalidInputError(f"{what}: expected numbers above 0, one a robot, got {shortened(value)}")
     return tuple(check_number(one, what=what, above=0) for one in value)
+
+
+def parse_angle(text: str) -> float | str:
+    """Return the angle that a text of the command line says, or "auto"."""
+    return text if text == AUTO else float(text)
+
+
+def check_angle(value: Any) -> float | str:
+    """Return an angle in degrees, 0 to below 180, or "auto"."""
+    if isinstance(value, str):
+        if value != AUTO:
+            raise InvalidInputError(f"angle: expected auto or a number of degrees, got {shortened(value)}")
+        return value
+    return check_number(value, what="angle", least=-360, most=360) % 180.0
 
 
 def check_starts(value: Any) -> str | tuple[tuple[float, float], ...]:

@@ -15,6 +15,7 @@ from shoal.search.regions.outline_checks import Points, check_plane_points
 from shoal.search.regions.region import TOUCH, SearchRegion
 
 _FEW = 48  # swept shapes that are united at once
+_GRID = TOUCH / 10  # metres
 _SMALLEST = 0.5  # of a footprint: blocks are not cut further, for what lies about a smaller one mostly covers it
 
 
@@ -46,12 +47,12 @@ class AreaCoverage:
 
 
 def coverage_check(
-    region: SearchRegion, routes: Sequence[ArrayLike], footprint: ArrayLike, *, tolerance: float = TOUCH
+    region: SearchRegion, routes: Sequence[ArrayLike], footprint: ArrayLike, *, tolerance: float = TOUCH, angle: float = 0.0
 ) -> AreaCoverage:
     """Return what vehicles on some routes saw and where they left the region.
 
-    A vehicle sees the square of side ``footprint`` around it, its sides along the axes, all along its legs. From inside, a vehicle
-    can see every point of the region, for it can stand there: so the whole area counts.
+    A vehicle sees the square of side ``footprint`` around it, its sides along the axes or turned, all along its legs. From inside, a
+    vehicle can see every point of the region, for it can stand there: so the whole area counts.
 
     Parameters
     ----------
@@ -62,6 +63,8 @@ def coverage_check(
         Metres; one for all, or one a route.
     tolerance : float
         Metres by which a leg may leave the region before it counts as outside: files round the coordinates of routes.
+    angle : float
+        By how much the footprint's sides are turned from the axes, degrees counter-clockwise.
 
     Raises
     ------
@@ -81,7 +84,7 @@ def coverage_check(
     ways = [check_plane_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
     starts, ends = _legs(ways)
     swept = [
-        _swept(*_once(*_legs([way for way, own in zip(ways, sides, strict=True) if own == side])), side / 2)
+        _swept(*_once(*_legs([way for way, own in zip(ways, sides, strict=True) if own == side])), side / 2, angle)
         for side in np.unique(sides).tolist()
     ]
     uncovered = _without(region.area, np.concatenate(swept), float(sides.min())) if swept else region.area
@@ -127,11 +130,14 @@ def _once(starts: Points, ends: Points) -> tuple[Points, Points]:
     return once[:, :2], once[:, 2:]
 
 
-def _swept(starts: Points, ends: Points, half: float) -> Any:
+def _swept(starts: Points, ends: Points, half: float, angle: float) -> Any:
     """Return what the footprint sweeps on each leg: the hull of the squares at both ends."""
     import shapely
 
-    square = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    way = np.radians(angle + np.array([225.0, 315.0, 45.0, 135.0]))
+    square = np.sqrt(2) * half * np.stack([np.cos(way), np.sin(way)], axis=1)
+    if angle == 0:
+        square = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
     corners = np.concatenate([starts[:, None] + square, ends[:, None] + square], axis=1)
     return shapely.convex_hull(shapely.multipoints(corners))
 
@@ -157,7 +163,9 @@ def _without(area: Any, shapes: Any, footprint: float) -> Any:
         if len(near) > _FEW and max(high_x - low_x, high_y - low_y) > _SMALLEST * footprint:
             blocks += _halves(block)
         else:
-            left.append(block.difference(shapely.union_all(shapes[near])))
+            # Snapped to a grid: without one, GEOS 3.13 loses whole footprints among many with nearly the same sides.
+            seen = shapely.union_all(shapes[near], grid_size=_GRID)
+            left.append(shapely.difference(block, seen, grid_size=_GRID))
     return shapely.union_all([shape for shape in left if shape.area > 0])
 
 

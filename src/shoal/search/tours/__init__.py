@@ -6,7 +6,7 @@ from typing import Any
 
 from shoal.errors import InvalidInputError
 from shoal.registry import configured
-from shoal.search.tours import comb, hilbert, hilbert_rectangle, spanning_tree
+from shoal.search.tours import boustrophedon, comb, hilbert, hilbert_rectangle, spanning_tree
 from shoal.search.tours.base import TOURS, TourMaker, check_covers
 from shoal.search.tours.codec import hilbert_decode, hilbert_encode, moore_decode, moore_encode
 from shoal.search.tours.masks import check_mask, components
@@ -17,6 +17,7 @@ __all__ = [
     "Tour",
     "TourMaker",
     "TourMetrics",
+    "boustrophedon",
     "comb",
     "components",
     "find_tour_maker",
@@ -37,8 +38,8 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
     Parameters
     ----------
     maker : str or TourMaker
-        "hilbert", "open-hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree", "module:attribute" (an object, or a class
-        that is called without arguments), or an object that has the protocol's methods.
+        "hilbert", "open-hilbert", "moore", "hilbert-rectangle", "comb", "boustrophedon", "spanning-tree", "module:attribute" (an
+        object, or a class that is called without arguments), or an object that has the protocol's methods.
     mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
         True where a robot must come, row 0 on top; or the shape of a full rectangle or box. "hilbert", "open-hilbert" and
         "hilbert-rectangle" take 3 dimensions.

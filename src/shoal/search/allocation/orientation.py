@@ -1,0 +1,171 @@
+"""Orientation: the angle and shift of the rows, and the tour, for which going once round takes the least time, turns included."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from shoal.dataclass import dataclass
+from shoal.errors import InvalidInputError
+from shoal.search.cells.clipping import turned_shape
+from shoal.search.cells.grid import CellGrid, cells_of
+from shoal.search.cells.routing import RegionPaths
+from shoal.search.regions.region import SearchRegion
+from shoal.search.tours import Tour, make_tour
+
+ON_ROWS = ("boustrophedon",)
+"""Tours that follow rows: with them, cells on the border are seen from the middle lines of rows."""
+
+TURN = 1.0
+"""Cells: what a turn counts for, when orientations are compared, in a search where turns cost nothing."""
+
+_STEP = 10.0  # degrees between angles that are compared, besides those of the outline's long sides
+_SIDES = 3
+_SHIFTS = (0.0, 0.25, 0.5, 0.75)  # of a row
+_TRIED = 6  # orientations that are planned in full
+_WORK = 200_000  # cells that are planned in full, of all orientations together
+_ROWS = 120  # at most so many rows are looked at for an estimate
+
+
+@dataclass(frozen=True)
+class GridTour:
+    """A region cut into cells, and the tour through them.
+
+    Parameters
+    ----------
+    grid : CellGrid
+    tour : Tour
+    paths : RegionPaths
+    """
+
+    grid: CellGrid
+    tour: Tour
+    paths: RegionPaths
+
+    def once_round(self, turn_cost: float) -> float:
+        """Return what it costs to go once round, in cells: the way, and each of its bends."""
+        route = self.paths.route(np.concatenate([self.tour.cells, self.tour.cells[:1]]))
+        return route.length / self.grid.size + turn_cost * max(len(route.waypoints()) - 1, 0)
+
+
+def grid_tour(
+    region: SearchRegion,
+    size: float,
+    tour: str,
+    *,
+    angle: float,
+    offset: float = 0.0,
+    stepwise: bool = False,
+    transit: bool = False,
+) -> GridTour:
+    """Cut a region into cells at an angle and lay a tour through them.
+
+    Parameters
+    ----------
+    region : SearchRegion
+    size : float
+        Side of a cell, metres.
+    tour : str
+        As `make_tour` takes it.
+    angle : float
+        Of the rows, degrees counter-clockwise from the x axis.
+    offset : float
+        By how much of a row the rows are shifted across.
+    stepwise : bool
+        Whether robots go from cell to cell: then each cell is seen from inside of it.
+    transit : bool
+        As `RegionPaths` takes it.
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> grid_tour(open_region("rectangle:40x20"), 10, "boustrophedon", angle=90).grid
+    <CellGrid 4x2, 8 cells of 10 m, 8 viewpoints>
+    """
+    grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=tour in ON_ROWS and not stepwise)
+    return GridTour(grid, make_tour(tour, grid.mask), RegionPaths(grid, transit=transit))
+
+
+def best_grid_tour(
+    region: SearchRegion, size: float, tours: Sequence[str], *, turn_cost: float, stepwise: bool = False, transit: bool = False
+) -> GridTour:
+    """Return the cells and the tour for which going once round costs least, over angles, shifts of the rows and tours.
+
+    All angles are estimated by the number of rows and their lengths; the best few are planned in full, fewer in large regions.
+
+    Parameters
+    ----------
+    region : SearchRegion
+    size : float
+        Side of a cell, metres.
+    tours : sequence of str
+        Those to choose from.
+    turn_cost : float
+        Of a turn, in cells; 0 counts as `TURN`.
+    stepwise, transit : bool
+        As `grid_tour` takes them.
+
+    Raises
+    ------
+    InvalidInputError
+        If no tour of these takes the region.
+    """
+    turn = turn_cost or TURN
+    tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
+    found: list[tuple[float, GridTour]] = []
+    refused: InvalidInputError | None = None
+    for angle, offset in _estimated(region.area, size, turn)[:tried]:
+        for tour in tours:
+            try:
+                laid = grid_tour(region, size, tour, angle=angle, offset=offset, stepwise=stepwise, transit=transit)
+                found.append((laid.once_round(turn), laid))
+            except InvalidInputError as error:  # a tour that takes only some grids
+                refused = error
+    if not found:
+        assert refused is not None
+        raise refused
+    return min(found, key=lambda pair: pair[0])[1]
+
+
+def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:
+    """Return angles and shifts, those first for which rows cost least."""
+    simple = area.simplify(size / 4)
+    angles = {*np.arange(0.0, 180.0, _STEP).tolist(), *_long_sides(simple)}
+    costs = []
+    for angle in sorted(angles):
+        flat = turned_shape(simple, -angle)
+        costs += [(_cost_of_rows(flat, size, turn, shift), angle, shift) for shift in _SHIFTS]
+    return [(angle, shift) for _, angle, shift in sorted(costs)]
+
+
+def _long_sides(area: Any) -> list[float]:
+    """Return the angles along and across which the outline is longest, degrees below 180."""
+    import shapely
+
+    found: dict[float, float] = {}
+    for ring in shapely.get_rings(shapely.get_parts(area)):
+        sides = np.diff(shapely.get_coordinates(ring), axis=0)
+        ways = np.round(np.degrees(np.arctan2(sides[:, 1], sides[:, 0])) % 90.0, 1)
+        for way, length in zip(ways.tolist(), np.hypot(*sides.T).tolist(), strict=True):
+            found[way % 90.0] = found.get(way % 90.0, 0.0) + length
+    best = sorted(found, key=lambda way: -found[way])[:_SIDES]
+    return [way + quarter for way in best for quarter in (0.0, 90.0)]
+
+
+def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
+    """Return about what it costs to drive all rows, in cells: their lengths, and at the end of each a row's width and two turns."""
+    import shapely
+
+    left, low, right, high = area.bounds
+    count = max(1, int(np.ceil((high - low) / size - 1e-9))) + (shift > 0)
+    first = (low + high - count * size) / 2 + ((shift - 0.5) * size if shift > 0 else 0.0)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _ROWS)).astype(np.int64))
+    # A row is there if it holds any of the region: looked for in its middle and near both of its sides.
+    y = first + (chosen[:, None] + np.array([0.5, 0.02, 0.98])) * size
+    ends = np.stack([np.full_like(y, left - 1), y, np.full_like(y, right + 1), y], axis=-1).reshape(*y.shape, 2, 2)
+    cut = shapely.intersection(shapely.linestrings(ends.reshape(-1, 2, 2)), area).reshape(y.shape)
+    runs = np.where(shapely.is_empty(cut), 0, shapely.get_num_geometries(cut)).max(axis=1)
+    lengths = shapely.length(cut).max(axis=1) / size
+    return float((lengths + runs * (1.0 + 2.0 * turn)).sum() * count / len(chosen))

@@ -1,0 +1,56 @@
+"""Back and forth along rows, in the order of rows that leads to the shortest ways between them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.search.tours.base import TOURS
+from shoal.search.tours.masks import bounds, component_after_component
+from shoal.search.tours.tour import Tour
+
+MOST_RUNS = 1500
+"""More runs of cells stay in the order of the boustrophedon decomposition."""
+
+
+@TOURS.register("boustrophedon")
+class BoustrophedonTour:
+    """All cells of a row between two gaps at a stretch: a run. No tour turns less often than twice a run, and this one does not.
+
+    It begins with the boustrophedon decomposition (H. Choset, "Coverage of known spaces: the boustrophedon cellular decomposition",
+    Autonomous Robots 9, 2000) and makes the ways between runs shorter by exchanges: of two links (2-opt), and of up to three runs
+    to another place (Or-opt), each run driven either way. The closing edge is one of the links.
+    """
+
+    name = "boustrophedon"
+    dimensions: tuple[int, ...] = (2,)
+
+    def make(self, mask: NDArray[np.bool_]) -> Tour:
+        """Return the tour of all True cells."""
+        low, size = bounds(mask)
+        region = np.ascontiguousarray(mask[low[0] : low[0] + size[0], low[1] : low[1] + size[1]])
+        cells = component_after_component(_cells_in_order(region), region)
+        return Tour(cells + low, mask.shape, closed=True, name=self.name)
+
+
+def _cells_in_order(region: NDArray[np.bool_]) -> NDArray[np.int64]:
+    from shoal.search.kernels import lanes, run_order
+
+    cells = np.empty((np.count_nonzero(region), 2), dtype=np.int64)
+    lanes.sweep_all(region, cells)
+    runs = lanes.runs_of(region)
+    if len(runs) > MOST_RUNS:
+        return cells
+    number = np.full(region.shape, -1)
+    number[tuple(cells[np.lexsort(cells.T[::-1])].T)] = np.repeat(np.arange(len(runs)), runs[:, 2] - runs[:, 1])
+    of_cell = number[tuple(cells.T)]
+    begins = np.flatnonzero(np.diff(of_cell, prepend=-1))
+    order = of_cell[begins]
+    backwards = np.empty(len(runs), dtype=np.int64)
+    backwards[order] = cells[begins, 1] != runs[order, 1]
+    ends = np.stack([runs[:, [0, 1]], runs[:, [0, 2]] - [0, 1]], axis=1).astype(np.float64)
+    run_order.shorten(ends, order, backwards)
+    rows = [
+        np.arange(begin, end)[:: -1 if back else 1] for (_, begin, end), back in zip(runs[order], backwards[order], strict=True)
+    ]
+    return np.stack([np.repeat(runs[order, 0], [len(row) for row in rows]), np.concatenate(rows)], axis=1)
