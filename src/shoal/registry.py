@@ -39,11 +39,11 @@ def look_in(folder: str) -> None:
 
 
 def users_modules() -> tuple[list[str], list[str]]:
-    """Return the folders and the modules found in them: what `import_users_modules` of a worker process needs."""
+    """Return the folders and the modules found in them: what `load_users_modules` of a worker process needs."""
     return list(_FOLDERS), list(_FROM_FOLDERS)
 
 
-def import_users_modules(folders: list[str], modules: list[str]) -> None:
+def load_users_modules(folders: list[str], modules: list[str]) -> None:
     """Import in this process what the user named in another; what fails is told when it is used.
 
     Parameters

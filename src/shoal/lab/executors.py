@@ -8,7 +8,7 @@ import signal
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 
 from shoal.errors import InvalidInputError
-from shoal.registry import import_users_modules, users_modules
+from shoal.registry import load_users_modules, users_modules
 
 
 def default_workers() -> int:
@@ -37,7 +37,7 @@ def make_executor(workers: int, *, compiled: bool) -> Executor:
 def begin_worker(folders: list[str], modules: list[str]) -> None:
     """Ignore Ctrl-C in a worker, which a terminal sends to all processes; import the user's own modules, as the starter did."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    import_users_modules(folders, modules)
+    load_users_modules(folders, modules)
 
 
 def give_up(executor: Executor) -> None:

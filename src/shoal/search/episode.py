@@ -181,7 +181,7 @@ class SearchEpisode(Episode):
                 "cells": grid.n_cells,
                 "area_m2": grid.region.area_m2,
                 "cell_m": grid.size,
-                "angle_deg": grid.angle,
+                "angle_degrees": grid.angle,
                 "no_go_zones": grid.region.no_go_zones,
             },
             "robots": len(trace.robots),

@@ -56,7 +56,8 @@ def test_json_of_search(capsys):
     assert run(arguments) == 0
     result = json.loads(capsys.readouterr().out)
     assert list(result) == FIELDS
-    assert result["region"] == {"name": "square:100", "cells": 100, "area_m2": 10000.0, "cell_m": 10.0, "no_go_zones": 0}
+    region = {"name": "square:100", "cells": 100, "area_m2": 10000.0, "cell_m": 10.0, "angle_degrees": 0.0, "no_go_zones": 0}
+    assert result["region"] == region
     assert result["status"] == "complete"
     assert result["messages"]["lost"] > 0
     assert [route["status"] for route in result["routes"]] == ["complete", "dead", "complete", "complete"]

@@ -41,6 +41,15 @@ Footprint = Annotated[
         show_default=False,
     ),
 ]
+Angle = Annotated[
+    float | None,
+    typer.Option(
+        "--angle",
+        metavar="DEGREES",
+        help="By how much the footprints are turned, counter-clockwise from east; default: as most of the legs are.",
+        show_default=False,
+    ),
+]
 Least = Annotated[float, typer.Option("--least", help="Least share of the region that must be seen, 0 to 1.")]
 Format = Annotated[
     str | None,
@@ -70,6 +79,7 @@ def check(
     folder: Folder,
     region: Region,
     footprint: Footprint = None,
+    angle: Angle = None,
     least: Least = 0.999,
     format_: Format = None,
     no_go: NoGo = None,
@@ -94,7 +104,7 @@ def check(
         check_folder(out)
     sides = None if footprint is None else parsed(_FIELDS["footprint"], footprint)
     searched = open_region(region, no_go=no_go or None, layer=layer, inner=inner, across_zones=across_zones)
-    result = check_missions(folder, searched, sides, format=format_, cap=cap, vehicle=vehicle)
+    result = check_missions(folder, searched, sides, angle=angle, format=format_, cap=cap, vehicle=vehicle)
     written = [] if out is None else _write(result, out)
     if json_:
         print_json(result.report())

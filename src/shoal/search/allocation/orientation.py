@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
-from shoal.search.cells.clipping import turned_shape
+from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.routing import RegionPaths
 from shoal.search.regions.region import SearchRegion
@@ -106,27 +105,13 @@ def best_grid_tour(
         Of a turn, in cells; 0 counts as `TURN`.
     stepwise, transit : bool
         As `grid_tour` takes them.
-
-    Raises
-    ------
-    InvalidInputError
-        If no tour of these takes the region.
     """
     turn = turn_cost or TURN
     tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
-    found: list[tuple[float, GridTour]] = []
-    refused: InvalidInputError | None = None
-    for angle, offset in _estimated(region.area, size, turn)[:tried]:
-        for tour in tours:
-            try:
-                laid = grid_tour(region, size, tour, angle=angle, offset=offset, stepwise=stepwise, transit=transit)
-                found.append((laid.once_round(turn), laid))
-            except InvalidInputError as error:  # a tour that takes only some grids
-                refused = error
-    if not found:
-        assert refused is not None
-        raise refused
-    return min(found, key=lambda pair: pair[0])[1]
+    chosen = _estimated(region.area, size, turn)[:tried]
+    given = {"stepwise": stepwise, "transit": transit}
+    found = (grid_tour(region, size, tour, angle=angle, offset=offset, **given) for angle, offset in chosen for tour in tours)
+    return min(found, key=lambda laid: laid.once_round(turn))
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:
@@ -135,7 +120,7 @@ def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]
     angles = {*np.arange(0.0, 180.0, _STEP).tolist(), *_long_sides(simple)}
     costs = []
     for angle in sorted(angles):
-        flat = turned_shape(simple, -angle)
+        flat = rotated_shape(simple, -angle)
         costs += [(_cost_of_rows(flat, size, turn, shift), angle, shift) for shift in _SHIFTS]
     return [(angle, shift) for _, angle, shift in sorted(costs)]
 

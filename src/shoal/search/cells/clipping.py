@@ -40,11 +40,11 @@ class Lattice:
 
     def to_region(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return points of the lattice's frame in that of the region; float64, shape (..., 2)."""
-        return turned(points, self.angle)
+        return rotated(points, self.angle)
 
     def from_region(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return points of the region's frame in that of the lattice; float64, shape (..., 2)."""
-        return turned(points, -self.angle)
+        return rotated(points, -self.angle)
 
     def boxes(self, rows: NDArray[np.int64], cols: NDArray[np.int64], span: int = 1) -> Any:
         """Return blocks of ``span`` times ``span`` cells as Shapely boxes; a line has the same coordinate in all of them."""
@@ -62,12 +62,12 @@ class Lattice:
         return np.stack([self.left + (cols + 0.5) * self.size, self.top - (rows + 0.5) * self.size], axis=-1)
 
 
-def turned(points: ArrayLike, angle: float) -> NDArray[np.float64]:
+def rotated(points: ArrayLike, angle: float) -> NDArray[np.float64]:
     """Return points turned about the origin by an angle, degrees counter-clockwise; float64, shape (..., 2).
 
     Examples
     --------
-    >>> turned([(2.0, 1.0)], 90).tolist()
+    >>> rotated([(2.0, 1.0)], 90).tolist()
     [[-1.0, 2.0]]
     """
     array = np.asarray(points, dtype=np.float64)
@@ -80,11 +80,11 @@ def turned(points: ArrayLike, angle: float) -> NDArray[np.float64]:
     return np.asarray(array @ np.array([[cosine, sine], [-sine, cosine]]))
 
 
-def turned_shape(shape: Any, angle: float) -> Any:
+def rotated_shape(shape: Any, angle: float) -> Any:
     """Return a Shapely geometry turned about the origin by an angle, degrees counter-clockwise."""
     import shapely
 
-    return shape if angle == 0 else shapely.transform(shape, lambda points: turned(points, angle))
+    return shape if angle == 0 else shapely.transform(shape, lambda points: rotated(points, angle))
 
 
 def lattice_over(area: Any, size: float, angle: float = 0.0, offset: tuple[float, float] = (0.0, 0.0)) -> Lattice:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.checks import check_number
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
-from shoal.search.cells.clipping import Clipped, Lattice, clip_to_cells, lattice_over, turned_shape
+from shoal.search.cells.clipping import Clipped, Lattice, clip_to_cells, lattice_over, rotated_shape
 from shoal.search.cells.portals import Portals, portals_of
 from shoal.search.cells.viewpoints import viewpoints_of, viewpoints_on_rows
 from shoal.search.regions.outline_checks import Points, check_plane_points
@@ -73,7 +73,7 @@ class CellGrid:
     @cached_property
     def area(self) -> Any:
         """The region's area in the frame of the lattice; a Shapely geometry."""
-        return turned_shape(self.region.area, -self.angle)
+        return rotated_shape(self.region.area, -self.angle)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -244,7 +244,7 @@ def cells_of(
     step = side if size is None else check_number(size, what="cell size", above=0)
     if step > side:
         raise InvalidInputError(f"cell size: expected at most the footprint, {side:g} m, got {step:g} m")
-    area = turned_shape(region.area, -angle)
+    area = rotated_shape(region.area, -angle)
     lattice = lattice_over(area, step, angle, offset)
     clipped = clip_to_cells(area, lattice)
     portals = portals_of(clipped, lattice)

@@ -1,7 +1,7 @@
 """The order in which rows of cells are driven, and which way each: a tour of segments, made shorter by exchanges.
 
 A *run* is a row's cells between two gaps; ``ends`` (R, 2, 2) are the row and column of its first and its last cell. A closed tour
-is an ``order`` (R) of the runs, and for each run whether it is driven from its last cell to its first one: ``backwards`` (R), 0 or 1.
+is an ``order`` (R) of the runs, and for each run whether it is driven from its last cell to its first: ``backwards`` (R), 0 or 1.
 """
 
 from __future__ import annotations

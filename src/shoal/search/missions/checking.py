@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
@@ -19,6 +20,8 @@ from shoal.search.missions.lint import examine
 from shoal.search.missions.rules import ROUNDING, metres_of
 from shoal.search.regions.coverage import AreaCoverage, coverage_check
 from shoal.search.regions.region import SearchRegion
+
+_ROUNDED = 0.05  # tenths of a degree: what rounding of coordinates makes of legs
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +106,7 @@ def check_missions(
     region: SearchRegion,
     footprint: float | Sequence[float] | None,
     *,
+    angle: float | None = None,
     format: str | None = None,  # noqa: A002  # what it is called everywhere else
     cap: int | None = None,
     vehicle: str | None = None,
@@ -119,6 +123,8 @@ def check_missions(
     footprint : float, sequence of float or None
         Metres: the side of the square that a vehicle sees; of several, one a robot in the order of their numbers. None looks for
         mistakes only.
+    angle : float, optional
+        By how much the squares are turned, degrees counter-clockwise from east; if not given, as most of the legs are (`angle_of`).
     format : str, optional
         Whose files are flown; the first of ``FORMATS`` that is in the folder if not given.
     cap, vehicle : optional
@@ -146,7 +152,8 @@ def check_missions(
     if footprint is not None:
         ways = [metres_of(sheet, region)[1:] for sheet in flown]
         ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region, and among the diagnostics
-        coverage = coverage_check(region, ways, _footprints(flown, footprint), tolerance=ROUNDING)
+        turned_by = angle_of(ways) if angle is None else angle
+        coverage = coverage_check(region, ways, _footprints(flown, footprint), tolerance=ROUNDING, angle=turned_by)
     return MissionCheck(
         region=region,
         format=chosen,
@@ -156,6 +163,27 @@ def check_missions(
         n_waypoints=sum(len(sheet.points) for sheet in flown),
         footprint=tuple(footprint) if isinstance(footprint, Sequence) else footprint,
     )
+
+
+def angle_of(ways: Sequence[NDArray[np.float64]]) -> float:
+    """Return the direction in which ways lead the farthest, taken for that of the rows, degrees from 0 to below 90.
+
+    One that is a tenth of a degree but for the rounding of files is that tenth.
+
+    Examples
+    --------
+    >>> angle_of([np.array([(0.0, 0.0), (100.0, 0.1), (100.0, 10.0), (0.0, 10.0)])])
+    0.0
+    """
+    legs = np.concatenate([np.zeros((0, 2)), *(np.diff(way, axis=0) for way in ways)])
+    lengths, tenths = np.hypot(*legs.T), np.degrees(np.arctan2(legs[:, 1], legs[:, 0])) % 90.0 * 10
+    if not lengths.sum():
+        return 0.0
+    mode = float(np.bincount(np.rint(tenths).astype(np.int64) % 900, weights=lengths).argmax())
+    away = (tenths - mode + 450) % 900 - 450
+    near = np.abs(away) <= 1
+    mean = mode + float(np.average(away[near], weights=lengths[near]))
+    return (mode if abs(mean - mode) < _ROUNDED else mean) / 10 % 90.0
 
 
 def _footprints(flown: list[Sheet], footprint: float | Sequence[float]) -> float | list[float]:

@@ -94,9 +94,9 @@ class SearchProblem(Problem):
         "auto is hop, the quickest.", names=ALLOCATIONS,
     )  # fmt: skip
     angle: float | str = option(
-        0.0, help="Of the rows of cells, counter-clockwise from east. auto takes the angle, the shift of the rows and, where --tour "
-        "is auto, the tour (boustrophedon or spanning-tree) that is soonest once round, turns included; where turns cost nothing, "
-        "one counts as a cell.", unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
+        0.0, help="Of the rows of cells, counter-clockwise from east. auto takes the angle, the shift of the rows and, where "
+        "--tour is auto, the tour (boustrophedon or spanning-tree) that is soonest once round, turns included; where turns cost "
+        "nothing, one counts as a cell.", unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
     )  # fmt: skip
     no_go: tuple[Any, ...] = option(
         (), help="Zones to keep out of, in the units of REGION. May be given again.", metavar="FILE", repeated=True, parse=list,

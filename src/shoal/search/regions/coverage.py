@@ -51,8 +51,8 @@ def coverage_check(
 ) -> AreaCoverage:
     """Return what vehicles on some routes saw and where they left the region.
 
-    A vehicle sees the square of side ``footprint`` around it, its sides along the axes or turned, all along its legs. From inside, a
-    vehicle can see every point of the region, for it can stand there: so the whole area counts.
+    A vehicle sees the square of side ``footprint`` around it, its sides along the axes or turned, all along its legs. From inside,
+    a vehicle can see every point of the region, for it can stand there: so the whole area counts.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import floor, log10
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from shoal.views.drawing.charts import INK
 
@@ -25,9 +25,9 @@ def bar_length(most: float) -> float:
 
 
 def draw_scale_bar(
-    figure: Figure, axes: Axes, *, unit: str = "m", size: float = 1.0, north: bool = False, above: float | None = None
+    figure: Figure, axes: Axes, *, unit: str = "m", size: float = 1.0, north: float | None = None, above: float | None = None
 ) -> None:
-    """Draw a scale bar under the right end of a map, and an arrow to the north where up is north.
+    """Draw a scale bar under the right end of a map, and an arrow to the north.
 
     Parameters
     ----------
@@ -36,7 +36,8 @@ def draw_scale_bar(
         Of length, as "m" or "mm".
     size : float
         How long one unit of the x axis is in that unit.
-    north : bool
+    north : float, optional
+        By how much north is turned from up, degrees clockwise; no arrow if it is not given.
     above : float, optional
         Draw it above the map instead, and end it there on the x axis.
     """
@@ -49,8 +50,11 @@ def draw_scale_bar(
     low = 1.025 if above is not None else axes.get_position().y0 - 0.36 / figure.get_figheight()
     axes.plot([right - length / size, right], [low, low], color=INK, lw=2.2, solid_capstyle="butt", transform=place, clip_on=False)
     told = f"{length / 1000:g} km" if unit == "m" and length >= 1000 else f"{length:g} {unit}"
-    words = f"\N{UPWARDS ARROW} N    {told}" if north else told
-    axes.annotate(
-        words, (right - length / size, low), xycoords=place, xytext=(-5, 0), textcoords="offset points", ha="right", va="center",
-        fontsize=8, color=INK, annotation_clip=False,
-    )  # fmt: skip
+    style: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": 8, "color": INK, "annotation_clip": False}
+    words = told if north is None else f"N    {told}"
+    end = axes.annotate(words, (right - length / size, low), xycoords=place, xytext=(-5, 0), textcoords="offset points", **style)
+    if north is not None:
+        axes.annotate(
+            "\N{UPWARDS ARROW}", (0.0, 0.5), xycoords=end, xytext=(-6, 0), textcoords="offset points", rotation=-north,
+            **style | {"ha": "center"},
+        )  # fmt: skip

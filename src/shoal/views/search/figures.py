@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.search import SearchEpisode
+from shoal.search.cells.clipping import rotated_shape
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
 from shoal.views.drawing.polygon_paths import hole_in, rings_of
 from shoal.views.drawing.scale_bar import draw_scale_bar
@@ -47,7 +48,7 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     for robot in range(history.n_robots):
         _draw_route(axes, history, robot, side)
     _draw_not_seen(axes, episode)
-    _draw_findings(axes, episode)
+    _draw_findings(axes, history)
     axes.set(xlim=(left, right), ylim=(bottom, top))
     axes.set_xlabel("metres", color=MUTED, fontsize=8)
     bare_axes(axes)
@@ -57,7 +58,7 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     figure.draw_without_rendering()  # settles where the axes are, so that numbers can be kept apart on paper
     figure.set_layout_engine("none")
     _draw_robots(axes, history)
-    draw_scale_bar(figure, axes, north=episode.plan.grid.region.frame is not None)
+    draw_scale_bar(figure, axes, north=history.north)
     return figure
 
 
@@ -90,9 +91,9 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
         axes.add_collection(LineCollection(lines, colors=[_LINES], linewidths=0.4, zorder=0.5))
     pad = 0.02 * max(right - left, top - bottom)
     frame = np.array([(left - pad, bottom - pad), (right + pad, bottom - pad), (right + pad, top + pad), (left - pad, top + pad)])
-    rings = [ring for part in rings_of(history.episode.plan.grid.region.area) for ring in part]
+    rings = [ring for part in rings_of(history.episode.plan.grid.area) for ring in part]
     axes.add_patch(PathPatch(_even_odd([frame, *rings]), facecolor="white", lw=0, zorder=0.8))
-    for part in rings_of(history.episode.plan.grid.region.area):
+    for part in rings_of(history.episode.plan.grid.area):
         for hole in part[1:]:
             axes.fill(*hole.T, facecolor=to_rgb(_OUTSIDE), lw=0, zorder=0.9)
         for ring in part:
@@ -136,7 +137,8 @@ def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> 
     if len(route.points) < 2:
         _draw_unfinished(axes, history, robot)
         return
-    pieces = np.stack([route.points[:-1], route.points[1:]], axis=1)
+    way = history.on_picture(route.points)
+    pieces = np.stack([way[:-1], way[1:]], axis=1)
     ends = history.stop_ends(robot)
     cell = np.clip(np.searchsorted(ends, np.arange(1, len(route.points))) - 1, 0, None)
     taken = (history.others(robot) > 0)[np.minimum(cell, len(ends) - 2)]
@@ -187,10 +189,10 @@ def _draw_not_seen(axes: Axes, episode: SearchEpisode) -> None:
         axes.add_patch(PathPatch(_even_odd(rings), facecolor=NOT_SEEN, alpha=0.55, edgecolor=NOT_SEEN, lw=0.8, zorder=2.5))
 
 
-def _draw_findings(axes: Axes, episode: SearchEpisode) -> None:
-    found = episode.findings
+def _draw_findings(axes: Axes, history: SearchHistory) -> None:
+    found = history.episode.findings
     for finding in found:
-        place = episode.plan.grid.waypoint(tuple(episode.plan.tour.cells[finding.cell]))
+        place = history.place_of(finding)
         axes.plot(*place, "D", mfc="#ffd54a", mec=INK, mew=1.1, ms=6.5, zorder=6)
         if len(found) <= _NAMED:
             _label(axes, f"{100 * finding.confidence:.3g} %", place, (6, 5))
@@ -207,7 +209,7 @@ def _label(axes: Axes, words: str, place: Any, offset: tuple[float, float]) -> N
 
 def _draw_robots(axes: Axes, history: SearchHistory) -> None:
     """Draw starts and deaths; where starts are close, numbers are moved apart and joined to them by lines."""
-    places = history.episode.plan.places
+    places = history.on_picture(history.episode.plan.places)
     points_a_pixel = 72 / axes.figure.dpi
     on_paper = axes.transData.transform(places) * points_a_pixel
     small = history.n_robots > 12
@@ -257,13 +259,14 @@ def _not_seen(episode: SearchEpisode) -> Any:
     """Return what was not seen, but for obstacles."""
     import shapely
 
-    if not episode.obstacles:
-        return episode.coverage.uncovered
     grid = episode.plan.grid
+    missed = rotated_shape(episode.coverage.uncovered, -grid.angle)
+    if not episode.obstacles:
+        return missed
     left, top = grid.corner
     rows, cols = episode.plan.tour.cells[[*episode.obstacles]].T
     x, y = left + cols * grid.size, top - rows * grid.size
-    return episode.coverage.uncovered - shapely.union_all(shapely.box(x, y - grid.size, x + grid.size, y))
+    return missed - shapely.union_all(shapely.box(x, y - grid.size, x + grid.size, y))
 
 
 def _draw_legend(figure: Figure, history: SearchHistory) -> None:

@@ -57,7 +57,7 @@ class SearchFilm:
         )
         self._canvas: Canvas = Canvas(self.width, self.height)
         self._label = self._pixels()
-        self._rings = [[self._at(ring) for ring in part] for part in rings_of(episode.plan.grid.region.area)]
+        self._rings = [[self._at(ring) for ring in part] for part in rings_of(episode.plan.grid.area)]
         self._outlines = [list(self._at(self.history.outline(robot))) for robot in range(self.history.n_robots)]
 
     def times(self, rate: float, longest: int) -> list[float]:
@@ -134,7 +134,7 @@ class SearchFilm:
                 canvas.line(self._at(way), robot_colour(robot), thick, alpha=0.75)
         for finding in history.episode.findings:
             if history.first[0][finding.cell] <= time:
-                self._draw_diamond(history.episode.plan.tour_cost.points[finding.cell] * history.episode.plan.grid.size)
+                self._draw_diamond(history.place_of(finding))
         for robot, activity in enumerate(now):
             self._draw_robot(robot, activity, time)
         self._draw_foot(time, now)

@@ -13,6 +13,7 @@ from shoal.dataclass import dataclass
 from shoal.search import Arc, RobotLog, Route, SearchEpisode
 from shoal.search.allocation.partition import partition
 from shoal.search.problem.faults import Liar, Slow, WrongPosition
+from shoal.search.simulation.findings import Finding
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -195,8 +196,22 @@ class SearchHistory:
 
     @cached_property
     def trajectories(self) -> tuple[RobotTrajectory, ...]:
-        """Where each robot was."""
-        return tuple(self._trajectory(robot) for robot in range(self.n_robots))
+        """Where each robot was, as `on_picture`."""
+        found = (self._trajectory(robot) for robot in range(self.n_robots))
+        return tuple(RobotTrajectory(one.times, self.on_picture(one.points)) for one in found)
+
+    def on_picture(self, points: Floats) -> Floats:
+        """Return points of the region as they are drawn: rows of cells level, whatever their angle; metres."""
+        return self.episode.plan.grid.lattice.from_region(points)
+
+    @property
+    def north(self) -> float | None:
+        """By how much north is turned from up, degrees clockwise; None for a region without a place on Earth."""
+        return None if self.episode.plan.grid.region.frame is None else self.episode.plan.grid.angle
+
+    def place_of(self, finding: Finding) -> Floats:
+        """Return where a finding is drawn, float64, shape (2,)."""
+        return self.on_picture(self.episode.plan.tour_cost.points[finding.cell] * self.episode.plan.grid.size)
 
     def stop_ends(self, robot: int) -> Numbers:
         """Return where on its route a robot has searched each of its cells, before them its start; int64, shape (k + 1,)."""

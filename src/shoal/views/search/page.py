@@ -50,7 +50,7 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
           (sides around what it took over, uint16: column, row, column, row), ``liar``.
         - ``obstacles`` : list of row * columns + column and when it was found.
         - ``findings`` : list of x, y, when it was first found, and confidence.
-        - ``north`` : whether up is north.
+        - ``north`` : by how much north is turned from up, degrees clockwise, or null.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         "box": [left, bottom, right, top],
         "shape": list(plan.grid.shape),
         "size": plan.grid.size,
-        "parts": [[np.round(ring, 3).tolist() for ring in rings] for rings in rings_of(plan.grid.region.area)],
+        "parts": [[np.round(ring, 3).tolist() for ring in rings] for rings in rings_of(plan.grid.area)],
         "first": _text(times[order], "<f4"),
         "by": _text(by[order] - 1, "<u2"),
         "where": _text(cells[:, 0] * plan.grid.shape[1] + cells[:, 1], "<u4"),
@@ -90,11 +90,8 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
             [int(row * plan.grid.shape[1] + col), moment]
             for (row, col), moment in zip(plan.tour.cells[[*episode.obstacles]], episode.obstacles.values(), strict=True)
         ],
-        "findings": [
-            [*(plan.tour_cost.points[one.cell] * plan.grid.size).tolist(), _found_at(history, one), one.confidence]
-            for one in episode.findings
-        ],
-        "north": plan.grid.region.frame is not None,
+        "findings": [[*history.place_of(one).tolist(), _found_at(history, one), one.confidence] for one in episode.findings],
+        "north": history.north,
     }
 
 

@@ -182,12 +182,15 @@ const ShoalSearch = (() => {
       pen.textAlign = "center";
       pen.textBaseline = "alphabetic";
       pen.fillText(length >= 1000 ? `${length / 1000} km` : `${length} m`, x + long / 2, y - 5 * unit);
-      if (!history.north) return;
-      const middle = x + long + 20 * unit;
+      if (history.north === null) return;
+      const middle = x + long + 24 * unit, lean = history.north * Math.PI / 180;
+      const corner = (right, up) => [
+        middle + (right * Math.cos(lean) + up * Math.sin(lean)) * unit, y + (-20 + right * Math.sin(lean) - up * Math.cos(lean)) * unit,
+      ];
       pen.beginPath();
-      pen.moveTo(middle, y - 26 * unit);
-      pen.lineTo(middle + 5 * unit, y - 13 * unit);
-      pen.lineTo(middle - 5 * unit, y - 13 * unit);
+      pen.moveTo(...corner(0, 8));
+      pen.lineTo(...corner(5, -5));
+      pen.lineTo(...corner(-5, -5));
       pen.closePath();
       pen.fill();
       pen.font = `700 ${11 * unit}px system-ui, sans-serif`;

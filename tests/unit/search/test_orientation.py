@@ -1,0 +1,166 @@
+"""The angle of the rows, the tour along them, and what is seen and drawn of it."""
+
+from __future__ import annotations
+
+import json
+from itertools import permutations, product
+
+import numpy as np
+import pytest
+import shapely
+
+import shoal
+from shoal.cli import run as command
+from shoal.errors import InvalidInputError
+from shoal.search import SearchProblem, coverage_check, make_tour, open_region
+from shoal.search.allocation.orientation import best_grid_tour, grid_tour
+from shoal.search.cells.clipping import rotated, rotated_shape
+from shoal.search.cells.grid import cells_of
+from shoal.search.kernels import run_order
+from shoal.search.missions.checking import angle_of
+from shoal.search.regions.region import region_of
+from shoal.views.search.history import SearchHistory
+
+
+def blob(seed, *, corners=14, holes=1, size=400.0):
+    """Return a random region of sharp corners with a hole."""
+    rng = np.random.default_rng(seed)
+    way = np.sort(rng.uniform(0, 2 * np.pi, corners))
+    far = size * rng.uniform(0.5, 1.0, corners)
+    area = shapely.Polygon(np.stack([far * np.cos(way), far * np.sin(way)], axis=1)).buffer(0)
+    area = max(shapely.get_parts(area), key=lambda part: part.area)
+    for _ in range(holes):
+        area = area.difference(shapely.box(-60, -20, 50, 30))
+    return region_of(max(shapely.get_parts(area), key=lambda part: part.area), frame=None, name=f"blob {seed}")
+
+
+def test_turning():
+    points = np.array([(3.0, 1.0), (-2.0, 5.0)])
+    np.testing.assert_allclose(rotated(rotated(points, 33.3), -33.3), points, atol=1e-12)
+    assert rotated(points, 180).tolist() == (-points).tolist()
+    assert rotated(points, -90).tolist() == [[1.0, -3.0], [5.0, 2.0]]
+    assert rotated_shape(shapely.box(0, 0, 2, 1), 90).bounds == (-1.0, 0.0, 0.0, 2.0)
+
+
+@pytest.mark.parametrize(("angle", "offset"), [(0.0, 0.0), (33.0, 0.5), (90.0, 0.3), (127.3, 0.9)])
+@pytest.mark.parametrize("tour", ["boustrophedon", "spanning-tree"])
+@pytest.mark.parametrize("seed", range(4))
+def test_at_any_angle_all_is_seen_from_inside(tour, angle, offset, seed):
+    region = blob(seed)
+    laid = grid_tour(region, 37.0, tour, angle=angle, offset=offset)
+    route = laid.paths.route(np.concatenate([laid.tour.cells, laid.tour.cells[:1]]))
+    seen = coverage_check(region, [route.points], 37.0, angle=angle)
+    assert (seen.covered_fraction, seen.outside_m) == (1.0, 0.0)
+    grid = laid.grid
+    assert sum(piece.area for piece in grid.clipped.pieces) + grid.clipped.whole.sum() * 37.0**2 == pytest.approx(region.area_m2)
+    np.testing.assert_array_equal(grid.cell_of(grid.centers()), grid.cells)
+
+
+def test_turning_the_region_and_the_rows_changes_nothing_else():
+    region = blob(7)
+    other = region_of(rotated_shape(region.area, 25), frame=None, name="turned")
+    one, two = (grid_tour(place, 37.0, "boustrophedon", angle=angle) for place, angle in ((region, 0.0), (other, 25.0)))
+    assert (one.grid.mask == two.grid.mask).all()
+    assert one.once_round(1.0) == pytest.approx(two.once_round(1.0), rel=1e-6)
+
+
+def test_the_best_angle_is_along_a_long_field():
+    field = shapely.affinity.rotate(shapely.box(0, 0, 600, 95), 38, origin=(0, 0))
+    region = region_of(field, frame=None, name="field")
+    best = best_grid_tour(region, 20.0, ["boustrophedon", "spanning-tree"], turn_cost=2.0)
+    assert best.grid.angle == pytest.approx(38.0)
+    assert best.once_round(2.0) < 0.8 * grid_tour(region, 20.0, "spanning-tree", angle=0.0).once_round(2.0)
+    assert best.once_round(2.0) <= min(
+        grid_tour(region, 20.0, tour, angle=38.0).once_round(2.0) for tour in ("boustrophedon", "spanning-tree")
+    )
+
+
+def test_turns_that_cost_nothing_still_count_when_angles_are_compared():
+    region = blob(3)
+    free, dear = (best_grid_tour(region, 30.0, ["boustrophedon"], turn_cost=cost) for cost in (0.0, 1.0))
+    assert free.grid.angle == dear.grid.angle
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_exchange_of_runs_is_left_out(seed):
+    """Few runs: no order and directions of them are shorter by more than exchanges can miss; and what is returned is a tour."""
+    rng = np.random.default_rng(seed)
+    ends = rng.integers(0, 9, (6, 2, 2)).astype(float)
+    ends[:, 1, 0] = ends[:, 0, 0]
+
+    def length(order, backwards):
+        ways = [ends[run, [back, 1 - back]] for run, back in zip(order, backwards, strict=True)]
+        return sum(float(np.hypot(*(ways[k][0] - ways[k - 1][1]))) for k in range(6))
+
+    order, backwards = rng.permutation(6), rng.integers(0, 2, 6)
+    before = length(order, backwards[order])
+    run_order.shorten(ends, order, backwards)
+    after = length(order, backwards[order])
+    best = min(length((0, *rest), flips) for rest in permutations(range(1, 6)) for flips in product((0, 1), repeat=6))
+    assert sorted(order) == list(range(6))
+    assert after <= before + 1e-9
+    assert best - 1e-9 <= after <= 1.35 * best + 1e-9
+
+
+def test_boustrophedon_turns_twice_a_row():
+    tour = make_tour("boustrophedon", (7, 30))
+    assert tour.metrics().turns == 14
+    mask = np.random.default_rng(1).random((40, 50)) < 0.8
+    assert make_tour("boustrophedon", mask).metrics().length < make_tour("comb", mask).metrics().length
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"), [("auto", "auto"), (370, None), (190.0, 10.0), (-45, 135.0), ("north", None), (float("nan"), None)]
+)
+def test_the_field(given, kept):
+    if kept is None:
+        with pytest.raises(InvalidInputError, match="angle: expected"):
+            SearchProblem("square:100", angle=given)
+    else:
+        assert SearchProblem("square:100", angle=given).angle == kept
+
+
+def test_search_at_an_angle(tmp_path):
+    """Robots at all angles see all, through losses and crashes; the episode is saved and verified; metres are the region's."""
+    episode = shoal.run("ring:120x50", robots=3, footprint=15, angle="auto", loss=0.2, crashes=1, targets=3, seed=2)
+    assert episode.status.done
+    assert episode.coverage.covered_fraction == 1.0
+    assert episode.report()["tour"] in ("boustrophedon", "spanning-tree")
+    turned_by = shoal.run("rectangle:200x90", robots=2, footprint=15, angle=30, seed=1)
+    turned_by.save(tmp_path / "search.json")
+    assert shoal.load(tmp_path / "search.json").verify()
+    assert turned_by.report()["region"]["angle_degrees"] == 30.0
+    region = open_region("rectangle:200x90")
+    assert all(region.contains(route.points).all() for route in turned_by.routes)
+
+
+def test_missions_are_checked_at_the_angle_of_their_rows(tmp_path, capfd):
+    outline = [[13.40, 52.50], [13.406, 52.501], [13.4055, 52.503], [13.3995, 52.5022], [13.40, 52.50]]
+    feature = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [outline]}}
+    place = tmp_path / "field.geojson"
+    place.write_text(json.dumps(feature))
+    words = ["search", str(place), "--robots", "2", "--footprint", "25", "--angle", "21.37", "--missions", str(tmp_path / "out")]
+    assert command(words) == 0
+    check = ["missions", "check", str(tmp_path / "out"), str(place), "--footprint", "25", "--json"]
+    capfd.readouterr()
+    assert command([*check, "--least", "0.99999"]) == 0
+    assert command([*check, "--angle", "66", "--least", "0.99999"]) == 1
+
+
+def test_the_angle_of_ways():
+    rows = np.array([(0.0, 0.0), (100.0, 0.0), (100.0, 10.0), (0.0, 10.0)])
+    assert angle_of([rotated(rows, 37.0)]) == pytest.approx(37.0, abs=1e-9)
+    assert angle_of([rotated(rows, 89.99)]) == pytest.approx(89.99)
+    assert angle_of([rows[:1]]) == angle_of([]) == 0.0
+
+
+def test_pictures_lay_rows_level_and_turn_north():
+    episode = shoal.run("rectangle:200x90", robots=2, footprint=15, angle=30, targets=2, seed=1)
+    history = SearchHistory(episode)
+    left, right, bottom, top = history.extent
+    for trajectory in history.trajectories:
+        assert ((trajectory.points >= (left, bottom)) & (trajectory.points <= (right, top))).all()
+    middle = history.on_picture(np.array([(100.0, 45.0)]))[0]
+    assert ((left + right) / 2, (bottom + top) / 2) == pytest.approx(tuple(middle), abs=1e-6)
+    assert history.north is None
+    assert cells_of(episode.plan.grid.region, 15, angle=30).angle == 30
