@@ -50,7 +50,7 @@ demo: install
 
 # Kernels and the tests' byte code are compiled once, before several test processes would do it at the same time.
 $(VENV)/.kernels-compiled: $(SOURCES) $(VENV)/.dev-installed
-	@{ $(BIN)/python -m pytest --collect-only -q && $(BIN)/python -m benchmarks.lowered --compile --parts steering search; } >/dev/null & rest=$$!; \
+	@{ $(BIN)/python -m pytest --collect-only -q && $(BIN)/python -m benchmarks.lowered --compile --parts steering search jit; } >/dev/null & rest=$$!; \
 	  $(BIN)/python -m benchmarks.lowered --compile --parts swarm && wait $$rest
 	@touch $@
 

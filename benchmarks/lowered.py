@@ -1,6 +1,6 @@
 """Write the archives of lowered kernels, ``src/shoal/*/kernels/lowered.zip``, that do not fit their kernels: ``make kernels``.
 
-python -m benchmarks.lowered [--all | --compile] [--parts swarm steering search]
+python -m benchmarks.lowered [--all | --compile] [--parts swarm steering search jit]
 
 Plays all kinds of runs once, each quick. With ``--compile`` nothing is written, but what they need is in the cache afterwards.
 """
@@ -17,6 +17,7 @@ from pathlib import Path
 PARTS = Path(__file__).parent.parent / "src" / "shoal"
 SMALL = "map rectangle:9x9 --particles 3"
 COMMANDS = {
+    "jit": ["tour spanning-tree cave:20x15"],
     "swarm": [
         *(f"{SMALL} --policy {policy}" for policy in ("best", "closest-frontier", "elect-particle", "depth-first", "sweep")),
         f"{SMALL} --rule tilt --policy closest-frontier",

@@ -158,7 +158,8 @@ class _KernelCache(NullCache):
         """Return what is kept of a compiled kernel: its machine code, or what LLVM is to make that of."""
         result.fndesc.typemap = result.fndesc.calltypes = None
         library = result.library
-        environments = tuple(result._find_referenced_environments())
+        # One without constants is never looked at, but importing the module that it is of can take longer than a command should.
+        environments = tuple(each for each in result._find_referenced_environments() if each.consts)
         about = (result.fndesc, result.environment, result.signature, tuple(result.reload_init), environments)
         return bytes(dumps((library.name, code, None if code else library.lowered, *about)))
 

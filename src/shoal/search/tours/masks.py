@@ -83,10 +83,9 @@ def components(mask: ArrayLike) -> NDArray[np.int32]:
     >>> components(np.array([[True, False], [False, True]])).tolist()
     [[1, 0], [0, 2]]
     """
-    from scipy.ndimage import label
+    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which takes long to import
 
-    labels: NDArray[np.int32] = label(check_mask(mask))[0].astype(np.int32, copy=False)
-    return labels
+    return connected_parts(check_mask(mask))[0]
 
 
 def bounds(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

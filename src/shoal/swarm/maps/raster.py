@@ -1,4 +1,4 @@
-"""Connected parts of a map, and pictures of cells as arrays of pixels, without a plotting library."""
+"""Pictures of cells as arrays of pixels, without a plotting library."""
 
 from __future__ import annotations
 
@@ -21,39 +21,6 @@ PALETTE: dict[str, str] = {
 _COLOURS = np.array([tuple(bytes.fromhex(colour[1:])) for colour in PALETTE.values()], dtype=np.uint8)
 MOST_LINES = 200  # of a map that is printed
 _WIDEST = 12  # ratio of width to height above which a map is drawn in several strips
-
-
-def connected_parts(free: NDArray[np.bool_], *, corners: bool = False) -> tuple[NDArray[np.int32], int]:
-    """Return the label of each cell's connected part, 0 for obstacles, and the number of parts, as `scipy.ndimage.label` does.
-
-    SciPy's takes longer to import than a whole command should.
-
-    Parameters
-    ----------
-    free : ndarray of bool, shape (H, W) or (D, H, W)
-    corners : bool
-        Whether cells touch that share no more than a corner.
-
-    Returns
-    -------
-    labels : ndarray of int32, the shape of ``free``
-        1, 2, ... in row-major order of the parts' first cells.
-    number : int
-
-    Examples
-    --------
-    >>> connected_parts(np.eye(2, dtype=bool))[0].tolist()
-    [[1, 0], [0, 2]]
-    """
-    from shoal.swarm.kernels.search.breadth_first import label_parts  # needs Numba, which takes long to import
-
-    padded = np.pad(free, 1)
-    steps = np.indices((3,) * free.ndim).reshape(free.ndim, -1).T - 1
-    steps = steps[steps.any(axis=1) if corners else np.abs(steps).sum(axis=1) == 1]
-    labels = np.zeros(padded.shape, dtype=np.int32)
-    stack = np.empty(np.count_nonzero(free), dtype=np.int32)
-    number = label_parts(padded.ravel(), steps @ padded.strides, labels.ravel(), stack)
-    return np.ascontiguousarray(labels[(slice(1, -1),) * free.ndim]), int(number)
 
 
 def raster_of(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:

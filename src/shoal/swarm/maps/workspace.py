@@ -134,7 +134,9 @@ class GridWorkspace:
     @cached_property
     def components(self) -> NDArray[np.int32]:
         """Label of each cell's connected component, 0 for obstacles; int32, the shape of ``free``."""
-        return raster.connected_parts(self.free)[0]
+        from shoal.jit.kernels.connected import connected_parts  # needs Numba, which takes long to import
+
+        return connected_parts(self.free)[0]
 
     def largest_component(self) -> GridWorkspace:
         """Return the workspace that keeps only the largest connected component (the first of equals)."""

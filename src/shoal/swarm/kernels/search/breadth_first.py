@@ -1,10 +1,10 @@
-"""Cells in the order of their path length from one of them, and connected parts."""
+"""Cells in the order of their path length from one of them."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from shoal.jit import in_place_kernel, kernel
+from shoal.jit import kernel
 
 
 @kernel
@@ -25,27 +25,3 @@ def nearest_cells(free, offsets, start, count):
                 size += 1
         at += 1
     return queue[:size].copy()
-
-
-@in_place_kernel
-def label_parts(free, offsets, labels, stack):
-    """Label the connected parts of the free cells from 1 on, in the order of their first cells; return how many there are.
-
-    ``labels`` is 0 everywhere, ``stack`` has room for all free cells, no cell of the rim may be free.
-    """
-    parts = 0
-    for first in range(free.shape[0]):
-        if not free[first] or labels[first] != 0:
-            continue
-        parts += 1
-        labels[first], stack[0], size = parts, first, 1
-        while size > 0:
-            size -= 1
-            cell = stack[size]
-            for offset in offsets:
-                neighbour = cell + offset
-                if free[neighbour] and labels[neighbour] == 0:
-                    labels[neighbour] = parts
-                    stack[size] = neighbour
-                    size += 1
-    return parts

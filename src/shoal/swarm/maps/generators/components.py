@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.swarm.maps.raster import connected_parts
-
 Mask = NDArray[np.bool_]
 
 
@@ -20,6 +18,8 @@ def largest_part(free: Mask, *, corners: bool = False) -> Mask:
     corners : bool
         Whether cells touch that share no more than a corner.
     """
+    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which takes long to import
+
     parts, number = connected_parts(free, corners=corners)
     if number <= 1:
         return free

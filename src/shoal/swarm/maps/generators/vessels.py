@@ -6,7 +6,6 @@ import numpy as np
 
 from shoal.swarm.maps.generators.components import Mask, crop
 from shoal.swarm.maps.generators.venation import Indices, Points, VesselNetwork, grow_network, subtrees
-from shoal.swarm.maps.raster import connected_parts
 
 AREA_PER_CELL = 1.65  # area of the organ for each free cell, before the network is scaled
 TIP_WIDTH = 1.5  # cells, at the end of a twig
@@ -100,6 +99,8 @@ def _paint_discs(free: Mask, centre: Points, cell: Indices, radius: Points) -> N
 
 def _fill_specks(free: Mask) -> Mask:
     """Return the map without its smallest holes."""
+    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which takes long to import
+
     holes = connected_parts(~free, corners=True)[0]
     area = np.bincount(holes.ravel())
     return np.asarray(free | ((area <= SPECK) & (area > 0))[holes] & (holes > 0))

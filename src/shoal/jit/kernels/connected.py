@@ -1,0 +1,63 @@
+"""Connected parts of a grid of cells."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.jit.compiler import in_place_kernel
+
+
+def connected_parts(free: NDArray[np.bool_], *, corners: bool = False) -> tuple[NDArray[np.int32], int]:
+    """Return the label of each cell's connected part, 0 for obstacles, and the number of parts, as `scipy.ndimage.label` does.
+
+    SciPy's takes longer to import than a whole command should.
+
+    Parameters
+    ----------
+    free : ndarray of bool, shape (H, W) or (D, H, W)
+    corners : bool
+        Whether cells touch that share no more than a corner.
+
+    Returns
+    -------
+    labels : ndarray of int32, the shape of ``free``
+        1, 2, ... in row-major order of the parts' first cells.
+    number : int
+
+    Examples
+    --------
+    >>> connected_parts(np.eye(2, dtype=bool))[0].tolist()
+    [[1, 0], [0, 2]]
+    """
+    padded = np.pad(free, 1)
+    steps = np.indices((3,) * free.ndim).reshape(free.ndim, -1).T - 1
+    steps = steps[steps.any(axis=1) if corners else np.abs(steps).sum(axis=1) == 1]
+    labels = np.zeros(padded.shape, dtype=np.int32)
+    stack = np.empty(np.count_nonzero(free), dtype=np.int32)
+    number = label_parts(padded.ravel(), steps @ padded.strides, labels.ravel(), stack)
+    return np.ascontiguousarray(labels[(slice(1, -1),) * free.ndim]), int(number)
+
+
+@in_place_kernel
+def label_parts(free, offsets, labels, stack):
+    """Label the connected parts of the free cells from 1 on, in the order of their first cells; return how many there are.
+
+    ``labels`` is 0 everywhere, ``stack`` has room for all free cells, no cell of the rim may be free.
+    """
+    parts = 0
+    for first in range(free.shape[0]):
+        if not free[first] or labels[first] != 0:
+            continue
+        parts += 1
+        labels[first], stack[0], size = parts, first, 1
+        while size > 0:
+            size -= 1
+            cell = stack[size]
+            for offset in offsets:
+                neighbour = cell + offset
+                if free[neighbour] and labels[neighbour] == 0:
+                    labels[neighbour] = parts
+                    stack[size] = neighbour
+                    size += 1
+    return parts
