@@ -26,7 +26,8 @@ class LiveWindow:
         self._axes.clear()
         self._axes.set_axis_off()
         self._axes.imshow(picture)
-        plt.pause(pause)
+        if self._figure.canvas.required_interactive_framework is not None:  # there is a display
+            plt.pause(pause)
 
     def close(self) -> None:
         """Close the window."""
