@@ -6,6 +6,7 @@ import json
 import os
 import secrets
 import signal
+import stat
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -34,7 +35,7 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary = target.parent / f".{target.stem[:40]}-{secrets.token_hex(6)}{target.suffix}"
         temporary.touch(mode=0o600, exist_ok=False)
         yield temporary
-        temporary.chmod(0o666 & ~_umask())
+        temporary.chmod(_mode(target))
         temporary.replace(target)
         temporary = None
     except OutputError:
@@ -86,6 +87,14 @@ def interruption_held() -> Iterator[None]:
         signal.signal(signal.SIGINT, asked)
     if came:
         asked(came[0], None)
+
+
+def _mode(path: Path) -> int:
+    """Return the permissions of a file that is replaced; for a new one those that the user's files have."""
+    try:
+        return stat.S_IMODE(path.stat().st_mode)
+    except FileNotFoundError:
+        return 0o666 & ~_umask()
 
 
 def _umask() -> int:

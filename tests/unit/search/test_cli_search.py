@@ -86,7 +86,7 @@ def test_missions_and_files(tmp_path, monkeypatch, capsys):
         "summary.json",
         "timeline.png",
     ]
-    assert len(list((tmp_path / "missions").iterdir())) == 6
+    assert len(list((tmp_path / "missions").glob("robot-*"))) == 6
     assert run(["missions", "check", "missions", "field.json", "--footprint", "20", "--json"]) == 0
     capsys.readouterr()
     assert run(["replay", "found/episode.json", "--json"]) == 0

@@ -206,8 +206,28 @@ def test_nothing_half_written(tmp_path, monkeypatch):
 def test_files_of_an_earlier_search_do_not_stay(tmp_path):
     (tmp_path / "notes.csv").write_text("mine\n")
     write_missions([replace(missions_of(LANES, FRAME)[0], robot=robot) for robot in (1, 2, 3)], tmp_path)
+    (tmp_path / "robot-07.csv").write_text("mine, too\n")
     write_missions(missions_of(LANES, FRAME), tmp_path, formats=["plan"])
-    assert {path.name for path in tmp_path.iterdir()} == {"notes.csv", "robot-01.plan"}
+    assert {path.name for path in tmp_path.iterdir()} == {"notes.csv", "robot-07.csv", "robot-01.plan", "missions.json"}
+
+
+@pytest.mark.parametrize("manifest", ["{", "[]", '{"files": 3}', '{"files": ["../robot-01.csv", "notes.csv", 4, "/robot-01.csv"]}'])
+def test_a_manifest_of_somebody_else_removes_nothing(manifest, tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    (folder / "missions.json").write_text(manifest)
+    for path in (tmp_path / "robot-01.csv", folder / "notes.csv"):
+        path.write_text("mine\n")
+    write_missions(missions_of(LANES, FRAME), folder, formats=["plan"])
+    assert (tmp_path / "robot-01.csv").exists()
+    assert (folder / "notes.csv").exists()
+
+
+def test_a_replaced_file_keeps_its_permissions(tmp_path):
+    write_missions(missions_of(LANES, FRAME), tmp_path, formats=["plan"])
+    (tmp_path / "robot-01.plan").chmod(0o640)
+    write_missions(missions_of(LANES, FRAME), tmp_path, formats=["plan"])
+    assert (tmp_path / "robot-01.plan").stat().st_mode & 0o777 == 0o640
 
 
 def test_a_format_of_ones_own(tmp_path, monkeypatch):

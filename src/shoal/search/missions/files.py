@@ -8,9 +8,10 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from shoal.checks import parse_json
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
-from shoal.files import atomic
+from shoal.files import atomic, write_json
 from shoal.registry import Registry
 from shoal.search.missions.diagnostics import RULES, Sheet
 from shoal.search.missions.formats import geojson, gpx, kml, plan, table, wpl
@@ -19,6 +20,7 @@ from shoal.search.missions.rules import check_coordinates
 from shoal.search.regions.limits import LARGEST_FILE
 
 UNCOVERED = "uncovered.geojson"  # no mission: what the check leaves
+MANIFEST = "missions.json"  # the names of the files that were written
 
 _NAME = re.compile(r"robot-(\d+)(?:-(\d+))?")
 
@@ -58,7 +60,8 @@ def write_missions(
 ) -> list[Path]:
     """Write missions, one file for each and each format: ``robot-01.plan``, ``robot-01-2.plan`` for its second sortie, and so on.
 
-    Mission files so called that an earlier call left in the folder are removed: who checks or loads a folder gets one search.
+    ``missions.json`` lists them. Files that an earlier call listed there are removed: who checks or loads a folder gets one search.
+    Other files stay.
 
     Parameters
     ----------
@@ -102,10 +105,22 @@ def write_missions(
     with ExitStack() as stack:
         for path, text in texts.items():
             stack.enter_context(atomic(path)).write_text(text, encoding="utf-8", newline="\n")
-    for path in mission_files(folder):
-        if path not in texts and _NAME.fullmatch(path.stem):
-            path.unlink()
+    for name in _listed(folder) - {path.name for path in texts}:
+        (Path(folder) / name).unlink(missing_ok=True)
+    write_json(Path(folder) / MANIFEST, {"files": sorted(path.name for path in texts)})
     return list(texts)
+
+
+def _listed(folder: str | os.PathLike[str]) -> set[str]:
+    """Return the names of mission files that the manifest in a folder lists; none for one that is not ours."""
+    try:
+        listed = parse_json((Path(folder) / MANIFEST).read_text(encoding="utf-8"), where=MANIFEST)["files"]
+        names = {name for name in listed if isinstance(name, str)}
+    except (OSError, UnicodeError, InvalidInputError, TypeError, KeyError):
+        return set()
+    suffixes = {FORMATS.get(name).suffix for name in FORMATS}
+    paths = {Path(name) for name in names if Path(name).name == name}
+    return {path.name for path in paths if _NAME.fullmatch(path.stem) and path.suffix in suffixes}
 
 
 def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
