@@ -193,10 +193,10 @@ class SwarmProblem(Problem):
     vessels: bool = option(False, help="MAP is a photograph: segment its vessels (needs the extra 'imaging').")
     width: int | None = option(None, help="With --vessels: larger side of the map.", unit="cells", least=1)
     low: float = option(
-        0.85, help="With --vessels: response above which a vessel goes on, over the one that splits vessels from ground best.",
+        0.6, help="With --vessels: response above which a vessel goes on, over the one that splits vessels from ground best.",
         above=0, most=10,
     )  # fmt: skip
-    high: float = option(1.4, help="With --vessels: response that a vessel reaches somewhere; lower finds more.", above=0, most=10)
+    high: float = option(1.2, help="With --vessels: response that a vessel reaches somewhere; lower finds more.", above=0, most=10)
     bright: bool | None = option(
         None, help="With --vessels: vessels are brighter than what is around them; by default the picture says."
     )

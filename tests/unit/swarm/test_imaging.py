@@ -6,11 +6,12 @@ import sys
 
 import numpy as np
 import pytest
+from benchmarks.vessels_from_photographs import Eye, angiogram, measured
 from scipy import ndimage
 
 from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.swarm.maps.generators import generate
-from shoal.swarm.maps.imaging import segment_vessels
+from shoal.swarm.maps.imaging import find_vessels, segment_vessels
 
 pytest.importorskip("skimage")  # an extra
 
@@ -158,6 +159,39 @@ def test_retina_in_other_sizes_and_with_other_thresholds(retina):
     assert sorted(counts, reverse=True) == counts
     assert len(set(counts)) == 3
     np.testing.assert_array_equal(segment_vessels(small, width=80), segment_vessels(small, width=80))
+
+
+def test_a_drawn_eye_and_a_noisy_angiogram():
+    """What `benchmarks.vessels_from_photographs` measures on many."""
+    eye = Eye(1)
+    vessels = find_vessels(eye.picture)
+    assert vessels.warning is None
+    assert not vessels.bright
+    assert measured(vessels.mask, eye.truth, eye.view)["dice"] > 0.75
+    for bright in (True, False):
+        picture, truth = angiogram(1, bright=bright)
+        vessels = find_vessels(picture)
+        assert vessels.bright is bright
+        assert measured(vessels.mask, truth, np.ones_like(truth))["dice"] > 0.85
+
+
+@pytest.mark.parametrize("name", ["page", "text", "brick", "hubble_deep_field", "cell", "coffee", "camera", "coins", "grass"])
+def test_pictures_of_other_things_are_refused_or_warned_of(name):
+    from skimage import data
+
+    picture = getattr(data, name)()[:300, :400]
+    if name in ("text", "brick", "cell"):
+        assert "may show no vessels" in find_vessels(picture).warning
+    else:
+        with pytest.raises(InvalidInputError, match="found no network of lines"):
+            find_vessels(picture)
+
+
+@pytest.mark.parametrize("wide", [0, 1, 2, 4])
+def test_noise_is_refused(wide):
+    noise = ndimage.gaussian_filter(np.random.default_rng(3).standard_normal((120, 160)), wide)
+    with pytest.raises(InvalidInputError, match="found no network of lines"):
+        find_vessels(noise)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
-"""Filters that answer to vessels: a flat ground, line detectors of many lengths, B-COSFIRE.
+"""Filters that answer to vessels: a flat ground, line detectors of many lengths, long ridges of many widths.
 
-The published parameters are for photographs of an eye whose field of view is 540 pixels wide and whose vessels are up to ten pixels
+The parameters are for photographs of an eye whose field of view is 540 pixels wide and whose vessels are up to ten pixels
 wide. For thicker vessels the filters also run on the picture in half its size, and so on.
 """
 
@@ -21,11 +21,11 @@ ANGLES = 12  # of lines, over half a turn
 LINE_WINDOW = 15  # pixels (Nguyen et al. 2013), as are the lengths of the lines: 1, 3, ... 15
 THICKEST_VESSEL = 10  # pixels, of the published filters
 FLATTENING = 19  # pixels, deviation of the Gaussian that is the ground
-BAR = (2.4, (0, 2, 4, 6, 8), 3.0, 0.7)  # B-COSFIRE (Azzopardi et al. 2015): deviation, radii, tolerance and its growth
-BAR_END = (1.8, tuple(range(0, 23, 2)), 2.0, 0.1)  # the same of the filter that answers to the ends of vessels
+RIDGES = tuple((width, 3 * width + 4) for width in (1.2, 1.7, 2.4, 3.4))  # deviations across a vessel and along it, pixels
+RIDGE_WEIGHT = 0.5  # of these beside the line detector
 
 
-def vessel_response(flat: Grey, view: Mask, levels: int, deviation: float) -> Grey:
+def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
     """Return how much each pixel looks like a part of a vessel: about 0 on the ground.
 
     Parameters
@@ -36,17 +36,14 @@ def vessel_response(flat: Grey, view: Mask, levels: int, deviation: float) -> Gr
         Where to look.
     levels : int
         1 for vessels up to 10 pixels wide, and one more for each doubling of that.
-    deviation : float
-        Pixels over which contrast is evened.
     """
-    power = scipy.ndimage.gaussian_filter(flat**2, 2 * deviation)
-    flat = flat / (np.sqrt(power + 0.3 * power.mean()) + 1e-12)
     answers = []
     for level in range(levels):
         step = 2**level
         small = scipy.ndimage.uniform_filter(flat, step)[::step, ::step]
         inside = view[::step, ::step]
-        answer = (standardised(_line_strength(small, inside), inside) + standardised(_bar_strength(small), inside)) / 2
+        lines, ridges = standardised(_line_strength(small, inside), inside), standardised(_ridge_strength(small), inside)
+        answer = standardised(lines + RIDGE_WEIGHT * ridges, inside)
         if level:
             answer = _enlarged(answer, view.shape, step)
         answers.append(answer)
@@ -111,33 +108,25 @@ def _line(length: int, angle: float) -> Grey:
     return weights / length
 
 
-def _bar_strength(grey: Grey) -> Grey:
-    """Return B-COSFIRE: the geometric mean of what a row of small receptive fields sees along a vessel, of bars and of bar ends."""
-    whole, end = (
-        _highest(_along(grey, *parameters, turns=turns, both=both))
-        for parameters, turns, both in ((BAR, 0.5, True), (BAR_END, 1.0, False))
-    )
-    return whole + end
+def _ridge_strength(grey: Grey) -> Grey:
+    """Return the strongest answer of filters that are long along a vessel and a second derivative of a Gaussian across it.
 
-
-def _along(
-    grey: Grey, deviation: float, radii: tuple[int, ...], tolerance: float, growth: float, *, turns: float, both: bool
-) -> Iterable[Grey]:
-    """Yield the answer of one B-COSFIRE filter at each of its angles."""
-    reach = radii[-1] + 1
+    They have all widths and angles, and energy 1, so that noise answers alike to all.
+    """
+    reach = int(2.5 * max(length for _, length in RIDGES))
     padded = np.pad(grey, reach, mode="symmetric")
-    fields = np.maximum(scipy.ndimage.gaussian_filter(padded, deviation / 2) - scipy.ndimage.gaussian_filter(padded, deviation), 0)
-    seen = [np.log(scipy.ndimage.gaussian_filter(fields, (tolerance + growth * radius) / 3) + 1e-6) for radius in radii]
-    weights = np.exp(-4.5 * (np.array(radii) / radii[-1]) ** 2)
-    rows, columns = grey.shape
-    for angle in 2 * np.pi * turns * np.arange(count := round(2 * turns * ANGLES)) / count:
-        total, weighed = np.zeros(grey.shape), 0.0
-        for radius, field, weight in zip(radii, seen, weights, strict=True):
-            for way in (1, -1) if both and radius else (1,):
-                row, column = (reach + round(way * radius * turn) for turn in (np.sin(angle), np.cos(angle)))
-                total += weight * field[row : row + rows, column : column + columns]
-                weighed += weight
-        yield np.exp(total / weighed)
+    shape = tuple(scipy.fft.next_fast_len(side, real=True) for side in padded.shape)
+    spectrum = scipy.fft.rfft2(padded, shape)
+    down, right = scipy.fft.fftfreq(shape[0])[:, None], scipy.fft.rfftfreq(shape[1])
+
+    def answers() -> Iterable[Grey]:
+        for width, length in RIDGES:
+            for angle in np.pi * np.arange(ANGLES) / ANGLES:
+                along, across = right * np.cos(angle) + down * np.sin(angle), down * np.cos(angle) - right * np.sin(angle)
+                weights = across**2 * np.exp(-2 * np.pi**2 * (width**2 * across**2 + length**2 * along**2))
+                yield scipy.fft.irfft2(spectrum * weights / np.sqrt((weights**2).sum()), shape)
+
+    return _highest(answers())[reach:][: grey.shape[0], reach : reach + grey.shape[1]]
 
 
 def _highest(pictures: Iterable[Grey]) -> Grey:
