@@ -88,6 +88,17 @@ def test_a_region_is_searched_no_longer_than_the_budget():
     assert time.monotonic() - begun < 1
 
 
+@pytest.mark.parametrize("planner", ["fewest-moves", "shortest"])
+def test_a_budget_is_kept_on_many_corners(planner):
+    """A map of differences over 200 corners took minutes, whatever the budget."""
+    problem = SteeringProblem(regular_polygon(200), [(0.1, 0.2), (-0.2, 0.1)], [(-0.1, 0.3), (0.2, -0.2)], planner=planner)
+    for seconds in (0.01, 0.5):
+        steer(problem, time=seconds)  # kernels are compiled
+        begun = time.process_time()
+        assert steer(problem, time=seconds)
+        assert time.process_time() - begun < seconds + 0.5
+
+
 @pytest.mark.parametrize("corners", [48, 200])
 def test_many_corners_take_seconds_and_cost_no_length(corners):
     """119 s for 64 corners, before; the plan is about that of a disk inside."""

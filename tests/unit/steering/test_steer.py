@@ -426,6 +426,7 @@ def test_robust_reaches_corners_in_a_world_without_noise_and_says_what_noise_it_
         episode = steer(SteeringProblem(SQUARE, start, goal), planner="robust")
         assert episode.status == "solved"
         assert "execution noise" in episode.reason
+        assert episode.length <= steer(SteeringProblem(SQUARE, start, goal)).length
         assert episode.verify()
     inside = SteeringProblem.from_dict(PROBLEM | {"kind": "steering"})
     episode = steer(inside, planner="robust")

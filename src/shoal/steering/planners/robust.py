@@ -49,21 +49,19 @@ class Robust:
     def control(self, task: SteeringTask, apparatus: Any) -> tuple[Points, Points]:
         """Return the moves that were sent and the states that they led to.
 
-        In a world without noise the loop is the one for a slight noise; where that fails, the shortest moves are sent. What noise
-        the loop can stand is remarked.
+        In a world without noise these are the shortest moves; where they fail, those of the loop for a slight noise. What noise the
+        loop can stand is remarked.
         """
         if apparatus.problem.noisy:
             _Loop(task, apparatus, apparatus.problem).run()
         else:
             short = replace(task, max_moves=min(task.max_moves, QUIET_MOVES))
-            _Loop(short, apparatus, apparatus.with_noise(ASSUMED * task.tolerance).problem).run()
-            if task.error(apparatus.states[-1]) <= task.tolerance:
-                apparatus.remark = _noise_stood(short, apparatus)
-            else:
+            for move in _moves_or_none(self.plan(task), task):
+                apparatus.send(move)
+            if task.error(apparatus.states[-1]) > task.tolerance:
                 apparatus.restart()
-                apparatus.remark = f"execution noise of {ASSUMED * task.tolerance:.2g} is too much here"
-                for move in _moves_or_none(self.plan(task), task):
-                    apparatus.send(move)
+                _Loop(short, apparatus, apparatus.with_noise(ASSUMED * task.tolerance).problem).run()
+            apparatus.remark = _noise_stood(short, apparatus)
         d = task.start.shape[1]
         return np.array(apparatus.inputs).reshape(-1, d), np.array(apparatus.states)
 

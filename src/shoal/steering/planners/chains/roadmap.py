@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from shoal.steering.kernels.cycles import CycleModel
 from shoal.steering.kernels.roadmap import fewest_cycles, linked, widen
-from shoal.steering.planners.chains.chain import Chain, ChainQuery
+from shoal.steering.planners.chains.chain import REFINING, Chain, ChainQuery
 from shoal.steering.planners.chains.friction_roadmap import backward_nodes, turning_nodes
+from shoal.steering.planners.chains.sides import between_few_sides, on_all_sides
 from shoal.steering.workspaces.convex_geometry import Points
 
 MAPS = ((300, 60, 1.02, 200), (1500, 120, 1.01, 400))
@@ -28,11 +29,22 @@ def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int],
     -----
     Ours: a probabilistic roadmap in the Δ configuration space, whose links are two-move sets, with nodes where these are at their
     largest: differences larger than all others of about the same direction that come from the start's, and smaller than all others
-    that lead to the goal's. With friction the ways along these may be the only ones.
+    that lead to the goal's. With friction the ways along these may be the only ones. Over polygons of many corners the map is one
+    over few of their sides.
     """
+    few = between_few_sides(query)
+    if few is not query:
+        rough = roadmap_chain(few, maps=maps, seed=seed)
+        if rough is None:
+            return None
+        found = on_all_sides(query, few, rough)
+        length = query.settle(found.unknowns, found.touchers, found.walls, rounds=REFINING[:3])
+        return replace(found, length=length) if length < inf else None
     model = replace(query, friction=query.friction * (1 - 1e-9)).model(_INSIDE)
     rng = np.random.default_rng(seed)
     for extreme, bins, gain, spread in maps:
+        if query.late:
+            return None
         nodes = [
             np.stack([query.before, query.after]),
             _extreme(query, model, extreme, bins, gain),
