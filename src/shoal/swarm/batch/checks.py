@@ -60,9 +60,12 @@ def check_numbers(
     numbers = np.asarray(given)
     if numbers.dtype.kind not in "iu" or not ((single and numbers.ndim == 0) or numbers.shape == (count,)):
         raise InvalidInputError(f"{what}: expected {count} whole numbers, one a world, got {numbers.dtype} {numbers.shape}")
-    numbers = np.broadcast_to(numbers, count)[chosen]
-    bad = (numbers < least) | (numbers >= below)
-    if bad.any():
+    if numbers.ndim == 0:
+        numbers = np.full(len(chosen), numbers)
+    elif len(chosen) < count:
+        numbers = numbers[chosen]
+    if len(chosen) and not least <= numbers.min() <= numbers.max() < below:
+        bad = int(np.argmax((numbers < least) | (numbers >= below)))
         expected = f"{least} to {below - 1}" if below < LARGEST else f"{least} or more"
-        raise InvalidInputError(f"{what}: expected {expected}, got {numbers[bad][0]} for world {chosen[bad][0]}")
+        raise InvalidInputError(f"{what}: expected {expected}, got {numbers[bad]} for world {chosen[bad]}")
     return numbers

@@ -237,18 +237,20 @@ class WorldBatch(Inspection):
         steps, chosen, ndim = self._steps, self._chosen(where), self.layout.ndim
         given = encode(commands, ndim=ndim) if isinstance(commands, str) else commands
         codes = check_numbers(given, chosen, len(self), what="commands", least=0, below=2 * ndim, single=False)
-        ended = ((self.terminated | self.truncated) & (self.moves > 0))[chosen]
-        if ended.any():
-            over = chosen[ended][0]
+        ended = (self.terminated | self.truncated) & (self.moves > 0)
+        if ended.any() and ended[chosen].any():
+            over = chosen[ended[chosen]][0]
             raise InvalidInputError(f"step: expected worlds that go on, got world {over}, which has ended (reset it or use where)")
         if isinstance(repeat, int) and repeat == 1:
             times = self._once[: len(chosen)]
         else:
             times = check_numbers(repeat, chosen, len(self), what="repeat", least=1).astype(np.int64)
             times = np.minimum(times, np.maximum(steps.limits[chosen] - steps.moves[chosen], 1))
-        if chosen is not self._all:
+        if chosen is self._all:
+            steps.commands[:] = codes
+        else:
             steps.commands[:], steps.classified[:], steps.travelled[:] = -1, 0, 0
-        steps.commands[chosen] = codes
+            steps.commands[chosen] = codes
         if self._compiled:
             self._share(step_worlds, chosen, times)
         else:

@@ -177,15 +177,18 @@ def add_frontier(field, i, cells):
 def stay_left(free, before, staying, rule):
     """Fill ``staying`` with the particles that a move to the left leaves where they are."""
     inner = free.shape[0] - 1
-    staying[0] = before[0] & ~(free[0] << ONE)
-    for i in range(inner):
-        staying[i + 1] = before[i + 1] & ~((free[i + 1] << ONE) | (free[i] >> TOP))
+    blocked = before[0] & ~(free[0] << ONE)
     if rule == MERGE:
+        staying[0] = blocked
+        for i in range(inner):
+            staying[i + 1] = before[i + 1] & ~((free[i + 1] << ONE) | (free[i] >> TOP))
         return
-    crossing = ZERO
-    staying[0] = before[0] & ~(before[0] + staying[0])
+    staying[0] = before[0] & ~(before[0] + blocked)
     for i in range(inner):
-        staying[i + 1] = before[i + 1] & ~(before[i + 1] + staying[i + 1])
+        here = before[i + 1]
+        staying[i + 1] = here & ~(here + (here & ~((free[i + 1] << ONE) | (free[i] >> TOP))))
+    crossing = ZERO
+    for i in range(inner):
         crossing |= (staying[i] >> TOP) & before[i + 1] & ~staying[i + 1]
     if crossing != ZERO:
         for i in range(inner):
@@ -198,12 +201,13 @@ def stay_right(free, before, staying, rule):
     """Fill ``staying`` with the particles that a move to the right leaves where they are."""
     inner = free.shape[0] - 1
     staying[inner] = before[inner] & ~(free[inner] >> ONE)
-    for i in range(inner):
-        staying[i] = before[i] & ~((free[i] >> ONE) | (free[i + 1] << TOP))
     if rule == MERGE:
+        for i in range(inner):
+            staying[i] = before[i] & ~((free[i] >> ONE) | (free[i + 1] << TOP))
         return
-    for i in range(inner + 1):
-        staying[i] = fill_down(staying[i], before[i])
+    staying[inner] = fill_down(staying[inner], before[inner])
+    for i in range(inner):
+        staying[i] = fill_down(before[i] & ~((free[i] >> ONE) | (free[i + 1] << TOP)), before[i])
     crossing = ZERO
     for i in range(inner):
         crossing |= (staying[i + 1] << TOP) & before[i] & ~staying[i]
