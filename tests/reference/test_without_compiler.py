@@ -216,7 +216,7 @@ def test_same_plans_with_the_compiler_off():
 
 def test_same_tours_with_the_compiler_off():
     compiled = episodes(compiled=True, script=TOURS)
-    assert len(compiled.splitlines()) == 20 + 7 + 6 * 12 + 2
+    assert len(compiled.splitlines()) == 20 + 7 + 7 * 12 + 2
     assert episodes(compiled=False, script=TOURS) == compiled
 
 
