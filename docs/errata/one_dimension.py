@@ -100,6 +100,26 @@ def _published_coverage() -> tuple[str, bool]:
 
 
 @erratum(
+    "paper M, section III.A.3",
+    "the search that scans after 1, 2, 4, ... moves takes log2 D scans at most",
+    "log2 D + 3 at most, with the one at the start: as many where D is a power of 2, since one more move than D is needed",
+    "the search walked step by step for all D from 1 to 4096; also with 1, 2, 4, ... moves between scans",
+)
+def _doubling() -> tuple[str, bool]:
+    def scans(distance: int, *, between: bool) -> int:
+        done, position, interval = 1, 0, 1
+        while position <= distance:
+            position = position + interval if between else interval
+            done, interval = done + 1, 2 * interval
+        return done
+
+    over = {way: max(scans(d, between=way) - np.log2(d) for d in range(1, 4097)) for way in (False, True)}
+    powers = {scans(2**k, between=False) - k for k in range(1, 13)}
+    found = f"up to log2 D + {over[False]:g} scans, log2 D + {over[True]:g} with so many moves between them"
+    return found, over[False] == 3 and powers == {3}
+
+
+@erratum(
     "papers M, D, section III.A.2",
     "there are C(m-n, n+1) configurations of the gaps",
     "C(m, n)",
