@@ -7,6 +7,7 @@ import importlib
 import inspect
 import pkgutil
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from shoal.swarm.maps.raster import MOST_LINES
 
 LONGEST = 3000  # characters
 LARGE = {
-    "NDArray|Points|Mask|Grey|Any": np.zeros((40, 50)),
+    "NDArray|Points|Mask|Grey|Words|Any": np.zeros((40, 50)),
     "str": "one\ntwo " * 100,
     "tuple|Sequence|list|Iterable": tuple(range(1000)),
     "dict|Mapping": {number: np.zeros((9, 9)) for number in range(1000)},
@@ -95,3 +96,9 @@ def test_a_large_map_is_not_printed_as_its_rows():
         board = Board.of_mask(workspace.free)
         assert str(board) == repr(board)
     assert str(GridWorkspace(np.ones((2, 2, 3)))) == "...\n...\n\n...\n..."
+
+
+def test_dataclasses_are_the_librarys_own():
+    for path in Path(shoal.__file__).parent.rglob("*.py"):
+        if path.name != "dataclass.py":
+            assert not re.search(r"^from dataclasses import .*\bdataclass\b", path.read_text(), re.M), path

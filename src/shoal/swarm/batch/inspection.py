@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import shortened
+from shoal.dataclass import one_line
 from shoal.errors import InvalidInputError
 from shoal.swarm.batch.checks import check_out, check_where
 from shoal.swarm.batch.maps import PaddedMaps
@@ -40,6 +41,9 @@ class Boards(NamedTuple):
     known: Words
     frontier: Words
 
+    def __repr__(self) -> str:
+        return one_line(self)
+
 
 class Measures(NamedTuple):
     """Sums over the particles of worlds, one row a world; in sums a cell counts with at most 255 of them."""
@@ -51,6 +55,9 @@ class Measures(NamedTuple):
     particles: NDArray[np.int64]  # (worlds,)
     frontier: NDArray[np.int64]  # (worlds,): cells
     known: NDArray[np.int64]  # (worlds,): cells that are known or frontier
+
+    def __repr__(self) -> str:
+        return one_line(self)
 
     @property
     def middle(self) -> NDArray[np.float64]:
