@@ -26,7 +26,10 @@ COMMANDS = {
         "map rectangle:9x9 --particles 3 --placement flood-fill --policy closest-frontier",
         "cover rectangle:9x9 --particles 3",
     ],
-    "steering": ["steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1"],
+    "steering": [
+        f"steer {place} --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --planner {planner}"
+        for place, planner in (("square", "shortest"), ("disk", "greedy"), ("square", "fewest-moves"), ("square", "sampling"))
+    ],
     "search": [
         "search rectangle:60x40 --robots 3 --footprint 5",
         *(f"tour {name} cave:20x15" for name in ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree")),
