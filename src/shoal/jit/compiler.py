@@ -19,7 +19,7 @@ from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NativeLowering
 
 from shoal.jit.cache import cached
-from shoal.jit.libraries import Entry, Part
+from shoal.jit.libraries import Entry, LinkedPart
 
 _OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
@@ -42,7 +42,7 @@ class _PartLowering(_EntryLowering):
     """Lower a kernel that other kernels call."""
 
     _name = "part_lowering"
-    library_class = Part
+    library_class = LinkedPart
 
     def run_pass(self, state: Any) -> bool:
         state.flags.no_compile = True

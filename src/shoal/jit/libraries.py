@@ -8,7 +8,7 @@ from llvmlite import binding
 from numba.core.codegen import JITCodeLibrary
 
 
-class Part(JITCodeLibrary):
+class LinkedPart(JITCodeLibrary):
     """Code that is only linked into other code: it is neither optimized as a whole nor made into machine code."""
 
     def _optimize_final_module(self) -> None:

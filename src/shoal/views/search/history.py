@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shoal.dataclass import dataclass
 from shoal.search import Arc, RobotLog, Route, SearchEpisode
 from shoal.search.allocation.partition import partition
+from shoal.search.cells.routing import length_of
 from shoal.search.problem.faults import Liar, Slow, WrongPosition
 from shoal.search.simulation.findings import Finding
 
@@ -276,7 +277,7 @@ class SearchHistory:
             ]
             moments = [
                 begin
-                + span * np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))]) / max(_length(way), size * 1e-9)
+                + span * np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))]) / max(length_of(way), size * 1e-9)
                 for way, begin, span in zip(ways, (left, left + there + brief.recharge), (there, back), strict=True)
             ]
             times = np.concatenate([times[:first], *moments, times[last:]])
@@ -334,10 +335,6 @@ def long_legs(route: Route, size: float) -> NDArray[np.bool_]:
     far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route.points, axis=0).T))])
     stops = np.diff(far[route.stops], prepend=0.0)
     return np.asarray(stops[between] > 1.6 * size) | route.transit
-
-
-def _length(way: Floats) -> float:
-    return float(np.hypot(*np.diff(way, axis=0).T).sum())
 
 
 def _earliest(seen: tuple[Numbers, ...], log: RobotLog) -> tuple[Numbers, Floats]:
