@@ -43,6 +43,13 @@ class Route:
         """Metres."""
         return length_of(self.points)
 
+    def long_legs(self, size: float) -> NDArray[np.bool_]:
+        """Return which legs are between stops farther apart than neighbouring cells, or transits; bool, shape (k - 1,)."""
+        between = np.searchsorted(self.stops, np.arange(1, len(self.points)), side="left")
+        far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.points, axis=0).T))])
+        stops = np.diff(far[self.stops], prepend=0.0)
+        return np.asarray(stops[between] > 1.6 * size) | self.transit
+
     def waypoints(self) -> Points:
         """Return the points at which the way bends, both ends included; float64, shape (m, 2)."""
         return merge_collinear(self.points)

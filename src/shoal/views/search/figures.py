@@ -14,7 +14,7 @@ from shoal.search.cells.clipping import rotated_shape
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
 from shoal.views.drawing.polygon_paths import hole_in, rings_of
 from shoal.views.drawing.scale_bar import draw_scale_bar
-from shoal.views.search.history import SearchHistory, long_legs, robot_colour
+from shoal.views.search.history import SearchHistory, robot_colour
 from shoal.views.search.timeline import draw_heading, timeline_figure
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> 
     ends = history.stop_ends(robot)
     cell = np.clip(np.searchsorted(ends, np.arange(1, len(route.points))) - 1, 0, None)
     taken = (history.others(robot) > 0)[np.minimum(cell, len(ends) - 2)]
-    far = long_legs(route, size)
+    far = route.long_legs(size)
     thick = float(np.clip(0.16 * side, 0.45, 1.9))
     for chosen, width, style, alpha in (
         (far, 0.55 * thick, (0, (3, 1.8)), 0.75),
@@ -283,7 +283,7 @@ def _draw_legend(figure: Figure, history: SearchHistory) -> None:
         handles.append(Line2D([], [], ls="", marker="D", mfc="#ffd54a", mec=INK, ms=6, label="finding, and how sure"))
     if episode.obstacles:
         handles.append(Patch(facecolor=OBSTACLE, label="obstacle, found on the way"))
-    if any(long_legs(route, episode.plan.grid.size).any() for route in episode.routes):
+    if any(route.long_legs(episode.plan.grid.size).any() for route in episode.routes):
         handles.append(Line2D([], [], color=MUTED, lw=1.0, ls=(0, (3, 1.8)), label="way to a cell farther off"))
     if episode.plan.grid.region.no_go_zones:
         handles.append(Patch(facecolor=_OUTSIDE, edgecolor=_EDGE, lw=1.0, label="no-go zone"))

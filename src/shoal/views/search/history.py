@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.dataclass import dataclass
-from shoal.search import Arc, RobotLog, Route, SearchEpisode
+from shoal.search import Arc, RobotLog, SearchEpisode
 from shoal.search.allocation.partition import partition
 from shoal.search.cells.routing import length_of
 from shoal.search.problem.faults import Liar, Slow, WrongPosition
@@ -327,14 +327,6 @@ class SearchHistory:
         level = np.stack([np.stack([across_cols - 1, across_rows], axis=1), np.stack([across_cols, across_rows], axis=1)], axis=1)
         corners = np.concatenate([upright, level]).astype(np.float64)
         return np.asarray(corners * (size, -size) + (left, top))
-
-
-def long_legs(route: Route, size: float) -> NDArray[np.bool_]:
-    """Return which legs of a route lead farther than to a neighbouring cell; bool, shape (k - 1,)."""
-    between = np.searchsorted(route.stops, np.arange(1, len(route.points)), side="left")
-    far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route.points, axis=0).T))])
-    stops = np.diff(far[route.stops], prepend=0.0)
-    return np.asarray(stops[between] > 1.6 * size) | route.transit
 
 
 def _earliest(seen: tuple[Numbers, ...], log: RobotLog) -> tuple[Numbers, Floats]:
