@@ -81,9 +81,8 @@ def put(x, kind, work):
 @in_place_kernel
 def begin(work, points, row, factor):
     """Set the vector to a row of points, times a factor; 0 makes it zero."""
-    span = work.span
-    for i in range(span.shape[1]):
-        span[0, i] = factor * points[row, i]
+    for i in range(work.span.shape[1]):
+        work.span[0, i] = factor * points[row, i]
 
 
 @in_place_kernel
