@@ -172,7 +172,7 @@ def angle_of(ways: Sequence[NDArray[np.float64]]) -> float:
 
     Examples
     --------
-    >>> angle_of([np.array([(0.0, 0.0), (100.0, 0.1), (100.0, 10.0), (0.0, 10.0)])])
+    >>> angle_of([np.array([(0.0, 0.0), (100.0, 0.001), (100.0, 10.0), (0.0, 10.0)])])
     0.0
     """
     legs = np.concatenate([np.zeros((0, 2)), *(np.diff(way, axis=0) for way in ways)])

@@ -28,7 +28,8 @@ EDGE = 0.2  # share of the depth of a vessel that its edge has at least
 FAINT = 3.0  # contrast of a network to its ground, over the deviation of the ground, that noise does not reach
 EDGES, LINES = 0.5, 0.9  # share of the network that differs from both of its sides
 SPECKS, TREES = 0.2, 0.65  # extent of a connected part over the larger side, on average over the network
-WOVEN = 0.35  # how much all lines run along or across one direction, from 0 to 1: above, confidence is not sure
+WOVEN = 0.2  # how much all lines run along or across one direction, from 0 to 1: above, confidence is not sure
+STRAIGHT = 60  # pixels for which a line keeps its direction: short networks run along one by chance
 
 
 @dataclass(frozen=True)
@@ -210,7 +211,8 @@ def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
         return 0.0
     two_sided, woven = _shape_of_lines(flat, network, middle)
     lines, connected = (two_sided - EDGES) / (LINES - EDGES), (_mean_extent(network, middle) - SPECKS) / (TREES - SPECKS)
-    most = 1.0 if woven < WOVEN else (LEAST_CONFIDENCE + SURE) / 2
+    by_chance = np.sqrt(STRAIGHT / np.count_nonzero(middle))
+    most = 1.0 if woven < WOVEN + by_chance else (LEAST_CONFIDENCE + SURE) / 2
     return float(np.clip(min(stands_out, lines, connected), 0, most))
 
 
