@@ -6,7 +6,7 @@ from math import inf
 
 import numpy as np
 
-from shoal.steering.kernels import plan_repair, shooting
+from shoal.steering.kernels import shooting
 from shoal.steering.kernels.contact import Walls
 from shoal.steering.planners.task import SteeringTask, path_length
 from shoal.steering.workspaces.convex_geometry import Points
@@ -43,7 +43,7 @@ def shooting_plan(task: SteeringTask, count: int) -> Points | None:
         found = 0
         for some in [picks] if task.deadline == inf else np.array_split(picks, PARTS):
             if found == 0 and not task.late:
-                found = plan_repair.search_guided(start, goal, dense, SHARES, some, nudges, ENOUGH, between, moves)
+                found = shooting.search_guided(start, goal, dense, SHARES, some, nudges, ENOUGH, between, moves)
     if not found:
         return None
     shooting.improve(start, goal, count - 2, 0.05, nudges, between, moves)
