@@ -17,6 +17,14 @@ def number(*, seed: int, factor: int = 1, pause: float = 0.0) -> dict[str, objec
 number.measures = ("value", "half", "word")
 
 
+def lengths(*, seed: int, word: str) -> dict[str, object]:
+    """Return the length of a word."""
+    return {"length": len(word)}
+
+
+lengths.measures = ("length",)
+
+
 def picky(*, seed: int, limit: int) -> dict[str, object]:
     """Fail for some seeds."""
     if seed % 10 < limit:

@@ -584,3 +584,17 @@ def test_commands(tmp_path, monkeypatch, capsys):
         assert command(["sweep", "run", "bad.toml", "--store", "none.sqlite"]) == 2
         assert told in capsys.readouterr().err
     assert not Path("none.sqlite").exists()
+
+
+def test_a_spreadsheet_takes_no_text_for_a_formula(tmp_path):
+    sweep = Sweep(
+        name="words",
+        problem={"kind": "function", "function": f"{HERE}:lengths"},
+        axes={"word": ["=1+1", "@a", "plain", "-x"]},
+        trials=1,
+    )
+    run_sweep(sweep, tmp_path / "store.sqlite", workers=0)
+    with Store(tmp_path / "store.sqlite") as store:
+        export(store, "words", tmp_path / "table.csv")
+    rows = (tmp_path / "table.csv").read_text().splitlines()
+    assert [row.split(",")[0] for row in rows[1:]] == ["'=1+1", "'@a", "plain", "'-x"]

@@ -187,3 +187,17 @@ def test_in_a_working_folder_that_was_deleted(options, exit_code, tmp_path):
     ended = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ended.returncode == exit_code
     assert ended.stderr.count("\n") == (exit_code == 2)
+
+
+def test_names_of_strangers_do_not_reach_the_terminal_raw(tmp_path, capfd):
+    """Neither in a sentence nor in a table: escape sequences, bells, and letters that turn the line round."""
+    folder = tmp_path / "a\x1b[31m\u202eb"
+    folder.mkdir()
+    field = {"type": "Polygon", "coordinates": [[[13.4, 52.5], [13.402, 52.5], [13.402, 52.501], [13.4, 52.501], [13.4, 52.5]]]}
+    (folder / "field.json").write_text(json.dumps(field))
+    assert command(["search", str(folder / "none.json"), "--footprint", "50"]) == 2
+    assert command(["search", str(folder / "field.json"), "--footprint", "50", "--out", str(folder / "out")]) == 0
+    told = capfd.readouterr()
+    assert not {"\x1b", "\u202e"} & set(told.err)
+    assert "\\x1b[31m\\u202e" in told.err
+    assert "\u202e" not in told.out

@@ -19,10 +19,25 @@ from shoal.errors import InvalidInputError, OutputError
 Advance = Callable[[int], None]
 
 
+_CONTROLS = (*range(9), *range(11, 32), *range(127, 160), *range(0x202A, 0x202F), *range(0x2066, 0x206A))
+_TOLD = {code: f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" for code in _CONTROLS}
+
+
+def visible(text: str) -> str:
+    r"""Return a text without characters that a terminal obeys: names of files and of things in them are strangers'.
+
+    Examples
+    --------
+    >>> print(visible("a\x1b[31mb"))
+    a\x1b[31mb
+    """
+    return text.translate(_TOLD)
+
+
 def say(text: str) -> None:
     """Print a message for people on stderr."""
     if sys.stderr is not None:  # None would mean stdout to print()
-        print(text, file=sys.stderr, flush=True)
+        print(visible(text), file=sys.stderr, flush=True)
 
 
 def print_json(result: dict[str, Any]) -> None:
@@ -32,19 +47,31 @@ def print_json(result: dict[str, Any]) -> None:
 
 def print_table(rows: list[tuple[str, str]], *, title: str) -> None:
     """Print a summary for people on stdout."""
-    from rich.console import Console
-    from rich.markup import escape
     from rich.table import Table
 
-    table = Table(title=escape(title), title_justify="left", title_style="bold", show_header=False, box=None, pad_edge=False)
+    table = Table(title=cell(title), title_justify="left", title_style="bold", show_header=False, box=None, pad_edge=False)
     table.add_column(style="cyan", no_wrap=True)
     table.add_column(overflow="fold")
     for name, value in rows:
-        table.add_row(escape(name), escape(value))
+        table.add_row(cell(name), cell(value))
+    print_drawn(table)
+
+
+def cell(text: str) -> str:
+    """Return a text as it stands in a table: none of it is an order to Rich or to the terminal."""
+    from rich.markup import escape
+
+    return escape(visible(text))
+
+
+def print_drawn(drawn: Any) -> None:
+    """Print on stdout what Rich draws."""
+    from rich.console import Console
+
     console = Console(soft_wrap=False)
-    with console.capture() as drawn:
-        console.print(table)
-    print(drawn.get(), end="")  # not by the console, which ends the program itself when a pipe is closed
+    with console.capture() as captured:
+        console.print(drawn)
+    print(captured.get(), end="")  # not by the console, which ends the program itself when a pipe is closed
 
 
 @contextmanager

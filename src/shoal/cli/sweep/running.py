@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, print_json, print_table, quiet, say, warnings_said
+from shoal.cli.output import cell, check_folder, print_drawn, print_json, print_table, quiet, say, visible, warnings_said
 from shoal.cli.sweep.results import StoreFile, Unused, check_table
 from shoal.errors import InvalidInputError
 from shoal.files import write_json
@@ -187,14 +187,13 @@ def status(
     if json_:
         print_json(result)
     elif not watch or not sys.stdout.isatty():
-        _print_drawn(_table(found))
+        print_drawn(_table(found))
         for one in found:
             if _provenance(one):
-                print(f"{one.name}: {_provenance(one)}")
+                print(visible(f"{one.name}: {_provenance(one)}"))
 
 
 def _table(found: list[SweepStatus]) -> Table:
-    from rich.markup import escape
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
@@ -203,17 +202,8 @@ def _table(found: list[SweepStatus]) -> Table:
     for one in found:
         state = "complete" if one.complete else "running" if one.running else "stopped"
         pace = _pace(one.rate, one.left) if one.rate and not one.complete else ""
-        table.add_row(escape(one.name), str(one.done), str(one.total), str(one.failures), state, pace)
+        table.add_row(cell(one.name), str(one.done), str(one.total), str(one.failures), state, pace)
     return table
-
-
-def _print_drawn(drawn: Any) -> None:
-    from rich.console import Console
-
-    console = Console(soft_wrap=False)
-    with console.capture() as captured:
-        console.print(drawn)
-    print(captured.get(), end="")
 
 
 def _watch(store: Store) -> None:

@@ -57,9 +57,14 @@ def _write_csv(store: Store, name: str, columns: list[str], path: Path) -> int:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         for chunk in store.chunks(name):
-            writer.writerows(zip(*chunk, strict=True))
+            writer.writerows(zip(*(map(_defused, column) for column in chunk), strict=True))
             count += len(chunk[-1])
     return count
+
+
+def _defused(value: Any) -> Any:
+    """Return what stands in a cell of a CSV file: a text that a spreadsheet would take for a formula begins with an apostrophe."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
 
 
 def _write_parquet(store: Store, name: str, columns: list[str], path: Path) -> int:
