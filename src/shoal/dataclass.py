@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from dataclasses import dataclass
 else:
 
-    def dataclass(cls=None, /, *, repr=True, **options):  # noqa: A002
+    def dataclass(cls=None, /, *, repr=True, **options):  # noqa: A002 - as in dataclasses
         """Return a class as `dataclasses.dataclass` does, with `one_line` as its ``__repr__`` unless it has one."""
 
         def made(cls):

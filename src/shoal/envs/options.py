@@ -16,6 +16,9 @@ from shoal.problem import Problem, option
 P = TypeVar("P", bound=Problem)
 O = TypeVar("O", bound="EnvOptions")  # noqa: E741 - an option
 
+SEEDS = 2**31
+"""Seeds of episodes that nobody gave one are drawn below this."""
+
 OBSERVATIONS = ("planes", "window", "compact")
 CENTERS = ("particles", "frontier")
 

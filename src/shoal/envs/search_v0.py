@@ -15,7 +15,7 @@ import pettingzoo
 from numpy.typing import NDArray
 
 from shoal.checks import shortened
-from shoal.envs.options import SearchEnvOptions, check_render_mode, check_running, option_errors, split_fields
+from shoal.envs.options import SEEDS, SearchEnvOptions, check_render_mode, check_running, option_errors, split_fields
 from shoal.envs.rendering import MODES, close_window, enlarged, rendered
 from shoal.search.allocation.plan import plan_search, start_points
 from shoal.search.problem import SearchProblem
@@ -32,7 +32,6 @@ PLANES = ("region", "own", "searched", "obstacles", "found")
 DIRECTIONS = ((0, 0), (0, -1), (-1, 0), (0, 1), (1, 0))
 """Of the actions 1 to 5: here, left, up, right, down."""
 
-_SEEDS = 2**31
 Observation = dict[str, NDArray[Any]]
 
 
@@ -74,7 +73,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     (['robot_1', 'robot_2'], (5, 3, 3), [1, 1, 1, 1, 1, 1])
     """
 
-    metadata: dict[str, Any] = {"name": "shoal_search_v0", "render_modes": MODES, "render_fps": 10, "is_parallelizable": True}  # noqa: RUF012
+    metadata: dict[str, Any] = {"name": "shoal_search_v0", "render_modes": MODES, "render_fps": 10, "is_parallelizable": True}  # noqa: RUF012 - as in its base
 
     def __init__(self, *, render_mode: str | None = None, **fields: Any) -> None:
         self.problem, self.options = split_fields({"region": "square:100", **fields}, SearchProblem, SearchEnvOptions)
@@ -120,7 +119,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         """
         if seed is not None:
             self._rng = np.random.default_rng(seed)
-        self._drawn = int(self._rng.integers(_SEEDS)) if seed is None else seed
+        self._drawn = int(self._rng.integers(SEEDS)) if seed is None else seed
         plan, problem = self._plan, self.problem
         with option_errors():
             places = start_points(plan.grid, problem.starts, problem.robots, np.random.default_rng(self._drawn))

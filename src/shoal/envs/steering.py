@@ -10,6 +10,7 @@ import numpy as np
 
 from shoal.checks import shortened
 from shoal.envs.options import (
+    SEEDS,
     OptionError,
     SteeringEnvOptions,
     check_no_options,
@@ -29,7 +30,6 @@ from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
 from shoal.version import versions
 
-_SEEDS = 2**31
 Observation = dict[str, Points]
 
 
@@ -116,7 +116,7 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         """
         super().reset(seed=seed)
         check_no_options(options)
-        drawn = int(self.np_random.integers(_SEEDS)) if seed is None else seed
+        drawn = int(self.np_random.integers(SEEDS)) if seed is None else seed
         with option_errors():
             start, goal = self.problem.endpoints(drawn)
             check_can_part(start, goal, self.problem.tolerance)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from itertools import permutations, product
+from itertools import product
 
 import numpy as np
 import pytest
@@ -81,25 +81,48 @@ def test_turns_that_cost_nothing_still_count_when_angles_are_compared():
     assert free.grid.angle == dear.grid.angle
 
 
+def test_the_check_of_coverage_loses_no_footprints():
+    """Many with nearly the same sides: united without a grid, some were not there, and 9,693 square metres "not seen"."""
+    region = blob(0, corners=40)
+    laid = grid_tour(region, 25.0, "spanning-tree", angle=33.0)
+    route = laid.paths.route(np.concatenate([laid.tour.cells, laid.tour.cells[:1]]))
+    assert coverage_check(region, [route.points], 25.0, angle=33.0).uncovered_m2 == 0.0
+
+
+def length_of_runs(ends, order, backwards):
+    ways = [ends[run, [back, 1 - back]] for run, back in zip(order, backwards, strict=True)]
+    return sum(float(np.hypot(*(ways[k][0] - ways[k - 1][1]))) for k in range(len(ways)))
+
+
+def changed_orders(order, backwards):
+    """Yield what one exchange makes of an order: a part the other way round, or up to three runs at another place."""
+    n, pairs = len(order), list(zip(order.tolist(), backwards.tolist(), strict=True))
+    for i in range(n):
+        for j in range(i + 1, n):
+            yield pairs[:i] + [(run, 1 - back) for run, back in reversed(pairs[i : j + 1])] + pairs[j + 1 :]
+    for i, count in product(range(n), (1, 2, 3)):
+        turned = pairs[i:] + pairs[:i]
+        moved, rest = turned[:count], turned[count:]
+        for k in range(1, len(rest)):
+            for part in (moved, [(run, 1 - back) for run, back in reversed(moved)]):
+                yield rest[:k] + part + rest[k:]
+
+
 @pytest.mark.parametrize("seed", range(20))
-def test_no_exchange_of_runs_is_left_out(seed):
-    """Few runs: no order and directions of them are shorter by more than exchanges can miss; and what is returned is a tour."""
+def test_no_exchange_of_runs_is_left(seed):
     rng = np.random.default_rng(seed)
-    ends = rng.integers(0, 9, (6, 2, 2)).astype(float)
+    n = 6 + seed % 7
+    ends = rng.integers(0, 9, (n, 2, 2)).astype(float)
     ends[:, 1, 0] = ends[:, 0, 0]
-
-    def length(order, backwards):
-        ways = [ends[run, [back, 1 - back]] for run, back in zip(order, backwards, strict=True)]
-        return sum(float(np.hypot(*(ways[k][0] - ways[k - 1][1]))) for k in range(6))
-
-    order, backwards = rng.permutation(6), rng.integers(0, 2, 6)
-    before = length(order, backwards[order])
+    order, backwards = rng.permutation(n), rng.integers(0, 2, n)
+    before = length_of_runs(ends, order, backwards[order])
     run_order.shorten(ends, order, backwards)
-    after = length(order, backwards[order])
-    best = min(length((0, *rest), flips) for rest in permutations(range(1, 6)) for flips in product((0, 1), repeat=6))
-    assert sorted(order) == list(range(6))
+    after = length_of_runs(ends, order, backwards[order])
+    assert sorted(order) == list(range(n))
     assert after <= before + 1e-9
-    assert best - 1e-9 <= after <= 1.35 * best + 1e-9
+    for changed in changed_orders(order, backwards[order]):
+        runs, flips = zip(*changed, strict=True)
+        assert length_of_runs(ends, runs, flips) >= after - 1e-6
 
 
 def test_boustrophedon_turns_twice_a_row():

@@ -28,7 +28,7 @@ _WORK = 200_000  # cells that are planned in full, of all orientations together
 _ROWS = 120  # at most so many rows are looked at for an estimate
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GridTour:
     """A region cut into cells, and the tour through them.
 

@@ -72,7 +72,7 @@ def _piece(clipped: Clipped, lattice: Lattice, cell: tuple[int, int], own: NDArr
 def viewpoints_of(
     pieces: Any, centers: Points, *, footprint: float, size: float, known: Sequence[Points | None] = ()
 ) -> tuple[Points, NDArray[np.int64]]:
-    """Return places in pieces of cells from which their whole area is seen.
+    """Return places from which all of each piece of a cell is seen: in the piece, unless they are known.
 
     A piece that holds the centre of its cell is seen from there. Another is seen from its point nearest to the centre among those
     that see all of it; where there is none, from several.

@@ -15,7 +15,7 @@ MOST_RUNS = 1500
 
 @TOURS.register("boustrophedon")
 class BoustrophedonTour:
-    """All cells of a row between two gaps at a stretch: a run. No tour turns less often than twice a run, and this one does not.
+    """Each run, the cells of a row between two gaps, at a stretch: about two turns a run.
 
     It begins with the boustrophedon decomposition (H. Choset, "Coverage of known spaces: the boustrophedon cellular decomposition",
     Autonomous Robots 9, 2000) and makes the ways between runs shorter by exchanges: of two links (2-opt), and of up to three runs

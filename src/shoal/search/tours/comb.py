@@ -1,4 +1,4 @@
-"""Back and forth in straight lanes, one column kept for the return: the tour with the fewest turns."""
+"""Back and forth in straight lanes, one column kept for the return: few turns, and a closing edge of one step."""
 
 from __future__ import annotations
 

@@ -164,24 +164,32 @@ const ShoalSearch = (() => {
       this.drawScale(colours);
     }
 
-    /** A bar of a round length in metres, and an arrow to the north. */
+    /** A bar of a round length in metres, and an arrow to the north; a rim keeps both apart from what lies below. */
     drawScale(colours) {
       const { pen, canvas, unit, view, history } = this, most = 0.22 * canvas.width / view.scale, power = 10 ** Math.floor(Math.log10(most));
       const length = [5, 2, 1].find((step) => step * power <= most) * power, long = length * view.scale;
       const x = 12 * unit, y = canvas.height - 12 * unit;
+      const rimmed = (width, draw) => {
+        for (const [colour, rim] of [[colours.floorText, 4 * unit], [colours.ink, 0]]) {
+          pen.strokeStyle = pen.fillStyle = colour;
+          pen.lineWidth = width + rim;
+          draw(rim > 0);
+        }
+      };
+      const write = (text, font, at, level) => {
+        pen.font = font;
+        rimmed(0, (rim) => (rim ? pen.strokeText(text, at, level) : pen.fillText(text, at, level)));
+      };
+      pen.lineJoin = "round";
+      pen.textAlign = "center";
+      pen.textBaseline = "alphabetic";
       pen.beginPath();
       pen.moveTo(x, y - 5 * unit);
       pen.lineTo(x, y);
       pen.lineTo(x + long, y);
       pen.lineTo(x + long, y - 5 * unit);
-      pen.strokeStyle = pen.fillStyle = colours.ink;
-      pen.lineWidth = 1.6 * unit;
-      pen.lineJoin = "miter";
-      pen.stroke();
-      pen.font = `${11 * unit}px system-ui, sans-serif`;
-      pen.textAlign = "center";
-      pen.textBaseline = "alphabetic";
-      pen.fillText(length >= 1000 ? `${length / 1000} km` : `${length} m`, x + long / 2, y - 5 * unit);
+      rimmed(1.6 * unit, () => pen.stroke());
+      write(length >= 1000 ? `${length / 1000} km` : `${length} m`, `${11 * unit}px system-ui, sans-serif`, x + long / 2, y - 5 * unit);
       if (history.north === null) return;
       const middle = x + long + 24 * unit, lean = history.north * Math.PI / 180;
       const corner = (right, up) => [
@@ -192,9 +200,8 @@ const ShoalSearch = (() => {
       pen.lineTo(...corner(5, -5));
       pen.lineTo(...corner(-5, -5));
       pen.closePath();
-      pen.fill();
-      pen.font = `700 ${11 * unit}px system-ui, sans-serif`;
-      pen.fillText("N", middle, y);
+      rimmed(0, (rim) => (rim ? pen.stroke() : pen.fill()));
+      write("N", `700 ${11 * unit}px system-ui, sans-serif`, middle, y);
     }
 
     /** Cells that cannot be entered, once that was found. */
