@@ -28,9 +28,9 @@ from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, enc
 from shoal.search.protocol.robot import Brief, Robot, advance
 from shoal.search.run import run as run_search
 from shoal.search.simulation.live import LiveEvent, LiveOutcome, cell_locks, process, process_pool, radio, run_live, supervisor
+from shoal.search.simulation.live.moving_point import MovingPoint
 from shoal.search.simulation.live.outcome import covered_share, searched_by
 from shoal.search.simulation.live.task import LiveTask
-from shoal.search.simulation.live.vehicle import Vehicle
 
 
 def brief_of(rows: int, columns: int, **options: object) -> Brief:
@@ -378,8 +378,8 @@ def test_too_many_cells_for_a_datagram():
 
 
 def test_vehicle_moves_the_same_in_one_step_or_many():
-    leg = Vehicle(0.0, (0.0, 0.0), (3.0, 4.0)).sent((3.0, 4.0), way=5.0, length=5.0)
-    many = Vehicle(0.0, (0.0, 0.0), (0.0, 0.0)).sent((3.0, 4.0), way=5.0, length=5.0)
+    leg = MovingPoint(0.0, (0.0, 0.0), (3.0, 4.0)).sent((3.0, 4.0), way=5.0, length=5.0)
+    many = MovingPoint(0.0, (0.0, 0.0), (0.0, 0.0)).sent((3.0, 4.0), way=5.0, length=5.0)
     once = many.moved(3.0, rate=1.0)
     for tick in range(1, 301):
         many = many.moved(tick / 100, rate=1.0)
@@ -390,7 +390,7 @@ def test_vehicle_moves_the_same_in_one_step_or_many():
 
 
 def test_vehicle_stops_before_a_cell_until_it_may_enter():
-    vehicle = Vehicle(0.0, (0.0,), (0.0,)).sent((5.0,), way=5.0, length=5.0)
+    vehicle = MovingPoint(0.0, (0.0,), (0.0,)).sent((5.0,), way=5.0, length=5.0)
     while not vehicle.arrived:
         vehicle = vehicle.moved(vehicle.earliest(rate=1.0), rate=1.0)
     assert vehicle.moved(99.0, rate=1.0).done == vehicle.done == pytest.approx(4.0, abs=1e-3)

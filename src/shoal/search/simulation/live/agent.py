@@ -32,9 +32,9 @@ from shoal.search.protocol.inference import step_cost
 from shoal.search.protocol.messages import decode_beacon, encode_beacon
 from shoal.search.protocol.robot import LOOK, Robot, advance
 from shoal.search.simulation.live import cell_locks
+from shoal.search.simulation.live.moving_point import MovingPoint
 from shoal.search.simulation.live.radio import Radio
 from shoal.search.simulation.live.task import LiveTask
-from shoal.search.simulation.live.vehicle import Vehicle
 from shoal.search.simulation.scenario import first_obstacle
 
 _TRIES = 8  # how often a robot tries to enter an occupied cell before it goes elsewhere
@@ -82,7 +82,7 @@ class Agent:
         self.task, self.robot, self.radio = task, robot, radio
         self._ground, self._epoch, self._tell = ground, epoch, tell
         self._stops = self._stops_of(robot.start)
-        self.vehicle = Vehicle(0.0, self._stops, self._stops)
+        self.vehicle = MovingPoint(0.0, self._stops, self._stops)
         self._cell: int | None = robot.start  # in the middle of which it stands
         self._inside: int | None = None  # the cell that it is in to search it
         self._going: Go | GoHome | Halt | None = None

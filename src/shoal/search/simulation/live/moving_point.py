@@ -12,7 +12,7 @@ _NEAR = 1e-3  # cells
 
 
 @dataclass(frozen=True, slots=True)
-class Vehicle:
+class MovingPoint:
     """A vehicle on one leg: it goes so far in a straight line, and then works on the spot as long as the leg is longer than that.
 
     Parameters
@@ -33,7 +33,7 @@ class Vehicle:
 
     Examples
     --------
-    >>> start = Vehicle(0.0, (0.0, 0.0), (4.0, 0.0), way=4.0, length=4.0, limit=4.0)
+    >>> start = MovingPoint(0.0, (0.0, 0.0), (4.0, 0.0), way=4.0, length=4.0, limit=4.0)
     >>> later = start.moved(2.0, rate=1.0)
     >>> round(later.done, 3), round(later.speed, 3), [round(x, 3) for x in later.place]
     (1.9, 1.0, [1.9, 0.0])
@@ -59,7 +59,7 @@ class Vehicle:
         """Whether it is where it must stop."""
         return self.done >= self.limit - _NEAR
 
-    def moved(self, time: float, *, rate: float) -> Vehicle:
+    def moved(self, time: float, *, rate: float) -> MovingPoint:
         """Return the vehicle at a later time, driving as fast as ``rate``: exact, however long the time between.
 
         It is never beyond its limit; the speed that it comes there with, it keeps.
@@ -75,10 +75,10 @@ class Vehicle:
         """Return a time before which it cannot have arrived."""
         return self.time + (self.limit - self.done) / max(rate, self.speed)
 
-    def stopped(self) -> Vehicle:
+    def stopped(self) -> MovingPoint:
         """Return the vehicle at rest."""
         return replace(self, speed=0.0)
 
-    def sent(self, goal: tuple[float, ...], *, way: float, length: float) -> Vehicle:
+    def sent(self, goal: tuple[float, ...], *, way: float, length: float) -> MovingPoint:
         """Return the vehicle on a new leg from where it is; it must stop one cell before the end, which may be at once."""
         return replace(self, origin=self.place, goal=goal, way=way, length=length, done=0.0, limit=max(length - 1.0, 0.0))

@@ -1,0 +1,344 @@
+"""Vehicle: speeds, turns, battery, camera and wind of what searches, in its own units."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from math import atan, cos, degrees, inf, radians, sin, tan
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.checks import check_choice, check_depth, parse_json, read_text, shortened, suggestion
+from shoal.dataclass import dataclass
+from shoal.errors import InvalidInputError
+from shoal.problem import Problem, option
+
+PRESETS: dict[str, dict[str, float]] = {
+    "ideal": {"cruise_speed": 1.0, "altitude": 30.0},
+    "multirotor": {
+        "cruise_speed": 5.0, "climb_speed": 2.5, "sink_speed": 1.5, "acceleration": 2.5, "altitude": 30.0, "endurance": 25.0,
+        "reserve": 0.2, "acceptance_radius": 1.0,
+    },
+    "fixed-wing": {
+        "cruise_speed": 16.0, "climb_speed": 3.0, "sink_speed": 2.0, "turn_radius": 40.0, "altitude": 80.0, "endurance": 60.0,
+        "reserve": 0.2, "acceptance_radius": 10.0,
+    },
+    "rover": {
+        "cruise_speed": 1.0, "acceleration": 0.5, "altitude": 0.0, "endurance": 120.0, "reserve": 0.2, "acceptance_radius": 0.5,
+    },
+}  # fmt: skip
+"""What each preset sets; all else is 0 or without limit."""
+
+GRAVITY = 9.80665
+STEEPEST_BANK = 60.0  # degrees: what fixed wings may bank in a turn
+LARGEST_VEHICLE = 100_000  # bytes of a vehicle file
+_LENS = ("sensor_width", "sensor_height", "focal_length")
+
+
+@dataclass(frozen=True, eq=False)
+class Vehicle(Problem):
+    """What searches, in its own units. A field that is not given has the value of the preset, or no limit.
+
+    Raises
+    ------
+    InvalidInputError
+        For a value out of its range, and for fields that do not go together.
+
+    Notes
+    -----
+    Source: docs/concepts/vehicles.md.
+
+    Examples
+    --------
+    >>> Vehicle(cruise_speed=8.0).turn_seconds
+    3.2
+    >>> vehicle_of("fixed-wing,wind_speed=6,wind_from=270").ground_speed([(1.0, 0.0), (-1.0, 0.0)])
+    array([22., 10.])
+    """
+
+    part: ClassVar[str] = "vehicle"
+
+    preset: str = option("multirotor", help="What it is, and where values that are not given come from.", choices=tuple(PRESETS))
+    cruise_speed: float | None = option(
+        None, help="Through the air, or over the ground for a rover.", unit="m/s", above=0, most=100
+    )
+    climb_speed: float | None = option(None, help="Upwards.", unit="m/s", above=0, most=50)
+    sink_speed: float | None = option(None, help="Downwards.", unit="m/s", above=0, most=50)
+    acceleration: float | None = option(None, help="With which it stops before a turn and starts after it.", unit="m/s2", above=0)
+    turn_time: float | None = option(
+        None, help="That a turn adds; without it cruise_speed over acceleration.", unit="s", least=0, most=600
+    )
+    turn_radius: float | None = option(
+        None, help="Of a fixed wing's narrowest turn without wind; all else turns on the spot.", unit="m", least=0, most=10_000
+    )
+    altitude: float | None = option(None, help="Of the search; 0 for a rover.", unit="m", least=0, most=10_000)
+    endurance: float | None = option(None, help="From take-off until the battery is empty.", unit="min", above=0, most=100_000)
+    reserve: float | None = option(None, help="Share of the endurance that no mission touches.", least=0, below=1)
+    recharge: float | None = option(None, help="On the ground between two sorties.", unit="min", least=0, most=100_000)
+    wind_speed: float | None = option(None, help="Of the wind; below cruise_speed.", unit="m/s", least=0, most=100)
+    wind_from: float | None = option(
+        None, help="Where the wind comes from, clockwise from north.", unit="degrees", least=-360, most=360
+    )
+    detector_width: float | None = option(
+        None, help="That a sonar or another detector sees across its way; distance of the rows.", unit="m", above=0, most=100_000
+    )
+    sensor_width: float | None = option(None, help="Of the camera's sensor, across the way.", unit="mm", above=0, most=1000)
+    sensor_height: float | None = option(None, help="Of the camera's sensor, along the way.", unit="mm", above=0, most=1000)
+    focal_length: float | None = option(None, help="Of the camera.", unit="mm", above=0, most=10_000)
+    image_width: float | None = option(None, help="Across the way.", unit="pixels", least=1, most=1_000_000)
+    image_height: float | None = option(None, help="Along the way.", unit="pixels", least=1, most=1_000_000)
+    side_overlap: float | None = option(None, help="Share of an image that the one beside it has, too.", least=0, most=0.95)
+    front_overlap: float | None = option(None, help="Share of an image that the next one has, too.", least=0, most=0.95)
+    gimbal_pitch: float | None = option(None, help="Of the camera: -90 is down.", unit="degrees", least=-90, most=90)
+    yaw: float | None = option(
+        None, help="Heading that a multirotor keeps, clockwise from north; without it, it looks where it goes.", unit="degrees",
+        least=-360, most=360,
+    )  # fmt: skip
+    acceptance_radius: float | None = option(
+        None, help="How near to a waypoint it counts as reached; without it as the autopilot is set.", unit="m", above=0, most=1000
+    )
+
+    def __post_init__(self) -> None:
+        preset = PRESETS[check_choice(self.preset, what="preset", choices=PRESETS)]
+        for name, value in preset.items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, value)
+        super().__post_init__()
+
+    def check_together(self) -> None:
+        """Refuse fields that do not go together."""
+        given = [name for name in _LENS if getattr(self, name) is not None]
+        if given and len(given) < len(_LENS):
+            missing = next(name for name in _LENS if name not in given)
+            raise InvalidInputError(f"{missing}: expected it together with {given[0]}, got none")
+        if given and self.detector_width is not None:
+            raise InvalidInputError("detector_width: expected none beside a camera, got both")
+        if self.kind == "rover":
+            for name in ("altitude", "wind_speed", "turn_radius", "climb_speed", "sink_speed"):
+                if getattr(self, name):
+                    raise InvalidInputError(f"{name}: expected none for a rover, got {getattr(self, name):g}")
+        elif not self.altitude:
+            raise InvalidInputError(f"altitude: expected a number of metres, above 0, for what flies, got {self.altitude!r}")
+        if given and not self.altitude:
+            raise InvalidInputError("sensor_width: expected no camera for a rover, whose altitude is 0; give detector_width")
+        if self.wind >= self.cruise:
+            raise InvalidInputError(
+                f"wind_speed: expected less than the cruise_speed of {self.cruise:g} m/s, against which nothing comes home, "
+                f"got {self.wind:g}"
+            )
+        if (self.kind == "fixed-wing") != (self.radius > 0):
+            raise InvalidInputError(
+                "turn_radius: expected one above 0 for a fixed-wing, and none for what turns where it stands, got "
+                f"{self.radius:g} for a {self.kind}"
+            )
+        if self.radius and self.bank > STEEPEST_BANK:
+            least = self.cruise**2 / (GRAVITY * tan(radians(STEEPEST_BANK)))
+            raise InvalidInputError(
+                f"turn_radius: expected at least {least:.3g} m at {self.cruise:g} m/s, where it banks by "
+                f"{STEEPEST_BANK:g} degrees, got {self.radius:g}"
+            )
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], *, where: str = "vehicle") -> Self:
+        """Return the vehicle that fields describe.
+
+        Raises
+        ------
+        InvalidInputError
+            In one sentence that names the field.
+        """
+        if "kind" in data:
+            raise InvalidInputError(
+                f"{where}: kind: expected no such field, got {shortened(data['kind'])} (did you mean 'preset'?)"
+            )
+        return super().from_dict(data, where=where)
+
+    def to_dict(self, *, defaults: bool = False) -> dict[str, Any]:
+        """Return the preset and what differs from it; all fields if asked for."""
+        preset = PRESETS[self.preset]
+        values = {name: getattr(self, name) for name in self.declarations()}
+        kept = {name: value for name, value in values.items() if defaults or value != preset.get(name)}
+        return {"preset": self.preset} | kept
+
+    @property
+    def kind(self) -> str:
+        """What moves: multirotor, fixed-wing or rover. The ideal one flies as a multirotor does."""
+        return "multirotor" if self.preset == "ideal" else self.preset
+
+    @property
+    def cruise(self) -> float:
+        """The cruise speed, m/s."""
+        return float(self.cruise_speed or 0.0)
+
+    @property
+    def height(self) -> float:
+        """The altitude, metres."""
+        return float(self.altitude or 0.0)
+
+    @property
+    def radius(self) -> float:
+        """The narrowest turn without wind, metres; 0 where it turns on the spot."""
+        return float(self.turn_radius or 0.0)
+
+    @property
+    def ground_radius(self) -> float:
+        """The narrowest turn over ground that it can hold in its wind, metres: as wide as at the speed of the tail wind."""
+        return self.radius * (1.0 + self.wind / self.cruise) ** 2
+
+    @property
+    def bank(self) -> float:
+        """By how much it banks in its narrowest turn, degrees."""
+        return degrees(atan(self.cruise**2 / (GRAVITY * self.radius))) if self.radius else 0.0
+
+    @property
+    def turn_seconds(self) -> float:
+        """Time that a turn adds: stopping and starting, or what was given; 0 for fixed wings, whose turns are ways."""
+        if self.turn_time is not None:
+            return float(self.turn_time)
+        return self.cruise / self.acceleration if self.acceleration and not self.radius else 0.0
+
+    @property
+    def wind(self) -> float:
+        """Speed of the wind, m/s."""
+        return float(self.wind_speed or 0.0)
+
+    @property
+    def wind_vector(self) -> NDArray[np.float64]:
+        """Where the wind blows to, metres a second east and north, float64, shape (2,)."""
+        heading = radians(float(self.wind_from or 0.0))
+        return -self.wind * np.array([sin(heading), cos(heading)])
+
+    @property
+    def usable_seconds(self) -> float:
+        """The endurance without the reserve; infinite if there is no end."""
+        return inf if self.endurance is None else float(self.endurance) * 60.0 * (1.0 - float(self.reserve or 0.0))
+
+    @property
+    def recharge_seconds(self) -> float:
+        """Time on the ground between two sorties."""
+        return float(self.recharge or 0.0) * 60.0
+
+    def vertical_seconds(self, change: ArrayLike) -> NDArray[np.float64]:
+        """Return how long it takes to climb by so many metres, or to sink by them where they are negative."""
+        up = np.asarray(change, dtype=np.float64)
+        return np.maximum(up, 0.0) / (self.climb_speed or inf) + np.maximum(-up, 0.0) / (self.sink_speed or inf)
+
+    def ground_speed(self, ways: ArrayLike) -> NDArray[np.float64]:
+        """Return the speed over ground along ways, m/s, from the wind triangle: the part of the wind across is steered against.
+
+        ``ways`` are east and north, any length above 0; float64, shape (k, 2). At cruise speed through the air.
+        """
+        along = np.asarray(ways, dtype=np.float64)
+        along = along / np.linalg.norm(along, axis=-1, keepdims=True)
+        wind = self.wind_vector
+        helped, across = along @ wind, along[..., 0] * wind[1] - along[..., 1] * wind[0]
+        return np.asarray(np.sqrt(self.cruise**2 - across**2) + helped)
+
+    def mean_speed(self, angle: float) -> float:
+        """Return the speed over ground there and back along rows, m/s; ``angle`` in degrees counter-clockwise from east."""
+        east, north = cos(radians(angle)), sin(radians(angle))
+        return float(2.0 / (1.0 / self.ground_speed([(east, north), (-east, -north)])).sum())
+
+    @property
+    def image_size(self) -> tuple[float, float] | None:
+        """What the camera sees on the ground from its altitude, across and along the way, metres; None without one."""
+        if not (self.sensor_width and self.sensor_height and self.focal_length):
+            return None
+        return self.height * self.sensor_width / self.focal_length, self.height * self.sensor_height / self.focal_length
+
+    @property
+    def row_spacing(self) -> float | None:
+        """The distance of rows, and so the footprint, metres; None without camera and detector.
+
+        That of images less their overlap, but not above their length: at the end of a row half an image is all that is seen.
+        """
+        if self.image_size is None:
+            return self.detector_width
+        across, along = self.image_size
+        return min(across * (1.0 - (self.side_overlap or 0.0)), along)
+
+    @property
+    def trigger_distance(self) -> float | None:
+        """Metres between two images; None without a camera."""
+        return None if self.image_size is None else self.image_size[1] * (1.0 - (self.front_overlap or 0.0))
+
+    @property
+    def ground_sample(self) -> float | None:
+        """Side of what a pixel sees on the ground, metres, the longer one; None if camera or pixels are not known."""
+        sides = [
+            side / count for side, count in zip(self.image_size or (), (self.image_width, self.image_height), strict=False) if count
+        ]
+        return max(sides, default=None)
+
+
+def vehicle_of(value: Any) -> Vehicle:
+    """Return the vehicle that a text, fields or a `Vehicle` describe.
+
+    Parameters
+    ----------
+    value : str, path, mapping or Vehicle
+        A preset or a TOML or JSON file, and what differs from it: ``"rover"``, ``"drone.toml"``,
+        ``"multirotor,cruise_speed=8,wind_speed=4"``.
+
+    Raises
+    ------
+    InvalidInputError
+        In one sentence that names file and field.
+
+    Examples
+    --------
+    >>> vehicle_of("rover").kind, vehicle_of("multirotor,altitude=40").height
+    ('rover', 40.0)
+    >>> vehicle_of("multirotor,speed=4")
+    Traceback (most recent call last):
+    ...
+    shoal.errors.InvalidInputError: vehicle: speed: expected no such field, got 4.0 (did you mean 'wind_speed'?)
+    """
+    if isinstance(value, Vehicle):
+        return value
+    if isinstance(value, Mapping):
+        return Vehicle.from_dict(value)
+    if not isinstance(value, str | os.PathLike) or not os.fspath(value):
+        raise InvalidInputError(f"vehicle: expected a preset, a file or fields, got {shortened(value)}")
+    name, *changes = str(os.fspath(value)).split(",")
+    given = dict(_change(text) for text in changes)
+    if name in PRESETS:
+        return Vehicle.from_dict({"preset": name} | given)
+    path = Path(name)
+    if path.suffix.lower() not in (".toml", ".json"):
+        near = suggestion(name, PRESETS)
+        raise InvalidInputError(
+            f"vehicle: expected one of {', '.join(PRESETS)}, or a file .toml or .json, got {shortened(name)}{near}"
+        )
+    return Vehicle.from_dict(_fields_of(path) | given, where=name)
+
+
+def _fields_of(path: Path) -> dict[str, Any]:
+    """Return the fields that a file holds."""
+    text = read_text(path, what="vehicle file", most=LARGEST_VEHICLE)
+    if path.suffix.lower() == ".json":
+        data = parse_json(text, where=str(path))
+    else:
+        try:
+            data = tomllib.loads(text)
+        except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+            raise InvalidInputError(f"{path}: expected TOML, got something else: {shortened(str(error))}") from None
+        check_depth(data, where=str(path))
+    if not isinstance(data, dict):
+        raise InvalidInputError(f"{path}: expected fields with values, got {shortened(data)}")
+    return data
+
+
+def _change(text: str) -> tuple[str, Any]:
+    """Return a field and its value as "field=value" says them."""
+    name, equals, said = text.partition("=")
+    if not equals:
+        raise InvalidInputError(f"vehicle: expected field=value after the preset or file, got {shortened(text)}")
+    try:
+        return name.strip(), float(said)
+    except ValueError:
+        return name.strip(), said
