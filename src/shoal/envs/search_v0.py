@@ -63,7 +63,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
 
     Notes
     -----
-    Source: paper H; docs/how-to/learning.md.
+    Source: paper H; docs/how-to/environments.md.
 
     Examples
     --------

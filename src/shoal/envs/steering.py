@@ -56,7 +56,7 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
 
     Notes
     -----
-    Source: paper W; docs/how-to/learning.md.
+    Source: paper W; docs/how-to/environments.md.
 
     Examples
     --------

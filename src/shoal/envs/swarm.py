@@ -38,7 +38,7 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
 
     Notes
     -----
-    Docs: docs/how-to/learning.md.
+    Docs: docs/how-to/environments.md.
 
     Examples
     --------

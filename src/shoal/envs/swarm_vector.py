@@ -44,7 +44,7 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
     Notes
     -----
-    Docs: docs/how-to/learning.md.
+    Docs: docs/how-to/environments.md.
 
     Examples
     --------

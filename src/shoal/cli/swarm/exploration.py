@@ -35,7 +35,7 @@ MAP_EXAMPLE = "Example: shoal map vessels:1000 --particles 100 --seed 1"
 COVER_EXAMPLE = "Example: shoal cover maze:21x15 --particles 20 --subset 0.1"
 
 
-@takes_problem(SwarmProblem, from_file=True, task="mapping", subset=None)
+@takes_problem(SwarmProblem, from_file=True, subset=None)
 def map_(
     problem: SwarmProblem,
     trials: options.Trials = 1,
