@@ -180,6 +180,8 @@ class SearchEpisode(Episode):
                 "name": grid.region.name,
                 "cells": grid.n_cells,
                 "area_m2": grid.region.area_m2,
+                "margin_m": grid.region.margin,
+                "unseen_m2": grid.region.unseen_m2,
                 "cell_m": grid.size,
                 "angle_degrees": grid.angle,
                 "no_go_zones": grid.region.no_go_zones,
@@ -271,7 +273,7 @@ class SearchEpisode(Episode):
         problem, plan = self.problem, self.plan
         changes: dict[str, Any] = {}
         if problem.place_is_file() or problem.no_go:
-            changes |= {"region": plan.grid.region, "no_go": (), "layer": None, "inner": None, "across_zones": False}
+            changes |= {"region": problem.place, "no_go": (), "layer": None, "inner": None, "across_zones": False}
         if isinstance(problem.starts, str) and os.path.exists(problem.starts):
             changes["starts"] = plan.places
         for name, cells in (("targets", self.scenario.targets), ("obstacles", self.scenario.obstacles)):

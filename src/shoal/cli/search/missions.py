@@ -32,6 +32,7 @@ NoGo = Annotated[list[str] | None, typer.Option("--no-go", metavar="FILE", help=
 Layer = Annotated[str | None, typer.Option("--layer", help=help_of(_FIELDS["layer"]), show_default=False)]
 Inner = Annotated[str | None, typer.Option("--inner", help=help_of(_FIELDS["inner"]), show_default=False)]
 AcrossZones = Annotated[bool, typer.Option("--across-zones", help=help_of(_FIELDS["across_zones"]))]
+Margin = Annotated[float, typer.Option("--margin", metavar="METRES", help=help_of(_FIELDS["margin"]))]
 Footprint = Annotated[
     str | None,
     typer.Option(
@@ -86,6 +87,7 @@ def check(
     layer: Layer = None,
     inner: Inner = None,
     across_zones: AcrossZones = False,
+    margin: Margin = 0.0,
     cap: Cap = None,
     vehicle: Vehicle = None,
     seed: Seed = 0,
@@ -98,12 +100,14 @@ def check(
     """
     from shoal.search import open_region
     from shoal.search.missions import check_missions
+    from shoal.search.regions.margin import with_margin
 
     check_number(least, what="--least", least=0, most=1)
     if out is not None:
         check_folder(out)
     sides = None if footprint is None else parsed(_FIELDS["footprint"], footprint)
     searched = open_region(region, no_go=no_go or None, layer=layer, inner=inner, across_zones=across_zones)
+    searched = with_margin(searched, check_number(margin, what="--margin", least=0))
     result = check_missions(folder, searched, sides, angle=angle, format=format_, cap=cap, vehicle=vehicle)
     written = [] if out is None else _write(result, out)
     if json_:
@@ -158,6 +162,11 @@ def area_text(area: float) -> str:
 def zones_text(count: int) -> str:
     """Return how many no-go zones there are, as the description of a region goes on; nothing if none."""
     return f", {count} no-go zone{'s' * (count > 1)}" if count else ""
+
+
+def margin_text(margin: float, unseen: float) -> str:
+    """Return the margin and what nobody sees who keeps it, as the description of a region goes on; nothing if there is none."""
+    return f"; {area_text(unseen)} cannot be seen with the margin of {margin:g} m" if margin else ""
 
 
 def _footprint(sides: float | tuple[float, ...] | None) -> str:

@@ -13,7 +13,7 @@ from shoal.checks import check_choice
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, say, write_films
-from shoal.cli.search.missions import area_text, zones_text
+from shoal.cli.search.missions import area_text, margin_text, zones_text
 from shoal.errors import InvalidInputError
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash
@@ -196,7 +196,8 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
     rows = [
         (
             "region",
-            f"{region['cells']} cells of {region['cell_m']:.4g} m, {region['area_m2']:.6g} m²{zones_text(region['no_go_zones'])}",
+            f"{region['cells']} cells of {region['cell_m']:.4g} m, {region['area_m2']:.6g} m²{zones_text(region['no_go_zones'])}"
+            f"{margin_text(region['margin_m'], region['unseen_m2'])}",
         ),
         ("status", f"{result['status']}: {result['reason']}"),
         ("time", length),

@@ -186,7 +186,7 @@ def _tour_cost(tour: Tour, paths: RegionPaths, turn_cost: float, *, stepwise: bo
     begins = np.concatenate([[0], np.cumsum(np.diff(grid.viewpoint_starts)[index])])
     steps = np.diff(far[begins])
     distances: Distances | None = None
-    if stepwise or not _is_convex(grid.region.area):
+    if stepwise or not _is_convex(grid.region.free):
         cellwise = CellDistances(tour, doors_east=grid.doors_east, doors_south=grid.doors_south, steps=steps / grid.size)
         distances = cellwise if stepwise else RegionDistances(paths, tour, cellwise)
     return TourCost(

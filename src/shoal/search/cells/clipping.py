@@ -170,6 +170,26 @@ def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
     return Clipped(whole, rows[index][kept][order], cols[index][kept][order], pieces[kept][order])
 
 
+def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
+    """Return a clipped region in which only cells count as whole in whose centre a robot may be; the others are pieces.
+
+    ``free`` is where robots may be, in the lattice's frame; None for all of the region.
+    """
+    import shapely
+
+    if free is None:
+        return clipped
+    rows, cols = np.nonzero(clipped.whole)
+    barred = ~shapely.intersects_xy(free, *lattice.centers(rows, cols).T)
+    rows, cols = rows[barred], cols[barred]
+    whole = clipped.whole.copy()
+    whole[rows, cols] = False
+    rows, cols = np.concatenate([clipped.rows, rows]), np.concatenate([clipped.cols, cols])
+    pieces = np.concatenate([clipped.pieces, lattice.boxes(rows[len(clipped.rows) :], cols[len(clipped.cols) :])])
+    order = np.argsort(rows * lattice.shape[1] + cols, kind="stable")
+    return Clipped(whole, rows[order], cols[order], pieces[order])
+
+
 def _polygonal(shapes: Any) -> Any:
     """Return shapes without the lines and points where a region only touches a block."""
     import shapely

@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.checks import check_number
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
-from shoal.search.cells.clipping import Clipped, Lattice, clip_to_cells, lattice_over, rotated_shape
+from shoal.search.cells.clipping import Clipped, Lattice, clip_to_cells, lattice_over, rotated_shape, with_centers_free
 from shoal.search.cells.portals import Portals, portals_of
 from shoal.search.cells.viewpoints import viewpoints_of, viewpoints_on_rows
+from shoal.search.regions.margin import visible_region
 from shoal.search.regions.outline_checks import Points, check_plane_points
 from shoal.search.regions.region import SearchRegion
 
@@ -29,6 +30,7 @@ class CellGrid:
     Parameters
     ----------
     region : SearchRegion
+        Its area is what can be seen with the footprint.
     footprint : float
         Side of the square that a vehicle sees, centred on it, sides along the axes; metres.
     mask : ndarray of bool, shape (H, W)
@@ -244,9 +246,11 @@ def cells_of(
     step = side if size is None else check_number(size, what="cell size", above=0)
     if step > side:
         raise InvalidInputError(f"cell size: expected at most the footprint, {side:g} m, got {step:g} m")
+    region = visible_region(region, side, angle)
     area = rotated_shape(region.area, -angle)
+    free = rotated_shape(region.free, -angle) if region.margin else None
     lattice = lattice_over(area, step, angle, offset)
-    clipped = clip_to_cells(area, lattice)
+    clipped = with_centers_free(clip_to_cells(area, lattice), lattice, free)
     portals = portals_of(clipped, lattice)
     mask = clipped.whole.copy()
     mask[clipped.rows, clipped.cols] = True
@@ -256,8 +260,8 @@ def cells_of(
         )
     own = _own_pieces(clipped)
     centers = lattice.centers(clipped.rows, clipped.cols)
-    known = viewpoints_on_rows(clipped, lattice, own, footprint=side) if on_rows else ()
-    points, index = viewpoints_of(clipped.pieces, centers, footprint=side, size=step, known=known)
+    known = viewpoints_on_rows(clipped, lattice, own, footprint=side, free=free) if on_rows else ()
+    points, index = viewpoints_of(clipped.pieces, centers, footprint=side, size=step, known=known, free=free)
     adopted = _adopted(clipped, portals, own)
     viewpoints, starts = _in_order(clipped, lattice, mask, points, index, adopted)
     return CellGrid(region, side, mask, lattice, clipped, portals, lattice.to_region(viewpoints), starts, own)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
-from shoal.search.cells.grid import CellGrid
+from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.portal_graph import PortalGraph
 from shoal.search.cells.visibility_graph import VisibilityGraph, inside, merge_collinear, pulled
 from shoal.search.regions.outline_checks import Points, text_of
@@ -235,7 +236,10 @@ class RegionPaths:
 
     @cached_property
     def _portal_graph(self) -> PortalGraph:
-        return PortalGraph(self.grid)
+        region = self.grid.region
+        if not region.margin:
+            return PortalGraph(self.grid)
+        return PortalGraph(cells_of(replace(region, area=region.free, margin=0.0), self.grid.size))
 
 
 def length_of(way: Points) -> float:

@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 
 from shoal.search.cells.clipping import SPECK, Clipped, Lattice
 from shoal.search.regions.outline_checks import Points
+from shoal.search.regions.region import polygons_in
 
 _HAIR = 1e-9  # of a footprint
+_MOST = 3  # places from which a piece is seen, before a vehicle goes along the border of where it may be
 
 
-def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], *, footprint: float) -> Any:
+def viewpoints_on_rows(
+    clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], *, footprint: float, free: Any = None
+) -> Any:
     """Return for each piece the place on the middle line of its row from which all of it is seen; None where there is none.
 
     The place may lie in the cell before or after it, so that a vehicle drives straight on, and no farther than it must: towards the
@@ -28,6 +32,8 @@ def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64
         The number of each cell's own piece, as in `CellGrid`.
     footprint : float
         Metres.
+    free : Shapely geometry, optional
+        Where robots may be, if that is not all of the region.
 
     Returns
     -------
@@ -51,6 +57,7 @@ def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64
         parts = shapely.get_parts(shapely.union_all([clipped.pieces[k], *rooms]))
         room = parts[int(np.argmin(shapely.distance(parts, shapely.point_on_surface(clipped.pieces[k]))))]
         line = shapely.intersection(room, shapely.linestrings([(least, y), (max(most, least + _HAIR), y)]))
+        line = line if free is None else shapely.intersection(line, free)
         places = shapely.get_coordinates(line)[:, 0]
         if not len(places):
             found.append(None)
@@ -70,7 +77,7 @@ def _piece(clipped: Clipped, lattice: Lattice, cell: tuple[int, int], own: NDArr
 
 
 def viewpoints_of(
-    pieces: Any, centers: Points, *, footprint: float, size: float, known: Sequence[Points | None] = ()
+    pieces: Any, centers: Points, *, footprint: float, size: float, known: Sequence[Points | None] = (), free: Any = None
 ) -> tuple[Points, NDArray[np.int64]]:
     """Return places from which all of each piece of a cell is seen: in the piece, unless they are known.
 
@@ -87,6 +94,8 @@ def viewpoints_of(
         Sides of the footprint and of a cell, metres; size <= footprint.
     known : sequence of (ndarray of float64, shape (k, 2)) or None
         Places for some pieces, which are taken where the centre is not in the piece.
+    free : Shapely geometry, optional
+        Where robots may be; if it is given, places are there, in the piece or beside it.
 
     Returns
     -------
@@ -97,9 +106,12 @@ def viewpoints_of(
     import shapely
 
     from_center = shapely.intersects_xy(pieces, centers[:, 0], centers[:, 1])
+    if free is not None:
+        shapely.prepare(free)
+        from_center &= shapely.intersects_xy(free, centers[:, 0], centers[:, 1])
     places = [centers[k : k + 1] if easy else known[k] if known else None for k, easy in enumerate(from_center.tolist())]
     found = [
-        _viewpoints(pieces[k], centers[k], footprint, SPECK * size * size) if place is None else place
+        _viewpoints(pieces[k], free, centers[k], footprint, SPECK * size * size) if place is None else place
         for k, place in enumerate(places)
     ]
     counts = [len(points) for points in found]
@@ -107,35 +119,70 @@ def viewpoints_of(
     return points, np.repeat(np.arange(len(found)), counts)
 
 
-def _viewpoints(piece: Any, center: Points, footprint: float, speck: float) -> Points:
+def _viewpoints(piece: Any, free: Any, center: Points, footprint: float, speck: float) -> Points:
+    """Return places from which all of a piece is seen: in it; or, where robots may not be in all of it, in or beside it."""
+    half = footprint / 2
+    if free is None:
+        return _within(piece, piece, center, half, speck)[0]
+    room = _around(free, piece, half)
+    places, left = _within(piece, room, center, half, speck, most=_MOST)
+    if left.area <= speck:
+        return places
+    # The rest is seen on the way along the border of what is free: from places on it alone, what it limits slantwise would not be.
+    return np.concatenate([places, *_lines(_around(free.boundary, left, half))])
+
+
+def _lines(shape: Any) -> list[Points]:
+    """Return the points of the lines in a shape, line by line."""
+    import shapely
+
+    lines = [part for part in shapely.get_parts(shapely.line_merge(shape)) if part.geom_type == "LineString"]
+    return [shapely.get_coordinates(line) for line in lines]
+
+
+def _around(shape: Any, piece: Any, half: float) -> Any:
+    """Return what of a shape is near enough to a piece for a robot there to see some of it."""
+    import shapely
+
+    low, high = np.reshape(piece.bounds, (2, 2))
+    return shapely.intersection(shape, shapely.box(*(low - half), *(high + half)))
+
+
+def _square(place: Points, half: float) -> Any:
+    import shapely
+
+    return shapely.box(*(place - half), *(place + half))
+
+
+def _within(piece: Any, room: Any, center: Points, half: float, speck: float, most: float = np.inf) -> tuple[Points, Any]:
+    """Return places in a room from which a piece is seen, at most so many, and what of it is not."""
     import shapely
 
     chosen: list[Points] = []
     left, near = piece, center
-    while left.area > speck:
-        place = _from_one(piece, left, near, footprint)
+    while left.area > speck and len(chosen) < most:
+        place = _from_one(room, left, near, half)
         if place is None:
             # From a point of what is left, at least that point's surroundings are seen: this ends.
             part = max(shapely.get_parts(left), key=lambda shape: float(shape.area))
             low, high = np.reshape(left.bounds, (2, 2))
             place = _nearest(part if chosen else piece, near if not chosen else (low + high) / 2)
+            place = place if room is piece else _nearest(room, place)
         chosen.append(place)
-        half = footprint / 2
-        left = left.difference(shapely.box(place[0] - half, place[1] - half, place[0] + half, place[1] + half))
+        left = left.difference(_square(place, half))
         near = place
-    return np.array(chosen)
+    return np.array(chosen).reshape(-1, 2), left
 
 
-def _from_one(piece: Any, left: Any, near: Points, footprint: float) -> Points | None:
-    """Return the point of a piece nearest to ``near`` that sees all of what is left, if there is one."""
+def _from_one(room: Any, left: Any, near: Points, half: float) -> Points | None:
+    """Return the point of a room nearest to ``near`` that sees all of what is left, if there is one."""
     import shapely
 
     low, high = np.reshape(left.bounds, (2, 2))
-    least, most = high - footprint / 2, low + footprint / 2
-    if (least > most + _HAIR * footprint).any():
+    least, most, hair = high - half, low + half, 2 * _HAIR * half
+    if (least > most + hair).any():
         return None
-    hair = _HAIR * footprint
-    among = piece.intersection(shapely.box(*(np.minimum(least, most) - hair), *(np.maximum(least, most) + hair)))
+    among = room.intersection(shapely.box(*(np.minimum(least, most) - hair), *(np.maximum(least, most) + hair)))
     return None if among.is_empty else _nearest(among, near)
 
 

@@ -49,7 +49,7 @@ class VisibilityGraph:
         from scipy.spatial import KDTree
 
         self._region = region
-        self.corners, before, after = _inward_corners(region.area)
+        self.corners, before, after = _inward_corners(region.free)
         sides = before - self.corners, after - self.corners
         self._sides = [side / np.maximum(np.hypot(*side.T), np.finfo(float).tiny)[:, None] for side in sides]
         self._tree = KDTree(self.corners)

@@ -19,6 +19,7 @@ from shoal.search.missions.files import FORMATS, format_of
 from shoal.search.missions.lint import examine
 from shoal.search.missions.rules import ROUNDING, metres_of
 from shoal.search.regions.coverage import AreaCoverage, coverage_check
+from shoal.search.regions.margin import visible_region
 from shoal.search.regions.region import SearchRegion
 
 _ROUNDED = 0.05  # tenths of a degree: what rounding of coordinates makes of legs
@@ -63,6 +64,8 @@ class MissionCheck:
         return {
             "region": self.region.name,
             "area_m2": self.region.area_m2,
+            "margin_m": self.region.margin,
+            "unseen_m2": self.region.unseen_m2,
             "no_go_zones": self.region.no_go_zones,
             "format": self.format,
             "files": list(self.files),
@@ -153,7 +156,9 @@ def check_missions(
         ways = [metres_of(sheet, region)[1:] for sheet in flown]
         ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region, and among the diagnostics
         turned_by = angle_of(ways) if angle is None else angle
-        coverage = coverage_check(region, ways, _footprints(flown, footprint), tolerance=ROUNDING, angle=turned_by)
+        sides = _footprints(flown, footprint)
+        region = visible_region(region, float(np.min(sides)), turned_by)
+        coverage = coverage_check(region, ways, sides, tolerance=ROUNDING, angle=turned_by)
     return MissionCheck(
         region=region,
         format=chosen,

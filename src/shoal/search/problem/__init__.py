@@ -27,6 +27,7 @@ from shoal.search.problem.fields import (
     parse_numbers,
 )
 from shoal.search.regions.builder import INNER, open_region
+from shoal.search.regions.margin import with_margin
 from shoal.search.regions.region import SearchRegion
 
 AUTO_TOUR, AUTO_ALLOCATION = "spanning-tree", "hop"
@@ -101,6 +102,10 @@ class SearchProblem(Problem):
     no_go: tuple[Any, ...] = option(
         (), help="Zones to keep out of, in the units of REGION. May be given again.", metavar="FILE", repeated=True, parse=list,
         check=check_no_go, dump=dump_no_go,
+    )  # fmt: skip
+    margin: float = option(
+        0.0, help="How far robots keep from the border of the region and from no-go zones, on all of their ways in it.", unit="m",
+        least=0,
     )  # fmt: skip
     layer: str | None = option(None, help="Which layer of a GeoPackage; needed if it has several.")
     inner: str | None = option(
@@ -209,16 +214,17 @@ class SearchProblem(Problem):
     def open_place(self) -> SearchRegion:
         """Open the region."""
         if isinstance(self.region, SearchRegion):
-            return self.region
-        return open_region(
+            return with_margin(self.region, self.margin)
+        whole = open_region(
             self.region, no_go=list(self.no_go) or None, layer=self.layer, inner=self.inner, across_zones=self.across_zones
         )
+        return with_margin(whole, self.margin)
 
     def place_key(self) -> str | None:
         """Return the region's name with what is cut out of it; None for one that has been opened already."""
         if isinstance(self.region, SearchRegion):
             return None
-        kept = ("region", "no_go", "layer", "inner", "across_zones")
+        kept = ("region", "no_go", "margin", "layer", "inner", "across_zones")
         return self.canonical(without=("kind", *(name for name in self.declarations() if name not in kept)))
 
     def place_is_file(self) -> bool:
@@ -239,8 +245,8 @@ class SearchProblem(Problem):
         region: SearchRegion = self.place
         if len(region.parts) > 1 and not self.transit:
             raise InvalidInputError(
-                f"region {region.name!r}: expected one part, as robots stay inside, got {len(region.parts)}; allow transit for "
-                "robots that may cross what lies between, or search each part by itself"
+                f"region {region.name!r}{region.margin_text}: expected one part, as robots stay inside, got {len(region.parts)}; "
+                "allow transit for robots that may cross what lies between, or search each part by itself"
             )
         if len(region.parts) > 1 and self.stepwise:
             raise InvalidInputError(f"obstacles: expected a region of one part, as robots go round them, got {len(region.parts)}")

@@ -75,7 +75,7 @@ def dump_region(value: str | SearchRegion) -> Any:
     import shapely
 
     frame = None if value.frame is None else [value.frame.longitude, value.frame.latitude]
-    area, no_go = (shapely.to_wkt(shape, rounding_precision=-1) for shape in (value.area, value.no_go))
+    area, no_go = (shapely.to_wkt(shape, rounding_precision=-1) for shape in (value.outline, value.no_go))
     return {"name": value.name, "area": area, "frame": frame, "no_go": no_go, "no_go_zones": value.no_go_zones}
 
 

@@ -31,7 +31,7 @@ class AreaCoverage:
     uncovered : shapely Polygon, MultiPolygon or GeometryCollection
         What nobody saw.
     outside_m : float
-        Length of all legs outside of the region, beyond the tolerance; metres.
+        Length of all legs outside of the region, or nearer to its border than its margin, beyond the tolerance; metres.
     legs_outside : int
         How many legs leave it; a vehicle that stands counts as a leg.
     length_m : float
@@ -84,7 +84,7 @@ def coverage_check(
     ways = [check_plane_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
     starts, ends = _legs(ways)
     swept = [
-        _swept(*_once(*_legs([way for way, own in zip(ways, sides, strict=True) if own == side])), side / 2, angle)
+        swept_by(*_once(*_legs([way for way, own in zip(ways, sides, strict=True) if own == side])), side / 2, angle)
         for side in np.unique(sides).tolist()
     ]
     uncovered = _without(region.area, np.concatenate(swept), float(sides.min())) if swept else region.area
@@ -92,7 +92,7 @@ def coverage_check(
     left = float(uncovered.area)
     lengths = np.hypot(*(ends - starts).T)
     lines = shapely.linestrings(np.stack([starts, ends], axis=1))
-    allowed = region.area.buffer(tolerance) if tolerance > 0 else region.area
+    allowed = region.free.buffer(tolerance) if tolerance > 0 else region.free
     shapely.prepare(allowed)
     strays = lines[~shapely.covers(allowed, lines)]
     outside = float(shapely.length(shapely.difference(strays, allowed)).sum())
@@ -130,7 +130,7 @@ def _once(starts: Points, ends: Points) -> tuple[Points, Points]:
     return once[:, :2], once[:, 2:]
 
 
-def _swept(starts: Points, ends: Points, half: float, angle: float) -> Any:
+def swept_by(starts: Points, ends: Points, half: float, angle: float) -> Any:
     """Return what the footprint sweeps on each leg: the hull of the squares at both ends."""
     import shapely
 

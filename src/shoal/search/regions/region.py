@@ -23,7 +23,8 @@ class SearchRegion:
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
-        Valid, x east and y north in metres; no-go zones are taken out of it already. Its border belongs to it.
+        What is to be seen. Valid, x east and y north in metres; no-go zones are taken out of it already, and what cannot be seen
+        with a margin (`shoal.search.regions.margin`). Its border belongs to it.
     frame : LocalFrame or None
         Where on Earth the metres are; None for plain metres.
     no_go : shapely Polygon or MultiPolygon
@@ -31,6 +32,12 @@ class SearchRegion:
     name : str
     no_go_zones : int
         How many zones were given, some of which may overlap or lie outside.
+    margin : float
+        How far robots keep from the border, metres.
+    free : shapely Polygon or MultiPolygon, optional
+        Where robots may be; the area if not given.
+    outline : shapely Polygon or MultiPolygon, optional
+        The whole region, seen or not, less no-go zones; the area if not given.
     """
 
     area: Any
@@ -38,11 +45,24 @@ class SearchRegion:
     no_go: Any
     name: str
     no_go_zones: int = 0
+    margin: float = 0.0
+    free: Any = None
+    outline: Any = None
+
+    def __post_init__(self) -> None:
+        for name in ("free", "outline"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, self.area)
 
     @property
     def area_m2(self) -> float:
         """Square metres to be searched."""
         return float(self.area.area)
+
+    @property
+    def unseen_m2(self) -> float:
+        """Square metres of the region that no robot sees that keeps the margin."""
+        return max(0.0, float(self.outline.area - self.area.area))
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -52,18 +72,18 @@ class SearchRegion:
 
     @cached_property
     def parts(self) -> tuple[Any, ...]:
-        """The polygons that the region consists of: no robot comes from one to another inside. Largest first."""
+        """The polygons in which robots may be: none comes from one to another inside. Largest first."""
         import shapely
 
-        pieces = shapely.get_parts(self.area)
+        pieces = shapely.get_parts(self.free)
         return tuple(sorted(pieces, key=lambda part: (-part.area, part.bounds)))
 
     @cached_property
     def reach(self) -> Any:
-        """The area grown by half of `TOUCH`, prepared: what points and lines are tested against, so that rounding does no harm."""
+        """Where robots may be, grown by half of `TOUCH`, prepared: what points and lines are tested against, so that rounding does no harm."""
         import shapely
 
-        grown = self.area.buffer(TOUCH / 2, join_style="mitre")
+        grown = self.free.buffer(TOUCH / 2, join_style="mitre")
         shapely.prepare(grown)
         return grown
 
@@ -97,15 +117,20 @@ class SearchRegion:
             import shapely
 
             index = int(np.argmax(outside))
-            away = float(shapely.distance(self.area, shapely.points(array[index])))
+            away = float(shapely.distance(self.free, shapely.points(array[index])))
             degrees = ""
             if self.frame is not None and np.hypot(*array[index]) < 1e5:
                 degrees = f" (longitude and latitude {text_of(self.frame.to_degrees(array[index : index + 1])[0])})"
             raise InvalidInputError(
-                f"{what}: expected points inside the region {self.name!r}, got {text_of(array[index])} m{degrees} "
-                f"at point {index + 1}, {away:.3g} m outside"
+                f"{what}: expected points inside the region {self.name!r}{self.margin_text}, got {text_of(array[index])} m"
+                f"{degrees} at point {index + 1}, {away:.3g} m outside"
             )
         return array
+
+    @property
+    def margin_text(self) -> str:
+        """The margin, as a sentence about the region goes on; nothing without one."""
+        return f" with a margin of {self.margin:g} m" if self.margin else ""
 
     def __repr__(self) -> str:
         holes = sum(len(part.interiors) for part in self.parts)
@@ -145,7 +170,7 @@ def region_of(
 
     whole = _only_polygons(area, what=name)
     zones = _only_polygons(no_go, what=f"{name}: no-go zones") if no_go is not None else shapely.Polygon()
-    free = whole if zones.is_empty else _polygons_in(whole.difference(zones))
+    free = whole if zones.is_empty else polygons_in(whole.difference(zones))
     if free.is_empty or not free.area > 0:
         got = "an empty one" if zones.is_empty else "one that the no-go zones cover wholly"
         raise InvalidInputError(f"{name}: expected a region with an area to search, got {got}")
@@ -171,10 +196,10 @@ def _only_polygons(shape: Any, *, what: str) -> Any:
             raise InvalidInputError(
                 f"{what}: expected a valid polygon, got {said.partition('[')[0].lower()}{place_of(said)} in part {index + 1}"
             )
-    return _polygons_in(shapely.union_all(parts)) if len(parts) > 1 else parts[0] if len(parts) else shapely.Polygon()
+    return polygons_in(shapely.union_all(parts)) if len(parts) > 1 else parts[0] if len(parts) else shapely.Polygon()
 
 
-def _polygons_in(shape: Any) -> Any:
+def polygons_in(shape: Any) -> Any:
     """Return a shape without the lines and points that an overlay may leave in it, and without parts below rounding."""
     import shapely
 

@@ -1,0 +1,71 @@
+"""Margins: how far robots keep from the border of a region and from no-go zones, and what they can then still see."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from shoal.errors import InvalidInputError
+from shoal.search.regions.coverage import swept_by
+from shoal.search.regions.region import SearchRegion, polygons_in
+
+_SEGMENTS = 32  # of a quarter of a circle: arcs are within 0.03 % of the margin
+_SEEN = 1e-9  # of a region: what is unseen of it by rounding
+
+
+def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
+    """Return a region inside of which robots keep a margin to its border, and so to what was taken out of it.
+
+    Parameters
+    ----------
+    region : SearchRegion
+    margin : float
+        Metres, 0 or more.
+
+    Raises
+    ------
+    InvalidInputError
+        If nothing is left.
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> with_margin(open_region("rectangle:100x50"), 10).free.area
+    2400.0
+    """
+    if margin == 0:
+        return region
+    free = polygons_in(region.outline.buffer(-margin, quad_segs=_SEGMENTS))
+    if free.is_empty:
+        raise InvalidInputError(f"margin: expected one that leaves some of the region {region.name!r}, got {margin:g} m")
+    return replace(region, free=free, margin=margin)
+
+
+def visible_region(region: SearchRegion, footprint: float, angle: float = 0.0) -> SearchRegion:
+    """Return a region less what no robot sees that keeps the margin.
+
+    Parameters
+    ----------
+    region : SearchRegion
+    footprint : float
+        Side of the square that a robot sees, metres.
+    angle : float
+        By how much the square is turned, degrees counter-clockwise.
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> kept = with_margin(open_region("rectangle:100x50"), 10)
+    >>> visible_region(kept, 20.0).area_m2, visible_region(kept, 10.0).area_m2
+    (5000.0, 3600.0)
+    """
+    if region.margin == 0:
+        return region
+    import shapely
+
+    edges = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(region.free))]
+    around: list[Any] = [shape for ring in edges for shape in swept_by(ring[:-1], ring[1:], footprint / 2, angle)]
+    seen = shapely.union_all([region.free, *around])
+    if region.outline.difference(seen).area <= _SEEN * region.outline.area:
+        return replace(region, area=region.outline)
+    return replace(region, area=polygons_in(region.outline.intersection(seen)))
