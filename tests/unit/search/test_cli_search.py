@@ -57,7 +57,7 @@ def test_json_of_search(capsys):
     result = json.loads(capsys.readouterr().out)
     assert list(result) == FIELDS
     region = {"name": "square:100", "cells": 100, "area_m2": 10000.0, "cell_m": 10.0, "angle_degrees": 0.0, "no_go_zones": 0}
-    assert result["region"] == region
+    assert result["region"] == region | {"margin_m": 0.0, "unseen_m2": 0.0}
     assert result["status"] == "complete"
     assert result["messages"]["lost"] > 0
     assert [route["status"] for route in result["routes"]] == ["complete", "dead", "complete", "complete"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ def visible(area, margin, footprint, angle):
     seen = [free]
     for ring in shapely.get_rings(shapely.get_parts(free)):
         points = shapely.get_coordinates(ring)
-        ends = zip(points[:-1], points[1:], strict=True)
+        ends = pairwise(points)
         seen += [shapely.convex_hull(shapely.multipoints(np.vstack([one + square, other + square]))) for one, other in ends]
     return shapely.intersection(shapely.union_all(seen), area)
 

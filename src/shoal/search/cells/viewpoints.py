@@ -10,15 +10,12 @@ from numpy.typing import NDArray
 
 from shoal.search.cells.clipping import SPECK, Clipped, Lattice
 from shoal.search.regions.outline_checks import Points
-from shoal.search.regions.region import polygons_in
 
 _HAIR = 1e-9  # of a footprint
 _MOST = 3  # places from which a piece is seen, before a vehicle goes along the border of where it may be
 
 
-def viewpoints_on_rows(
-    clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], *, footprint: float, free: Any = None
-) -> Any:
+def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], *, footprint: float, free: Any = None) -> Any:
     """Return for each piece the place on the middle line of its row from which all of it is seen; None where there is none.
 
     The place may lie in the cell before or after it, so that a vehicle drives straight on, and no farther than it must: towards the

@@ -84,7 +84,7 @@ def coverage_check(
     ways = [check_plane_points(route, what=f"route {k + 1}") for k, route in enumerate(routes)]
     starts, ends = _legs(ways)
     swept = [
-        swept_by(*_once(*_legs([way for way, own in zip(ways, sides, strict=True) if own == side])), side / 2, angle)
+        footprints_along(*_once(*_legs([way for way, own in zip(ways, sides, strict=True) if own == side])), side / 2, angle)
         for side in np.unique(sides).tolist()
     ]
     uncovered = _without(region.area, np.concatenate(swept), float(sides.min())) if swept else region.area
@@ -130,7 +130,7 @@ def _once(starts: Points, ends: Points) -> tuple[Points, Points]:
     return once[:, :2], once[:, 2:]
 
 
-def swept_by(starts: Points, ends: Points, half: float, angle: float) -> Any:
+def footprints_along(starts: Points, ends: Points, half: float, angle: float) -> Any:
     """Return what the footprint sweeps on each leg: the hull of the squares at both ends."""
     import shapely
 

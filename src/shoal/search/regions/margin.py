@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from shoal.errors import InvalidInputError
-from shoal.search.regions.coverage import swept_by
+from shoal.search.regions.coverage import footprints_along
 from shoal.search.regions.region import SearchRegion, polygons_in
 
 _SEGMENTS = 32  # of a quarter of a circle: arcs are within 0.03 % of the margin
@@ -64,7 +64,7 @@ def visible_region(region: SearchRegion, footprint: float, angle: float = 0.0) -
     import shapely
 
     edges = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(region.free))]
-    around: list[Any] = [shape for ring in edges for shape in swept_by(ring[:-1], ring[1:], footprint / 2, angle)]
+    around: list[Any] = [shape for ring in edges for shape in footprints_along(ring[:-1], ring[1:], footprint / 2, angle)]
     seen = shapely.union_all([region.free, *around])
     if region.outline.difference(seen).area <= _SEEN * region.outline.area:
         return replace(region, area=region.outline)

@@ -80,7 +80,7 @@ class SearchRegion:
 
     @cached_property
     def reach(self) -> Any:
-        """Where robots may be, grown by half of `TOUCH`, prepared: what points and lines are tested against, so that rounding does no harm."""
+        """Where robots may be, grown by half of `TOUCH` against rounding, prepared: points and lines are tested against it."""
         import shapely
 
         grown = self.free.buffer(TOUCH / 2, join_style="mitre")
