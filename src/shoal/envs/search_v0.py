@@ -193,7 +193,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     def _decide(self, robot: Robot, time: float) -> Decision:
         """Send a robot where its agent has chosen; see `shoal.search.protocol.robot.advance`."""
         cell = self._orders.pop(robot.number, None)
-        return (robot.but(status="waiting"), None, inf) if cell is None else head_for(robot.but(aim=cell), cell)
+        return (robot.but(status="waiting"), None, inf) if cell is None else head_for(robot.but(aim=cell), cell, time)
 
     def _robot(self, number: int) -> Robot:
         assert self._world is not None

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shoal.dataclass import dataclass
 from shoal.search.allocation.tour_cost import Floats, TourCost
-from shoal.search.tours.bitset import turned
+from shoal.search.tours.bitset import arc_bits, runs, turned
 
 
 @dataclass(frozen=True)
@@ -19,6 +19,22 @@ class Arc:
     first: int
     count: int
     step: int = 1
+
+    def bits(self, n: int) -> int:
+        """Return its cells as bits, on a tour of n cells."""
+        return arc_bits((self.first if self.step > 0 else self.first - self.count + 1) % n, self.count, n)
+
+    def stretches(self, wanted: int, n: int) -> list[tuple[int, int]]:
+        """Return its stretches of cells that are in a set, given as bits, as first cell and length, in the order of the visit.
+
+        Examples
+        --------
+        >>> Arc(3, 4, -1).stretches(0b001101, 8)
+        [(3, 2), (0, 1)]
+        """
+        low = self.first if self.step > 0 else self.first - self.count + 1
+        found = list(runs(self.bits(n) & wanted, low, n))
+        return found if self.step > 0 else [((first + count - 1) % n, count) for first, count in reversed(found)]
 
     def next_of(self, wanted: int, n: int) -> int | None:
         """Return the first of its cells that is in a set, given as bits, of a tour of n cells; None if none is.

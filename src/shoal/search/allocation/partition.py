@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 
@@ -11,7 +10,7 @@ import numpy as np
 from shoal.dataclass import dataclass
 from shoal.search.allocation.allocate import Allocation, Arc, arcs_of, time_of
 from shoal.search.allocation.tour_cost import Floats, TourCost
-from shoal.search.tours.bitset import arc_bits, runs
+from shoal.search.tours.bitset import runs
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +40,7 @@ def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int,
     for (number, start, *_), arcs in zip(robots, arcs_of(tour_cost, allocator, starts, rates, widths), strict=True):
         bits, lows = 0, []
         for arc in arcs:
-            low = arc.first if arc.step > 0 else (arc.first - arc.count + 1) % n
-            bits |= arc_bits(low, arc.count, n)
+            bits |= arc.bits(n)
         # Two arcs meet at the start; the part begins where nothing of it comes before.
         lows = [first for first, _ in runs(bits, start, n) if not bits >> ((first - 1) % n) & 1]
         first = lows[0] if lows else start
@@ -73,18 +71,6 @@ def in_passes(
     ]
     bound = count * allocation.lower_bound
     return replace(allocation, times=np.array(times), lower_bound=bound, work=tuple(work[number] for number, *_ in robots))
-
-
-def previous_in(parts: tuple[Part, ...], index: int, live: Callable[[int], bool], count: int) -> list[int]:
-    """Return the robots that are to search a part: its own one and those before it, the first ``count`` that are alive."""
-    found: list[int] = []
-    for back in range(len(parts)):
-        number = parts[index - back].robot
-        if live(number):
-            found.append(number)
-            if len(found) == count:
-                break
-    return found
 
 
 def cost_of_all(tour_cost: TourCost, wanted: int, here: int, fresh: bool, closed: int = 0) -> float:

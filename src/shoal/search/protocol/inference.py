@@ -5,11 +5,16 @@ from __future__ import annotations
 from math import log
 
 from shoal.search.allocation.tour_cost import TourCost
+from shoal.search.allocation.viewpoint_selection import gain_of
 from shoal.search.cells.distances import CellDistances
 from shoal.search.protocol.state import Robot
 from shoal.search.tours.bitset import at_least
 
 _FALSE_POSITIVE_RATE = 0.01  # of the failure detector
+MARK = 8.0  # beats: for so long, at the least, is looked back to tell how fast a robot is
+_TOLERATED, _BEATS = 0.25, 4.0  # a robot may be behind by this share of the time gone by, and so many beats
+_RELUCTANCE = 1.4  # so many times that before it says so itself: others are to know it sooner
+_CRAWL = 1e-3  # share of its declared speed below which no robot is taken to fall
 _SILENCE = (3.0, 40.0)  # beats: the least and the greatest silence after which a robot is presumed dead
 
 
@@ -51,6 +56,38 @@ def is_live(robot: Robot, number: int, time: float) -> bool:
     """Tell whether a robot takes another one for alive."""
     peer = robot.peers.get(number)
     return number == robot.number or (peer is not None and time - peer.heard <= silence_limit(robot))
+
+
+def can_come(robot: Robot, number: int, own: int, time: float) -> bool:
+    """Tell whether another robot lives and can reach what this one can, ``own``."""
+    peer = robot.peers.get(number)
+    return is_live(robot, number, time) and (peer is None or bool(own >> peer.heartbeat.start % len(robot.brief.tour_cost) & 1))
+
+
+def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
+    """Return how fast a robot goes, and how many cells it searches at a time: as declared, less what it has been behind of late."""
+    if number == robot.number:
+        gone, behind, rate, width = time - robot.allotted_at, robot.lag_at(time), robot.rate, robot.width
+    else:
+        peer = robot.peers[number]
+        since, lag = peer.marks[0]
+        gone, behind = peer.heard - since, peer.heartbeat.lag - lag
+        rate, width = peer.heartbeat.rate, peer.heartbeat.width
+    if gone >= MARK * robot.brief.beat:
+        rate *= min(max(1.0 - behind / gone, _CRAWL), 1.0)
+    return rate, rate if width == 1 else rate * gain_of(robot.brief.tour_cost, width)
+
+
+def is_late(robot: Robot, number: int, time: float) -> bool:
+    """Tell whether a robot is behind what it has declared, by much more than a healthy one ever is; of itself it says so later."""
+    if number == robot.number:
+        return robot.lag_at(time) > _RELUCTANCE * _tolerated(robot, time)
+    peer = robot.peers.get(number)
+    return peer is not None and peer.heartbeat.lag > _tolerated(robot, peer.heard)
+
+
+def _tolerated(robot: Robot, time: float) -> float:
+    return _TOLERATED * max(time - robot.allotted_at, 0.0) + _BEATS * robot.brief.beat
 
 
 def _waits_for_others(robot: Robot, time: float) -> bool:

@@ -20,7 +20,8 @@ Status = Literal["listening", "searching", "waiting", "complete"]
 class Heartbeat:
     """The latest heartbeat of a robot: its number, how many beacons it had sent, where it started, its speed and its status.
 
-    Besides, how many cells wide its footprint is.
+    Besides, how many cells wide its footprint is, the cell that it is in or on the way to, and how far it is behind: how
+    much longer it has taken for its ways than by its speed.
     """
 
     robot: int
@@ -29,6 +30,8 @@ class Heartbeat:
     rate: float
     status: Status
     width: int = 1
+    place: int = 0
+    lag: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from math import inf
 
 from shoal.search.allocation.allocate import Arc
-from shoal.search.allocation.partition import cost_of_all, partition, previous_in
+from shoal.search.allocation.partition import cost_of_all, partition
 from shoal.search.allocation.viewpoint_selection import best_viewpoint
 from shoal.search.cells.distances import CellDistances
 from shoal.search.protocol.events import (
@@ -36,11 +36,12 @@ from shoal.search.protocol.events import (
     Sensed,
     WakeAt,
 )
-from shoal.search.protocol.inference import is_live, known_free, obstacles, reachable, settled, silence_limit, step_cost
+from shoal.search.protocol.helping import cell_to_help, is_taken, leaves_to_others
+from shoal.search.protocol.inference import MARK, known_free, obstacles, reachable, settled, silence_limit, step_cost
 from shoal.search.protocol.messages import Beacon, Heartbeat
 from shoal.search.protocol.state import Brief, Peer, Robot
 from shoal.search.protocol.transitions import LOOK, blocked, obstructed, sensed
-from shoal.search.tours.bitset import bits_to_array, bitset_of, last_in, next_in
+from shoal.search.tours.bitset import bits_to_array, bitset_of, next_in
 
 __all__ = ["LOOK", "Brief", "Robot", "advance"]
 
@@ -76,13 +77,13 @@ def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decisio
         case Heard():
             robot = heard(robot, event.beacon, time)
         case Sensed():
-            robot = sensed(robot, event)
+            robot = sensed(robot.but(lag=robot.lag_at(time)), event)
         case Blocked():
-            robot = blocked(robot, event.cell, time)
+            robot = blocked(robot.but(lag=robot.lag_at(time)), event.cell, time)
         case Obstructed():
             robot = obstructed(robot, event.cell, event.at)
         case Recharged():
-            robot = robot.but(cell=robot.start, fresh=True, target=None, left=robot.brief.energy)
+            robot = robot.but(cell=robot.start, fresh=True, target=None, left=robot.brief.energy, lag=robot.lag_at(time))
     if robot.status == "listening" and time >= robot.began + robot.brief.hello - 1e-9:
         robot = _allotted(robot, time)
     wake = inf
@@ -107,7 +108,8 @@ def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
     robot = robot.but(count=robot.count + 1, next_beat=time + pause)
     if robot.status == "complete":
         robot = robot.but(lingering=robot.lingering - 1)
-    own = Heartbeat(robot.number, robot.count, robot.start, robot.rate, robot.status, robot.width)
+    place = robot.cell if robot.target is None or robot.target < 0 else robot.target
+    own = Heartbeat(robot.number, robot.count, robot.start, robot.rate, robot.status, robot.width, place, robot.lag_at(time))
     heartbeats = (own, *(peer.heartbeat for peer in robot.peers.values()))
     closed = tuple(robot.closed.items())
     actions.append(Send(Beacon(robot.number, heartbeats, tuple(robot.searched.items()), tuple(robot.found.items()), closed)))
@@ -117,6 +119,7 @@ def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
 def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
     """Return the state with all that a beacon tells."""
     peers, lost, got = dict(robot.peers), robot.lost, robot.got
+    searched = _told(robot, robot.searched, beacon.searched)
     number = robot.number
     for heartbeat in beacon.heartbeats:
         known = peers.get(heartbeat.robot)
@@ -124,14 +127,22 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
             continue
         if heartbeat.robot == beacon.sender and known is not None:
             lost, got = lost + heartbeat.count - known.heartbeat.count - 1, got + 1
-        peers[heartbeat.robot] = Peer(heartbeat, time)
-    searched = _told(robot, robot.searched, beacon.searched)
+        peers[heartbeat.robot] = Peer(heartbeat, time, _marks(robot, known, heartbeat.lag, time))
     closed = _told(robot, robot.closed, beacon.closed) if beacon.closed else robot.closed
     found = robot.found
     for cell, witnesses in beacon.found:
         if cell < len(robot.brief.tour_cost) and witnesses & ~found.get(cell, 0):
             found = {**found, cell: found.get(cell, 0) | witnesses}
     return robot.but(peers=peers, lost=lost, got=got, searched=searched, found=found, closed=closed)
+
+
+def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return since when a peer's pace is reckoned: two moments, each some beats after the one before."""
+    if known is None:
+        return ((time, lag),) * 2
+    if time - known.marks[1][0] < MARK * robot.brief.beat:
+        return known.marks
+    return known.marks[1], (time, lag)
 
 
 def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], ...]) -> Mapping[int, int]:
@@ -152,24 +163,24 @@ def _allotted(robot: Robot, time: float) -> Robot:
     known |= {number: (peer.heartbeat.start % n, peer.heartbeat.rate, peer.heartbeat.width) for number, peer in robot.peers.items()}
     parts = partition(brief.tour_cost, brief.allocator, tuple((number, *known[number]) for number in sorted(known)))
     own = next(index for index, part in enumerate(parts) if part.robot == robot.number)
-    allotted = robot.but(parts=parts, own=own, status="searching", allotted_to=len(known))
-    last = time + _alone(allotted) / robot.rate
+    allotted = robot.but(parts=parts, own=own, status="searching", allotted_to=len(known), allotted_at=time)
+    rest = reachable(allotted, -inf)[0] & ~(settled(allotted, -inf) | allotted.mine)
+    last = time + _alone(allotted, rest, robot.cell, robot.fresh) / robot.rate
     if robot.status == "listening":
         return allotted.but(deadline=last)
     return allotted if last <= robot.deadline + 1e-9 else robot.but(allotted_to=len(known))
 
 
-def _alone(robot: Robot) -> float:
-    """Return what it costs to search its own part, and then all the rest."""
-    tour_cost = robot.brief.tour_cost
-    rest = reachable(robot, -inf)[0] & ~(settled(robot, -inf) | robot.mine)
-    closed = obstacles(robot)
-    cost, here, fresh = 0.0, robot.cell, robot.fresh
+def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
+    """Return what it costs to search what it wants to, from a cell on: first its own work, then all the rest round the tour."""
+    tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
+    cost = 0.0
     for arc in _arcs_to_search(robot):
-        while (cell := arc.next_of(rest, len(tour_cost))) is not None:
-            cost += step_cost(tour_cost, here, cell, fresh, closed)
-            here, fresh, rest = cell, False, rest & ~(1 << cell)
-    return cost + cost_of_all(tour_cost, rest, here, fresh, closed)
+        for first, count in arc.stretches(wanted, n):
+            cost += tour_cost.way(here, first, fresh=fresh, closed=closed) + tour_cost.search_cost(first, count, arc.step)
+            here, fresh = (first + arc.step * (count - 1)) % n, False
+        wanted &= ~arc.bits(n)
+    return cost + cost_of_all(tour_cost, wanted, here, fresh, closed)
 
 
 def _arcs_to_search(robot: Robot) -> list[Arc]:
@@ -194,14 +205,15 @@ def next_action(robot: Robot, time: float) -> Decision:
         wanted &= ~robot.avoided
     elif robot.avoided:
         robot = robot.but(avoided=0)
-    cell = _own_cell(robot, wanted)
-    wake = inf
-    if cell is None:
-        cell, wake = _left_cell(robot, wanted, time)
+    cell, wake = _own_cell(robot, wanted), inf
+    if cell is None or is_taken(robot, cell, time) or (_hops(robot, cell) and leaves_to_others(robot, own, time)):
+        cell, wake = _left_cell(robot, wanted, own, cell, time)
     if cell is None:
         return robot.but(status="waiting"), None, wake
+    if _hops(robot, cell):
+        robot = robot.but(next_beat=time)  # others hear at once where it helps
     robot = robot.but(aim=cell)
-    return head_for(robot, cell if robot.width == 1 else _stop_for(robot, cell, own, wanted, time))
+    return head_for(robot, cell if robot.width == 1 else _stop_for(robot, cell, own, wanted, time), time)
 
 
 def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> int:
@@ -222,9 +234,10 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
     return stop if time + need / robot.rate <= robot.deadline else cell
 
 
-def head_for(robot: Robot, cell: int) -> Decision:
+def head_for(robot: Robot, cell: int, time: float) -> Decision:
     """Go to a cell, or home if the energy would not last for both."""
     tour_cost, distances = robot.brief.tour_cost, robot.brief.tour_cost.distances
+    unsure = 0
     through: tuple[int, ...] = ()
     home: tuple[int, ...] = ()
     if isinstance(distances, CellDistances):
@@ -240,8 +253,9 @@ def head_for(robot: Robot, cell: int) -> Decision:
         cost = step_cost(tour_cost, robot.cell, cell, robot.fresh)
         need = cost + (tour_cost.length(cell, robot.start) if robot.left < inf else 0.0)
     if need > robot.left and robot.left < robot.brief.energy:
-        return robot.but(status="searching", target=-1), GoHome(home), inf
-    return robot.but(status="searching", target=cell, through=through, cost=cost), Go(cell, through), inf
+        cost = tour_cost.length(robot.cell, robot.start, unsure) + robot.brief.recharge * robot.rate
+        return robot.but(status="searching", target=-1, since=time, cost=cost), GoHome(home), inf
+    return robot.but(status="searching", target=cell, through=through, since=time, cost=cost), Go(cell, through), inf
 
 
 def _own_cell(robot: Robot, wanted: int) -> int | None:
@@ -253,49 +267,25 @@ def _own_cell(robot: Robot, wanted: int) -> int | None:
     return None
 
 
-def _comes(robot: Robot, number: int, own: int, time: float) -> bool:
-    """Tell whether another robot lives and can reach what this one can."""
-    peer = robot.peers.get(number)
-    return is_live(robot, number, time) and (peer is None or bool(own >> peer.heartbeat.start % len(robot.brief.tour_cost) & 1))
+def _hops(robot: Robot, cell: int) -> bool:
+    """Tell whether a cell is not beside the one in which it is, on the tour."""
+    n = len(robot.brief.tour_cost)
+    return (cell - robot.cell) % n not in (0, 1, n - 1)
 
 
-def _last_left(robot: Robot, wanted: int, own: int, time: float) -> int | None:
-    """Return the last cell of a dead robot's part before its own: it comes to meet the one that searches that from the front.
+def _left_cell(robot: Robot, wanted: int, own: int, mine: int | None, time: float) -> tuple[int | None, float]:
+    """Return the next cell that others have left, or until when to wait for them; then it goes on with ``mine``, if there is one.
 
-    None if then it could not search all the rest alone in time.
+    It goes nowhere from where it could not search all that is left alone in time.
     """
-    tour_cost, n = robot.brief.tour_cost, len(robot.brief.tour_cost)
-    if robot.brief.multiplicity > 1:
-        return None
-    for back in range(1, len(robot.parts)):
-        part = robot.parts[robot.own - back]
-        if _comes(robot, part.robot, own, time):
-            return None
-        if not part.bits & wanted:
-            continue
-        cell = last_in(part.bits & wanted, part.first, n)
-        closed = obstacles(robot)
-        need = step_cost(tour_cost, robot.cell, cell, robot.fresh, closed)
-        need += cost_of_all(tour_cost, wanted & ~(1 << cell), cell, False, closed)
-        return cell if time + need / robot.rate <= robot.deadline else None
-    return None
-
-
-def _left_cell(robot: Robot, wanted: int, time: float) -> tuple[int | None, float]:
-    """Return the next cell that others have left, or until when to wait for them."""
-    tour_cost = robot.brief.tour_cost
-    left, own = 0, reachable(robot, time)[0]
-    for index, part in enumerate(robot.parts):
-        if part.bits & wanted:
-            takers = previous_in(robot.parts, index, lambda number: _comes(robot, number, own, time), robot.brief.multiplicity)
-            if robot.number in takers:
-                left |= part.bits & wanted
-    if left:
-        return next_in(left, robot.cell, len(tour_cost)), inf
-    if (cell := _last_left(robot, wanted, own, time)) is not None:
-        return cell, inf
-    last = robot.deadline - cost_of_all(tour_cost, wanted, robot.cell, robot.fresh, obstacles(robot)) / robot.rate
+    cell = cell_to_help(robot, wanted, own, time)
+    if cell is not None and not (_hops(robot, cell) and leaves_to_others(robot, own, time)):
+        need = step_cost(robot.brief.tour_cost, robot.cell, cell, robot.fresh, obstacles(robot))
+        need += _alone(robot, wanted & ~(1 << cell), cell, False)
+        if time + need / robot.rate <= robot.deadline + 1e-9:
+            return cell, inf
+    last = robot.deadline - _alone(robot, wanted, robot.cell, robot.fresh) / robot.rate
     if wanted and time >= last - 1e-9:
-        return next_in(wanted, robot.cell, len(tour_cost)), inf
+        return next_in(wanted, robot.cell, len(robot.brief.tour_cost)) if mine is None else mine, inf
     silences = [peer.heard + silence_limit(robot) + 1e-6 for peer in robot.peers.values()]
     return None, min([last if wanted else inf, *(moment for moment in silences if moment > time)], default=inf)

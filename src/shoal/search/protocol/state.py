@@ -52,10 +52,11 @@ class Brief:
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """What a robot knows of another one: its latest heartbeat, and when it came."""
+    """What a robot knows of another one: its latest heartbeat, when it came, and at two earlier moments how far it was behind."""
 
     heartbeat: Heartbeat
     heard: float
+    marks: tuple[tuple[float, float], tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -108,12 +109,18 @@ class Robot:
         When the next beacon is due.
     allotted_to : int
         How many robots the tour was last allotted to.
+    allotted_at : float
+        When.
     began : float
         When it was switched on.
     deadline : float
         When it would have searched everything alone.
     left : float
         Energy.
+    since : float
+        When it began to do what it does: to go somewhere, or to wait.
+    lag : float
+        How much longer than it takes by its rate it has needed for all its ways until then.
     lost, got : int
         Messages that it knows to have missed, and others.
     lingering : int
@@ -144,9 +151,12 @@ class Robot:
     count: int = 0
     next_beat: float = 0.0
     allotted_to: int = 0
+    allotted_at: float = 0.0
     began: float = 0.0
     deadline: float = inf
     left: float = inf
+    since: float = 0.0
+    lag: float = 0.0
     lost: int = 0
     got: int = 0
     lingering: int = _LINGER
@@ -155,6 +165,10 @@ class Robot:
     def mine(self) -> int:
         """The cells that it has searched itself, as bits."""
         return self.searched.get(self.number, 0)
+
+    def lag_at(self, time: float) -> float:
+        """Return how far it is behind what it has declared, the way that it is on included."""
+        return self.lag if self.target is None else self.lag + max(time - self.since - self.cost / self.rate, 0.0)
 
     def but(self, **changes: Any) -> Robot:
         """Return the same with other values: `dataclasses.replace`, but quick, as it happens at every message."""

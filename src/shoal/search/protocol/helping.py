@@ -1,0 +1,130 @@
+"""Help: robots with nothing else to do share what dead and late ones leave, each by itself.
+
+What is left of a part is stretches of cells that nobody is known to have searched. Somebody may be at the front of each, as
+heartbeats tell. A helper goes to where the two would be done at the same time, and on from there in the same direction. Helpers
+reckon in the same order who of them goes where, so that few go to one place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import ceil
+
+from shoal.dataclass import dataclass
+from shoal.search.allocation.arcs import Arc
+from shoal.search.protocol.inference import can_come, is_late, is_live, speed_of
+from shoal.search.protocol.state import Robot
+
+_WORTH = 1.0  # cells: what helping must gain
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Cells in a row that are left, in the order of the search, and how fast it goes from the front: 0 if nobody is there."""
+
+    first: int
+    count: int
+    step: int
+    pace: float = 0.0
+
+    def halves(self, ahead: int, pace: float, n: int) -> list[Stretch]:
+        """Return what it becomes when a robot of a pace enters it so many cells after its front."""
+        front = Stretch(self.first, ahead, self.step, self.pace)
+        rest = Stretch((self.first + self.step * ahead) % n, self.count - ahead, self.step, pace)
+        return [half for half in (front, rest) if half.count]
+
+
+def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None:
+    """Return where to help, None if nowhere: a cell that it wants to search, of its own part or that of a dead or late robot."""
+    n, parts = len(robot.brief.tour_cost), robot.parts
+    others = [part.robot for part in parts if part.robot != robot.number and can_come(robot, part.robot, own, time)]
+    left = [index for index, part in enumerate(parts) if _is_left(robot, part.robot, others, time)]
+    count = min(robot.brief.multiplicity, len(parts))
+    work = {(index + ahead) % len(parts) for index in left for ahead in range(count)}
+    offered = sorted(index for index in work if parts[index].bits & wanted)
+    if not offered:
+        return None
+    stretches = [
+        stretch for index in offered for arc in parts[index].arcs for stretch in _stretches(robot, arc, wanted, others, time)
+    ]
+    for stretch in stretches:
+        if not stretch.pace and stretch.first == (robot.cell + stretch.step) % n:
+            return stretch.first  # it goes on
+    for back in range(1, len(parts) + 1):
+        number = parts[offered[0] - back].robot
+        if number == robot.number:
+            found = _best(robot, speed_of(robot, number, time), robot.cell, stretches)
+            return None if found is None else (found[0].first + found[0].step * found[1]) % n
+        if number in others and robot.peers[number].heartbeat.status == "waiting" and not is_late(robot, number, time):
+            speed = speed_of(robot, number, time)
+            found = _best(robot, speed, robot.peers[number].heartbeat.place % n, stretches)
+            if found is not None:
+                stretches.remove(found[0])
+                stretches += found[0].halves(found[1], speed[1], n)
+    return None
+
+
+def is_taken(robot: Robot, cell: int, time: float) -> bool:
+    """Tell whether another robot that lives is searching a cell, or on the way to it."""
+    return any(
+        peer.heartbeat.place == cell and peer.heartbeat.status == "searching" and is_live(robot, number, time)
+        for number, peer in robot.peers.items()
+    )
+
+
+def leaves_to_others(robot: Robot, own: int, time: float) -> bool:
+    """Tell whether it is late itself, and another robot lives that is not: then it goes on where it is, but nowhere else."""
+    return is_late(robot, robot.number, time) and any(
+        not is_late(robot, number, time) and can_come(robot, number, own, time) for number in robot.peers
+    )
+
+
+def _is_left(robot: Robot, number: int, others: list[int], time: float) -> bool:
+    return number == robot.number or number not in others or is_late(robot, number, time)
+
+
+def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: float) -> Iterator[Stretch]:
+    """Yield the stretches of an arc in the order of its work, from robot to robot that searches there."""
+    n = len(robot.brief.tour_cost)
+    left = arc.bits(n) & wanted
+    fronts: dict[int, float] = {}
+    for number in others:
+        heartbeat = robot.peers[number].heartbeat
+        ahead = (heartbeat.place - arc.first) * arc.step % n
+        if heartbeat.status == "searching" and ahead < arc.count:
+            cell = Arc(heartbeat.place % n, arc.count - ahead, arc.step).next_of(left, n)
+            if cell is not None:
+                fronts[cell] = max(fronts.get(cell, 0.0), speed_of(robot, number, time)[1])
+    for first, length in arc.stretches(left, n):
+        stretch = Stretch(first, length, arc.step)
+        places = sorted(((cell - stretch.first) * arc.step % n, pace) for cell, pace in fronts.items())
+        halves = [stretch]
+        for ahead, pace in [place for place in places if place[0] < length]:
+            *before, last = halves
+            halves = before + last.halves(ahead - (last.first - stretch.first) * arc.step % n, pace, n)
+        yield from halves
+
+
+def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Stretch]) -> tuple[Stretch, int] | None:
+    """Return the stretch at which a robot gains most, and how far from the front it enters; None if it gains nothing."""
+    tour_cost = robot.brief.tour_cost
+    rate, pace = speed
+    longest = (tour_cost.whole + len(tour_cost)) / pace
+    best, most = None, _WORTH / pace
+    for stretch in stretches:
+        way = tour_cost.length(at, stretch.first) / rate
+        alone = min(stretch.count / stretch.pace, longest) if stretch.pace else 2 * longest
+        ahead = _ahead(stretch, way, pace)
+        gain = (
+            alone - way - (stretch.count - ahead) / pace
+        )  # until then who comes from the front has done the cells ahead, or will lose them
+        if ahead < stretch.count and gain > most:
+            best, most = (stretch, ahead), gain
+    return best
+
+
+def _ahead(stretch: Stretch, way: float, pace: float) -> int:
+    """Return how far from the front a helper that takes so long to come enters a stretch."""
+    if not stretch.pace or stretch.count == 1:  # one that takes very long for its last cell may not be in it yet
+        return 0
+    return max(ceil((way + stretch.count / pace) / (1 / stretch.pace + 1 / pace)), 1)
