@@ -215,7 +215,7 @@ class SteeringTask:
         return [([move], after) for move, after in separations(room, self.start)]
 
     def lower_bound(self) -> float:
-        """Return a length below which no plan ends within the tolerance; see docs/concepts/steering.md, Planners."""
+        """Return a length below which no plan ends within the tolerance; see docs/concepts/steering/planners.md."""
         direct = float(np.linalg.norm(self.goal - self.start, axis=1).max())
         apart = float(np.linalg.norm(self.after - self.before))
         if apart <= 2 * self.tolerance:
