@@ -136,9 +136,15 @@ class SearchEpisode(Episode):
     def coverage(self) -> AreaCoverage:
         """What the robots have seen of the region, checked apart from the cells."""
         seeing = [robot for robot, log in enumerate(self.trace.robots) if robot + 1 not in self.liars and log.cells.size]
-        ways = [self.routes[robot].points for robot in seeing]
+        ways = [self._way_inside(robot) for robot in seeing]
         grid = self.plan.grid
         return coverage_check(grid.region, ways, self.plan.footprints[seeing] if seeing else grid.footprint, angle=grid.angle)
+
+    def _way_inside(self, robot: int) -> NDArray[np.float64]:
+        """Return the way of a robot without that to the region from a launch point outside."""
+        route = self.routes[robot]
+        inside = len(route.stops) < 2 or self.plan.grid.region.contains(route.points[:1])[0]
+        return route.points if inside else route.points[route.stops[1] :]
 
     @cached_property
     def seen(self) -> tuple[tuple[NDArray[np.int64], ...], ...]:
@@ -213,6 +219,7 @@ class SearchEpisode(Episode):
         return {
             "robot": robot + 1,
             "start": self.plan.places[robot].tolist(),
+            "landing": (self.plan.places if self.plan.landing is None else self.plan.landing)[robot].tolist(),
             "footprint_m": float(self.plan.footprints[robot]),
             "cells": len(log.cells) if self.plan.widths[robot] == 1 else len(np.unique(np.concatenate([*self.seen[robot], []]))),
             "stops": len(log.cells),
@@ -276,6 +283,10 @@ class SearchEpisode(Episode):
             changes |= {"region": problem.place, "no_go": (), "layer": None, "inner": None, "across_zones": False}
         if isinstance(problem.starts, str) and os.path.exists(problem.starts):
             changes["starts"] = plan.places
+        if isinstance(problem.launch, str):
+            changes["launch"] = plan.places
+        if isinstance(problem.land, str):
+            changes["land"] = plan.landing
         for name, cells in (("targets", self.scenario.targets), ("obstacles", self.scenario.obstacles)):
             if isinstance(getattr(problem, name), str):
                 changes[name] = plan.tour_cost.points[list(cells)] * plan.grid.size

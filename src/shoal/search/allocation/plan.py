@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_integer
 from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
 from shoal.search.allocation.allocate import Allocation, Arc, allocate
 from shoal.search.allocation.arcs import numbers_of
 from shoal.search.allocation.orientation import GridTour, best_grid_tour, grid_tour
@@ -24,11 +23,10 @@ from shoal.search.cells.distances import CellDistances, Distances, RegionDistanc
 from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
 from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.routing import RegionPaths, Route
+from shoal.search.cells.transits import Transits
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.coverage import check_footprints
-from shoal.search.regions.formats.table import read_vertices
-from shoal.search.regions.outline_checks import text_of
-from shoal.search.regions.region import SearchRegion
+from shoal.search.regions.places import places_of, read_points
 from shoal.search.tours import Tour
 
 Points = NDArray[np.float64]
@@ -47,7 +45,7 @@ class SearchPlan:
     tour_cost : TourCost
         The tour with its costs; lengths in sides of a cell.
     places : ndarray of float64, shape (m, 2)
-        Where the robots start, metres.
+        Where the robots start, metres; anywhere.
     starts : ndarray of int64, shape (m,)
         The number on the tour of the cell in which each is.
     rates : ndarray of float64, shape (m,)
@@ -57,6 +55,8 @@ class SearchPlan:
         Sides of the squares that they see, metres.
     transit : bool
         Whether ways may lead from one part of the region to another, outside.
+    landing : ndarray of float64, shape (m, 2), optional
+        Where the robots end, metres; where they start if not given.
     """
 
     grid: CellGrid
@@ -67,6 +67,7 @@ class SearchPlan:
     allocation: Allocation
     footprints: NDArray[np.float64]
     transit: bool = False
+    landing: Points | None = None
 
     @property
     def tour(self) -> Tour:
@@ -109,22 +110,38 @@ class SearchPlan:
         home = self.places[robot]
         if not len(cells):
             return Route(home[None].copy(), np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.bool_))
-        searched = self.paths.route(cells)
-        first = self.paths.legs(np.stack([home, searched.points[0]]))
+        return self._after_way_out(home, self.paths.route(cells))
+
+    def _after_way_out(self, home: Points, searched: Route) -> Route:
+        """Return a route with the way to it."""
+        if self.grid.region.contains(home[None])[0]:
+            first = self.paths.legs(np.stack([home, searched.points[0]]))
+        else:
+            way = self._transits.way(home, searched.points[0])
+            first = Route(way, np.array([0, len(way) - 1]), np.ones(len(way) - 1, dtype=np.bool_))
         return Route(
             np.concatenate([first.points[:-1], searched.points]),
             np.concatenate([[0], searched.stops + len(first.points) - 1]),
             np.concatenate([first.transit, searched.transit]),
         )
 
+    @cached_property
+    def _transits(self) -> Transits:
+        return Transits(self.grid.region, np.vstack([self.places, self.places if self.landing is None else self.landing]))
+
+    def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
+        """Return a way between a launch or landing point and a place on a route: inside where both are, else a transit."""
+        both = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])
+        return self.paths.leg(*both) if self.grid.region.contains(both).all() else self._transits.way(*both)
+
     def _route_round(self, robot: int, numbers: NDArray[np.int64], detours: Sequence[Sequence[int]]) -> Route:
         grid = self.grid
         index = grid.ordinals(self.tour.cells)
         begins, ends = grid.viewpoint_starts[index], grid.viewpoint_starts[index + 1]
-        stops = [self.places[robot][None]]
+        stops = []
         for cell, passed in zip(numbers.tolist(), detours, strict=True):
             stops += [grid.viewpoints[begins[list(passed)]], grid.viewpoints[begins[cell] : ends[cell]]]
-        return self.paths.legs(np.concatenate(stops))
+        return self._after_way_out(self.places[robot], self.paths.legs(np.concatenate(stops)))
 
 
 def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
@@ -157,7 +174,8 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     laid = _grid_tour(problem, cell_side(footprints, speeds))
     grid, tour, paths = laid.grid, laid.tour, laid.paths
     tour_cost = _tour_cost(tour, paths, problem.turn_cost, stepwise=problem.stepwise)
-    places = start_points(grid, problem.starts, robots, np.random.default_rng(seed))
+    places = places_of_robots(grid, problem, np.random.default_rng(seed))
+    landing = None if problem.land is None else places_of(problem.land, grid.region, robots, what="land")
     numbers = tour.position[tuple(grid.cell_of(places).T)]
     widths = widths_of(footprints, grid.size)
     allocator, middles = problem.chosen_allocation, places / grid.size
@@ -165,7 +183,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     if problem.multiplicity > 1:
         team = zip(range(1, robots + 1), numbers.tolist(), speeds.tolist(), widths.tolist(), strict=True)
         given = in_passes(tour_cost, given, tuple(team), middles, problem.multiplicity)
-    return SearchPlan(grid, tour_cost, places, numbers, speeds, given, footprints, problem.transit)
+    return SearchPlan(grid, tour_cost, places, numbers, speeds, given, footprints, problem.transit, landing)
 
 
 def _grid_tour(problem: SearchProblem, size: float) -> GridTour:
@@ -205,6 +223,13 @@ def _is_convex(area: Any) -> bool:
     return bool(area.convex_hull.area - area.area <= _HOLLOW * area.area)
 
 
+def places_of_robots(grid: CellGrid, problem: SearchProblem, rng: Generator) -> Points:
+    """Return where the robots of a problem set out, metres; float64, shape (robots, 2)."""
+    if problem.launch is not None:
+        return places_of(problem.launch, grid.region, problem.robots, what="launch")
+    return start_points(grid, problem.starts, problem.robots, rng)
+
+
 def start_points(grid: CellGrid, starts: str | ArrayLike, robots: int, rng: Generator) -> Points:
     """Return where robots start, metres; float64, shape (robots, 2); see `SearchProblem`."""
     if not isinstance(starts, str):
@@ -224,43 +249,3 @@ def start_points(grid: CellGrid, starts: str | ArrayLike, robots: int, rng: Gene
     import shapely
 
     return np.asarray(middles[shapely.STRtree(shapely.points(middles)).nearest(shapely.points(wanted))])
-
-
-def read_points(path: Path, region: SearchRegion, *, what: str, count: int | None = None) -> Points:
-    """Read points from a CSV file; a heading may name the columns. Metres; float64, shape (k, 2).
-
-    Raises
-    ------
-    InvalidInputError
-        With the file's name; of longitudes and latitudes that are swapped, that they are.
-    """
-    rows, degrees = read_vertices(path, what=f"table of {what}")
-    points = np.array([row[:2] for row in rows if row is not None]).reshape(-1, 2)
-    if count is not None and len(points) != count:
-        raise InvalidInputError(f"{path}: expected {count} {what}, one a robot, got {len(points)}")
-    if region.frame is None and degrees:
-        raise InvalidInputError(f"{path}: expected metres, as the region {region.name!r} has no place on Earth, got degrees")
-    if region.frame is None or degrees is False:
-        return points
-    try:
-        found = region.frame.to_metres(points)
-    except InvalidInputError as error:
-        _refuse_swapped(points, region, path)
-        raise InvalidInputError(f"{path}: {error}") from None
-    if not region.contains(found).all():
-        _refuse_swapped(points, region, path)
-    return found
-
-
-def _refuse_swapped(points: Points, region: SearchRegion, path: Path) -> None:
-    """Refuse latitudes before longitudes, if that is what points outside of a region are."""
-    assert region.frame is not None
-    try:
-        swapped = bool(region.contains(region.frame.to_metres(points[:, ::-1])).all())
-    except InvalidInputError:
-        return
-    if swapped:
-        raise InvalidInputError(
-            f"{path}: expected longitude and then latitude, got the two swapped, as {text_of(points[0])}: "
-            "the other way they lie in the region"
-        )

@@ -124,12 +124,12 @@ class RegionPaths:
         counts = grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]
         begins = np.cumsum(counts) - counts
         visit = np.arange(int(counts.sum())) - np.repeat(begins, counts) + np.repeat(grid.viewpoint_starts[index], counts)
-        # From the centre of a whole cell to that of the next there is nothing to look at.
+        # From the centre of a whole cell to that of the next there is nothing to look at but a wide margin.
         array = grid.cells[index]
         plain = grid.clipped.whole[tuple(array.T)] & (counts == 1)
         close = np.abs(np.diff(array, axis=0)).sum(axis=1) <= 1
         known = np.zeros(max(0, len(visit) - 1), dtype=np.bool_)
-        known[begins[1:] - 1] = plain[:-1] & plain[1:] & close
+        known[begins[1:] - 1] = plain[:-1] & plain[1:] & close & (grid.region.margin <= grid.size / 2)
         return self._joined(grid.viewpoints[visit], known)
 
     def _joined(self, stops: Points, known: NDArray[np.bool_]) -> Route:

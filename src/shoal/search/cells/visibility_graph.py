@@ -34,6 +34,8 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
 class VisibilityGraph:
     """The corners at which the inside of a region has more than 180 degrees, where shortest ways bend, and which see each other.
 
+    Those of `SearchRegion.bends` come first, and ways that bend only there are taken before shorter ones with more bends.
+
     What a corner sees is looked up when a search first comes to it, and kept: only corners that a shortest way could go on to.
 
     Parameters
@@ -49,7 +51,10 @@ class VisibilityGraph:
         from scipy.spatial import KDTree
 
         self._region = region
-        self.corners, before, after = _inward_corners(region.free)
+        few, every = (_inward_corners(shape) for shape in (region.bends, region.free))
+        few = few[:, region.contains(few[0])] if few.size else few
+        self._few = len(few[0])
+        self.corners, before, after = np.concatenate([few, every], axis=1)
         sides = before - self.corners, after - self.corners
         self._sides = [side / np.maximum(np.hypot(*side.T), np.finfo(float).tiny)[:, None] for side in sides]
         self._tree = KDTree(self.corners)
@@ -60,7 +65,13 @@ class VisibilityGraph:
         return np.flatnonzero(((self.corners >= low) & (self.corners <= high)).all(axis=1))
 
     def shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
-        """Return the shortest way that bends at some corners only (A*), or None; float64, shape (k, 2).
+        """Return the shortest way that bends at some corners only, or None; float64, shape (k, 2)."""
+        few = candidates[candidates < self._few]
+        found = self._shortest(start, end, few) if len(few) else None
+        return self._shortest(start, end, candidates) if found is None else found
+
+    def _shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
+        """Return the shortest way that bends at some corners only (A*), or None.
 
         Which of them the start sees is asked by and by, the most likely ones first.
         """
@@ -136,12 +147,12 @@ def _chain(came: NDArray[np.int64], node: int) -> list[int]:
     return way[::-1]
 
 
-def _inward_corners(area: Any) -> tuple[Points, Points, Points]:
-    """Return the corners of a polygon where shortest ways bend, and their neighbours on the border before and after."""
+def _inward_corners(area: Any) -> Points:
+    """Return the corners of a polygon, if any, where shortest ways bend, and their neighbours on the border; shape (3, n, 2)."""
     import shapely
 
-    found = []
-    for polygon in shapely.get_parts(area):
+    found: list[Any] = [np.zeros((3, 0, 2))]
+    for polygon in shapely.get_parts(area) if area is not None else ():
         turned = shapely.orient_polygons(polygon)
         for ring in (turned.exterior, *turned.interiors):
             corners = shapely.get_coordinates(ring)[:-1]
@@ -149,8 +160,7 @@ def _inward_corners(area: Any) -> tuple[Points, Points, Points]:
             come, go = corners - before, after - corners
             inward = come[:, 0] * go[:, 1] - come[:, 1] * go[:, 0] < -_STRAIGHT * np.hypot(*come.T) * np.hypot(*go.T)
             found.append(np.stack([corners[inward], before[inward], after[inward]]))
-    corners, before, after = np.concatenate(found, axis=1)
-    return corners, before, after
+    return np.asarray(np.concatenate(found, axis=1))
 
 
 def pulled(region: SearchRegion, way: Points) -> Points:

@@ -16,6 +16,7 @@ from shoal.search.problem.fields import (
     check_footprint,
     check_network,
     check_no_go,
+    check_places,
     check_positive,
     check_region,
     check_starts,
@@ -86,6 +87,17 @@ class SearchProblem(Problem):
         "random", help="random, clustered, line, or a CSV file of points, one a robot: x and y in metres, or longitude and "
         "latitude for a region on the earth.", check=check_starts,
     )  # fmt: skip
+    launch: str | tuple[tuple[float, float], ...] | None = option(
+        None, help="Where robots set out, anywhere, instead of --starts: x,y in metres, or longitude,latitude for a region on the "
+        "earth, one for all or with semicolons one a robot; or a CSV or GeoJSON file of points or of a line, a road, along which "
+        "they space themselves.", metavar="POINTS|FILE", check=check_places("launch"),
+    )  # fmt: skip
+    land: str | tuple[tuple[float, float], ...] | None = option(
+        None,
+        help="Where missions end, as --launch; by default where they begin.",
+        metavar="POINTS|FILE",
+        check=check_places("land"),
+    )
     tour: str = option(
         "auto", help=f"{', '.join(TOURS)} or MODULE:ATTRIBUTE; auto is "
         "spanning-tree, which exists in every region.", names=TOURS,

@@ -159,6 +159,15 @@ def check_starts(value: Any) -> str | tuple[tuple[float, float], ...]:
     return check_path(value, "starts", "a layout or a file") if isinstance(value, str | os.PathLike) else _points(value, "starts")
 
 
+def check_places(what: str) -> Callable[[Any], Any]:
+    """Return the check of points as text, a file of them, or points in metres."""
+
+    def check(value: Any) -> Any:
+        return check_path(value, what, "points or a file") if isinstance(value, str | os.PathLike) else _points(value, what)
+
+    return check
+
+
 def parse_count_or_path(text: str) -> int | str:
     """Return the number or the path that a text of the command line says."""
     return int(text) if text.lstrip("-").isdecimal() else text

@@ -10,6 +10,8 @@ from shoal.search.regions.coverage import footprints_along
 from shoal.search.regions.region import SearchRegion, polygons_in
 
 _SEGMENTS = 32  # of a quarter of a circle: arcs are within 0.03 % of the margin
+_POINTED = 2.0  # margins: how far from a corner ways may lead to bend once where they else follow an arc
+_COARSE = 0.02  # of the side of a square as large as a shape
 _SEEN = 1e-9  # of a region: what is unseen of it by rounding
 
 
@@ -38,7 +40,19 @@ def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
     free = polygons_in(region.outline.buffer(-margin, quad_segs=_SEGMENTS))
     if free.is_empty:
         raise InvalidInputError(f"margin: expected one that leaves some of the region {region.name!r}, got {margin:g} m")
-    return replace(region, free=free, margin=margin)
+    bends = polygons_in(region.outline.buffer(-margin, join_style="mitre", mitre_limit=_POINTED))
+    return replace(region, free=free, margin=margin, bends=bends)
+
+
+def grown(shape: Any, margin: float) -> Any:
+    """Return a shape with what is nearer to it than a margin: what `with_margin` keeps free of."""
+    return shape.buffer(margin, quad_segs=_SEGMENTS) if margin else shape
+
+
+def coarse(shape: Any, margin: float) -> Any:
+    """Return a shape of few corners that holds all that `grown` returns."""
+    step = max(margin / 4, _COARSE * shape.area**0.5)
+    return shape.buffer(margin + step, join_style="mitre", mitre_limit=_POINTED).simplify(step)
 
 
 def visible_region(region: SearchRegion, footprint: float, angle: float = 0.0) -> SearchRegion:

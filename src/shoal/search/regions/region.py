@@ -38,6 +38,8 @@ class SearchRegion:
         Where robots may be; the area if not given.
     outline : shapely Polygon or MultiPolygon, optional
         The whole region, seen or not, less no-go zones; the area if not given.
+    bends : shapely Polygon or MultiPolygon, optional
+        A shape of fewer corners inside of ``free``, at which ways bend where they can.
     """
 
     area: Any
@@ -48,6 +50,7 @@ class SearchRegion:
     margin: float = 0.0
     free: Any = None
     outline: Any = None
+    bends: Any = None
 
     def __post_init__(self) -> None:
         for name in ("free", "outline"):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
-from shoal.search.allocation.plan import SearchPlan, read_points
+from shoal.search.allocation.plan import SearchPlan
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.cells.distances import CellDistances
 from shoal.search.cells.footprint import check_widths
@@ -22,6 +22,7 @@ from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash, Fault, WrongPosition
 from shoal.search.problem.network import RadioNetwork, network_of
 from shoal.search.protocol.robot import Brief
+from shoal.search.regions.places import read_points
 from shoal.search.tours.bitset import bitset_of
 
 

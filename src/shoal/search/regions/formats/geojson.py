@@ -39,6 +39,44 @@ def read_geojson(path: Path) -> RegionOutlines:
     return to_degrees(tuple(found), str(path), name)
 
 
+def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
+    """Return the points in a GeoJSON file, or the vertices of its line, and whether they are one.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    data = parse_json(read_text(path, what=what, most=LARGEST_FILE), where=str(path))
+    points: list[Points] = []
+    lines: list[Points] = []
+    for k, shape in enumerate(_geometries(data, str(path)), start=1):
+        where, kind = f"{path}: geometry {k}", shape.get("type")
+        if kind == "Point":
+            points.append(_points([shape.get("coordinates")], where))
+        elif kind in ("MultiPoint", "LineString"):
+            (points if kind == "MultiPoint" else lines).append(_points(shape.get("coordinates"), where))
+        else:
+            raise InvalidInputError(f"{where}: expected a Point, MultiPoint or LineString, got {_short(kind)}")
+    if len(lines) > 1 or (lines and points) or not (lines or points):
+        got = f"{len(points)} sets of points and {len(lines)} lines"
+        raise InvalidInputError(f"{path}: expected points or one line, got {got}")
+    if lines and len(lines[0]) < 2:
+        raise InvalidInputError(f"{path}: expected a line of two vertices or more, got {len(lines[0])}")
+    return np.concatenate(lines or points), bool(lines)
+
+
+def _geometries(data: Any, where: str) -> list[dict[str, Any]]:
+    """Return the geometries of a GeoJSON object, one after another."""
+    if not isinstance(data, dict):
+        raise InvalidInputError(f"{where}: expected a GeoJSON object, got {_short(data)}")
+    if data.get("type") == "Feature":
+        return _geometries(data.get("geometry"), where)
+    members = {"FeatureCollection": "features", "GeometryCollection": "geometries"}.get(str(data.get("type")))
+    if members is None:
+        return [data]
+    return [shape for member in _list(data, members, where) for shape in _geometries(member, where)]
+
+
 def _walk(data: Any, where: str, no_go: bool, found: list[RegionOutline], passed: set[str]) -> None:
     """Collect the polygons of a GeoJSON object, and the types of what is no polygon."""
     if not isinstance(data, dict):

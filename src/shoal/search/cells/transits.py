@@ -1,0 +1,81 @@
+"""Transits: ways between launch points and a region, outside of it, but never through no-go zones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from shoal.errors import InvalidInputError
+from shoal.search.cells.visibility_graph import VisibilityGraph, inside
+from shoal.search.regions.margin import coarse, grown
+from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
+from shoal.search.regions.region import SearchRegion, polygons_in
+
+_ROOM = 1.0  # of the region and its launch points: how far around them ways may lead
+
+
+class Transits:
+    """The shortest ways between places in and outside of a region, around no-go zones and holes, with the margin.
+
+    A hole in which there is a launch or landing point may be crossed.
+
+    Parameters
+    ----------
+    region : SearchRegion
+    points : array_like of float, shape (n, 2)
+        Launch and landing points, metres.
+
+    Raises
+    ------
+    InvalidInputError
+        For a point in a no-go zone, or too near to one.
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> ring = open_region("ring:50x40")
+    >>> Transits(ring, [(-60.0, 0.0)]).way((-60.0, 0.0), (-45.0, 0.0)).tolist()
+    [[-60.0, 0.0], [-45.0, 0.0]]
+    """
+
+    def __init__(self, region: SearchRegion, points: ArrayLike) -> None:
+        import shapely
+
+        places = check_plane_points(points, what="launch and landing points")
+        holes = [shapely.Polygon(hole) for part in shapely.get_parts(region.outline) for hole in part.interiors]
+        there = shapely.multipoints(places)
+        barred = shapely.union_all([region.no_go, *(hole for hole in holes if not hole.intersects(there))])
+        low, high = np.array(region.outline.union(there).bounds).reshape(2, 2)
+        room = _ROOM * float((high - low).max()) + 2 * region.margin
+        around = shapely.box(*(low - room), *(high + room))
+        space = polygons_in(shapely.union_all([around.difference(grown(barred, region.margin)), region.free]))
+        bends = polygons_in(around.difference(coarse(barred, region.margin)))
+        self._space = replace(region, area=space, free=space, outline=space, bends=bends)
+        for place in places[~self._space.contains(places)]:
+            raise InvalidInputError(
+                f"launch: expected places outside of no-go zones and holes{region.margin_text}, got {text_of(place)} m"
+            )
+
+    @cached_property
+    def _corners(self) -> VisibilityGraph:
+        return VisibilityGraph(self._space)
+
+    def way(self, start: ArrayLike, end: ArrayLike) -> Points:
+        """Return the shortest way from one place to another; float64, shape (k, 2), k >= 2.
+
+        Raises
+        ------
+        InvalidInputError
+            If there is none.
+        """
+        ends = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])
+        if inside(self._space, ends[:1], ends[1:])[0]:
+            return ends
+        found = self._corners.shortest(ends[0], ends[1], np.arange(len(self._corners.corners)))
+        if found is None:
+            places = f"{text_of(ends[0])} m to {text_of(ends[1])} m"
+            raise InvalidInputError(f"launch: expected a way from {places} around no-go zones, got none")
+        return found

@@ -1,0 +1,116 @@
+"""Places: points and lines that say where robots start, land, or find something."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from shoal.errors import InvalidInputError
+from shoal.search.regions.formats.geojson import read_positions
+from shoal.search.regions.formats.table import read_vertices
+from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
+from shoal.search.regions.region import SearchRegion
+
+_NUMBER = r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*"
+_COORDINATES = re.compile(rf"{_NUMBER},{_NUMBER}(?:;{_NUMBER},{_NUMBER})*")
+
+
+def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what: str) -> Points:
+    """Return a place for each robot; metres, float64, shape (robots, 2).
+
+    Parameters
+    ----------
+    value : str or array_like of float, shape (1, 2) or (robots, 2)
+        Metres; as text in the units of the region: ``x,y``, several with semicolons between, or a CSV or GeoJSON file of points,
+        one for all or one a robot, or a GeoJSON file of a line, on which robots space themselves evenly.
+    region : SearchRegion
+    robots : int
+    what : str
+        For messages.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> places_of("0,-5;10,-5", open_region("square:20"), 2, what="launch").tolist()
+    [[0.0, -5.0], [10.0, -5.0]]
+    """
+    if not isinstance(value, str):
+        points, line = check_plane_points(value, what=what), False
+    elif _COORDINATES.fullmatch(value):
+        given = np.array([pair.split(",") for pair in value.split(";")], dtype=np.float64)
+        points, line = _in_metres(given, region, what, degrees=None), False
+    else:
+        points, line = _read(Path(value), region, what)
+    if line:
+        import shapely
+
+        way = shapely.linestrings(points)
+        spaced = shapely.line_interpolate_point(way, (np.arange(robots) + 0.5) / robots, normalized=True)
+        return np.asarray(shapely.get_coordinates(spaced))
+    if len(points) not in (1, robots):
+        raise InvalidInputError(f"{what}: expected one point for all, or {robots}, one a robot, got {len(points)}")
+    return np.array(np.broadcast_to(points, (robots, 2)))
+
+
+def read_points(path: Path, region: SearchRegion, *, what: str, count: int | None = None) -> Points:
+    """Read points from a CSV or GeoJSON file; a heading may name the columns. Metres; float64, shape (k, 2).
+
+    Raises
+    ------
+    InvalidInputError
+        With the file's name; of longitudes and latitudes that are swapped, that they are.
+    """
+    points, line = _read(path, region, what)
+    if line:
+        raise InvalidInputError(f"{path}: expected points, got a line")
+    if count is not None and len(points) != count:
+        raise InvalidInputError(f"{path}: expected {count} {what}, one a robot, got {len(points)}")
+    return points
+
+
+def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
+    """Return the points in a file, and whether they are a line."""
+    if path.suffix.lower() in (".geojson", ".json"):
+        found, line = read_positions(path, what=f"file of {what}")
+        return _in_metres(found, region, path, degrees=True), line
+    rows, degrees = read_vertices(path, what=f"table of {what}")
+    points = np.array([row[:2] for row in rows if row is not None]).reshape(-1, 2)
+    return _in_metres(points, region, path, degrees=degrees), False
+
+
+def _in_metres(points: Points, region: SearchRegion, where: Any, *, degrees: bool | None) -> Points:
+    """Return points in metres; None for ``degrees`` is what the region has."""
+    if region.frame is None and degrees:
+        raise InvalidInputError(f"{where}: expected metres, as the region {region.name!r} has no place on Earth, got degrees")
+    if region.frame is None or degrees is False:
+        return points
+    try:
+        found = region.frame.to_metres(points)
+    except InvalidInputError as error:
+        _refuse_swapped(points, region, where)
+        raise InvalidInputError(f"{where}: {error}") from None
+    if not region.contains(found).all():
+        _refuse_swapped(points, region, where)
+    return found
+
+
+def _refuse_swapped(points: Points, region: SearchRegion, where: Any) -> None:
+    """Refuse latitudes before longitudes, if that is what points outside of a region are."""
+    assert region.frame is not None
+    try:
+        swapped = bool(region.contains(region.frame.to_metres(points[:, ::-1])).all())
+    except InvalidInputError:
+        return
+    if swapped:
+        raise InvalidInputError(
+            f"{where}: expected longitude and then latitude, got the two swapped, as {text_of(points[0])}: "
+            "the other way they lie in the region"
+        )

@@ -1,0 +1,91 @@
+"""Launch and landing points anywhere: how they are read, and transits that keep out of no-go zones."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import shapely
+
+from shoal.errors import InvalidInputError
+from shoal.search import SearchEpisode, open_region
+from shoal.search.cells.transits import Transits
+from shoal.search.problem import SearchProblem
+from shoal.search.regions.margin import with_margin
+from shoal.search.regions.places import places_of
+from shoal.search.regions.region import region_of
+from shoal.search.run import run
+
+FIELD = shapely.box(0, 0, 200, 100)
+ZONES = shapely.MultiPolygon([shapely.box(-60, -20, -20, 120), shapely.box(80, 40, 110, 60)])
+
+
+@pytest.mark.parametrize("margin", [0.0, 7.0])
+def test_transits_lead_round_no_go_zones_outside_and_inside(margin):
+    region = with_margin(region_of(FIELD, no_go=ZONES), margin)
+    transits = Transits(region, [(-100, 50)])
+    for end in ((20.0, 50.0), (190.0, 50.0), (73.0, 50.0)):
+        way = transits.way((-100.0, 50.0), end)
+        assert shapely.distance(shapely.linestrings(way), ZONES) >= margin * (1 - 1e-3)
+        assert len(way) < 8  # few bends, not an arc of many
+        shortest = np.hypot(120, 70 + margin)  # not even that short
+        assert np.hypot(*np.diff(way, axis=0).T).sum() > min(shortest, 140)
+    with pytest.raises(InvalidInputError, match="launch: expected places outside of no-go zones"):
+        Transits(region, [(-40, 50)])
+
+
+def test_a_launch_point_in_a_hole_may_leave_it_and_others_go_round_it():
+    ring = open_region("ring:100x60")
+    assert len(Transits(ring, [(0, 0)]).way((0, 0), (80, 0))) == 2
+    round_it = Transits(ring, [(-120, 0)]).way((-120, 0), (80, 0))
+    assert shapely.distance(shapely.linestrings(round_it), shapely.Point(0, 0)) > 59
+
+
+def test_places_are_one_for_all_one_each_or_along_a_line(tmp_path):
+    square = open_region("square:20")
+    assert places_of("5,-5", square, 3, what="launch").tolist() == [[5, -5]] * 3
+    assert places_of([(0, 1), (2, 3)], square, 2, what="launch").tolist() == [[0, 1], [2, 3]]
+    (tmp_path / "points.csv").write_text("x,y\n0,-5\n10,-5\n")
+    assert places_of(str(tmp_path / "points.csv"), square, 2, what="launch").tolist() == [[0, -5], [10, -5]]
+    with pytest.raises(InvalidInputError, match="launch: expected one point for all, or 3, one a robot, got 2"):
+        places_of("1,2;3,4", square, 3, what="launch")
+    (tmp_path / "road.geojson").write_text('{"type": "Point", "coordinates": [8.5, 47.4]}')
+    with pytest.raises(InvalidInputError, match="expected metres, as the region 'square:20' has no place"):
+        places_of(str(tmp_path / "road.geojson"), square, 3, what="launch")
+
+
+def test_robots_space_themselves_along_a_road(tmp_path):
+    outline = [[8.5, 47.4], [8.504, 47.4], [8.504, 47.402], [8.5, 47.402], [8.5, 47.4]]
+    (tmp_path / "field.json").write_text(json.dumps({"type": "Polygon", "coordinates": [outline]}))
+    road = {
+        "type": "Feature",
+        "properties": {},
+        "geometry": {"type": "LineString", "coordinates": [[8.499, 47.4], [8.499, 47.402]]},
+    }
+    (tmp_path / "road.geojson").write_text(json.dumps(road))
+    region = open_region(tmp_path / "field.json")
+    places = places_of(str(tmp_path / "road.geojson"), region, 4, what="launch")
+    assert np.allclose(region.frame.to_degrees(places)[:, 1], 47.4 + 0.002 * np.array([1, 3, 5, 7]) / 8, atol=1e-6)
+    (tmp_path / "road.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [outline]}))
+    with pytest.raises(InvalidInputError, match="geometry 1: expected a Point, MultiPoint or LineString, got 'Polygon'"):
+        places_of(str(tmp_path / "road.geojson"), region, 4, what="launch")
+    assert len(places_of("8.499,47.401", region, 2, what="launch")) == 2
+    with pytest.raises(InvalidInputError, match="the two swapped"):
+        places_of("47.401,8.502", region, 2, what="launch")
+
+
+def test_a_search_from_outside_is_planned_verified_and_saved(tmp_path):
+    region = region_of(FIELD, no_go=ZONES)
+    problem = SearchProblem(region, robots=3, footprint=20, margin=4, launch="-100,50", land="-100,40;-100,50;-100,60")
+    episode = run(problem, seed=1)
+    assert episode
+    assert episode.coverage.outside_m == 0
+    assert [route["landing"] for route in episode.report()["routes"]] == [[-100, 40], [-100, 50], [-100, 60]]
+    for route in episode.routes:
+        assert route.points[0].tolist() == [-100, 50]
+        assert shapely.distance(shapely.linestrings(route.points), ZONES) > 4 * (1 - 1e-3)
+    episode.save(tmp_path / "episode.json")
+    again = SearchEpisode.load(tmp_path / "episode.json")
+    assert again.verify()
+    assert again.plan.landing.tolist() == episode.plan.landing.tolist()
