@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 LARGEST_TEXT = 200_000_000
 """Bytes of a text file: what is larger is refused before it is read."""
 
+FARTHEST = 1e100
+"""The largest coordinate: areas, too, are numbers then."""
+
 DEEPEST = 50
 """Lists and objects in one another in a JSON or TOML file."""
 
@@ -119,7 +122,7 @@ def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
 
 
 def check_points(points: Any, *, what: str, dimensions: int, count: int | None = None) -> NDArray[np.float64]:
-    """Return points as a finite float64 array, shape (count, dimensions).
+    """Return points as a float64 array of coordinates up to `FARTHEST`, shape (count, dimensions).
 
     Raises
     ------
@@ -132,9 +135,11 @@ def check_points(points: Any, *, what: str, dimensions: int, count: int | None =
         raise InvalidInputError(f"{expected}, got {shortened(points)}") from None
     if array.ndim != 2 or array.shape[1] != dimensions or (count is not None and len(array) != count):
         raise InvalidInputError(f"{expected}, got an array of shape {array.shape}")
-    if not np.isfinite(array).all():
-        index = int(np.argmin(np.isfinite(array).all(axis=1)))
-        raise InvalidInputError(f"{what}: expected finite numbers, got {tuple(array[index].tolist())} at point {index + 1}")
+    near = (np.abs(array) <= FARTHEST).all(axis=1)
+    if not near.all():
+        index = int(np.argmin(near))
+        kind = f"numbers up to {FARTHEST:g}" if np.isfinite(array[index]).all() else "finite numbers"
+        raise InvalidInputError(f"{what}: expected {kind}, got {tuple(array[index].tolist())} at point {index + 1}")
     return array
 
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_choice, check_integer, check_number, check_text, parse_json, read_text, shortened
+from shoal.checks import FARTHEST, check_choice, check_integer, check_number, check_text, parse_json, read_text, shortened
 from shoal.dataclass import dataclass
 from shoal.episode import Episode, Status, Verification
 from shoal.errors import InvalidInputError, ShoalError
@@ -215,7 +215,7 @@ class SteeringEpisode(Episode):
 
 
 def _array(given: Any, what: str, shape: tuple[int | None, ...], *, empty: tuple[int, ...] = ()) -> NDArray[np.float64]:
-    """Return numbers as a finite array of a shape, in which None stands for any length."""
+    """Return numbers as an array of a shape, in which None stands for any length."""
     try:
         array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -223,7 +223,7 @@ def _array(given: Any, what: str, shape: tuple[int | None, ...], *, empty: tuple
     if empty and array.size == 0 and array.ndim == 1:
         array = array.reshape(empty)
     fits = array.ndim == len(shape) and all(wanted in (None, real) for wanted, real in zip(shape, array.shape, strict=True))
-    if not fits or not np.isfinite(array).all():
+    if not fits or not (np.abs(array) <= FARTHEST).all():
         wanted = " x ".join("any" if length is None else str(length) for length in shape)
         raise InvalidInputError(f"{what}: expected {wanted} finite numbers, got an array of shape {array.shape}")
     return array

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import socket
@@ -13,6 +14,7 @@ from pathlib import Path
 from shoal.errors import InvalidInputError, OutputError
 
 _TRIES = 5
+_PLAIN = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK  # a link, or a pipe, may be a stranger's: nothing is written to it
 
 
 def _lock_file(store: Path, name: str) -> Path:
@@ -33,9 +35,10 @@ def locked(store: Path, name: str) -> Iterator[None]:
     path, tries = _lock_file(store, name), 0
     while True:
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | _PLAIN, 0o666)
         except OSError as error:
-            raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
+            why = "it is a symbolic link" if error.errno == errno.ELOOP else error.strerror or error
+            raise OutputError(f"cannot write {path}: {why}") from None
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -54,7 +57,7 @@ def locked(store: Path, name: str) -> Iterator[None]:
         os.close(descriptor)  # its last holder removed it between our two calls
     try:
         with suppress(OSError):  # a full disk: the lock holds all the same, only nobody is told whose it is
-            os.ftruncate(descriptor, 0)
+            os.ftruncate(descriptor, 0)  # of what is no plain file it fails, and nothing is written
             os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()} since {time.strftime('%F %T')}".encode())
         yield
     finally:
@@ -64,7 +67,7 @@ def locked(store: Path, name: str) -> Iterator[None]:
 
 def _is_still(descriptor: int, path: Path) -> bool:
     try:
-        return os.path.samestat(os.fstat(descriptor), path.stat())
+        return os.path.samestat(os.fstat(descriptor), path.lstat())
     except FileNotFoundError:
         return False
 
@@ -72,7 +75,7 @@ def _is_still(descriptor: int, path: Path) -> bool:
 def is_locked(store: Path, name: str) -> bool:
     """Tell whether a process runs a sweep of a store now."""
     try:
-        descriptor = os.open(_lock_file(store, name), os.O_RDONLY | os.O_CLOEXEC)
+        descriptor = os.open(_lock_file(store, name), os.O_RDONLY | _PLAIN)
     except OSError:
         return False
     try:

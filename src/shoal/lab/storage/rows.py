@@ -98,6 +98,8 @@ def columns_of(axes: list[tuple[list[Any], int]], parts: tuple[list[str], ...], 
     trials, seeds, results = (parse_json(f"[{','.join(part)}]", where=f"{stored.where}: results") for part in parts)
     width = len(stored.measures)
     bad = next((one for one in results if not isinstance(one, list) or len(one) != width), None)
+    if not all(type(one) is int for one in (*trials, *seeds)):
+        raise InvalidInputError(f"{stored.where}: trials: expected whole numbers of trials and seeds, got something else")
     if bad is not None or not len(trials) == len(seeds) == len(results):
         got = f"{len(results)} rows for {len(trials)} trials" if bad is None else shortened(bad)
         raise InvalidInputError(f"{stored.where}: results: expected rows of {width} values, got {got}")

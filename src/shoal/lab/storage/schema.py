@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import secrets
+import shutil
 import sqlite3
+import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from shoal.checks import shortened
@@ -15,6 +18,11 @@ from shoal.version import __version__
 APPLICATION = 0x53484F41  # "SHOA"
 FORMAT = 1
 _NAMES = ("sweeps", "points", "batches", "trials", "failures")
+_RANGES: dict[str, dict[str, tuple[float, float]]] = {
+    "sweeps": {"trials": (0, 10**18), "points": (0, 10**18)},
+    "points": {"id": (0, 10**18), "number": (0, 10**18)},
+    "batches": {"trials": (0, 10**18), "seconds": (0, 1e12), "finished": (0, 1e12)},
+}  # a damaged file may have anything in a column, and text is above every number
 _WAIT = 30.0  # seconds for another process to finish its commit
 
 TABLES = """
@@ -65,24 +73,69 @@ def connect(path: Path, *, write: bool) -> sqlite3.Connection:
         raise InvalidInputError(f"{path}: expected a store or a new name, got an empty file (remove it to start anew)")
     if write and existing and not os.access(path, os.W_OK):
         raise OutputError(f"cannot write {path}: it is read-only; nothing was changed")
+    if not existing:
+        _create(path)
     with told(path):
         connection = _opened(path, write=write)
         try:
             connection.execute("PRAGMA trusted_schema = OFF")
             _check(connection, path)
             if write:
-                _prepare(connection)
+                _make_durable(connection)
         except BaseException:
             connection.close()
             raise
     return connection
 
 
+def _create(path: Path) -> None:
+    """Make an empty store under another name, then give it its own: it is whole from the first moment, and made once.
+
+    Raises
+    ------
+    OutputError
+        Nothing is left behind then.
+    """
+    temporary = path.with_name(f".{path.name[:40]}-{secrets.token_hex(6)}")
+    try:
+        with told(path), closing(_connected(temporary)) as connection:
+            _make_durable(connection)
+            with transaction(connection):
+                for statement in TABLES.split(";"):
+                    connection.execute(statement)
+                connection.execute(f"PRAGMA application_id = {APPLICATION}")
+                connection.execute(f"PRAGMA user_version = {FORMAT}")
+        with suppress(FileExistsError):  # another coordinator was quicker
+            _named(temporary, path)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
+    finally:
+        for end in ("", "-wal", "-shm", "-journal"):
+            temporary.with_name(temporary.name + end).unlink(missing_ok=True)
+
+
+def _named(temporary: Path, path: Path) -> None:
+    """Give a file its name unless that is taken."""
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links
+        if not path.exists():
+            temporary.rename(path)
+
+
+def _connected(path: Path, *, options: str = "") -> sqlite3.Connection:
+    where = f"{path.resolve().as_uri()}?{options}"
+    connection = sqlite3.connect(where, uri=True, timeout=_WAIT, isolation_level=None, check_same_thread=False)
+    connection.set_progress_handler(lambda: 0, 100_000)  # Python's code: there Ctrl-C comes through
+    return connection
+
+
 def _opened(path: Path, *, write: bool) -> sqlite3.Connection:
     if write:
-        return sqlite3.connect(path, timeout=_WAIT, isolation_level=None, check_same_thread=False)
-    uri = path.resolve().as_uri()
-    connection = sqlite3.connect(f"{uri}?mode=ro", uri=True, timeout=_WAIT, isolation_level=None, check_same_thread=False)
+        return _connected(path, options="mode=rw")
+    connection = _connected(path, options="mode=ro")
     try:
         connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     except sqlite3.OperationalError as error:
@@ -90,18 +143,23 @@ def _opened(path: Path, *, write: bool) -> sqlite3.Connection:
         if error.sqlite_errorcode & 0xFF not in {sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY}:
             raise
         # In a folder that cannot be written no shared memory can be made beside the file; then nobody writes it either.
-        connection = sqlite3.connect(f"{uri}?immutable=1", uri=True, isolation_level=None, check_same_thread=False)
+        log = path.with_name(f"{path.name}-wal")
+        if not log.exists() or not log.stat().st_size:
+            return _connected(path, options="immutable=1")
+        with tempfile.TemporaryDirectory() as folder:  # which may be gone as soon as the copy is open
+            copy = Path(folder) / "store"
+            shutil.copyfile(path, copy)
+            shutil.copyfile(log, copy.with_name("store-wal"))
+            connection = _connected(copy)
+            connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     return connection
 
 
 def _check(connection: sqlite3.Connection, path: Path) -> None:
     """Refuse what is no store, or one that this version cannot read."""
     application, number = (connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version"))
-    tables = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
     if application != APPLICATION:
-        if tables or application:
-            raise InvalidInputError(f"{path}: expected a store of Shoal, got another SQLite database")
-        return  # new
+        raise InvalidInputError(f"{path}: expected a store of Shoal, got another SQLite database")
     # Views and triggers would run in place of what we ask for, without end if somebody wishes.
     strange = connection.execute(
         f"SELECT type, name FROM sqlite_master WHERE NOT (type = 'table' AND name IN ({', '.join('?' * len(_NAMES))})) "
@@ -117,21 +175,17 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
             f"{path}: expected a store of format {FORMAT} or below, got format {number}: it was written by a newer Shoal than "
             f"{__version__}; upgrade, nothing was changed"
         )
-    connection.execute("SELECT max(id) FROM points").fetchone()  # reads a page: a truncated file shows here
+    for table, ranges in _RANGES.items():
+        wrong = " OR ".join(f"({column} BETWEEN {least} AND {most}) IS NOT 1" for column, (least, most) in ranges.items())
+        if connection.execute(f"SELECT 1 FROM {table} WHERE {wrong} LIMIT 1").fetchone():
+            raise InvalidInputError(f"{path}: table {table}: expected {' and '.join(ranges)} in range, got a damaged row")
 
 
-def _prepare(connection: sqlite3.Connection) -> None:
-    """Make the tables if the file is new; let every commit reach the disk."""
+def _make_durable(connection: sqlite3.Connection) -> None:
+    """Let every commit reach the disk."""
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = FULL")  # with NORMAL a power cut would take the last commits
     connection.execute("PRAGMA foreign_keys = ON")
-    with transaction(connection):
-        if connection.execute("PRAGMA application_id").fetchone()[0] == APPLICATION:
-            return
-        for statement in TABLES.split(";"):
-            connection.execute(statement)
-        connection.execute(f"PRAGMA application_id = {APPLICATION}")
-        connection.execute(f"PRAGMA user_version = {FORMAT}")
 
 
 @contextmanager
@@ -152,12 +206,14 @@ def told(path: Path) -> Iterator[None]:
     """Say SQLite's errors in one sentence each."""
     try:
         yield
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeError, OverflowError) as error:
         raise _said(path, error) from error
 
 
-def _said(path: Path, error: sqlite3.Error) -> Exception:
+def _said(path: Path, error: Exception) -> Exception:
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    if code == sqlite3.SQLITE_INTERRUPT:
+        raise KeyboardInterrupt from error
     kept = "every batch that was committed is kept, and the same command goes on from there"
     if code == sqlite3.SQLITE_FULL or getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_IOERR_WRITE:
         return OutputError(f"cannot write {path}: the disk is full; {kept}")
@@ -176,4 +232,4 @@ def _said(path: Path, error: sqlite3.Error) -> Exception:
             f"{path}: expected a whole store, got a damaged or truncated one ({error}); it was not changed: restore a "
             "copy, or keep it and start a new one"
         )
-    return InvalidInputError(f"{path}: expected a store, got {error}")
+    return InvalidInputError(f"{path}: expected a store, got a damaged one: {error}")

@@ -65,7 +65,7 @@ Fault = Crash | Pause | Slow | Battery | WrongPosition | Liar
 KINDS: dict[str, type[Fault]] = {
     "crash": Crash, "pause": Pause, "slow": Slow, "battery": Battery, "wrong-position": WrongPosition, "liar": Liar,
 }  # fmt: skip
-_SPELLING = re.compile(r"([a-z-]+):(\d+)(?:@([^:@]+))?(?::([^:@]+))?")
+_SPELLING = re.compile(r"([a-z-]+):([0-9]{1,9})(?:@([^:@]+))?(?::([^:@]+))?")
 
 
 def check_faults(value: Any) -> tuple[Fault, ...]:

@@ -16,6 +16,9 @@ MOST_CORNERS = 200_000
 MOST_POLYGONS = 10_000
 """Polygons of a file, or rings of a table."""
 
+MOST_PAIRS = 200_000
+"""Pairs of rings of a table of which one lies around the other, or could."""
+
 MOST_ELEMENTS = 300_000
 """Elements of an XML file."""
 

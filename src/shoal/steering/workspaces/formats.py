@@ -208,7 +208,8 @@ def _from_geojson(data: Any, *, where: str) -> Workspace:
             inner = inner[0]
         data = inner
     try:
-        geometry = shapely.from_geojson(json.dumps(data))
+        with np.errstate(all="ignore"):  # numbers too large are refused below
+            geometry = shapely.from_geojson(json.dumps(data))
     except (shapely.errors.GEOSException, TypeError, ValueError) as error:
         raise InvalidInputError(f"{where}: expected a GeoJSON polygon, got something else: {str(error).strip()[:120]}") from None
     return _from_geometry(geometry, where=where)
@@ -218,8 +219,9 @@ def _from_wkt(text: str, *, where: str) -> Workspace:
     import shapely
 
     try:
-        geometry = shapely.from_wkt(text.strip())
-    except (shapely.errors.GEOSException, TypeError) as error:
+        with np.errstate(all="ignore"):
+            geometry = shapely.from_wkt(text.strip())
+    except (shapely.errors.GEOSException, TypeError, UnicodeError) as error:
         raise InvalidInputError(
             f"{where}: expected well-known text of a polygon, got something else: {str(error).strip()[:120]}"
         ) from None

@@ -113,12 +113,21 @@ def _pages(path: Path, turn: Callable[[Image], T], *, most: int | None = None) -
                         break
                     check_layers(path, page + 1)
                     check_size(path, page + 1, image.height, image.width)
-                    made.append(turn(image.copy()))
+                    _check_tiles(path, image)
+                    made.append(turn(image))
                     if image.format != "TIFF":
                         break
                 return made
     finally:
         Image.MAX_IMAGE_PIXELS = limit
+
+
+def _check_tiles(path: Path, image: Image) -> None:
+    """Refuse a picture whose file has no data for some of its pixels: Pillow would take them for black."""
+    tiles: list[Any] = getattr(image, "tile", [])
+    told = sum((right - left) * (low - high) for _, (left, high, right, low), *_ in tiles)
+    if tiles and told < image.width * image.height:
+        raise InvalidInputError(f"{path}: expected data for {image.width}x{image.height} pixels, got some for {told} only")
 
 
 def _stacked(layers: list[NDArray[np.bool_]], names: list[str]) -> NDArray[np.bool_]:
@@ -136,14 +145,16 @@ def _free_cells(path: Path, image: Image, options: MapOptions) -> NDArray[np.boo
     if options.scale != 1.0:
         width, height = (max(1, round(side * options.scale)) for side in image.size)
         check_size(path, height, width)
-        grey = np.asarray(Pillow.fromarray(grey).resize((width, height), Pillow.Resampling.BOX))
-    free = grey >= options.threshold
+        grey = np.asarray(Pillow.fromarray(_share(grey)).resize((width, height), Pillow.Resampling.BOX))
+    # Of 8 bits by a table: brightness as fractions would take four times the memory.
+    table = _share(np.arange(256, dtype=np.uint8)) >= options.threshold
+    free = table[grey] if grey.dtype == np.uint8 else grey >= options.threshold
     return ~free if options.invert else free
 
 
 def _pixels(path: Path, image: Image) -> NDArray[np.uint8]:
     if _is_deep(image):  # Pillow would clip these at 255, not scale them
-        return np.asarray(np.rint(255 * _grey(path, image)), dtype=np.uint8)
+        return np.asarray(np.rint(255 * _share(_grey(path, image))), dtype=np.uint8)
     return np.asarray(image.convert("L" if image.mode in {"1", "L"} else "RGB"))
 
 
@@ -152,8 +163,13 @@ def _is_deep(image: Image) -> bool:
     return image.mode.startswith("I") or image.mode == "F"
 
 
-def _grey(path: Path, image: Image) -> NDArray[np.float32]:
-    """Return brightness 0 to 1; transparent pixels count as white."""
+def _share(grey: NDArray[Any]) -> NDArray[np.float32]:
+    """Return brightness 0 to 1."""
+    return grey.astype(np.float32) / np.float32(255) if grey.dtype == np.uint8 else grey
+
+
+def _grey(path: Path, image: Image) -> NDArray[Any]:
+    """Return brightness, uint8 0 to 255 or float32 0 to 1; transparent pixels count as white."""
     from PIL import Image as Pillow
 
     if _is_deep(image):  # 16-bit and float pictures: full range of the type, or of the data
@@ -170,4 +186,4 @@ def _grey(path: Path, image: Image) -> NDArray[np.float32]:
     if image.has_transparency_data:
         rgba = image.convert("RGBA")
         image = Pillow.alpha_composite(Pillow.new("RGBA", rgba.size, "white"), rgba)
-    return np.asarray(image.convert("L"), dtype=np.float32) / np.float32(255)
+    return np.asarray(image.convert("L"))

@@ -32,7 +32,7 @@ def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
         else:
             setattr(sheet, name, number)
     for name, known in (("vehicle", CAPS), ("kind", ALTITUDES)):
-        if found[name] in known:
+        if isinstance(found[name], str) and found[name] in known:
             setattr(sheet, name, found[name])
         else:
             sheet.add("wrong-value", place, f"expected {' or '.join(map(repr, known))} as {name!r}, got {_short(found[name])}")

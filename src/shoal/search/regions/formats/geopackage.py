@@ -130,7 +130,9 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
             for name in ("gpkg_contents", "gpkg_geometry_columns", "gpkg_spatial_ref_sys"):
                 _check_table(database, path, name)
             yield database
-    except (sqlite3.Error, sqlite3.Warning, OverflowError) as error:
+    except (sqlite3.Error, sqlite3.Warning, OverflowError, UnicodeError) as error:
+        if getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_INTERRUPT and left >= 0:
+            raise KeyboardInterrupt from error
         why = (
             f"one that keeps SQLite busy for more than {_STEPS} steps" if left < 0 else f"a damaged one or another format: {error}"
         )

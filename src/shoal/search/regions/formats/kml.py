@@ -46,7 +46,7 @@ def read_kmz(path: Path) -> RegionOutlines:
             with archive.open(inside[0]) as file:
                 raw = file.read(LARGEST_FILE + 1)
     except (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error) as error:
-        raise InvalidInputError(f"{path}: expected a KMZ archive, got a damaged one or another format: {error}") from None
+        raise InvalidInputError(f"{path}: expected a KMZ archive, got a damaged one or another format: {str(error)[:80]}") from None
     where = f"{path}: {inside[0].filename[:80]}"
     if len(raw) > LARGEST_FILE:
         raise InvalidInputError(f"{where}: expected at most {LARGEST_FILE} bytes, got more")

@@ -58,7 +58,7 @@ def _read(path: Path) -> tuple[tuple[RegionOutline, ...], str | None]:
             shapes = shapely.from_wkb(raw)
     except InvalidInputError:
         raise
-    except (ValueError, RuntimeError, shapely.errors.ShapelyError) as error:
+    except Exception as error:  # of damaged files pyogrio raises many kinds, UnboundLocalError among them
         said = " ".join(str(error).split())[:160]
         raise InvalidInputError(f"{path}: expected a file of shapes, got a damaged one or another format: {said}") from None
     told = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 from shoal.checks import read_text
 from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.marks import names_no_go
-from shoal.search.regions.limits import LARGEST_FILE, MOST_CORNERS, MOST_POLYGONS, check_count
+from shoal.search.regions.limits import LARGEST_FILE, MOST_CORNERS, MOST_PAIRS, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring, check_metres, check_ring, text_of
 
 _HEADINGS: dict[str, tuple[int, bool | None]] = {  # which coordinate a column is, and whether it is in degrees if that is known
@@ -129,6 +130,22 @@ def _rings(rows: list[Vertex | None], path: Path) -> list[Ring]:
     ]
 
 
+def _pairs(shapes: list[Any], *, where: str) -> Iterator[tuple[int, int, bool, bool]]:
+    """Yield pairs of polygons that share area, whether the second covers the first, and whether the first covers the second."""
+    import shapely
+
+    tree, every = shapely.STRtree(shapes), np.array(shapes)
+    shapely.prepare(every)
+    count = 0
+    for k in range(len(shapes)):
+        near = np.sort(tree.query(shapes[k]))
+        count += len(near) - 1
+        check_count(count, MOST_PAIRS, where=where, what="pairs of rings in or around each other")
+        near = near[(near != k) & shapely.intersects(every[k], every[near]) & ~shapely.touches(every[k], every[near])]
+        inside, around = shapely.covers(every[near], every[k]), shapely.covers(every[k], every[near])
+        yield from zip([k] * len(near), near.tolist(), inside.tolist(), around.tolist(), strict=True)
+
+
 def _nested(rings: list[Ring], *, metres: bool) -> tuple[RegionOutline, ...]:
     """Tell outlines from holes: a ring inside an odd number of others is a hole of the smallest of them."""
     import shapely
@@ -138,14 +155,11 @@ def _nested(rings: list[Ring], *, metres: bool) -> tuple[RegionOutline, ...]:
     zones = tuple(RegionOutline(ring, no_go=True) for ring in rings if ring.no_go)
     rings = [ring for ring in rings if not ring.no_go]
     shapes: list[Any] = [shapely.Polygon(check_ring(ring, closed=False)) for ring in rings]
-    tree = shapely.STRtree(shapes)
     within: list[list[int]] = [[] for _ in rings]
-    for k, other in tree.query(shapes, predicate="intersects").T.tolist():
-        if k == other or shapes[k].touches(shapes[other]):
-            continue
-        if shapes[other].covers(shapes[k]) and not (k > other and shapes[k].equals(shapes[other])):
+    for k, other, inside, around in _pairs(shapes, where=rings[0].where if rings else ""):
+        if inside and not (k > other and around):
             within[k].append(other)
-        elif not shapes[k].covers(shapes[other]):
+        elif not around:
             where = shapely.intersection(shapes[k].boundary, shapes[other].boundary).representative_point()
             raise InvalidInputError(
                 f"{rings[max(k, other)].where}: expected rings that do not cross, got one that crosses "

@@ -1,0 +1,258 @@
+"""A valid file of every format that Shoal reads, and what reads it: each ends with a result or one sentence."""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import io
+import json
+import time
+import traceback
+import zipfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+import shoal
+from shoal.cli import run as command
+from shoal.errors import InvalidInputError, ShoalError
+from shoal.lab import Sweep, run_sweep
+from shoal.lab.coordinator import prepare
+from shoal.parts import problem_for
+from shoal.search.allocation.plan import read_points
+from shoal.search.missions.checking import check_missions
+from shoal.search.missions.files import FORMATS, write_missions
+from shoal.search.missions.mission import missions_of
+from shoal.search.regions.builder import open_region
+from shoal.steering.workspaces.formats import open_workspace
+from shoal.swarm.maps.open import open_map
+from shoal.swarm.maps.pictures import read_pixels
+from shoal.swarm.rigs import SimulatedRig
+from shoal.swarm.rigs.driving import drive, replay_log
+from shoal.swarm.rigs.log import DriveLog, read_log
+
+Reader = Callable[[Path], object]
+LONGEST = 700
+"""Characters of a refusal, with the path of the file in it."""
+
+SECONDS = 10
+FIELD = [[8.50, 47.40], [8.501, 47.40], [8.501, 47.401], [8.50, 47.401], [8.50, 47.40]]
+POND = [[8.5004, 47.4004], [8.5006, 47.4004], [8.5006, 47.4006], [8.5004, 47.4004]]
+SQUARE = [[0, 0], [2, 0], [2, 2], [0, 2], [0, 0]]
+
+
+def samples(folder: Path) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
+    """Return the reader of each format and valid files of it: the content of each by its name, the one to read first."""
+    return _maps() | _regions(folder) | _missions(folder) | _steering() | _problems() | _episodes(folder)
+
+
+def verified(path: Path) -> object:
+    """Load an episode and play it again."""
+    return shoal.load(path).verify()
+
+
+def replayed(path: Path) -> object:
+    """Read the log of a drive and drive again."""
+    read_log(path)
+    return replay_log(path)
+
+
+def through_commands(path: Path) -> object:
+    """Look at a store by all commands that do; what any refuses is raised."""
+    for words in (["summary"], ["status"], ["check"], ["export", "--out", str(path.with_suffix(".csv"))]):
+        said = io.StringIO()
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+            code = command(["sweep", words[0], str(path), *words[1:]])
+        if code == 2:
+            raise InvalidInputError(said.getvalue().rstrip("\n"))
+    return code
+
+
+# What is read, by part
+
+
+def _maps() -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
+    import nibabel
+
+    free = np.random.default_rng(5).integers(0, 2, (6, 9)).astype(bool)
+    volume = nibabel.Nifti1Image(np.ones((3, 4, 2), np.uint8), np.eye(4)).to_bytes()
+    text = b"..#.\n#...\n"
+    many = {
+        "png": [
+            _picture("PNG"),
+            _picture("PNG", np.uint16),
+            _picture("PNG", mode="P", transparency=3),
+            _picture("PNG", mode="RGBA"),
+        ],
+        "tif": [
+            *(_picture("TIFF"), _picture("TIFF", np.uint16), _picture("TIFF", mode="F")),
+            _picture("TIFF", mode="1", compression="group4"),
+            *(_picture("TIFF", mode="RGB", compression=name) for name in ("tiff_lzw", "tiff_adobe_deflate", "jpeg", "packbits")),
+        ],
+        "bmp": [_picture("BMP"), _picture("BMP", mode="1"), _picture("BMP", mode="RGBA")],
+        "jpg": [_picture("JPEG"), _picture("JPEG", mode="CMYK", progressive=True)],
+        "txt": [text, b"\xef\xbb\xbf..\r\n##\r\n"],
+        "map": [b"type octile\nheight 2\nwidth 4\nmap\n..@.\n@...\n"],
+        "npy": [_array(free), _array(free.astype(float)), _array(np.ones((2, 2, 2), ">i2"))],
+        "csv": [b"1,1,0,1\n0,1,1,1\n"],
+        "nii": [volume],
+        "nii.gz": [gzip.compress(volume, mtime=0)],
+    }
+    found: dict[str, tuple[Reader, list[dict[str, bytes]]]] = {
+        f"map {suffix}": (open_map, [{f"a.{suffix}": content} for content in contents]) for suffix, contents in many.items()
+    }
+    slices = {f"layers/{k}.png": _picture("PNG") for k in (1, 2)}
+    return found | {
+        "map folder": (lambda path: open_map(path.parent), [slices]),
+        "photograph": (read_pixels, [{"a.png": _picture("PNG", mode="RGBA")}, {"a.tif": _picture("TIFF")}]),
+    }
+
+
+def _regions(folder: Path) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
+    import pyogrio
+    import shapely
+
+    shapes = np.array([shapely.to_wkb(shapely.Polygon(ring)) for ring in (FIELD, POND)], dtype=object)
+    layered = {}
+    for suffix, driver in (("gpkg", "GPKG"), ("shp", "ESRI Shapefile")):
+        path = folder / f"{suffix}-files" / f"a.{suffix}"
+        path.parent.mkdir()
+        marks = [np.array(["", "1"], dtype=object)]
+        pyogrio.raw.write(path, shapes, marks, ["no_go"], crs="EPSG:4326", geometry_type="Polygon", driver=driver, layer="a")
+        others = sorted(other for other in path.parent.iterdir() if other != path)
+        layered[f"region {suffix}"] = (open_region, [{one.name: one.read_bytes() for one in (path, *others)}])
+    words = [" ".join(f"{x},{y},0" for x, y in ring) for ring in (FIELD, POND)]
+    kml = (
+        '<?xml version="1.0" encoding="UTF-8"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark><name>a</name><Polygon>'
+        f"<outerBoundaryIs><LinearRing><coordinates>{words[0]}</coordinates></LinearRing></outerBoundaryIs>"
+        f"<innerBoundaryIs><LinearRing><coordinates>{words[1]}</coordinates></LinearRing></innerBoundaryIs>"
+        "</Polygon></Placemark></Document></kml>"
+    ).encode()
+    polygon = {"type": "Polygon", "coordinates": [FIELD, POND]}
+    feature = {"type": "Feature", "properties": {"name": "a", "no_go": False}, "geometry": polygon}
+    collection = {"type": "FeatureCollection", "features": [feature], "crs": {"properties": {"name": "EPSG:4326"}}}
+    return layered | {
+        "region geojson": (open_region, [{"a.geojson": json.dumps(one).encode()} for one in (polygon, collection)]),
+        "region kml": (open_region, [{"a.kml": kml}]),
+        "region kmz": (open_region, [{"a.kmz": _zipped({"doc.kml": kml})}]),
+        "region csv": (open_region, [{"a.csv": b"x_m,y_m,ring\n0,0,1\n90,0,1\n90,60,1\n\n20,20,2\n30,20,2\n30,30,2\n"}]),
+        "points csv": (_points, [{"a.csv": b"x_m,y_m\n1,1\n9,9\n"}, {"a.csv": b"# here\n5;6\n7;8\n"}]),
+    }
+
+
+def _points(path: Path) -> object:
+    return read_points(path, open_region("square:60"), what="obstacles")
+
+
+def _missions(folder: Path) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
+    (folder / "field.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [FIELD]}))
+    region = open_region(folder / "field.geojson")
+    missions, flown = missions_of([(-20, -30), (20, -30), (20, 30), (-20, 30)], region.frame), {}
+    for name in FORMATS:
+        (file,) = write_missions(missions, folder / name, formats=[name])
+        flown[f"mission {name}"] = (partial(_checked, region=region), [{f"mission/{file.name}": file.read_bytes()}])
+    return flown
+
+
+def _checked(path: Path, region: object) -> object:
+    return check_missions(path.parent, region, 30).report()
+
+
+def _steering() -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
+    region = {"type": "region", "outline": SQUARE[:-1], "obstacles": [[[0.5, 0.5], [1, 0.5], [1, 1]]]}
+    prism = {"type": "prism", "base": {"type": "polygon", "vertices": SQUARE[:-1]}, "height": 1, "open_ends": True}
+    drawing = (
+        b'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><rect width="8" height="8"/><path d="M1 1h2v2z"/></svg>'
+    )
+    return {
+        "workspace json": (open_workspace, [{"a.json": json.dumps(one).encode()} for one in (region, prism)]),
+        "workspace geojson": (open_workspace, [{"a.geojson": json.dumps({"type": "Polygon", "coordinates": [SQUARE]}).encode()}]),
+        "workspace wkt": (open_workspace, [{"a.wkt": b"POLYGON ((0 0, 2 0, 2 2, 0 2, 0 0), (0.5 0.5, 1 0.5, 1 1, 0.5 0.5))"}]),
+        "workspace svg": (open_workspace, [{"a.svg": drawing}]),
+    }
+
+
+def _problems() -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
+    problems = {
+        "swarm": problem_for("line:9", {"particles": 3, "policy": "random-moves", "slip": 0.1}),
+        "steering": problem_for("square", {"start": [(0.2, 0.5), (0.4, 0.5)], "goal": [(0.3, 0.5), (0.4, 0.5)]}),
+        "search": problem_for("square:60", {"robots": 2, "footprint": 10, "faults": "crash:1@20"}),
+    }
+    sweep = (
+        b'name = "x"\ntrials = 2\nseed = 1\n[problem]\nkind = "swarm"\nmap = "line:9"\n[axes]\nparticles = [2, 9]\n'
+        b"max_moves = {from = 1, to = 9, count = 3}\n"
+    )
+    found: dict[str, tuple[Reader, list[dict[str, bytes]]]] = {
+        f"problem {name}": (shoal.load_problem, [{"a.json": json.dumps(one.to_dict()).encode()}]) for name, one in problems.items()
+    }
+    return found | {"sweep": (lambda path: prepare(Sweep.load(path)), [{"a.toml": sweep}])}
+
+
+def _episodes(folder: Path) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
+    swarm = shoal.run("line:9", particles=3, policy="random-moves")
+    steering = shoal.run("square", start=[(0.2, 0.5), (0.4, 0.5)], goal=[(0.3, 0.5), (0.4, 0.5)])
+    search = shoal.run("square:60", robots=2, footprint=10)
+    for name, episode in {"swarm.npz": swarm, "steering.json": steering, "search.json": search}.items():
+        episode.save(folder / name)
+    rig = SimulatedRig(open_map("line:9"), [(0, 1), (0, 5)])
+    drive(rig, policy="closest-frontier", log=DriveLog(folder / "drive.jsonl"))
+    sweep = Sweep(name="s", problem={"kind": "swarm", "map": "line:9"}, axes={"particles": [2, 9]})
+    run_sweep(sweep, folder / "store", workers=0)
+    read = {
+        "swarm.npz": verified,
+        "steering.json": verified,
+        "search.json": verified,
+        "drive.jsonl": replayed,
+        "store": through_commands,
+    }
+    return {f"saved {name}": (reader, [{name: (folder / name).read_bytes()}]) for name, reader in read.items()}
+
+
+def _picture(kind: str, dtype: type = np.uint8, *, mode: str | None = None, **options: object) -> bytes:
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    image = Image.fromarray(np.random.default_rng(5).integers(0, np.iinfo(dtype).max, (6, 9), dtype=dtype))
+    (image.convert(mode) if mode else image).save(buffer, format=kind, **options)
+    return buffer.getvalue()
+
+
+def _array(values: object) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, np.asarray(values))
+    return buffer.getvalue()
+
+
+def _zipped(members: dict[str, bytes]) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return buffer.getvalue()
+
+
+def lay_out(files: dict[str, bytes], folder: Path) -> Path:
+    """Write files into a folder; return the path of the first."""
+    for name, content in files.items():
+        (folder / name).parent.mkdir(exist_ok=True, parents=True)
+        (folder / name).write_bytes(content)
+    return folder / next(iter(files))
+
+
+def faults(read: Reader, path: Path) -> list[str]:
+    """Return what is wrong with how a reader takes a file: what it raises, how it refuses, and how long it takes."""
+    started = time.process_time()
+    try:
+        read(path)
+    except ShoalError as error:
+        said = str(error)
+        wrong = ["no sentence"] if not said.strip() or "\n" in said else []
+        wrong += [f"{len(said)} characters: {said[:300]}"] if len(said) > LONGEST else []
+    except (Exception, SystemExit):
+        wrong = [traceback.format_exc()]
+    else:
+        wrong = []
+    took = time.process_time() - started
+    return wrong + ([f"{took:.1f} s of the processor"] if took > SECONDS else [])
