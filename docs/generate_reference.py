@@ -15,6 +15,7 @@ from shoal.envs import REGISTERED
 from shoal.envs.options import ENVIRONMENTS, EnvOptions
 from shoal.lab.problems import KINDS, trial_problem_type
 from shoal.problem import Declaration, Problem
+from shoal.search.flight.vehicle import Vehicle
 
 TARGET = Path(__file__).parent / "reference"
 WIDTH = "84"  # what fits the page
@@ -63,7 +64,8 @@ these fields with the `kind` of the problem; a sweep file has them under `[probl
 
 def problems() -> str:
     """Return the text of docs/reference/problems.md."""
-    return PROBLEMS + "".join(section(kind, trial_problem_type(kind)) for kind in KINDS)
+    sections = "".join(section(kind, trial_problem_type(kind)) for kind in KINDS)
+    return f"{PROBLEMS}{sections}\n## Vehicles\n\n{table(Vehicle)}"
 
 
 def section(kind: str, problem: type[Problem]) -> str:

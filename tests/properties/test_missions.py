@@ -13,6 +13,7 @@ from tests.reference.missions import READERS, distance_to_way
 
 from shoal.errors import InvalidInputError
 from shoal.search import LocalFrame
+from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions import FORMATS, Mission, lint, missions_of, read_mission, write_missions
 from shoal.search.missions.merging import merged
 
@@ -23,14 +24,14 @@ PLACES = st.tuples(st.floats(-180, 180), st.floats(-85, 85))
 def missions(draw, geographic=True):
     east, north = draw(st.floats(-179, 179)), draw(st.floats(-84, 84))
     near = st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02)).map(lambda step: (east + step[0], north + step[1]))
-    kind = draw(st.sampled_from(["multirotor", "rover"]))
+    kind = draw(st.sampled_from(["multirotor", "fixed-wing", "rover"]))
     return Mission(
         draw(st.lists(near, min_size=1, max_size=12)),
         draw(near),
         robot=draw(st.integers(1, 300)),
         sortie=draw(st.integers(1, 30)),
         kind=kind,
-        vehicle=draw(st.sampled_from(["px4", "ardupilot"])),
+        autopilot=draw(st.sampled_from(["px4", "ardupilot"])),
         altitude=0.0 if kind == "rover" else draw(st.floats(1, 500)),
         speed=draw(st.floats(0.1, 50)),
         geographic=geographic,
@@ -52,7 +53,7 @@ def test_every_format_keeps_a_mission(tmp_path_factory, mission):
         assert ours.home == tuple(home)
         assert (ours.name, ours.kind, ours.geographic) == (mission.name, mission.kind, True)
         assert (ours.speed, ours.altitude) == pytest.approx((mission.speed, mission.altitude), abs=1e-8)
-        assert ours.vehicle == mission.vehicle or path.suffix == ".waypoints"  # which does not say
+        assert ours.autopilot == mission.autopilot or path.suffix == ".waypoints"  # which does not say
     assert not {diagnostic.rule for diagnostic in lint(folder) if diagnostic.severity == "error"}
 
 
@@ -99,8 +100,8 @@ def test_merging_keeps_the_way(way, tolerance):
 def test_splitting_keeps_the_way_and_its_limits(way, cap, limit, fly):
     home = way[0] + (3.0, -4.0)
     reach = 2 * np.hypot(*(way - home).T).max()
-    kind = "multirotor" if fly else "rover"
-    call = {"home": home, "kind": kind, "cap": cap + fly, "max_length": limit, "tolerance": 0.0}
+    vehicle = Vehicle(preset="ideal" if fly else "rover", turn_time=0.0, endurance=limit / 60, reserve=0.0)
+    call = {"home": home, "vehicle": vehicle, "cap": cap + fly, "tolerance": 0.0}
     try:
         parts = missions_of(way, None, **call)
     except InvalidInputError:

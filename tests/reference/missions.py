@@ -36,7 +36,7 @@ def read_plan(path):
     }
     assert mission["version"] == 2
     assert mission["firmwareType"] in (3, 12)
-    assert mission["vehicleType"] in (2, 10)
+    assert mission["vehicleType"] in (1, 2, 10)
     assert len(mission["plannedHomePosition"]) == 3
     for number, item in enumerate(mission["items"], start=1):
         assert set(item) == {"type", "command", "frame", "params", "autoContinue", "doJumpId"}
@@ -44,11 +44,13 @@ def read_plan(path):
         assert item["autoContinue"] is True
         assert item["doJumpId"] == number
         assert len(item["params"]) == 7
-        assert item["frame"] == (3 if item["command"] in (16, 22) else 2)
+        assert item["frame"] == ({1: 3, 2: 0}[mission["globalPlanAltitudeMode"]] if item["command"] in (16, 22) else 2)
         assert all(value is None or type(value) in (int, float) for value in item["params"])
     commands = [item["command"] for item in mission["items"]]
-    begin = [22, 178] if mission["vehicleType"] == 2 else [178]
-    assert commands == [*begin, *[16] * (len(commands) - len(begin) - 1), 20]
+    camera = [command for command in commands if command in (205, 206)]
+    assert camera in ([], [205], [206, 206], [205, 206, 206])
+    begin = [178] if mission["vehicleType"] == 10 else [22, 178]
+    assert [command for command in commands if command not in camera] == [*begin, *[16] * commands.count(16), 20]
     home = mission["plannedHomePosition"]
     return (home[1], home[0]), [(item["params"][5], item["params"][4]) for item in mission["items"] if item["command"] == 16]
 
@@ -62,7 +64,7 @@ def read_wpl(path):
     assert {item.autocontinue for item in items} == {1}
     assert (items[0].command, items[0].frame) == (16, 0)
     assert items[-1].command == 20
-    assert {item.frame for item in items[1:] if item.command in (16, 22)} == {3}
+    assert {item.frame for item in items[1:] if item.command in (16, 22)} in ({3}, {0})
     return (items[0].y, items[0].x), [(item.y, item.x) for item in items[1:] if item.command == 16]
 
 

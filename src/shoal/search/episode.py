@@ -102,7 +102,7 @@ class SearchEpisode(Episode):
     @property
     def cell_time(self) -> float:
         """The time that a robot of speed 1 takes for a cell, seconds."""
-        return self.plan.grid.size / self.problem.chosen_speed
+        return self.plan.cell_seconds
 
     @property
     def metrics(self) -> dict[str, Any]:

@@ -76,7 +76,7 @@ def _simulated_only(scenario: Scenario) -> list[str]:
         "faults": bool(scenario.faults),
         "loss or a network": bool(scenario.network.media),
         "multiplicity": brief.multiplicity > 1,
-        "energy": brief.energy < inf,
+        "endurance": brief.energy < inf,
         "obstacles": brief.tour_cost.stepwise,
     }
     return [name for name, is_there in there.items() if is_there]

@@ -21,7 +21,7 @@ VARIANTS = {
     "faults": {"faults": ["crash:1@3", "pause:2@2:6", "slow:3@1:2", "liar:4"]},
     "rates": {"rates": (1, 2, 1, 1), "reward": "own"},
     "footprints": {"footprint": (10, 10, 30, 10)},
-    "energy": {"energy": 80.0, "recharge": 5.0},
+    "energy": {"vehicle": "ideal,endurance=1.5,reserve=0.1,recharge=0.1"},
     "multiplicity": {"multiplicity": 2},
     "obstacles": {"obstacles": 3},
     "obstacles-cell": {"obstacles": 3, "action": "cell"},

@@ -79,7 +79,7 @@ def test_missions_and_files(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "field.json").write_text(json.dumps(FIELD))
     arguments = ["search", "field.json", "--robots", "3", "--footprint", "20", "--missions", "missions", "--format", "plan,wpl"]
-    assert run([*arguments, "--vehicle", "ardupilot", "--speed", "5", "--out", "found"]) == 0
+    assert run([*arguments, "--autopilot", "ardupilot", "--out", "found"]) == 0
     assert sorted(path.name for path in (tmp_path / "found").iterdir()) == [
         "episode.json",
         "region.png",
@@ -136,7 +136,13 @@ def test_a_search_that_nobody_survives_fails(capsys):
             "square:100 --robots 2 --footprint 10 --starts nowhere.csv",
             "nowhere.csv: expected a table of starts, got no such file",
         ),
-        ("square:100 --robots 2 --footprint 10 --missions m --vehicle dji", "--vehicle: expected one of px4, ardupilot, got 'dji'"),
+        (
+            "square:100 --robots 2 --footprint 10 --missions m --autopilot dji",
+            "--autopilot: expected one of px4, ardupilot, got 'dji'",
+        ),
+        ("square:100 --robots 2 --vehicle dji", "vehicle: expected one of ideal, multirotor, fixed-wing, rover, or a file .toml"),
+        ("square:100 --robots 2 --missions m --altitude-frame ground", "--altitude-frame: expected home or sea without --terrain"),
+        ("square:100 --robots 2 --missions m --terrain none.tif", "none.tif: expected a file of heights, got no such file"),
         ("square:100 --robots 2 --footprint 10 --missions m --format docx", "docx"),
         ("squire:100 --robots 2 --footprint 10", "square"),
         ("square:100 --robots 2 --footprint 10 --tour hilbrt", "hilbert"),
@@ -172,7 +178,7 @@ def test_people_read_times_places_and_files(tmp_path, capsys):
     field = tmp_path / "field.json"
     field.write_text(json.dumps(FIELD))
     words = ["search", str(field), "--robots", "2", "--footprint", "40", "--targets", "2", "--missions", str(tmp_path / "m")]
-    assert run([*words, "--energy", "1000"]) == 0
+    assert run([*words, "--vehicle", "multirotor,endurance=5"]) == 0
     out = capsys.readouterr().out
     assert re.search(r"time +0:\d\d:\d\d, that of", out)
     assert re.search(r"found +at 47\.\d{6}° N, 8\.\d{6}° E", out)
@@ -204,17 +210,17 @@ def test_each_mistake_is_told_once_for_all_formats(tmp_path, capsys):
     assert "(also ." in said.out
 
 
-def test_rovers_do_not_leave_a_region_and_energy_needs_a_simulation(tmp_path, capsys):
+def test_rovers_do_not_leave_a_region_and_endurance_needs_a_simulation(tmp_path, capsys):
     two = tmp_path / "two.csv"
     two.write_text("x,y,ring\n0,0,a\n40,0,a\n40,40,a\n0,40,a\n90,0,b\n130,0,b\n130,40,b\n90,40,b\n")
     words = ["search", str(two), "--robots", "1", "--transit", "--missions", str(tmp_path / "m")]
-    assert run([*words, "--kind", "rover"]) == 2
-    assert "--kind: expected a multirotor for a region of 2 parts" in capsys.readouterr().err
+    assert run([*words, "--vehicle", "rover"]) == 2
+    assert "--vehicle: expected one that flies for a region of 2 parts" in capsys.readouterr().err
     assert run(words) == 0
     assert run(["missions", "check", str(tmp_path / "m"), str(two), "--footprint", "10"]) == 0
     capsys.readouterr()
-    assert run(["search", "square:100", "--energy", "500", "--no-simulate"]) == 2
-    assert "search: energy: expected a simulation" in capsys.readouterr().err
+    assert run(["search", "square:100", "--vehicle", "multirotor", "--no-simulate"]) == 2
+    assert "search: endurance: expected a simulation" in capsys.readouterr().err
 
 
 def test_what_rounding_leaves_between_footprints_was_seen():

@@ -107,11 +107,13 @@ def swapped_rows(rows):
     return [*rows[:4], *("\t".join([*f[:8], f[9], f[8], *f[10:]]) for f in (row.split("\t") for row in rows[4:8])), *rows[8:]]
 
 
-def instead(**changes):
-    """Write another mission."""
+def instead(then=None, **changes):
+    """Write another mission, and change it."""
 
     def plant(folder, suffix):
         write_missions([mission(**changes)], folder, formats=[name for name in FORMATS if FORMATS.get(name).suffix == suffix])
+        if then is not None:
+            then(folder, suffix)
 
     return plant
 
@@ -169,7 +171,7 @@ PLANTS = [
     ("missing-key", ".plan", plan(lambda data: data["mission"].pop("firmwareType")), "mission", ()),
     ("missing-key", ".plan", items(lambda rows: rows[2].pop("autoContinue")), "mission, item 3", ()),
     ("missing-key", ".plan", items(lambda rows: rows[2].pop("doJumpId")), "mission, item 3", ()),
-    ("missing-key", ".geojson", swap('"vehicle"', '"wagon"'), "feature 1", ()),
+    ("missing-key", ".geojson", swap('"autopilot"', '"wagon"'), "feature 1", ()),
     ("missing-key", ".kml", swap('name="sortie"', 'name="flight"'), "line", ()),
     ("missing-key", ".gpx", pattern("<rte>.*</rte>", ""), "", ()),
     ("missing-key", ".gpx", swap("<rtept lat", "<rtept latitude"), "line 6", ()),
@@ -177,7 +179,7 @@ PLANTS = [
     ("wrong-value", ".plan", items(lambda rows: rows[1].update(autoContinue=1)), "mission, item 2, autoContinue", ()),
     ("wrong-value", ".plan", items(lambda rows: rows[1].update(type="ComplexItem")), "mission, item 2, type", ()),
     ("wrong-value", ".plan", plan(lambda data: data["mission"].update(version=1)), "mission, version", ()),
-    ("wrong-value", ".plan", plan(lambda data: data["mission"].update(vehicleType=1)), "mission", ()),
+    ("wrong-value", ".plan", plan(lambda data: data["mission"].update(vehicleType=6)), "mission", ()),
     ("wrong-value", ".waypoints", wpl(5, 8, "north"), "line 6", ()),
     ("wrong-value", ".waypoints", wpl(5, 11, "true"), "line 6", ()),
     ("wrong-value", ".geojson", swap('"kind": "multirotor"', '"kind": "boat"'), "feature 1", ()),
@@ -228,11 +230,11 @@ PLANTS = [
     ("autocontinue", ".waypoints", wpl(5, 11, "0"), "line 6", ()),
     ("current", ".waypoints", wpl(5, 1, "1"), "line 6", ()),
     ("current", ".waypoints", wpl(1, 1, "0"), "line 2", ()),
-    ("unknown-command", ".plan", items(lambda rows: rows[1].update(command=206)), "item 2", ()),
+    ("unknown-command", ".plan", items(lambda rows: rows[1].update(command=19)), "item 2", ()),
     ("firmware", ".plan", plan(lambda data: data["mission"].update(firmwareType=3)), "", ()),
     ("firmware", ".plan", plan(lambda data: data["mission"].update(firmwareType=0)), "mission", ()),
     ("firmware", ".gpx", swap("px4", "ardupilot"), "", ()),
-    ("firmware-mixed", ".plan", beside(mission(robot=2), mission(robot=3, vehicle="ardupilot")), "", ("firmware",)),
+    ("firmware-mixed", ".plan", beside(mission(robot=2), mission(robot=3, autopilot="ardupilot")), "", ("firmware",)),
     ("cap", ".plan", instead(waypoints=extra_waypoints(1997)), "", ()),
     ("cap", ".waypoints", instead(waypoints=extra_waypoints(1997)), "", ()),
     ("cap", ".csv", instead(waypoints=extra_waypoints(1997)), "", ()),
@@ -241,8 +243,13 @@ PLANTS = [
     ("altitude", ".gpx", rover(swap('altitude_m="0"', 'altitude_m="8"')), "line 6", ()),
     ("altitude-high", ".plan", instead(altitude=150.0), "item 3", ()),
     ("altitude-varies", ".plan", items(lambda rows: rows[3]["params"].__setitem__(6, 40)), "", ()),
+    ("camera", ".plan", instead(trigger_distance=8.0, then=items(lambda rows: rows.pop(-2) and numbered(rows))), "item 4", ()),
+    ("camera", ".plan", instead(trigger_distance=8.0, then=items(lambda rows: rows[3]["params"].__setitem__(0, 0))), "item 4", ()),
+    ("gimbal", ".plan", instead(gimbal_pitch=-90.0, then=items(lambda rows: rows[2]["params"].__setitem__(0, -100))), "item 3", ()),
+    ("gimbal", ".waypoints", instead(gimbal_pitch=-90.0, then=wpl(4, 10, "0")), "line 5", ()),
+    ("acceptance", ".plan", instead(acceptance_radius=40.0), "item 4", ()),
     ("speed", ".plan", items(lambda rows: rows[1]["params"].__setitem__(1, 0)), "", ()),
-    ("speed", ".csv", swap(",30,5\n", ",30,500\n", -1), "", ()),
+    ("speed", ".csv", swap(",5\n", ",500\n", -1), "", ()),
     ("home-far", ".plan", instead(home=(8.6, 47.4)), "home", ()),
     ("few-decimals", ".waypoints", pattern(r"(\t\d+\.\d{6})\d\d", r"\1", 0), "", ()),
     ("few-decimals", ".kml", pattern(r"(\d+\.\d{6})\d\d", r"\1", 0), "", ()),
@@ -272,9 +279,9 @@ def write_good(folder, suffix):
 )
 def test_planted_mistakes_are_found(rule, suffix, plant, place, others, tmp_path, region):
     write_good(tmp_path, suffix)
-    assert lint(tmp_path, region, vehicle="px4") == []
+    assert lint(tmp_path, region, autopilot="px4") == []
     plant(tmp_path, suffix)
-    found = lint(tmp_path, region, vehicle="px4")
+    found = lint(tmp_path, region, autopilot="px4")
     assert {diagnostic.rule for diagnostic in found} - {*others} == {rule}, found
     diagnostic = next(diagnostic for diagnostic in found if diagnostic.rule == rule)
     assert diagnostic.place.startswith(place), diagnostic
@@ -312,12 +319,12 @@ def test_caps(tmp_path):
     many = mission(waypoints=extra_waypoints(697))
     write_missions([many], tmp_path, formats=["wpl"])
     assert [diagnostic.rule for diagnostic in lint(tmp_path)] == ["cap-ardupilot"]
-    assert [diagnostic.rule for diagnostic in lint(tmp_path, vehicle="ardupilot")] == ["cap"]
+    assert [diagnostic.rule for diagnostic in lint(tmp_path, autopilot="ardupilot")] == ["cap"]
     assert [diagnostic.rule for diagnostic in lint(tmp_path, cap=250)] == ["cap"]
     assert lint(tmp_path, cap=701) == []
-    write_missions([replace(many, vehicle="ardupilot")], tmp_path, formats=["plan"])
+    write_missions([replace(many, autopilot="ardupilot")], tmp_path, formats=["plan"])
     assert [diagnostic.rule for diagnostic in lint(tmp_path)] == ["cap"]
-    write_missions([mission(waypoints=extra_waypoints(696), vehicle="ardupilot")], tmp_path, formats=["plan", "wpl"])
+    write_missions([mission(waypoints=extra_waypoints(696), autopilot="ardupilot")], tmp_path, formats=["plan", "wpl"])
     assert lint(tmp_path) == []
 
 
@@ -348,7 +355,7 @@ def test_metres_and_degrees_do_not_mix(tmp_path, region):
         lint(tmp_path, open_region("square:100"))
 
 
-@pytest.mark.parametrize("options", [{"vehicle": "px5"}, {"cap": 0}])
+@pytest.mark.parametrize("options", [{"autopilot": "px5"}, {"cap": 0}])
 def test_options_of_the_linter(options, tmp_path):
     write_missions([mission()], tmp_path)
     with pytest.raises(InvalidInputError, match=f"{next(iter(options))}: expected"):

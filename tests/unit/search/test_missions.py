@@ -30,6 +30,11 @@ FRAME = LocalFrame(8.5, 47.4)
 LANES = [(-90.0, -20.0), (0.0, -20.0), (90.0, -20.0), (90.0, 0.0), (-90.0, 0.0), (-90.0, 20.0), (90.0, 20.0)]
 
 
+def far(metres):
+    """Return a vehicle that goes so far at 1 m/s, and turns and climbs in no time."""
+    return f"ideal,endurance={metres / 60!r},reserve=0"
+
+
 def swept(region, footprint, **options):
     """Return missions of two robots that see all of a region, and its grid."""
     grid = cells_of(region, footprint)
@@ -49,28 +54,52 @@ def field(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("kind", ["multirotor", "rover"])
-@pytest.mark.parametrize("vehicle", ["px4", "ardupilot"])
-def test_what_each_vehicle_gets(kind, vehicle, tmp_path):
-    (mission,) = missions_of(LANES, FRAME, kind=kind, vehicle=vehicle, speed=2.5, home=(-100, -30))
+@pytest.mark.parametrize("kind", ["multirotor", "fixed-wing", "rover"])
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_what_each_vehicle_gets(kind, autopilot, tmp_path):
+    (mission,) = missions_of(LANES, FRAME, vehicle=f"{kind},cruise_speed=15", autopilot=autopilot, home=(-100, -30))
     plan, wpl = write_missions([mission], tmp_path, formats=["plan", "wpl"])
     data = json.loads(plan.read_text())["mission"]
-    assert data["firmwareType"] == {"px4": 12, "ardupilot": 3}[vehicle]
-    assert data["vehicleType"] == {"multirotor": 2, "rover": 10}[kind]
+    assert data["firmwareType"] == {"px4": 12, "ardupilot": 3}[autopilot]
+    assert data["vehicleType"] == {"multirotor": 2, "fixed-wing": 1, "rover": 10}[kind]
     commands = [item["command"] for item in data["items"]]
-    assert commands == [*([22] if kind == "multirotor" else []), 178, *[16] * 6, 20]
+    assert commands == [*([] if kind == "rover" else [22]), 178, *[16] * len(mission.waypoints), 20]
     assert len(commands) + 1 == mission.n_items == len(wpl.read_text().splitlines()) - 1
     speed = data["items"][commands.index(178)]
-    assert speed["params"] == [1, 2.5, -1, 0, 0, 0, 0]
-    assert data["items"][commands.index(16)]["params"][:4] == [0, 0, 0, None]
-    assert data["items"][commands.index(16)]["params"][6] == (30 if kind == "multirotor" else 0)
+    assert speed["params"] == [int(kind != "fixed-wing"), 15, -1, 0, 0, 0, 0]  # through the air, or over ground
+    radius = {"multirotor": 1, "fixed-wing": 5, "rover": 0.5}[kind]
+    assert data["items"][commands.index(16)]["params"][:4] == [0, radius, 0, None]
+    assert data["items"][commands.index(16)]["params"][6] == {"multirotor": 30, "fixed-wing": 80, "rover": 0}[kind]
     home, points = read_plan(plan)
     assert read_wpl(wpl) == (home, points)
-    assert np.abs(FRAME.to_metres([home, *points]) - [(-100, -30), LANES[0], *LANES[2:]]).max() < 0.001
+    if kind != "fixed-wing":
+        assert np.abs(FRAME.to_metres([home, *points]) - [(-100, -30), LANES[0], *LANES[2:]]).max() < 0.001
+    assert lint(tmp_path) == []
+    for path in (plan, wpl):
+        assert (read_mission(path).kind, read_mission(path).speed) == (kind, 15)
+
+
+def test_a_camera_in_mission_items(tmp_path):
+    """Trigger from the first waypoint to the last, gimbal, heading: written, read by others and by us."""
+    vehicle = "multirotor,sensor_width=13.2,sensor_height=8.8,focal_length=8.8,front_overlap=0.75,yaw=90"
+    (mission,) = missions_of(LANES, FRAME, vehicle=vehicle)
+    plan, wpl = write_missions([mission], tmp_path, formats=["plan", "wpl"])
+    rows = json.loads(plan.read_text())["mission"]["items"]
+    assert [row["command"] for row in rows] == [22, 178, 205, 16, 206, *[16] * 5, 206, 20]
+    assert rows[2]["params"] == [-90, 0, 0, 0, 0, 0, 2]
+    assert rows[4]["params"] == [7.5, 0, 1, 0, 0, 0, 0]  # a quarter of 30 m
+    assert rows[-2]["params"] == [0] * 7
+    assert {row["params"][3] for row in rows if row["command"] == 16} == {90}
+    assert read_wpl(wpl) == read_plan(plan)
+    for path in (plan, wpl):
+        read = read_mission(path)
+        assert (read.trigger_distance, read.gimbal_pitch, read.yaw, read.acceptance_radius) == (7.5, -90, 90, 1)
+        assert read.n_items == mission.n_items == 13
+    assert lint(tmp_path) == []
 
 
 def test_every_format_by_its_own_reader(tmp_path):
-    missions = missions_of(LANES, FRAME, max_length=400, robot=7)
+    missions = missions_of(LANES, FRAME, vehicle=far(400), robot=7)
     paths = write_missions(missions, tmp_path / "new")
     assert len(missions) > 2
     assert [path.name for path in paths[: len(missions)]] == [
@@ -97,12 +126,12 @@ def test_no_route_no_missions():
     assert missions_of(np.zeros((0, 2)), FRAME) == ()
 
 
-def test_seconds_and_metres_of_battery():
-    by_length = missions_of(LANES, None, max_length=400)
-    by_time = missions_of(LANES, None, max_seconds=80, speed=5)
-    assert [mission.waypoints.tolist() for mission in by_length] == [mission.waypoints.tolist() for mission in by_time]
-    assert all(390 < mission.length <= 400 for mission in by_length[:-1])
-    assert all(mission.seconds <= 80 for mission in by_time)
+def test_a_battery_in_seconds():
+    missions = missions_of(LANES, None, vehicle=far(400))
+    assert all(390 < mission.length <= 400 for mission in missions[:-1])
+    assert len(missions) > 2
+    faster = missions_of(LANES, None, vehicle=far(400), rate=2.0)
+    assert 700 < max(mission.length for mission in faster) <= 800
 
 
 def test_length_on_the_ellipsoid():
@@ -116,7 +145,7 @@ def test_ways_home_around_obstacles():
     grid = cells_of(region, 10)
     paths = RegionPaths(grid)
     order = grid.cells[np.argsort(np.arctan2(*grid.waypoints().T[::-1]), kind="stable")]
-    call = {"home": (50.0, 0.0), "kind": "rover", "max_length": 600.0, "cap": 250}
+    call = {"home": (50.0, 0.0), "vehicle": "rover,turn_time=0,endurance=10,reserve=0", "cap": 250}
     missions = missions_of(paths.route(order).points, None, ways=paths.leg, **call)
     assert len(missions) > 2
     for mission in missions:
@@ -124,7 +153,7 @@ def test_ways_home_around_obstacles():
         assert shapely.covers(region.reach, way)
         assert mission.length <= 600 + 1e-6
         assert mission.n_items <= 250
-    with pytest.raises(InvalidInputError, match="cap: expected room for more waypoints of robot 1, got 57"):
+    with pytest.raises(InvalidInputError, match="cap: expected room for more waypoints of robot 1, got 57: the ways"):
         missions_of(paths.route(order).points, None, ways=paths.leg, **{**call, "cap": 60})
     straight = missions_of(paths.route(order).points, None, **call)
     assert not all(
@@ -137,18 +166,21 @@ def test_ways_home_around_obstacles():
     ("options", "said"),
     [
         (
-            {"max_length": 100.0, "home": (500, 0)},
-            r"battery: expected sorties of more than 1180.68 m for robot 1, for \(-90, -20\) is",
+            {"vehicle": far(100), "home": (500, 0)},
+            r"endurance: expected sorties of more than 19.68 min for robot 1, for \(-90, -20\) is 590.339 m from home, got 1.667",
         ),
-        ({"max_length": 5.0}, "battery: expected"),
-        ({"max_length": 0.0}, "max_length: expected a number, above 0, got 0.0"),
-        ({"max_seconds": float("nan")}, "max_seconds: expected a number, above 0, got nan"),
+        ({"vehicle": far(5)}, "endurance: expected"),
+        ({"rate": 0}, "rate: expected a number, above 0, got 0"),
         ({"cap": 5}, "cap: expected a whole number, 6 or more, got 5"),
-        ({"kind": "boat"}, "kind: expected one of multirotor, rover, got 'boat'"),
-        ({"vehicle": "dji"}, "vehicle: expected one of px4, ardupilot, got 'dji'"),
-        ({"altitude": 0}, "altitude of a multirotor: expected a number, above 0, got 0"),
-        ({"kind": "rover", "altitude": 3.0}, "altitude: expected 0 m for a rover, got 3.0"),
-        ({"speed": 0}, "speed: expected a number, above 0, got 0"),
+        (
+            {"vehicle": "boat"},
+            "vehicle: expected one of ideal, multirotor, fixed-wing, rover, or a file .toml or .json, got 'boat'",
+        ),
+        ({"autopilot": "dji"}, "autopilot: expected one of px4, ardupilot, got 'dji'"),
+        ({"vehicle": "multirotor,altitude=0"}, "altitude: expected a number of metres, above 0, for what flies, got 0"),
+        ({"vehicle": "rover,altitude=3"}, "altitude: expected none for a rover, got 3"),
+        ({"altitude_frame": "moon"}, "altitude_frame: expected one of home, sea, ground, got 'moon'"),
+        ({"altitude_frame": "ground"}, "altitude_frame: expected home or sea without a terrain"),
         ({"tolerance": -1}, "tolerance: expected a number, 0 or more, got -1"),
         ({"robot": 0}, "mission: robot: expected a whole number, 1 or more, got 0"),
         ({"home": (np.nan, 0)}, "home: expected finite numbers"),
@@ -275,7 +307,7 @@ def test_a_plan_of_the_ground_station_itself(tmp_path):
 
 def test_check_sees_what_was_planned(field, tmp_path):
     region = open_region(field)
-    missions, _ = swept(region, 20, max_length=1500)
+    missions, _ = swept(region, 20, vehicle=far(1500))
     paths = write_missions(missions, tmp_path)
     assert len(missions) > 2
     assert len(mission_files(tmp_path)) == len(paths)
@@ -334,7 +366,7 @@ def test_check_in_metres(tmp_path):
         (["missions", "FIELD", "--least", "2"], "--least: expected a number from 0 to 1"),
         (["missions", "FIELD", "--format", "gpy"], "unknown mission format 'gpy': did you mean 'gpx'"),
         (["missions", "FIELD", "--format", "gpx"], "expected files of the format 'gpx', got none"),
-        (["missions", "FIELD", "--vehicle", "dji"], "vehicle: expected one of px4, ardupilot, got 'dji'"),
+        (["missions", "FIELD", "--autopilot", "dji"], "autopilot: expected one of px4, ardupilot, got 'dji'"),
     ],
 )
 def test_bad_input_of_the_command(arguments, said, field, tmp_path, monkeypatch, capsys):

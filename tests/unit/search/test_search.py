@@ -149,7 +149,7 @@ def test_turns_cost():
             lambda c: search("square:100", robots=1, footprint=10, multiplicity=0),
             "multiplicity: expected a whole number, 1 or more",
         ),
-        (lambda c: search("square:100", robots=1, footprint=10, speed=-1), "speed: expected a number, above 0"),
+        (lambda c: search("square:100", robots=1, vehicle="ideal,cruise_speed=-1"), "cruise_speed: expected a number, above 0"),
         (lambda c: search("square:100", robots=1, footprint=10, detection=2), "detection: expected a number from 0 to 1"),
         (lambda c: search("square:100", robots=1, footprint=10, targets=1000), "targets: expected a number from 0 to 100"),
         (
@@ -286,7 +286,9 @@ def test_findings_weigh_who_has_seen_what():
 
 
 def test_robots_with_little_energy_come_home_in_between():
-    episode = search("circle:60", robots=3, footprint=10, energy=250.0, recharge=20.0, seed=2)
+    episode = search(
+        "circle:60", robots=3, footprint=10, vehicle=f"ideal,endurance={250 / 60},reserve=0,recharge={20 / 60}", seed=2
+    )
     assert episode
     for robot, route in enumerate(episode.routes):
         assert len(episode.trace.robots[robot].cells)
@@ -318,8 +320,8 @@ def test_starts_from_a_file(tmp_path):
 
 
 def test_a_plan_without_a_simulation():
-    plan = planned("square:300", robots=5, footprint=10, seed=4, turn_cost=0.5)
-    one = search("square:300", robots=5, footprint=10, seed=4, turn_cost=0.5, simulate=False)
+    plan = planned("square:300", robots=5, footprint=10, seed=4, vehicle="ideal,turn_time=5")
+    one = search("square:300", robots=5, footprint=10, seed=4, vehicle="ideal,turn_time=5", simulate=False)
     assert not one.simulated
     assert one.trace.covered_at == plan.allocation.makespan
     ends = [float(log.times[-1]) for log in one.trace.robots]
@@ -421,7 +423,9 @@ def test_a_search_with_obstacles_is_saved_and_verified(tmp_path):
 @pytest.mark.parametrize("seed", [4, 7])
 def test_no_way_home_leads_through_obstacles(seed):
     """With these seeds a robot has come across a corner, and knew no way back through the cells that it had been in."""
-    episode = search("square:100", robots=3, footprint=10, loss=0.3, seed=seed, energy=260.0, obstacles=6)
+    episode = search(
+        "square:100", robots=3, footprint=10, loss=0.3, seed=seed, vehicle=f"ideal,endurance={260 / 60},reserve=0", obstacles=6
+    )
     rows, cols = episode.plan.tour.cells[[*episode.scenario.obstacles]].T
     inside = shapely.union_all(shapely.box(10 * cols, 90 - 10 * rows, 10 * cols + 10, 100 - 10 * rows)).buffer(-1e-6)
     assert episode

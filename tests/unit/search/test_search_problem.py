@@ -26,9 +26,21 @@ FAULTS = (Crash(2, 10.5), Pause(3, 5.0, 40.0), Slow(1, 2.0, 0.25), Battery(1, 1e
         {"robots": 3, "footprint": [2, 2, 6.5], "rates": (1, 2, 0.1), "starts": [(5, 5), (0.1, 1 / 3), (9, 9)]},
         {"no_go": [shapely.box(20, 20, 40, 30), [(50, 50), (60, 50), (60, 60)], "zones.json"]},
         {"no_go": [(50, 50), (60, 50), (60, 60)]},
-        {"targets": 3, "obstacles": [(15, 15)], "energy": 300, "recharge": 2, "multiplicity": 2, "live": 20, "crashes": 1},
+        {
+            "targets": 3,
+            "obstacles": [(15, 15)],
+            "vehicle": "ideal,endurance=5,recharge=2",
+            "multiplicity": 2,
+            "live": 20,
+            "crashes": 1,
+        },
         {"region": region_of(shapely.box(0, 0, 1 / 3, 20), frame=LocalFrame(8.5, 47.4), name="field")},
-        {"robots": np.int64(2), "speed": np.float32(0.5), "targets": np.int32(4), "simulate": False},
+        {
+            "robots": np.int64(2),
+            "vehicle": {"preset": "rover", "cruise_speed": np.float32(0.5)},
+            "targets": np.int32(4),
+            "simulate": False,
+        },
     ],
 )
 def test_a_problem_goes_through_json(fields):

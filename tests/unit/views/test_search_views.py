@@ -36,7 +36,9 @@ CASES = {
     "all dead": lambda: search(
         "rectangle:90x40", robots=3, footprint=10, faults=[Crash(1, 0.0), Crash(2, 7.0), Crash(3, 9.5)], targets=1
     ),
-    "two parts": lambda: search(region_of(TWO, name="two $parts$"), robots=2, footprint=10, transit=True, speed=3.0),
+    "two parts": lambda: search(
+        region_of(TWO, name="two $parts$"), robots=2, footprint=10, transit=True, vehicle="ideal,cruise_speed=3"
+    ),
     "as planned": lambda: search("square:60", robots=3, footprint=10, simulate=False),
     "many": lambda: search("square:100", robots=30, footprint=10, starts="clustered", faults=[Crash(k, 2.0) for k in range(2, 9)]),
     "a liar": lambda: search(
@@ -99,7 +101,7 @@ def test_motion_stays_inside_and_is_no_faster_than_robots_are(history):
 
 
 def test_robots_go_home_to_recharge():
-    found = SearchHistory(search("square:80", robots=2, footprint=10, energy=180.0, recharge=60.0, seed=2))
+    found = SearchHistory(search("square:80", robots=2, footprint=10, vehicle="ideal,endurance=3,reserve=0,recharge=1", seed=2))
     for robot, trajectory in enumerate(found.trajectories):
         log, home = found.episode.trace.robots[robot], found.episode.plan.places[robot]
         gaps = np.flatnonzero(np.diff(log.times) > 6.0)  # recharging lasts six cells

@@ -63,10 +63,10 @@ Format = Annotated[
 Cap = Annotated[
     int | None,
     typer.Option(
-        "--cap", help="Most mission items that a vehicle stores; default: 2000 for PX4, 700 for ArduPilot.", show_default=False
+        "--cap", help="Most mission items that the autopilot stores; default: 2000 for PX4, 700 for ArduPilot.", show_default=False
     ),
 ]
-Vehicle = Annotated[str | None, typer.Option("--vehicle", help="px4 or ardupilot: which one it has to be.", show_default=False)]
+Autopilot = Annotated[str | None, typer.Option("--autopilot", help="px4 or ardupilot: which one it has to be.", show_default=False)]
 Seed = Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")]
 Out = Annotated[
     Path | None,
@@ -89,7 +89,7 @@ def check(
     across_zones: AcrossZones = False,
     margin: Margin = 0.0,
     cap: Cap = None,
-    vehicle: Vehicle = None,
+    autopilot: Autopilot = None,
     seed: Seed = 0,
     out: Out = None,
     json_: options.Json = False,
@@ -108,7 +108,7 @@ def check(
     sides = None if footprint is None else parsed(_FIELDS["footprint"], footprint)
     searched = open_region(region, no_go=no_go or None, layer=layer, inner=inner, across_zones=across_zones)
     searched = with_margin(searched, check_number(margin, what="--margin", least=0))
-    result = check_missions(folder, searched, sides, angle=angle, format=format_, cap=cap, vehicle=vehicle)
+    result = check_missions(folder, searched, sides, angle=angle, format=format_, cap=cap, autopilot=autopilot)
     written = [] if out is None else _write(result, out)
     if json_:
         print_json(result.report())

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shoal.checks import check_choice
+from shoal.checks import check_choice, check_number
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, say, write_films
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from shoal.search.missions import Mission
 
 SEARCH_EXAMPLE = "Example: shoal search ring:200x150 --robots 6 --footprint 10 --loss 0.3 --faults crash:2@20 --out found"
-VEHICLES = ("px4", "ardupilot")
 _ROWS = 12
+_LINK = 1.5  # footprints: ways between rows, which a fixed wing need not fly straight
 
 
 @takes_problem(SearchProblem, from_file=True)
@@ -42,12 +42,21 @@ def search(
             show_default=False,
         ),
     ] = "",
-    vehicle: Annotated[str, typer.Option("--vehicle", help="Of the missions: px4 or ardupilot.")] = "px4",
-    kind: Annotated[str, typer.Option("--kind", help="Of the missions: multirotor or rover.")] = "multirotor",
-    altitude: Annotated[
-        float | None, typer.Option("--altitude", help="Metres above the start; 30 for a multirotor.", show_default=False)
+    autopilot: Annotated[str, typer.Option("--autopilot", help="Of the missions: px4 or ardupilot.")] = "px4",
+    altitude_frame: Annotated[
+        str, typer.Option("--altitude-frame", help="What the vehicle's altitude counts from in missions: home, sea or ground.")
+    ] = "home",
+    terrain: Annotated[
+        Path | None,
+        typer.Option("--terrain", metavar="FILE", help="Heights of the ground: GeoTIFF or ESRI ASCII grid.", show_default=False),
     ] = None,
-    cap: Annotated[int | None, typer.Option("--cap", help="Mission items that the vehicle stores.", show_default=False)] = None,
+    terrain_error: Annotated[
+        float,
+        typer.Option(
+            "--terrain-error", metavar="METRES", help="By how much the height above ground may differ, between waypoints, too."
+        ),
+    ] = 2.0,
+    cap: Annotated[int | None, typer.Option("--cap", help="Mission items that the autopilot stores.", show_default=False)] = None,
     seed: options.Seed = 0,
     out: Annotated[
         Path | None,
@@ -76,9 +85,10 @@ def search(
     from shoal.search.run import run
 
     problem.check_at_place()
-    writer = None if missions is None else MissionWriter(missions, format_, vehicle, kind, altitude, cap)
-    if writer is not None:
-        problem = writer.fit(problem)
+    if missions is not None and problem.vehicle is None:
+        problem = problem.replaced(vehicle="multirotor").at_place(problem.place)
+    ground: dict[str, Any] = {"altitude_frame": altitude_frame, "terrain": terrain, "terrain_error": terrain_error}
+    writer = None if missions is None else MissionWriter(missions, problem, format_, autopilot, cap, **ground)
     check_outputs(out, film)
     with nullcontext() if problem.live is None else patience("searching with one process a robot ..."):
         episode = run(problem, seed=seed)
@@ -104,39 +114,45 @@ class MissionWriter:
     Raises
     ------
     InvalidInputError, UnknownNameError
-        At once, before anything is searched, if an option is not right.
+        At once, before anything is searched, if an option is not right, or for a rover that would have to leave the region.
     """
 
     def __init__(
-        self, folder: Path, formats: str, vehicle: str, kind: str, altitude: float | None = None, cap: int | None = None
+        self,
+        folder: Path,
+        problem: SearchProblem,
+        formats: str,
+        autopilot: str = "px4",
+        cap: int | None = None,
+        *,
+        altitude_frame: str = "home",
+        terrain: Path | None = None,
+        terrain_error: float = 2.0,
     ) -> None:
-        from shoal.search.missions.files import FORMATS
+        from shoal.search.flight.flight import FRAMES
+        from shoal.search.flight.terrain_files import open_terrain
+        from shoal.search.missions import CAPS, FORMATS
 
         self.folder = folder
         self.formats = [name.strip() for name in formats.split(",") if name.strip()]
         for name in self.formats:
             FORMATS.get(name)
-        self.vehicle: Any = check_choice(vehicle, what="--vehicle", choices=VEHICLES)
-        self.kind: Any = check_choice(kind, what="--kind", choices=("multirotor", "rover"))
-        self.altitude, self.cap = altitude, cap
-
-    def fit(self, problem: SearchProblem) -> SearchProblem:
-        """Return a problem with the speed of this kind of vehicle, if none was asked for.
-
-        Raises
-        ------
-        InvalidInputError
-            For a rover that would have to leave the region.
-        """
-        from shoal.search.missions.mission import SPEEDS
-
-        parts = len(problem.place.parts)
-        if self.kind == "rover" and parts > 1:
+        parts, kind = len(problem.place.parts), problem.chosen_vehicle.kind
+        if kind == "rover" and parts > 1:
             raise InvalidInputError(
-                f"--kind: expected a multirotor for a region of {parts} parts, between which only what flies gets, got a rover; "
+                f"--vehicle: expected one that flies for a region of {parts} parts, between which nothing else gets, got a rover; "
                 "search each part by itself"
             )
-        return problem if problem.speed is not None else problem.replaced(speed=SPEEDS[self.kind]).at_place(problem.place)
+        check_choice(altitude_frame, what="--altitude-frame", choices=FRAMES)
+        if altitude_frame == "ground" and terrain is None and kind != "rover":
+            raise InvalidInputError("--altitude-frame: expected home or sea without --terrain, got ground")
+        self.options: dict[str, Any] = {
+            "autopilot": check_choice(autopilot, what="--autopilot", choices=CAPS),
+            "cap": cap,
+            "altitude_frame": altitude_frame,
+            "terrain": None if terrain is None else open_terrain(terrain),
+            "terrain_error": check_number(terrain_error, what="--terrain-error", least=0.01),
+        }
 
     def write(self, episode: SearchEpisode) -> list[Path]:
         """Write them; return the files."""
@@ -153,13 +169,12 @@ class MissionWriter:
                 plan.grid.region.frame,
                 robot=robot + 1,
                 home=plan.places[robot],
-                kind=self.kind,
-                vehicle=self.vehicle,
-                altitude=self.altitude,
-                speed=episode.problem.chosen_speed * float(plan.rates[robot]),
-                cap=self.cap,
-                max_length=episode.problem.energy,
-                ways=plan.paths.leg,
+                vehicle=plan.vehicle,
+                rate=float(plan.rates[robot]),
+                link=float(plan.footprints[robot]) * _LINK,
+                blocked=plan.grid.region.no_go,
+                ways=plan.leg,
+                **self.options,
             )
         return write_missions(found, self.folder, formats=self.formats or None)
 
@@ -278,12 +293,11 @@ def demo_search(out: Path, *, seed: int, json_: bool) -> None:
         loss=0.3,
         faults=(Crash(3, 40.0), Crash(7, 90.0), Crash(8, 90.0)),
         targets=8,
-        turn_cost=0.5,
-        speed=5.0,
+        vehicle="multirotor",
     )
     episode = run(problem, seed=seed)
     result = episode.report()
-    written = MissionWriter(out / "missions", "plan,kml", "px4", "multirotor").write(episode)
+    written = MissionWriter(out / "missions", problem, "plan,kml").write(episode)
     written += write_outputs(episode, result, out, [out / "search.html"])
     if json_:
         print_json(result | {"files": [str(path) for path in written]})

@@ -21,7 +21,7 @@ def _fig5_sweeps(settings: Settings) -> list[Sweep]:
         "kind": "search",
         "region": "square:320",
         "footprint": 10.0,
-        "speed": 10.0,
+        "vehicle": "ideal,cruise_speed=10",
         "tour": "moore",
         "allocation": "stay",
         "simulate": False,

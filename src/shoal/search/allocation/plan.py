@@ -24,6 +24,8 @@ from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
 from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.transits import Transits
+from shoal.search.flight.pace import turn_cells
+from shoal.search.flight.vehicle import Vehicle
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.coverage import check_footprints
 from shoal.search.regions.places import places_of, read_points
@@ -57,6 +59,8 @@ class SearchPlan:
         Whether ways may lead from one part of the region to another, outside.
     landing : ndarray of float64, shape (m, 2), optional
         Where the robots end, metres; where they start if not given.
+    vehicle : Vehicle
+        What each robot is, but for its speed.
     """
 
     grid: CellGrid
@@ -68,11 +72,17 @@ class SearchPlan:
     footprints: NDArray[np.float64]
     transit: bool = False
     landing: Points | None = None
+    vehicle: Vehicle = Vehicle(preset="ideal")
 
     @property
     def tour(self) -> Tour:
         """The tour."""
         return self.tour_cost.tour
+
+    @property
+    def cell_seconds(self) -> float:
+        """The time that a robot of speed 1 takes for a cell along the rows, the wind of there and back in the mean."""
+        return self.grid.size / self.vehicle.mean_speed(self.grid.angle)
 
     @cached_property
     def paths(self) -> RegionPaths:
@@ -169,11 +179,11 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     seed = check_integer(seed, what="seed", least=0)
     problem.check_at_place()
     robots = problem.robots
-    footprints = check_footprints(problem.footprint, robots)
+    footprints = check_footprints(problem.chosen_footprint, robots)
     speeds = np.ones(robots) if problem.rates is None else np.array(problem.rates)
     laid = _grid_tour(problem, cell_side(footprints, speeds))
     grid, tour, paths = laid.grid, laid.tour, laid.paths
-    tour_cost = _tour_cost(tour, paths, problem.turn_cost, stepwise=problem.stepwise)
+    tour_cost = _tour_cost(tour, paths, turn_cells(problem.chosen_vehicle, grid.size), stepwise=problem.stepwise)
     places = places_of_robots(grid, problem, np.random.default_rng(seed))
     landing = None if problem.land is None else places_of(problem.land, grid.region, robots, what="land")
     numbers = tour.position[tuple(grid.cell_of(places).T)]
@@ -183,14 +193,17 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     if problem.multiplicity > 1:
         team = zip(range(1, robots + 1), numbers.tolist(), speeds.tolist(), widths.tolist(), strict=True)
         given = in_passes(tour_cost, given, tuple(team), middles, problem.multiplicity)
-    return SearchPlan(grid, tour_cost, places, numbers, speeds, given, footprints, problem.transit, landing)
+    plan = (grid, tour_cost, places, numbers, speeds, given, footprints, problem.transit, landing, problem.chosen_vehicle)
+    return SearchPlan(*plan)
 
 
 def _grid_tour(problem: SearchProblem, size: float) -> GridTour:
     """Cut the region into cells and lay a tour through them, at the best angle if that is to be chosen."""
     given: dict[str, Any] = {"stepwise": problem.stepwise, "transit": problem.transit}
     if isinstance(problem.angle, str):
-        return best_grid_tour(problem.place, size, problem.tours_to_compare, turn_cost=problem.turn_cost, **given)
+        return best_grid_tour(
+            problem.place, size, problem.tours_to_compare, turn_cost=turn_cells(problem.chosen_vehicle, size), **given
+        )
     return grid_tour(problem.place, size, problem.chosen_tour, angle=problem.angle, **given)
 
 

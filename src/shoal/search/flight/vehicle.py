@@ -25,7 +25,7 @@ PRESETS: dict[str, dict[str, float]] = {
     },
     "fixed-wing": {
         "cruise_speed": 16.0, "climb_speed": 3.0, "sink_speed": 2.0, "turn_radius": 40.0, "altitude": 80.0, "endurance": 60.0,
-        "reserve": 0.2, "acceptance_radius": 10.0,
+        "reserve": 0.2, "acceptance_radius": 5.0,
     },
     "rover": {
         "cruise_speed": 1.0, "acceleration": 0.5, "altitude": 0.0, "endurance": 120.0, "reserve": 0.2, "acceptance_radius": 0.5,
@@ -134,6 +134,11 @@ class Vehicle(Problem):
             raise InvalidInputError(
                 "turn_radius: expected one above 0 for a fixed-wing, and none for what turns where it stands, got "
                 f"{self.radius:g} for a {self.kind}"
+            )
+        if (needed := float(self.vertical_seconds([self.height, -self.height]).sum())) >= self.usable_seconds:
+            raise InvalidInputError(
+                f"endurance: expected more than the {needed / 60:.3g} min of climbing and sinking, the reserve left, "
+                f"got {self.endurance:g}"
             )
         if self.radius and self.bank > STEEPEST_BANK:
             least = self.cruise**2 / (GRAVITY * tan(radians(STEEPEST_BANK)))
@@ -263,8 +268,8 @@ class Vehicle(Problem):
 
     @property
     def trigger_distance(self) -> float | None:
-        """Metres between two images; None without a camera."""
-        return None if self.image_size is None else self.image_size[1] * (1.0 - (self.front_overlap or 0.0))
+        """Metres between two images, to a millimetre; None without a camera."""
+        return None if self.image_size is None else round(self.image_size[1] * (1.0 - (self.front_overlap or 0.0)), 3)
 
     @property
     def ground_sample(self) -> float | None:

@@ -112,7 +112,7 @@ def check_missions(
     angle: float | None = None,
     format: str | None = None,  # noqa: A002  # what it is called everywhere else
     cap: int | None = None,
-    vehicle: str | None = None,
+    autopilot: str | None = None,
 ) -> MissionCheck:
     """Read mission files back and measure what vehicles that follow them see of a region.
 
@@ -130,7 +130,7 @@ def check_missions(
         By how much the squares are turned, degrees counter-clockwise from east; if not given, as most of the legs are (`angle_of`).
     format : str, optional
         Whose files are flown; the first of ``FORMATS`` that is in the folder if not given.
-    cap, vehicle : optional
+    cap, autopilot : optional
         As for `lint`.
 
     Raises
@@ -143,7 +143,7 @@ def check_missions(
         raise InvalidInputError(
             f"{folder}: expected a folder of mission files, got {'a file' if Path(folder).exists() else 'none'}"
         )
-    sheets = examine(folder, region, cap=cap, vehicle=vehicle)
+    sheets = examine(folder, region, cap=cap, autopilot=autopilot)
     present = [format_of(Path(sheet.file)) for sheet in sheets]
     if format is not None:
         FORMATS.get(format)

@@ -46,8 +46,8 @@ RULES: dict[str, Rule] = {
     "antimeridian": Rule("error", "a leg across the 180° meridian", fatal=True),
     "sequence": Rule("error", "items not numbered one by one from 0"),
     "do-jump-id": Rule("error", "`doJumpId` not counting from 1"),
-    "frame": Rule("error", "an item in another frame than relative altitude (a position) or mission (the rest)"),
-    "take-off": Rule("error", "a multirotor without a take-off before its first waypoint, or a rover with one"),
+    "frame": Rule("error", "an altitude from neither home nor the sea, or not as the first one, or another item with one"),
+    "take-off": Rule("error", "what flies without a take-off before its first waypoint, or a rover with one"),
     "no-return": Rule("error", "the last item is neither a return nor a landing"),
     "autocontinue": Rule("warning", "an item at which the vehicle stops and waits"),
     "current": Rule("warning", "another item than the first is marked as current"),
@@ -56,17 +56,20 @@ RULES: dict[str, Rule] = {
     "firmware-mixed": Rule("warning", "missions for PX4 and for ArduPilot in one folder"),
     "cap": Rule("error", "more items than the autopilot stores"),
     "cap-ardupilot": Rule("warning", "more items than ArduPilot stores, in a file that does not name its autopilot"),
-    "altitude": Rule("error", "a multirotor not above ground or above 10 km, a rover not on it"),
+    "altitude": Rule("error", "what flies not above ground or above 10 km, a rover not on it"),
     "altitude-high": Rule("warning", "above 120 m, which many countries forbid"),
     "altitude-varies": Rule("warning", "waypoints at several altitudes; the check takes one footprint"),
+    "camera": Rule("warning", "images that begin and do not end, or the reverse"),
+    "gimbal": Rule("error", "a camera whose pitch is beyond ±90°, or that is not aimed by angles"),
+    "acceptance": Rule("warning", "an acceptance radius as large as the way to the next waypoint, where nothing turns in curves"),
     "speed": Rule("error", "a speed of 0 or less, or above 100 m/s"),
     "home-far": Rule("warning", "more than 5 km from home to the nearest waypoint"),
     "few-decimals": Rule("warning", "coordinates with fewer than 7 decimals: 6 are 0.11 m"),
     "duplicate": Rule("warning", "a waypoint where the one before is"),
-    "outside-region": Rule("error", "a waypoint outside the region"),
+    "outside-region": Rule("error", "a waypoint outside the region, but of a fixed wing that turns there"),
     "no-go": Rule("error", "a waypoint in a no-go zone, or a leg through one"),
     "leg-outside": Rule("error", "a rover's leg that leaves the region, from home and back included"),
-    "transit": Rule("warning", "a multirotor's leg that leaves the region"),
+    "transit": Rule("warning", "a leg that leaves the region, of what flies"),
     "formats-differ": Rule("error", "two files of one sortie that say different things"),
     "sortie-missing": Rule("warning", "a robot's sorties not numbered one by one from 1"),
 }
@@ -128,7 +131,13 @@ class Sheet:
     robot: int | None = None
     sortie: int | None = None
     kind: str | None = None
-    vehicle: str | None = None
+    autopilot: str | None = None
+    altitude_frame: str | None = None
+    elevation: float | None = None
+    trigger_distance: float | None = None
+    gimbal_pitch: float | None = None
+    yaw: float | None = None
+    acceptance_radius: float | None = None
     speed: float | None = None
     geographic: bool = True
     decimals: int | None = None

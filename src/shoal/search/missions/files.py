@@ -8,14 +8,17 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
+
 from shoal.checks import parse_json
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.files import atomic, write_json
 from shoal.registry import Registry
+from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.diagnostics import RULES, Sheet
 from shoal.search.missions.formats import geojson, gpx, kml, plan, table, wpl
-from shoal.search.missions.mission import ALTITUDES, SPEEDS, Mission
+from shoal.search.missions.mission import KINDS, Mission
 from shoal.search.missions.rules import check_coordinates
 from shoal.search.regions.limits import LARGEST_FILE
 
@@ -198,20 +201,25 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
         if RULES[diagnostic.rule].fatal:
             raise InvalidInputError(f"{path}{', ' * bool(diagnostic.place)}{diagnostic.place}: {diagnostic.sentence}")
     assert sheet.home is not None
-    kind = sheet.kind or "multirotor"
-    altitude = sheet.altitudes[0] if sheet.altitudes else ALTITUDES[kind]
-    speed = SPEEDS[kind] if sheet.speed is None else sheet.speed
+    kind = sheet.kind if sheet.kind in KINDS else "multirotor"
+    usual = Vehicle(preset=kind)
+    base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
+    varied = sheet.altitude_frame != "ground" and len({*sheet.altitudes}) > 1
+    camera = ("trigger_distance", "gimbal_pitch", "yaw", "acceptance_radius", "elevation")
     try:
         return Mission(
             sheet.points,
             sheet.home,
             robot=sheet.robot or 1,
             sortie=sheet.sortie or 1,
-            kind="rover" if kind == "rover" else "multirotor",
-            vehicle="ardupilot" if sheet.vehicle == "ardupilot" else "px4",
-            altitude=altitude,
-            speed=speed,
+            kind=kind,  # type: ignore[arg-type]  # one of KINDS
+            autopilot="ardupilot" if sheet.autopilot == "ardupilot" else "px4",
+            altitude=sheet.altitudes[0] if sheet.altitudes else usual.height,
+            speed=usual.cruise if sheet.speed is None else sheet.speed,
             geographic=sheet.geographic,
+            altitude_frame=sheet.altitude_frame or "home",
+            heights=np.array(sheet.altitudes) - base if varied else None,
+            **{name: getattr(sheet, name) for name in camera},
         )
     except InvalidInputError as error:
         raise InvalidInputError(f"{path}: {error}") from None

@@ -26,7 +26,7 @@ def lint(
     region: SearchRegion | None = None,
     *,
     cap: int | None = None,
-    vehicle: str | None = None,
+    autopilot: str | None = None,
 ) -> list[Diagnostic]:
     """Return what is wrong with a mission file, or with those of a folder, one by one and together.
 
@@ -37,8 +37,8 @@ def lint(
     region : SearchRegion, optional
         Where the missions should be.
     cap : int, optional
-        Most items that the vehicle stores, home included; what the autopilot stores if not given.
-    vehicle : "px4" or "ardupilot", optional
+        Most items that the autopilot stores, home included; what the autopilot stores if not given.
+    autopilot : "px4" or "ardupilot", optional
         For which autopilot the missions should be.
 
     Returns
@@ -51,15 +51,15 @@ def lint(
     InvalidInputError
         If there is no mission file, or region and mission are not both in degrees or both in metres.
     """
-    return [diagnostic for sheet in examine(source, region, cap=cap, vehicle=vehicle) for diagnostic in sheet.diagnostics]
+    return [diagnostic for sheet in examine(source, region, cap=cap, autopilot=autopilot) for diagnostic in sheet.diagnostics]
 
 
 def examine(
-    source: str | os.PathLike[str], region: SearchRegion | None = None, *, cap: int | None = None, vehicle: str | None = None
+    source: str | os.PathLike[str], region: SearchRegion | None = None, *, cap: int | None = None, autopilot: str | None = None
 ) -> list[Sheet]:
     """Return what each mission file says, with all diagnostics; as `lint`."""
-    if vehicle is not None:
-        check_choice(vehicle, what="vehicle", choices=CAPS)
+    if autopilot is not None:
+        check_choice(autopilot, what="autopilot", choices=CAPS)
     if cap is not None:
         check_integer(cap, what="cap", least=1)
     folder = Path(source).is_dir()
@@ -69,12 +69,12 @@ def examine(
     sheets = [open_sheet(path) for path in paths]
     for sheet in sheets:
         if sheet.readable:
-            check_sense(sheet, cap=cap, vehicle=vehicle)
+            check_sense(sheet, cap=cap, autopilot=autopilot)
             if region is not None:
                 check_place(sheet, region)
     if folder:
         _check_homes(sheets)
-        _check_vehicles(sheets)
+        _check_autopilots(sheets)
         _check_sorties(sheets)
         _check_formats(sheets)
     return sheets
@@ -91,14 +91,14 @@ def _check_homes(sheets: list[Sheet]) -> None:
         check_elsewhere(sheet, sheet.home, usual, "the other missions' home", "home")
 
 
-def _check_vehicles(sheets: list[Sheet]) -> None:
+def _check_autopilots(sheets: list[Sheet]) -> None:
     """Note the rarer autopilot of two."""
-    by_vehicle: dict[str, list[Sheet]] = defaultdict(list)
+    by_autopilot: dict[str, list[Sheet]] = defaultdict(list)
     for sheet in sheets:
-        if sheet.vehicle is not None:
-            by_vehicle[sheet.vehicle].append(sheet)
-    if len(by_vehicle) == 2:
-        (rare, few), (usual, _) = sorted(by_vehicle.items(), key=lambda entry: len(entry[1]))
+        if sheet.autopilot is not None:
+            by_autopilot[sheet.autopilot].append(sheet)
+    if len(by_autopilot) == 2:
+        (rare, few), (usual, _) = sorted(by_autopilot.items(), key=lambda entry: len(entry[1]))
         for sheet in few:
             sheet.add("firmware-mixed", "", f"expected a mission for {usual!r}, as most are here, got one for {rare!r}")
 
@@ -140,10 +140,11 @@ def _difference(one: Sheet, other: Sheet) -> str:
         return "another home"
     if (apart > same).any():
         return f"another place at {other.places[int(np.argmax(apart > same))]}"
-    for name in ("vehicle", "kind", "speed"):
+    for name in ("autopilot", "kind", "speed"):
         mine, theirs = getattr(one, name), getattr(other, name)
         if None not in (mine, theirs) and mine != theirs:
             return f"{theirs!r} as {name} instead of {mine!r}"
-    if one.altitudes and other.altitudes and abs(one.altitudes[0] - other.altitudes[0]) > 0.01:
+    same_frame = (one.altitude_frame or "home") == (other.altitude_frame or "home")
+    if same_frame and one.altitudes and other.altitudes and abs(one.altitudes[0] - other.altitudes[0]) > 0.01:
         return f"a height of {other.altitudes[0]:g} m instead of {one.altitudes[0]:g} m"
     return ""

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from math import inf
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_choice, check_integer, check_number
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
+from shoal.search.flight.flight import FRAMES, TERRAIN_ERROR, Flight, whole_way
+from shoal.search.flight.terrain import Terrain
+from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.missions.merging import merged
 from shoal.search.missions.splitting import Ways, sorties
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 from shoal.search.regions.projection import LocalFrame
 
-Kind = Literal["multirotor", "rover"]
-Vehicle = Literal["px4", "ardupilot"]
+Kind = Literal["multirotor", "fixed-wing", "rover"]
+Autopilot = Literal["px4", "ardupilot"]
 
 CAPS: dict[str, int] = {"px4": 2000, "ardupilot": 700}  # items that an autopilot stores, home included
-ALTITUDES: dict[str, float] = {"multirotor": 30.0, "rover": 0.0}
-SPEEDS: dict[str, float] = {"multirotor": 5.0, "rover": 1.0}
-OVERHEAD: dict[str, int] = {"multirotor": 4, "rover": 3}  # items beside waypoints: home, take-off, speed, return
+KINDS = ("multirotor", "fixed-wing", "rover")
+OVERHEAD: dict[str, int] = {"multirotor": 4, "fixed-wing": 4, "rover": 3}  # items beside waypoints: home, take-off, speed, return
+_EXTRA = {"gimbal_pitch": 1, "trigger_distance": 2}  # items that a camera needs
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +41,28 @@ class Mission:
         Its number, from 1.
     sortie : int
         Which of its sorties this is, from 1.
-    kind : "multirotor" or "rover"
-    vehicle : "px4" or "ardupilot"
-        The autopilot.
+    kind : "multirotor", "fixed-wing" or "rover"
+    autopilot : "px4" or "ardupilot"
     altitude : float
-        Metres above home; 0 for a rover.
+        Metres above what ``altitude_frame`` says; 0 for a rover.
     speed : float
-        Metres a second.
+        Metres a second: through the air for a fixed wing, else over ground.
     geographic : bool
         Whether coordinates are degrees.
+    altitude_frame : "home", "sea" or "ground"
+        What the altitude counts from.
+    heights : ndarray of float64, shape (k,), optional
+        Of the waypoints above home, metres; the altitude if not given. Needed where the altitude counts from the ground.
+    elevation : float, optional
+        Of home above sea level, metres, where it is known.
+    trigger_distance : float, optional
+        Metres from one image to the next.
+    gimbal_pitch : float, optional
+        Degrees; -90 is down.
+    yaw : float, optional
+        Degrees clockwise from north; where the vehicle goes if not given.
+    acceptance_radius : float, optional
+        Metres; as the autopilot is set if not given.
 
     Raises
     ------
@@ -65,10 +80,17 @@ class Mission:
     robot: int = 1
     sortie: int = 1
     kind: Kind = "multirotor"
-    vehicle: Vehicle = "px4"
+    autopilot: Autopilot = "px4"
     altitude: float = 30.0
     speed: float = 5.0
     geographic: bool = True
+    altitude_frame: str = "home"
+    heights: NDArray[np.float64] | None = None
+    elevation: float | None = None
+    trigger_distance: float | None = None
+    gimbal_pitch: float | None = None
+    yaw: float | None = None
+    acceptance_radius: float | None = None
 
     def __post_init__(self) -> None:
         points = check_plane_points(self.waypoints, what="mission waypoints").copy()
@@ -82,8 +104,16 @@ class Mission:
             _check_degrees(np.vstack([home, points]))
         for name in ("robot", "sortie"):
             object.__setattr__(self, name, check_integer(getattr(self, name), what=f"mission: {name}", least=1))
-        _check_vehicle(self.kind, self.vehicle)
+        check_choice(self.kind, what="kind", choices=KINDS)
+        check_choice(self.autopilot, what="autopilot", choices=CAPS)
+        check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
         _check_motion(self.kind, self.altitude, self.speed)
+        if self.heights is not None:
+            heights = np.array(self.heights, dtype=np.float64)
+            if heights.shape != (len(points),) or not np.isfinite(heights).all():
+                raise InvalidInputError(f"mission: heights: expected {len(points)} finite numbers, got shape {heights.shape}")
+            heights.flags.writeable = False
+            object.__setattr__(self, "heights", heights)
 
     @property
     def name(self) -> str:
@@ -92,8 +122,8 @@ class Mission:
 
     @property
     def n_items(self) -> int:
-        """Mission items in an autopilot: home, take-off (if it flies), speed, waypoints, return."""
-        return len(self.waypoints) + OVERHEAD[self.kind]
+        """Mission items in an autopilot: home, take-off (if it flies), speed, what the camera needs, waypoints, return."""
+        return len(self.waypoints) + OVERHEAD[self.kind] + sum(n for name, n in _EXTRA.items() if getattr(self, name) is not None)
 
     @property
     def length(self) -> float:
@@ -106,9 +136,31 @@ class Mission:
         return float(Geod(ellps="WGS84").line_length(way[:, 0], way[:, 1]))
 
     @property
-    def seconds(self) -> float:
-        """Its length at its speed; climb, descent and turns are not in it."""
-        return self.length / self.speed
+    def heights_above_home(self) -> NDArray[np.float64]:
+        """The heights of the waypoints above home, metres; float64, shape (k,).
+
+        Raises
+        ------
+        InvalidInputError
+            Where they are not known: of altitudes above ground that were read from a file that holds no others.
+        """
+        if self.heights is not None:
+            return self.heights
+        if self.altitude_frame == "ground":
+            raise InvalidInputError(
+                f"{self.name}: expected heights above home or sea level, got none but {self.altitude:g} m above ground"
+            )
+        base = self.elevation or 0.0 if self.altitude_frame == "sea" else 0.0
+        return np.full(len(self.waypoints), self.altitude - base)
+
+    @property
+    def way(self) -> NDArray[np.float64]:
+        """Metres east, north and up from home: from the ground up, along all waypoints and down again; float64, shape (n, 3)."""
+        home = np.array([self.home])
+        points = self.waypoints - home
+        if self.geographic:
+            points = LocalFrame(*self.home).to_metres(self.waypoints)
+        return whole_way(np.zeros(2), np.column_stack([points, self.heights_above_home]))
 
 
 def missions_of(
@@ -117,19 +169,22 @@ def missions_of(
     *,
     robot: int = 1,
     home: ArrayLike | None = None,
-    kind: Kind = "multirotor",
-    vehicle: Vehicle = "px4",
-    altitude: float | None = None,
-    speed: float | None = None,
+    vehicle: Vehicle | str = "multirotor",
+    autopilot: Autopilot = "px4",
+    rate: float = 1.0,
+    altitude_frame: str = "home",
+    terrain: Terrain | None = None,
+    terrain_error: float = TERRAIN_ERROR,
     cap: int | None = None,
-    max_length: float | None = None,
-    max_seconds: float | None = None,
     tolerance: float = 0.001,
+    link: float = 0.0,
+    blocked: Any = None,
     ways: Ways | None = None,
 ) -> tuple[Mission, ...]:
     """Return the missions that take a robot along a route, one a sortie.
 
-    Each begins at home, goes on where the one before ended, and returns home.
+    Each begins at home, goes on where the one before ended, and returns home before the battery's reserve is touched: climb, ways
+    out and home, turns, wind and descent counted. A leg may be cut anywhere.
 
     Parameters
     ----------
@@ -141,18 +196,16 @@ def missions_of(
         Its number, from 1.
     home : array_like of float, shape (2,), optional
         Metres; the first point of the route if not given.
-    kind, vehicle : str
-        See `Mission`.
-    altitude : float, optional
-        Metres above home; 30 for a multirotor, 0 for a rover if not given.
-    speed : float, optional
-        Metres a second; 5 for a multirotor, 1 for a rover if not given.
+    vehicle : Vehicle or str
+        As `vehicle_of` takes it.
+    autopilot : "px4" or "ardupilot"
+    rate : float
+        The robot's speed as a multiple of the vehicle's.
+    altitude_frame, terrain, terrain_error, link, blocked
+        As `Flight` takes them. Over terrain waypoints are added, so that the height above ground is as asked all along.
     cap : int, optional
-        Mission items that the vehicle stores, home, take-off, speed and return included; 2000 for PX4, 700 for ArduPilot if not
+        Mission items that the autopilot stores, home, take-off, speed and return included; 2000 for PX4, 700 for ArduPilot if not
         given.
-    max_length, max_seconds : float, optional
-        What the battery allows for a sortie, the ways from home and back included, at its speed; climb, descent and turns are not
-        counted. A leg may be cut anywhere.
     tolerance : float
         Metres: points no farther than this from a straight leg are left out of it. 0 leaves out only what lies exactly on it.
     ways : callable, optional
@@ -169,47 +222,53 @@ def missions_of(
     >>> lanes = [(0, 0), (30, 0), (60, 0), (60, 10), (0, 10)]
     >>> [mission.waypoints.tolist() for mission in missions_of(lanes, None)]
     [[[0.0, 0.0], [60.0, 0.0], [60.0, 10.0], [0.0, 10.0]]]
-    >>> [round(mission.length) for mission in missions_of(lanes, None, max_length=135)]
+    >>> two = missions_of(lanes, None, vehicle="ideal,endurance=2.25,reserve=0")  # 135 s at 1 m/s
+    >>> [round(mission.length) for mission in two]
     [135, 30]
     """
-    _check_vehicle(kind, vehicle)
+    kept = vehicle_of(vehicle)
+    check_choice(autopilot, what="autopilot", choices=CAPS)
     points = check_plane_points(route, what=f"route of robot {robot}")
     if len(points) == 0:
         return ()
-    altitude = ALTITUDES[kind] if altitude is None else altitude
-    speed = SPEEDS[kind] if speed is None else speed
-    _check_motion(kind, altitude, speed)
-    least = 2 + OVERHEAD[kind]  # of which two are waypoints
-    room = check_integer(CAPS[vehicle] if cap is None else cap, what="cap", least=least) - OVERHEAD[kind]
     base = points[0] if home is None else check_plane_points([home], what="home")[0]
-    limit = _limit(max_length, max_seconds, float(speed))
+    flight = Flight(kept, base, frame, altitude_frame, terrain, terrain_error, rate, link, blocked)
+    told = _told(kept)
+    beside = OVERHEAD[kept.kind] + sum(count for name, count in _EXTRA.items() if told[name] is not None)
+    most = CAPS[autopilot] if cap is None else cap
+    room = check_integer(most, what="cap", least=2 + beside) - beside  # at least two waypoints
     way = merged(points, check_number(tolerance, what="tolerance", least=0))
-    parts = sorties(way, base, room=room, limit=limit, ways=ways, robot=robot)
+    parts = sorties(way, flight, room=room, ways=ways, robot=robot)
     placed = (lambda array: array) if frame is None else frame.to_degrees
     x, y = placed(base[None])[0].tolist()
+    speed = kept.cruise * flight.rate
     return tuple(
-        Mission(placed(part), (x, y), robot, number, kind, vehicle, float(altitude), float(speed), geographic=frame is not None)
+        Mission(
+            placed(part[:, :2]), (x, y), robot, number, kept.kind, autopilot, kept.height, speed, frame is not None, altitude_frame,  # type: ignore[arg-type]
+            part[:, 2] if np.ptp(part[:, 2]) else None, flight.elevation, **told,
+        )
         for number, part in enumerate(parts, start=1)
-    )
+    )  # fmt: skip
 
 
-def _limit(max_length: float | None, max_seconds: float | None, speed: float) -> float:
-    length = inf if max_length is None else check_number(max_length, what="max_length", above=0, finite=False)
-    seconds = inf if max_seconds is None else check_number(max_seconds, what="max_seconds", above=0, finite=False)
-    return min(length, seconds * speed)
-
-
-def _check_vehicle(kind: str, vehicle: str) -> None:
-    check_choice(kind, what="kind", choices=ALTITUDES)
-    check_choice(vehicle, what="vehicle", choices=CAPS)
+def _told(vehicle: Vehicle) -> dict[str, float | None]:
+    """Return what a mission tells of its vehicle beside its speed."""
+    flies = vehicle.kind != "rover"
+    pitch = vehicle.gimbal_pitch if vehicle.image_size is None or vehicle.gimbal_pitch is not None else -90.0
+    return {
+        "trigger_distance": vehicle.trigger_distance,
+        "gimbal_pitch": pitch if flies else None,
+        "yaw": vehicle.yaw if vehicle.kind == "multirotor" else None,
+        "acceptance_radius": vehicle.acceptance_radius,
+    }
 
 
 def _check_motion(kind: str, altitude: float, speed: float) -> None:
     check_number(speed, what="speed", above=0)
     if kind == "rover" and altitude != 0:
         raise InvalidInputError(f"altitude: expected 0 m for a rover, got {altitude!r}")
-    if kind == "multirotor":
-        check_number(altitude, what="altitude of a multirotor", above=0)
+    if kind != "rover":
+        check_number(altitude, what=f"altitude of a {kind}", above=0)
 
 
 def _check_degrees(points: Points) -> None:

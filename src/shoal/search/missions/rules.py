@@ -82,12 +82,13 @@ def _check_meridian(sheet: Sheet) -> None:
         sheet.add("antimeridian", sheet.places[index], said)
 
 
-def check_sense(sheet: Sheet, *, cap: int | None = None, vehicle: str | None = None) -> None:
+def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None = None) -> None:
     """Note what a vehicle should not be told: heights, speeds, lengths of missions; another autopilot than expected."""
-    if vehicle is not None and sheet.vehicle is not None and sheet.vehicle != vehicle:
-        sheet.add("firmware", "", f"expected a mission for {vehicle!r}, got one for {sheet.vehicle!r}")
-    _check_cap(sheet, cap, vehicle)
+    if autopilot is not None and sheet.autopilot is not None and sheet.autopilot != autopilot:
+        sheet.add("firmware", "", f"expected a mission for {autopilot!r}, got one for {sheet.autopilot!r}")
+    _check_cap(sheet, cap, autopilot)
     _check_altitude(sheet)
+    _check_acceptance(sheet)
     if sheet.speed is not None and not 0 < sheet.speed <= _FASTEST:
         sheet.add("speed", "", f"expected a speed above 0 and at most {_FASTEST:g} m/s, got {sheet.speed:g}")
     if sheet.geographic and sheet.decimals is not None and sheet.decimals < 7:
@@ -100,9 +101,9 @@ def check_sense(sheet: Sheet, *, cap: int | None = None, vehicle: str | None = N
         sheet.add("home-far", "home", f"expected home within {_FAR_HOME / 1000:g} km of a waypoint, got {nearest / 1000:.1f} km")
 
 
-def _check_cap(sheet: Sheet, cap: int | None, vehicle: str | None) -> None:
+def _check_cap(sheet: Sheet, cap: int | None, autopilot: str | None) -> None:
     items = sheet.n_items or len(sheet.points) + OVERHEAD[sheet.kind or "multirotor"]
-    known = sheet.vehicle or vehicle
+    known = sheet.autopilot or autopilot
     most = cap if cap is not None else CAPS[known] if known is not None else max(CAPS.values())
     if items > most:
         sheet.add("cap", "", f"expected at most {most} items, home included, got {items}")
@@ -119,12 +120,27 @@ def _check_altitude(sheet: Sheet) -> None:
         if not flies and altitude != 0:
             sheet.add("altitude", place, f"expected a height of 0 m for a rover, got {altitude:g}")
             return
-        if flies and altitude > _HIGH:
+        if flies and altitude > _HIGH and sheet.altitude_frame != "sea":
             sheet.add("altitude-high", place, f"expected a height of at most {_HIGH:g} m, got {altitude:g}")
             return
-    if len({*sheet.altitudes}) > 1:
+    if sheet.altitude_frame != "sea" and len({*sheet.altitudes}) > 1:
         low, high = min(sheet.altitudes), max(sheet.altitudes)
         sheet.add("altitude-varies", "", f"expected one height, got heights from {low:g} to {high:g} m")
+
+
+def _check_acceptance(sheet: Sheet) -> None:
+    """Note an acceptance radius within which the next waypoint is, too."""
+    radius = sheet.acceptance_radius
+    if not radius or len(sheet.points) < 2 or sheet.kind == "fixed-wing":  # whose turns have waypoints in short distances
+        return
+    metres = np.radians(np.diff(sheet.points, axis=0)) * _RADIUS if sheet.geographic else np.diff(sheet.points, axis=0)
+    if sheet.geographic:
+        metres[:, 0] *= np.cos(np.radians(sheet.points[:-1, 1]))
+    lengths = np.hypot(*metres.T)
+    near = np.flatnonzero((lengths <= radius) & (lengths > 0))
+    if len(near):
+        place, length = sheet.places[int(near[0])], lengths[int(near[0])]
+        sheet.add("acceptance", place, f"expected a radius below {length:.3g} m, the way to the next waypoint, got {radius:g} m")
 
 
 def _distances(sheet: Sheet, place: tuple[float, float]) -> NDArray[np.float64]:
@@ -189,6 +205,8 @@ def check_place(sheet: Sheet, region: SearchRegion) -> None:
         if barred[index + 1]:
             sheet.add("no-go", place, f"expected a waypoint outside the no-go zones, got {point}")
         else:
+            if sheet.kind == "fixed-wing":
+                continue  # it turns there: its legs are noted
             away = float(shapely.distance(region.area, shapely.points(way[index + 1]))) if near[index + 1] else math.inf
             sheet.add(
                 "outside-region", place, f"expected a waypoint in the region {region.name!r}, got {point}, {away:.3g} m outside"
@@ -205,6 +223,10 @@ def _check_legs(sheet: Sheet, way: Points, allowed: Any, forbidden: Any) -> None
     lines = shapely.linestrings(np.where(usable[:, None, None], np.stack([way[:-1], way[1:]], axis=1), 0.0))
     outside = usable & ~np.asarray(shapely.covers(allowed, lines))
     through = usable & np.asarray(shapely.intersects(forbidden, lines))
+    if sheet.kind == "fixed-wing" and (outside[1:-1] & ~through[1:-1]).any():
+        away = float(shapely.distance(allowed, shapely.points(way[finite])).max())
+        sheet.add("transit", "", f"expected turns inside the region, got some up to {away:.3g} m outside")
+        outside[:] = False
     names = ["from home", *(f"to {place}" for place in sheet.places[1:]), "back home"]
     for index in np.flatnonzero(outside | through).tolist():
         place = sheet.places[min(index, len(sheet.places) - 1)]

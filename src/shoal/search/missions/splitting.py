@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
+from shoal.search.flight.flight import Flight
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 
 Ways = Callable[[Points, Points], ArrayLike]
@@ -16,18 +17,18 @@ _FINE = 0.01  # metres: how near to the battery's limit a leg is cut
 _SHORTEST = 0.1  # metres: where the battery brings the robot on by less, it brings it nowhere
 
 
-def sorties(way: Points, home: Points, *, room: int, limit: float, ways: Ways | None = None, robot: int = 1) -> list[Points]:
-    """Return the waypoints of each sortie along a way.
+def sorties(way: Points, flight: Flight, *, room: int, ways: Ways | None = None, robot: int = 1) -> list[NDArray[np.float64]]:
+    """Return the waypoints of each sortie along a way, as `Flight.waypoints`.
+
+    Each is flown as it will be written before it counts as one that memory and battery hold.
 
     Parameters
     ----------
     way : ndarray of float64, shape (k, 2), k >= 1
         Metres.
-    home : ndarray of float64, shape (2,)
+    flight : Flight
     room : int
         Most waypoints of a sortie.
-    limit : float
-        Most metres of a sortie, from home and back included.
     ways : callable, optional
         Ways between home and points; straight if not given.
     robot : int
@@ -38,29 +39,59 @@ def sorties(way: Points, home: Points, *, room: int, limit: float, ways: Ways | 
     InvalidInputError
         If the battery or the room does not bring the robot on.
     """
-    return _Splitter(way, home, room, limit, ways, robot).parts()
+    return _Splitter(way, flight, room, ways, robot).parts()
 
 
 class _Splitter:
-    """Cuts at a distance along the way: as late as the battery, then as the room allows."""
+    """Cuts at a distance along the way: as late as the battery and the room allow."""
 
-    def __init__(self, way: Points, home: Points, room: int, limit: float, ways: Ways | None, robot: int) -> None:
-        self.way, self.home, self.room, self.limit, self.ways, self.robot = way, home, room, limit, ways, robot
+    def __init__(self, way: Points, flight: Flight, room: int, ways: Ways | None, robot: int) -> None:
+        self.way, self.flight, self.room, self.ways, self.robot = way, flight, room, ways, robot
+        self.home, self.limit = flight.home, flight.vehicle.usable_seconds
         self.at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
 
-    def parts(self) -> list[Points]:
+    def parts(self) -> list[NDArray[np.float64]]:
         begin, end = 0.0, float(self.at[-1])
-        found: list[Points] = []
+        found: list[NDArray[np.float64]] = []
         while True:
-            out = self._way_home(begin)[::-1]
-            late = self._within_battery(begin, out)
-            until = self._within_room(begin, late, len(out) - 2)
-            if until < end and (until <= begin or (until == late and late - begin < _SHORTEST)):
-                self._refuse(begin, out, full=until < late)
-            found.append(np.vstack([out[1:-1], self._between(begin, until), self._way_home(until)[1:-1]]))
+            until = self._latest(begin)
+            found.append(self._sortie(begin, until))
             if until >= end:
                 return found
             begin = until
+
+    def _latest(self, begin: float) -> float:
+        """Return how far along the way a sortie from one place on can go."""
+        end = float(self.at[-1])
+        if self._fits(begin, end):
+            return end
+        if not self._fits(begin, begin):
+            self._refuse(begin)
+        ahead = self.at[self.at > begin]
+        low, step = -1, 1  # the last vertex that is known to fit; none yet
+        while low + step < len(ahead) and self._fits(begin, float(ahead[low + step])):
+            low, step = low + step, 2 * step
+        high = min(low + step, len(ahead))
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if self._fits(begin, float(ahead[middle])) else (low, middle)
+        near, far = begin if low < 0 else float(ahead[low]), float(ahead[min(low + 1, len(ahead) - 1)])
+        until = near
+        while far - until > _FINE:  # within a leg only the battery is finer than waypoints
+            half = (until + far) / 2
+            until, far = (half, far) if self._fits(begin, half) else (until, half)
+        if until <= begin or (low < 0 and until - begin < _SHORTEST):
+            self._refuse(begin)
+        return until
+
+    def _fits(self, begin: float, until: float) -> bool:
+        waypoints = self._sortie(begin, until)
+        return len(waypoints) <= self.room and self.flight.flown(waypoints).duration <= self.limit
+
+    def _sortie(self, begin: float, until: float) -> NDArray[np.float64]:
+        """Return the waypoints that lead from home along a stretch of the way and home."""
+        out, back = self._way_home(begin)[::-1], self._way_home(until)
+        return self.flight.waypoints(np.vstack([out[1:-1], self._between(begin, until), back[1:-1]]))
 
     def _point(self, at: float) -> Points:
         """Return the point of the way at a distance along it."""
@@ -86,54 +117,18 @@ class _Splitter:
         ends = [self._point(begin)] if until == begin else [self._point(begin), self._point(until)]
         return np.vstack([ends[:1], inner, ends[1:]]) if len(ends) == 2 else np.array(ends)
 
-    def _within_battery(self, begin: float, out: Points) -> float:
-        """Return how far the battery reaches: the farther along, the longer the sortie, for no way home is a detour."""
-        end = float(self.at[-1])
-        used = _length(out)
-        if not np.isfinite(self.limit):
-            return end
-
-        def reaches(at: float) -> bool:
-            return used + at - begin + _length(self._way_home(at)) <= self.limit * (1 + 1e-12)
-
-        if reaches(end):
-            return end
-        if not reaches(begin):
-            self._refuse(begin, out, full=False)
-        low, high = begin, min(end, begin + self.limit)
-        while high - low > _FINE:
-            middle = (low + high) / 2
-            low, high = (middle, high) if reaches(middle) else (low, middle)
-        return low
-
-    def _within_room(self, begin: float, late: float, bends_out: int) -> float:
-        """Return where a sortie ends so that it has room for its waypoints, not later than ``late``."""
-        until = late
-        while True:
-            inner = np.flatnonzero((self.at > begin) & (self.at < until))
-            count = bends_out + len(inner) + (2 if until > begin else 1) + len(self._way_home(until)) - 2
-            if count <= self.room:
-                return until
-            excess = count - self.room
-            if excess > len(inner):
-                return begin
-            until = float(self.at[inner[-excess]])
-
-    def _refuse(self, begin: float, out: Points, *, full: bool) -> None:
-        place = text_of(self._point(begin))
-        if full:
+    def _refuse(self, begin: float) -> None:
+        """Say why a sortie brings the robot no farther than to a place."""
+        shortest = self._sortie(begin, begin)
+        if self.flight.flown(shortest).duration <= self.limit and len(shortest) + 1 > self.room:
             raise InvalidInputError(
-                f"cap: expected room for more waypoints of robot {self.robot}, got {self.room}: "
-                f"the ways from home to {place} and back have {2 * (len(out) - 2)} bends"
+                f"cap: expected room for more waypoints of robot {self.robot}, got {self.room}: the ways from home to "
+                f"{text_of(self._point(begin))} and back have {len(shortest)}"
             )
-        away, straight = _length(out), np.hypot(*(self.way - self.home).T)
-        if straight.max() > away:  # what will be the trouble next
-            away, place = float(straight.max()), text_of(self.way[int(np.argmax(straight))])
+        away = np.hypot(*(self.way - self.home).T)
+        farthest = self.way[int(np.argmax(away))]  # what will be the trouble next
+        needed = self.flight.flown(self.flight.waypoints(farthest[None])).duration
         raise InvalidInputError(
-            f"battery: expected sorties of more than {2 * away:.6g} m for robot {self.robot}, "
-            f"for {place} is {away:.6g} m from home, got {self.limit:.6g} m"
+            f"endurance: expected sorties of more than {needed / 60:.4g} min for robot {self.robot}, for {text_of(farthest)} is "
+            f"{away.max():.6g} m from home, got {self.limit / 60:.4g} min, the reserve left"
         )
-
-
-def _length(way: Points) -> float:
-    return float(np.hypot(*np.diff(way, axis=0).T).sum())

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.problem import Problem, option
+from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.problem.faults import Fault, check_faults, fault_text
 from shoal.search.problem.fields import (
     AUTO,
@@ -20,6 +21,7 @@ from shoal.search.problem.fields import (
     check_positive,
     check_region,
     check_starts,
+    check_vehicle,
     dump_faults,
     dump_no_go,
     dump_region,
@@ -36,6 +38,9 @@ AUTO_TOUR, AUTO_ALLOCATION = "spanning-tree", "hop"
 
 AUTO_TOURS = ("boustrophedon", "spanning-tree")
 """What ``auto`` chooses from where it chooses the angle, too."""
+
+FOOTPRINT = 10.0
+"""Metres: the side of what a robot sees of which nothing is said."""
 
 LIVE_FAULTS = ("crash",)
 
@@ -79,9 +84,9 @@ class SearchProblem(Problem):
         argument=True, metavar="REGION", check=check_region, dump=dump_region,
     )  # fmt: skip
     robots: int = option(4, help="How many there are.", least=1)
-    footprint: float | tuple[float, ...] = option(
-        10.0, help="Side of the square that a robot sees; where they differ, one a robot: 2,2,6.", unit="m", metavar="METRES",
-        parse=parse_numbers, check=check_footprint,
+    footprint: float | tuple[float, ...] | None = option(
+        None, help="Side of the square that a robot sees; where they differ, one a robot: 2,2,6. By default what the vehicle's "
+        "camera or detector sees, or 10.", unit="m", metavar="METRES", parse=parse_numbers, check=check_footprint,
     )  # fmt: skip
     starts: str | tuple[tuple[float, float], ...] = option(
         "random", help="random, clustered, line, or a CSV file of points, one a robot: x and y in metres, or longitude and "
@@ -125,19 +130,15 @@ class SearchProblem(Problem):
         "one is refused if this is not said.", choices=INNER,
     )  # fmt: skip
     across_zones: bool = option(False, help="Accept a region on both sides of a border between UTM zones.")
-    turn_cost: float = option(0.0, help="What a turn costs, in cells.", least=0)
-    speed: float | None = option(
-        None, help="Of a robot; by default 1, with missions what their kind does: 5 for a multirotor, 1 for a rover.", unit="m/s",
-        above=0,
+    vehicle: Vehicle | str | None = option(
+        None, help="What searches: multirotor, fixed-wing, rover, ideal (1 m/s, turns that take no time, no battery), or a file "
+        ".toml or .json, and what differs from it: rover,cruise_speed=2. By default ideal, with missions multirotor.",
+        metavar="NAME|FILE[,FIELD=VALUE...]", check=check_vehicle, dump=Vehicle.to_dict,
     )  # fmt: skip
     rates: tuple[float, ...] | None = option(
-        None, help="Speeds of the robots, as multiples of --speed.", metavar="R,R,...",
+        None, help="Speeds of the robots, as multiples of the vehicle's.", metavar="R,R,...",
         parse=parse_numbers, check=lambda value: check_positive(value, "rates"),
     )  # fmt: skip
-    energy: float | None = option(
-        None, help="What a robot can go before it must be back at its start; by default without end.", unit="m", above=0
-    )
-    recharge: float = option(0.0, help="How long recharging takes there.", unit="s", least=0)
     multiplicity: int = option(1, help="How many different robots must search each cell.", least=1)
     transit: bool = option(False, help="Robots fly: they may cross what lies between the parts of a region.")
     loss: float = option(0.0, help="Probability that a message is lost.", least=0, most=1)
@@ -214,9 +215,14 @@ class SearchProblem(Problem):
         return AUTO_ALLOCATION if self.allocation == AUTO else self.allocation
 
     @property
-    def chosen_speed(self) -> float:
-        """The speed that was asked for, or 1 m/s."""
-        return 1.0 if self.speed is None else self.speed
+    def chosen_vehicle(self) -> Vehicle:
+        """The vehicle that was asked for, or the ideal one."""
+        return vehicle_of("ideal" if self.vehicle is None else self.vehicle)
+
+    @property
+    def chosen_footprint(self) -> float | tuple[float, ...]:
+        """The footprint that was asked for, or what the vehicle sees; metres."""
+        return self.footprint or self.chosen_vehicle.row_spacing or FOOTPRINT
 
     @property
     def stepwise(self) -> bool:

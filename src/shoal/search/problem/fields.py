@@ -12,6 +12,7 @@ import numpy as np
 
 from shoal.checks import check_integer, check_number, check_points, check_text, shortened
 from shoal.errors import InvalidInputError
+from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.problem.faults import Fault, fault_text
 from shoal.search.problem.network import network_of
 from shoal.search.regions.limits import LARGEST_FILE, check_count
@@ -129,6 +130,11 @@ def check_footprint(value: Any) -> float | tuple[float, ...]:
     if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
         return check_positive(value, "footprint")
     return check_number(value, what="footprint", above=0)
+
+
+def check_vehicle(value: Any) -> Vehicle:
+    """Return the vehicle that a text, fields or a `Vehicle` describe."""
+    return vehicle_of(value)
 
 
 def check_positive(value: Any, what: str) -> tuple[float, ...]:

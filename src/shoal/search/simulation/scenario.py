@@ -18,6 +18,7 @@ from shoal.search.allocation.plan import SearchPlan
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.cells.distances import CellDistances
 from shoal.search.cells.footprint import check_widths
+from shoal.search.flight.pace import working_seconds
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash, Fault, WrongPosition
 from shoal.search.problem.network import RadioNetwork, network_of
@@ -134,13 +135,13 @@ class Scenario:
 
 def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario:
     """Return the scenario of a plan: lengths in sides of a cell instead of metres, times in that of a cell."""
-    size = plan.grid.size
+    vehicle, cell = problem.chosen_vehicle, plan.cell_seconds
     brief = Brief(
         plan.tour_cost,
         plan.allocation.allocator,
         multiplicity=problem.multiplicity,
-        energy=inf if problem.energy is None else problem.energy / size,
-        recharge=problem.recharge * problem.chosen_speed / size,
+        energy=working_seconds(vehicle) * float(plan.rates.min()) / cell,
+        recharge=vehicle.recharge_seconds / cell,
     )
     cells = np.arange(len(plan.tour_cost))
     return Scenario(

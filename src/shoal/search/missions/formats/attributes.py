@@ -6,16 +6,16 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from shoal.search.flight.flight import FRAMES
 from shoal.search.missions.diagnostics import Sheet
-from shoal.search.missions.mission import ALTITUDES, CAPS, Mission
+from shoal.search.missions.mission import CAPS, KINDS, Mission
 
-NAMES = ("robot", "sortie", "vehicle", "kind", "altitude_m", "speed_m_s")
+NAMES = ("robot", "sortie", "autopilot", "kind", "altitude_m", "altitude_frame", "speed_m_s")
 
 
 def attributes_of(mission: Mission) -> dict[str, str | int | float]:
     """Return the attributes of a mission, in the order of `NAMES`."""
-    values = (mission.robot, mission.sortie, mission.vehicle, mission.kind, mission.altitude, mission.speed)
-    return dict(zip(NAMES, values, strict=True))
+    return {name: getattr(mission, name.removesuffix("_m_s").removesuffix("_m")) for name in NAMES}
 
 
 def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
@@ -31,7 +31,7 @@ def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
             sheet.add("wrong-value", place, f"expected a whole number of 1 or more as {name!r}, got {_short(found[name])}")
         else:
             setattr(sheet, name, number)
-    for name, known in (("vehicle", CAPS), ("kind", ALTITUDES)):
+    for name, known in (("autopilot", CAPS), ("kind", KINDS), ("altitude_frame", FRAMES)):
         if isinstance(found[name], str) and found[name] in known:
             setattr(sheet, name, found[name])
         else:

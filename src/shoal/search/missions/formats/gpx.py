@@ -1,7 +1,7 @@
 """GPX 1.1: a route for the waypoints, a waypoint for home.
 
-No elevations are written: GPX counts them from sea level, and what a mission has is the height above home, an attribute of the
-route. Where a file has elevations, the heights of its waypoints differ as they do.
+Elevations count from sea level in GPX: they are written where the height of home above it is known, or altitudes count from it.
+Where a file has elevations, the heights of its waypoints differ as they do.
 """
 
 from __future__ import annotations
@@ -29,12 +29,20 @@ def write(mission: Mission) -> str:
         f"<wpt {_place(*mission.home)}><name>home</name></wpt>",
         f"<rte><name>{mission.name}</name><number>{mission.robot}</number>",
         f"<extensions><shoal:mission {attributes}/></extensions>",
-        *(f"<rtept {_place(x, y)}/>" for x, y in mission.waypoints.tolist()),
+        *(f"<rtept {_place(x, y)}{end}" for (x, y), end in zip(mission.waypoints.tolist(), _ends(mission), strict=True)),
         "</rte>",
         "</gpx>",
         "",
     ]
     return "\n".join(lines)
+
+
+def _ends(mission: Mission) -> list[str]:
+    """Return what follows the place of each waypoint: its height above sea level, where that is known."""
+    if mission.elevation is None and mission.altitude_frame != "sea":
+        return ["/>"] * len(mission.waypoints)
+    heights = mission.heights_above_home + (mission.elevation or 0.0)
+    return [f"><ele>{height:.2f}</ele></rtept>" for height in heights.tolist()]
 
 
 def _place(longitude: float, latitude: float) -> str:
@@ -67,6 +75,8 @@ def _route(sheet: Sheet, route: Element) -> None:
     sheet.places = [f"line {element.line}" for element in elements]
     raised = [_elevation(sheet, element) for element in elements]
     base = next((height for height in raised if height is not None), 0.0)
+    if sheet.altitude_frame == "ground":  # which lies at different elevations itself
+        raised = [base] * len(raised)
     sheet.altitudes = [altitude + (base if height is None else height) - base for altitude in sheet.altitudes for height in raised]
 
 

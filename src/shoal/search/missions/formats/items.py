@@ -11,10 +11,15 @@ from shoal.dataclass import dataclass
 from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.mission import Mission
 
-WAYPOINT, RETURN, LAND, TAKE_OFF, SPEED = 16, 20, 21, 22, 178  # MAV_CMD
-RELATIVE, WITHOUT_PLACE = 3, 2  # MAV_FRAME: GLOBAL_RELATIVE_ALT and MISSION
+WAYPOINT, RETURN, LAND, TAKE_OFF, SPEED, GIMBAL, TRIGGER = 16, 20, 21, 22, 178, 205, 206  # MAV_CMD
+WITHOUT_PLACE = 2  # MAV_FRAME: MISSION
 _PLACED = {WAYPOINT, LAND, TAKE_OFF}
-_RELATIVE_FRAMES = {3, 6}  # 6 is 3 with integers on the wire
+_KNOWN = {*_PLACED, RETURN, SPEED, GIMBAL, TRIGGER}
+_WRITTEN = {"home": 3, "ground": 3, "sea": 0}  # MAV_FRAME: GLOBAL_RELATIVE_ALT and GLOBAL
+_READ = {3: "home", 6: "home", 0: "sea", 5: "sea"}  # 6 and 5 are 3 and 0 with integers on the wire
+_BY_ANGLES = 2.0  # MAV_MOUNT_MODE_MAVLINK_TARGETING
+_AIR, _GROUND = 0.0, 1.0  # SPEED_TYPE
+_STEEP = 15.0  # degrees: the pitch in which fixed wings take off
 
 Params = tuple[float | None, ...]
 
@@ -32,15 +37,28 @@ class Item:
 def items_of(mission: Mission) -> list[Item]:
     """Return the items of a mission, without home.
 
-    Take-off comes first, for autopilots begin with it; the speed then holds until the end.
+    Take-off comes first, for autopilots begin with it; the speed then holds until the end. Images are taken from the first
+    waypoint to the last.
     """
-    longitude, latitude = mission.home
-    height = mission.altitude
-    take_off = Item(TAKE_OFF, RELATIVE, (0.0, 0.0, 0.0, None, latitude, longitude, height))
-    speed = Item(SPEED, WITHOUT_PLACE, (1.0, mission.speed, -1.0, 0.0, 0.0, 0.0, 0.0))  # over ground; throttle unchanged
-    points = [Item(WAYPOINT, RELATIVE, (0.0, 0.0, 0.0, None, y, x, height)) for x, y in mission.waypoints.tolist()]
-    home = Item(RETURN, WITHOUT_PLACE, (0.0,) * 7)
-    return [*([take_off] if mission.kind == "multirotor" else []), speed, *points, home]
+    frame, wing = _WRITTEN[mission.altitude_frame], mission.kind == "fixed-wing"
+    heights = mission.heights_above_home + ((mission.elevation or 0.0) if frame == 0 else 0.0)
+    places = [(y, x, z) for (x, y), z in zip(mission.waypoints.tolist(), heights.tolist(), strict=True)]
+    start = (_STEEP if wing else 0.0, 0.0, 0.0, mission.yaw, mission.home[1], mission.home[0], float(heights[0]))
+    reach = mission.acceptance_radius or 0.0
+    points = [Item(WAYPOINT, frame, (0.0, reach, 0.0, mission.yaw, *place)) for place in places]
+    # The throttle stays unchanged.
+    items = [_placeless(SPEED, _AIR if wing else _GROUND, mission.speed, -1.0)]
+    if mission.gimbal_pitch is not None:
+        items.append(_placeless(GIMBAL, mission.gimbal_pitch, 0.0, 0.0, 0.0, 0.0, 0.0, _BY_ANGLES))
+    if mission.trigger_distance is not None:
+        points[1:1] = [_placeless(TRIGGER, mission.trigger_distance, 0.0, 1.0)]  # the first image at once
+        points.append(_placeless(TRIGGER))
+    take_off = [Item(TAKE_OFF, frame, start)] if mission.kind != "rover" else []
+    return [*take_off, *items, *points, _placeless(RETURN)]
+
+
+def _placeless(command: int, *params: float) -> Item:
+    return Item(command, WITHOUT_PLACE, (*params, *(0.0,) * (7 - len(params))))
 
 
 def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
@@ -50,19 +68,59 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
     sheet.points = np.array([_number(item.params[5], item.params[4]) for item in waypoints], dtype=np.float64).reshape(-1, 2)
     sheet.altitudes = [_number(item.params[6])[0] for item in waypoints]
     sheet.places = [item.place for item in waypoints]
-    speeds = [item for item in items if item.command == SPEED]
-    if speeds:
-        sheet.speed = _number(speeds[0].params[1])[0]
+    if waypoints:
+        first = waypoints[0]
+        sheet.altitude_frame, sheet.yaw = _READ.get(first.frame), first.params[3] or None
+        sheet.acceptance_radius = first.params[1] or None
+    for command, name, parameter in ((SPEED, "speed", 1), (GIMBAL, "gimbal_pitch", 0), (TRIGGER, "trigger_distance", 0)):
+        value = next((_number(item.params[parameter])[0] for item in items if item.command == command), None)
+        if value is not None:
+            setattr(sheet, name, value)
     for item in items:
-        if item.command in _PLACED and item.frame not in _RELATIVE_FRAMES:
-            sheet.add("frame", item.place, f"expected frame {RELATIVE} (altitude above home) for a position, got {item.frame}")
-        elif item.command in (RETURN, SPEED) and item.frame != WITHOUT_PLACE:
-            sheet.add("frame", item.place, f"expected frame {WITHOUT_PLACE} for command {item.command}, got {item.frame}")
-        if item.command not in {*_PLACED, RETURN, SPEED}:
-            sheet.add("unknown-command", item.place, f"expected the commands 16, 20, 21, 22 and 178, got {item.command}")
+        _check_frame(sheet, item)
+        if item.command not in _KNOWN:
+            known = ", ".join(map(str, sorted(_KNOWN)))
+            sheet.add("unknown-command", item.place, f"expected one of the commands {known}, got {item.command}")
+    _check_camera(sheet, items)
     if items and items[-1].command not in (RETURN, LAND):
         last = items[-1]
         sheet.add("no-return", last.place, f"expected a return (20) or a landing (21) at the end, got command {last.command}")
+
+
+def _check_frame(sheet: Sheet, item: Item) -> None:
+    """Note altitudes that count from something else."""
+    if item.command in _PLACED:
+        wanted = sheet.altitude_frame or "home"
+        if _READ.get(item.frame) != wanted:
+            of_home, of_sea = "3 (altitude above home)", "0 (above sea level)"
+            said = of_sea if wanted == "sea" else of_home if sheet.altitude_frame else f"{of_home} or {of_sea}"
+            sheet.add("frame", item.place, f"expected frame {said} for a position, got {item.frame}")
+    elif item.command in _KNOWN and item.frame != WITHOUT_PLACE:
+        sheet.add("frame", item.place, f"expected frame {WITHOUT_PLACE} for command {item.command}, got {item.frame}")
+
+
+def _check_camera(sheet: Sheet, items: Sequence[Item]) -> None:
+    """Note a camera that is aimed at nothing, or that does not stop."""
+    for item in items:
+        pitch, mode = _number(item.params[0], item.params[6])
+        if item.command == GIMBAL and not (abs(pitch) <= 90 and mode == _BY_ANGLES):
+            sheet.add("gimbal", item.place, f"expected a pitch within ±90 and mode 2 (by angles), got {pitch:g} and {mode:g}")
+    triggers = [item for item in items if item.command == TRIGGER]
+    for number, item in enumerate(triggers):
+        distance = _number(item.params[0])[0]
+        if (distance > 0) != (number % 2 == 0):
+            expected = "a distance between images above 0" if number % 2 == 0 else "the end of images, a distance of 0"
+            sheet.add("camera", item.place, f"expected {expected}, got {distance:g}")
+    if len(triggers) % 2:
+        sheet.add("camera", triggers[-1].place, "expected the end of images, a distance of 0, after it, got none")
+
+
+def kind_of(sheet: Sheet, items: Sequence[Item]) -> str:
+    """Return what a file is for that does not say it: its items do."""
+    if not any(altitude > 0 for altitude in sheet.altitudes) and not any(item.command == TAKE_OFF for item in items):
+        return "rover"
+    through_air = any(item.command == SPEED and item.params[0] == _AIR for item in items)
+    return "fixed-wing" if through_air else "multirotor"
 
 
 def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
@@ -74,7 +132,8 @@ def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
             sheet.add("take-off", place, "expected no take-off in a rover's mission, got command 22")
     elif WAYPOINT in commands and commands[0] != TAKE_OFF:
         place = next(item.place for item in items if item.command == WAYPOINT)
-        sheet.add("take-off", place, "expected a take-off (22) before the first waypoint of a multirotor, got none")
+        said = f"expected a take-off (22) before the first waypoint of a {sheet.kind or 'multirotor'}, got none"
+        sheet.add("take-off", place, said)
 
 
 def _number(*values: float | None) -> tuple[float, ...]:

@@ -18,9 +18,8 @@ SUFFIX = ".kml"
 
 def write(mission: Mission) -> str:
     """Return a mission as the text of a KML file. One waypoint alone is a point, for a line needs two."""
-    mode = "relativeToGround" if mission.altitude > 0 else "clampToGround"
-    height = plain(mission.altitude)
-    points = [f"{degrees(x)},{degrees(y)},{height}" for x, y in mission.waypoints.tolist()]
+    mode, heights = _heights(mission)
+    points = [f"{degrees(x)},{degrees(y)},{plain(z)}" for (x, y), z in zip(mission.waypoints.tolist(), heights, strict=True)]
     shape = "LineString" if len(points) > 1 else "Point"
     values = {name: value if isinstance(value, str) else plain(value) for name, value in attributes_of(mission).items()}
     data = [f'    <Data name="{name}"><value>{escape(value)}</value></Data>' for name, value in values.items()]
@@ -45,6 +44,21 @@ def write(mission: Mission) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def _heights(mission: Mission) -> tuple[str, list[float]]:
+    """Return what altitudes count from in KML, and those of the waypoints.
+
+    KML knows the ground under each and the sea. Heights above home are neither, unless that of home itself is known: then they
+    are left to the attributes, and the line lies on the ground.
+    """
+    count = len(mission.waypoints)
+    if mission.kind != "rover":
+        if mission.altitude_frame == "ground":
+            return "relativeToGround", [mission.altitude] * count
+        if mission.altitude_frame == "sea" or mission.elevation is not None:
+            return "absolute", np.round(mission.heights_above_home + (mission.elevation or 0.0), 2).tolist()
+    return "clampToGround", [0.0] * count
 
 
 def scan(text: str, sheet: Sheet) -> None:

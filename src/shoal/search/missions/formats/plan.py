@@ -15,9 +15,10 @@ from shoal.search.missions.mission import Mission
 SUFFIX = ".plan"
 
 _FIRMWARE = {"px4": 12, "ardupilot": 3}  # MAV_AUTOPILOT
-_VEHICLES = {"multirotor": 2, "rover": 10}  # MAV_TYPE
-_MULTIROTORS = {2, 13, 14, 15}  # with 4, 6, 8 and 3 rotors
-_RELATIVE = 1  # altitudes above home
+_VEHICLES = {"multirotor": 2, "fixed-wing": 1, "rover": 10}  # MAV_TYPE
+_MULTIROTORS = dict.fromkeys((2, 13, 14, 15), "multirotor")  # with 4, 6, 8 and 3 rotors
+_KINDS = {number: kind for kind, number in _VEHICLES.items()} | _MULTIROTORS
+_ALTITUDE_MODES = {"home": 1, "ground": 1, "sea": 2}  # what follows the ground is written above home
 
 _Numbers = Annotated[float, Field(strict=True)]
 
@@ -88,12 +89,12 @@ def write(mission: Mission) -> str:
                 "groundStation": "QGroundControl",
                 "mission": {
                     "version": 2,
-                    "firmwareType": _FIRMWARE[mission.vehicle],
+                    "firmwareType": _FIRMWARE[mission.autopilot],
                     "vehicleType": _VEHICLES[mission.kind],
                     "cruiseSpeed": mission.speed,
                     "hoverSpeed": mission.speed,
-                    "globalPlanAltitudeMode": _RELATIVE,
-                    "plannedHomePosition": [raw(degrees(latitude)), raw(degrees(longitude)), 0],
+                    "globalPlanAltitudeMode": _ALTITUDE_MODES[mission.altitude_frame],
+                    "plannedHomePosition": [raw(degrees(latitude)), raw(degrees(longitude)), mission.elevation or 0],
                     "items": items,
                 },
                 "geoFence": {"version": 2, "circles": [], "polygons": []},
@@ -134,15 +135,17 @@ def scan(text: str, sheet: Sheet) -> None:
         sheet.add("unreadable", "", "expected JSON, got one nested too deeply or with a number too long")
         return
     mission = form.mission
-    sheet.vehicle = {number: name for name, number in _FIRMWARE.items()}.get(mission.firmware_type)
-    sheet.kind = "multirotor" if mission.vehicle_type in _MULTIROTORS else "rover" if mission.vehicle_type == 10 else None
-    if sheet.vehicle is None:
+    sheet.autopilot = {number: name for name, number in _FIRMWARE.items()}.get(mission.firmware_type)
+    sheet.kind = _KINDS.get(mission.vehicle_type)
+    if sheet.autopilot is None:
         sheet.add("firmware", "mission", f"expected firmwareType 12 (PX4) or 3 (ArduPilot), got {mission.firmware_type}")
     if sheet.kind is None:
-        sheet.add("wrong-value", "mission", f"expected vehicleType 2 (multirotor) or 10 (rover), got {mission.vehicle_type}")
-    sheet.speed = mission.cruise_speed if sheet.kind == "rover" else mission.hover_speed
+        kinds = "1 (fixed-wing), 2 (multirotor) or 10 (rover)"
+        sheet.add("wrong-value", "mission", f"expected vehicleType {kinds}, got {mission.vehicle_type}")
+    sheet.speed = mission.hover_speed if sheet.kind == "multirotor" else mission.cruise_speed
     latitude, longitude = (float("nan") if value is None else value for value in mission.home[:2])
     sheet.home = (longitude, latitude)
+    sheet.elevation = mission.home[2] or None  # 0 stands for what is not known
     sheet.decimals = _decimals(data)
     items = [Item(item.command, item.frame, tuple(item.params), f"item {k}") for k, item in enumerate(mission.items, start=1)]
     read_items(sheet, items)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from shoal.search.missions.diagnostics import Sheet, decimals_of
-from shoal.search.missions.formats.items import WAYPOINT, Item, check_take_off, items_of, read_items
+from shoal.search.missions.formats.items import WAYPOINT, Item, check_take_off, items_of, kind_of, read_items
 from shoal.search.missions.formats.numbers import degrees, plain
 from shoal.search.missions.mission import Mission
 
@@ -15,9 +15,9 @@ _FIELDS = ("seq", "current", "frame", "command", "p1", "p2", "p3", "p4", "latitu
 
 
 def write(mission: Mission) -> str:
-    """Return a mission as the text of a WPL file. It cannot leave a parameter unset, so the heading at waypoints is 0: north."""
+    """Return a mission as the text of a WPL file. It cannot leave a parameter unset, so a heading that is none is 0: north."""
     longitude, latitude = mission.home
-    home = Item(WAYPOINT, 0, (0.0, 0.0, 0.0, 0.0, latitude, longitude, 0.0))
+    home = Item(WAYPOINT, 0, (0.0, 0.0, 0.0, 0.0, latitude, longitude, mission.elevation or 0.0))
     rows = [_row(number, item) for number, item in enumerate([home, *items_of(mission)])]
     return "\n".join([HEADER, *rows, ""])
 
@@ -44,10 +44,10 @@ def scan(text: str, sheet: Sheet) -> None:
         )
         return
     latitude, longitude = (math.nan if value is None else value for value in items[0].params[4:6])
-    sheet.home = (longitude, latitude)
+    sheet.home, sheet.elevation = (longitude, latitude), items[0].params[6] or None
     sheet.decimals = max(decimals_of(field) for _, fields in rows for field in fields[8:10])
     read_items(sheet, items[1:])
-    sheet.kind = "multirotor" if any(altitude > 0 for altitude in sheet.altitudes) else "rover"  # the file does not say
+    sheet.kind = kind_of(sheet, items[1:])
     check_take_off(sheet, items[1:])
     for place, (number, fields) in enumerate(rows):
         if int(fields[0]) != place:

@@ -1,0 +1,106 @@
+"""Dubins curves: the shortest ways of what cannot turn more narrowly than a radius, from one place and heading to another."""
+
+from __future__ import annotations
+
+from math import ceil, cos, pi, sin, tan
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
+"""Left, straight and right: the six kinds of curves of which the shortest is one."""
+
+SHARPEST = pi / 6  # how much a way of legs bends at a vertex
+_ROUND = 2 * pi
+_CLOSE = 1e-9
+_SENSE = {"L": 1.0, "R": -1.0, "S": 0.0}
+
+
+def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
+    """Return the parts of all six curves between places with headings.
+
+    Parameters
+    ----------
+    starts, ends : array_like of float, shape (..., 3)
+        x and y in metres; headings in radians, counter-clockwise from east.
+    radius : float
+        Metres.
+
+    Returns
+    -------
+    ndarray of float64, shape (..., 6, 3)
+        By word of `WORDS` the lengths of its three parts, in radii; infinite where there is no such curve.
+
+    Notes
+    -----
+    Source: L. E. Dubins, On curves of minimal length with a constraint on average curvature, 1957; formulas of A. M. Shkel and
+    V. Lumelsky, Classification of the Dubins set, 2001.
+
+    Examples
+    --------
+    >>> parts = dubins_parts((0, 0, 0), (0, 200, pi), 50.0)
+    >>> print(parts.sum(axis=-1).min().round(3) * 50)  # half a circle, 100 m across, half a circle
+    257.1
+    """
+    one, other = np.broadcast_arrays(np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64))
+    across = (other[..., :2] - one[..., :2]) / radius
+    d, toward = np.hypot(across[..., 0], across[..., 1]), np.arctan2(across[..., 1], across[..., 0])
+    a, b = one[..., 2] - toward, other[..., 2] - toward
+    sa, sb, ca, cb, both = np.sin(a), np.sin(b), np.cos(a), np.cos(b), np.cos(a - b)
+    found = []
+    with np.errstate(invalid="ignore"):  # a curve that does not exist is not a number until the end
+        turn = np.arctan2(cb - ca, d + sa - sb)
+        found.append((turn - a, np.sqrt(np.maximum(2 + d * d - 2 * both + 2 * d * (sa - sb), 0.0)), b - turn))
+        turn = np.arctan2(ca - cb, d - sa + sb)
+        found.append((a - turn, np.sqrt(np.maximum(2 + d * d - 2 * both + 2 * d * (sb - sa), 0.0)), turn - b))
+        p = np.sqrt(d * d - 2 + 2 * both + 2 * d * (sa + sb))
+        turn = np.arctan2(-ca - cb, d + sa + sb) - np.arctan2(-2.0, p)
+        found.append((turn - a, p, turn - b))
+        p = np.sqrt(d * d - 2 + 2 * both - 2 * d * (sa + sb))
+        turn = np.arctan2(ca + cb, d - sa - sb) - np.arctan2(2.0, p)
+        found.append((a - turn, p, b - turn))
+        p = _ROUND - np.arccos((6 - d * d + 2 * both + 2 * d * (sa - sb)) / 8)
+        t = a - np.arctan2(ca - cb, d - sa + sb) + p / 2
+        found.append((t, p, a - b - t + p))
+        p = _ROUND - np.arccos((6 - d * d + 2 * both + 2 * d * (sb - sa)) / 8)
+        t = -a - np.arctan2(ca - cb, d + sa - sb) + p / 2
+        found.append((t, p, b - a - t + p))
+    parts = np.stack([np.stack(three, axis=-1) for three in found], axis=-2)
+    parts[..., [0, 2]] %= _ROUND
+    parts[..., [0, 2]] = np.where(parts[..., [0, 2]] > _ROUND - _CLOSE, 0.0, parts[..., [0, 2]])
+    return np.where(np.isfinite(parts).all(axis=-1, keepdims=True), parts, np.inf)
+
+
+def dubins_way(start: ArrayLike, word: str, parts: ArrayLike, radius: float) -> Floats:
+    """Return a curve as a way of straight legs round it; float64, shape (k, 2).
+
+    Its legs touch the circles of the curve from outside and bend by at most `SHARPEST`: what rounds each vertex off as late as it
+    can, in the middles of the legs, flies the curve itself, with this radius and no smaller one. First and last leg have the
+    headings of the curve's ends.
+    """
+    x, y, heading = (float(value) for value in np.asarray(start, dtype=np.float64))
+    found = [(x, y)]
+    for letter, length in zip(word, np.asarray(parts, dtype=np.float64).tolist(), strict=True):
+        sense = _SENSE[letter]
+        if not sense:
+            x, y = x + radius * length * cos(heading), y + radius * length * sin(heading)
+            continue
+        count = max(1, ceil(length / SHARPEST - _CLOSE))
+        bend = length / count
+        if bend < _CLOSE:
+            continue
+        reach = radius * tan(bend / 2)
+        for _ in range(count):
+            x, y = x + reach * cos(heading), y + reach * sin(heading)
+            found.append((x, y))
+            heading += sense * bend
+            x, y = x + reach * cos(heading), y + reach * sin(heading)
+    found.append((x, y))
+    return np.array(found)
+
+
+def shortest_length(start: ArrayLike, end: ArrayLike, radius: float) -> float:
+    """Return the length of the shortest curve, metres."""
+    return float(dubins_parts(start, end, radius).sum(axis=-1).min() * radius)

@@ -1,0 +1,137 @@
+"""Flight: how a vehicle follows a way from home and back, with its turns and over its terrain."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from shoal.checks import check_choice, check_number
+from shoal.dataclass import dataclass
+from shoal.errors import InvalidInputError
+from shoal.search.flight.terrain import Floats, Profile, Terrain, followed, profile_of
+from shoal.search.flight.timing import Trajectory, trajectory
+from shoal.search.flight.turning import turned_way
+from shoal.search.flight.vehicle import Vehicle
+from shoal.search.regions.outline_checks import Points, text_of
+from shoal.search.regions.projection import LocalFrame
+
+FRAMES = ("home", "sea", "ground")
+"""What altitudes count from."""
+
+TERRAIN_ERROR = 2.0  # metres
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """How a vehicle goes from home along a way and home again.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    home : ndarray of float64, shape (2,)
+        Metres.
+    frame : LocalFrame or None
+        Where on Earth the metres are.
+    altitude_frame : "home", "sea" or "ground"
+        What the vehicle's altitude counts from.
+    terrain : Terrain or None
+        The ground; needed for altitudes above it.
+    terrain_error : float
+        Metres by which the height above ground may differ from the altitude.
+    rate : float
+        The speed of this robot as a multiple of the vehicle's.
+    link : float
+        Metres: fixed wings need not fly straight what is no longer.
+    blocked : Shapely geometry, optional
+        What no turn crosses.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+
+    vehicle: Vehicle
+    home: Points
+    frame: LocalFrame | None = None
+    altitude_frame: str = "home"
+    terrain: Terrain | None = None
+    terrain_error: float = TERRAIN_ERROR
+    rate: float = 1.0
+    link: float = 0.0
+    blocked: Any = None
+
+    def __post_init__(self) -> None:
+        check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
+        check_number(self.terrain_error, what="terrain_error", least=0.01)
+        check_number(self.rate, what="rate", above=0)
+        if self.altitude_frame == "ground" and self.flies and self.terrain is None:
+            raise InvalidInputError("altitude_frame: expected home or sea without a terrain, which has the heights of the ground")
+
+    @property
+    def flies(self) -> bool:
+        """Whether the vehicle leaves the ground."""
+        return self.vehicle.kind != "rover"
+
+    @cached_property
+    def elevation(self) -> float | None:
+        """The height of home above sea level, metres; None if it is not known."""
+        return None if self.terrain is None else float(self.terrain.at(self.home[None], self.frame)[0])
+
+    def waypoints(self, way: Points) -> Floats:
+        """Return the waypoints of a way; float64, shape (m, 3): metres east, north, and above home.
+
+        Home itself is none, but over terrain the place above it, from where the vehicle sinks, is the last one.
+
+        Parameters
+        ----------
+        way : ndarray of float64, shape (k, 2)
+            Metres, without home.
+        """
+        whole = np.vstack([self.home, way, self.home])
+        if self.vehicle.radius:
+            turned = turned_way(whole, self.vehicle.ground_radius, link=self.link, blocked=self.blocked)
+            whole = turned if len(turned) > 2 else whole
+        if not self.flies or self.terrain is None:
+            return self._level(whole[1:-1])
+        profile = profile_of(self.terrain, whole, self.frame, error=self.terrain_error)
+        base = float(self.elevation or 0.0)
+        if self.altitude_frame == "ground":
+            return followed(profile, self.vehicle.height, self.terrain_error)[1:] - (0.0, 0.0, base)
+        over = self._level(whole[1:-1])
+        self._check_clear(profile, base if self.altitude_frame == "home" else 0.0)
+        return over
+
+    def _level(self, way: Points) -> Floats:
+        """Return waypoints at one altitude."""
+        up = self.vehicle.height - (float(self.elevation or 0.0) if self.altitude_frame == "sea" and self.flies else 0.0)
+        return np.column_stack([way, np.full(len(way), up)])
+
+    def _check_clear(self, profile: Profile, base: float) -> None:
+        """Refuse a level way that meets the ground."""
+        highest = int(np.argmax(profile.heights))
+        if profile.heights[highest] + profile.rough >= self.vehicle.height + base:
+            place = text_of(profile.points[highest])
+            raise InvalidInputError(
+                f"altitude: expected more than {profile.heights[highest] - base:.4g} m above {self.altitude_frame}, the height of "
+                f"the ground at {place}, got {self.vehicle.height:g}"
+            )
+
+    def flown(self, waypoints: Floats) -> Trajectory:
+        """Return when the vehicle is where, from the ground at home along waypoints to the ground at home."""
+        return trajectory(whole_way(self.home, waypoints), self.vehicle, rate=self.rate)
+
+
+def whole_way(home: Points, waypoints: Floats) -> Floats:
+    """Return a way from the ground at home up, along waypoints, and down to it again; heights above home.
+
+    Up over home to the height of the first waypoint, and down from that of the last.
+
+    Examples
+    --------
+    >>> whole_way(np.zeros(2), np.array([(40.0, 0.0, 30.0)])).tolist()
+    [[0.0, 0.0, 0.0], [0.0, 0.0, 30.0], [40.0, 0.0, 30.0], [0.0, 0.0, 30.0], [0.0, 0.0, 0.0]]
+    """
+    ground = np.append(home, 0.0)
+    return np.vstack([ground, [*home, waypoints[0, 2]], waypoints, [*home, waypoints[-1, 2]], ground])

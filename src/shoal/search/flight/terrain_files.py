@@ -1,0 +1,198 @@
+"""Files of heights: GeoTIFF and ESRI ASCII grids."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shoal.checks import check_file, read_text, shortened
+from shoal.errors import InvalidInputError
+from shoal.search.flight.terrain import UNSAID, Floats, Terrain
+
+LARGEST_GRID = 40_000_000
+"""Heights of a file; what has more is refused before it is unfolded."""
+
+LARGEST_TERRAIN = 500_000_000
+"""Bytes of a file of heights."""
+
+_SCALE, _TIEPOINT, _TRANSFORM, _KEYS, _NO_DATA = 33550, 33922, 34264, 34735, 42113  # TIFF tags
+_MODEL, _RASTER, _GEOGRAPHIC, _PROJECTED, _VERTICAL_UNIT = 1024, 1025, 2048, 3072, 4099  # GeoTIFF keys
+_OWN = 32767  # a system that has no EPSG code
+_METRE = 9001
+_HEAD = ("ncols", "nrows", "cellsize")
+_SANE = 20_000.0  # metres: nothing on Earth is higher or deeper
+
+
+def open_terrain(path: str | os.PathLike[str]) -> Terrain:
+    """Return the heights that a file holds.
+
+    Parameters
+    ----------
+    path : path
+        ``.tif`` or ``.tiff``: GeoTIFF, the coordinate reference system by its EPSG code. ``.asc``: ESRI ASCII grid; the system from
+        a ``.prj`` beside it, else longitude and latitude, or metres for a region of no place on Earth.
+
+    Raises
+    ------
+    InvalidInputError
+        In one sentence.
+    """
+    source = Path(path)
+    readers = {".tif": _geotiff, ".tiff": _geotiff, ".asc": _ascii_grid}
+    reader = readers.get(source.suffix.lower())
+    if reader is None:
+        raise InvalidInputError(f"{source}: expected heights in a file .tif or .asc, got the suffix {source.suffix!r}")
+    check_file(source, what="file of heights", most=LARGEST_TERRAIN)
+    terrain = reader(source)
+    if min(terrain.heights.shape) < 2:
+        rows, columns = terrain.heights.shape
+        raise InvalidInputError(f"{source}: expected at least 2 rows and 2 columns of heights, got {rows} and {columns}")
+    if not np.isfinite(terrain.heights).any():
+        raise InvalidInputError(f"{source}: expected heights, got a grid in which all are missing")
+    if np.nanmax(np.abs(terrain.heights)) > _SANE:
+        worst = float(terrain.heights.ravel()[np.nanargmax(np.abs(terrain.heights))])
+        raise InvalidInputError(f"{source}: expected heights of at most {_SANE:g} m, got {worst:g}; is NODATA not declared?")
+    return terrain
+
+
+def _check_size(source: Path, rows: int, columns: int) -> None:
+    if rows * columns > LARGEST_GRID:
+        raise InvalidInputError(f"{source}: expected at most {LARGEST_GRID} heights, got {columns} x {rows}")
+
+
+def _check_system(source: Path, crs: str) -> str:
+    """Return the name of a coordinate reference system that leads to longitude and latitude."""
+    from pyproj import CRS
+    from pyproj.exceptions import ProjError
+
+    try:
+        system = CRS.from_user_input(crs)
+    except ProjError:
+        raise InvalidInputError(f"{source}: expected a known coordinate reference system, got {shortened(crs)}") from None
+    if not (system.is_geographic or system.is_projected):
+        raise InvalidInputError(f"{source}: expected a geographic or projected system, got {shortened(system.name)}")
+    return crs
+
+
+def _geotiff(source: Path) -> Terrain:
+    from PIL import Image
+
+    limit = Image.MAX_IMAGE_PIXELS
+    try:
+        Image.MAX_IMAGE_PIXELS = None  # checked here, with a sentence of our own
+        with warnings.catch_warnings(), Image.open(source, formats=("TIFF",)) as image:
+            warnings.simplefilter("ignore")
+            _check_size(source, image.height, image.width)
+            tags: dict[int, Any] = dict(image.tag_v2)  # type: ignore[attr-defined]  # of TIFF pictures
+            if len(image.getbands()) != 1 or image.mode not in ("F", "I", "L", "I;16", "I;16B", "I;16L", "I;16S"):
+                raise InvalidInputError(f"{source}: expected one band of heights, got {shortened(image.mode)}")
+            heights = np.array(image, dtype=np.float64)
+    except InvalidInputError:
+        raise
+    except Exception as error:  # whatever a decoder of pictures makes of a broken file
+        raise InvalidInputError(f"{source}: expected a GeoTIFF, got one that cannot be read: {shortened(str(error))}") from None
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+    keys = _geo_keys(source, tags)
+    west, north, steps = _placement(source, tags, points=keys.get(_RASTER) == 2)
+    if keys.get(_VERTICAL_UNIT, _METRE) != _METRE:
+        raise InvalidInputError(f"{source}: expected heights in metres, got the unit EPSG:{keys[_VERTICAL_UNIT]}")
+    code = keys.get(_PROJECTED if keys.get(_MODEL) == 1 else _GEOGRAPHIC)
+    if code is None or code == _OWN:
+        raise InvalidInputError(f"{source}: expected the EPSG code of a coordinate reference system, got {code or 'none'}")
+    said = str(tags.get(_NO_DATA, "")).strip(" \x00")
+    return Terrain(_without(heights, said), west, north, steps, _check_system(source, f"EPSG:{code}"), str(source))
+
+
+def _geo_keys(source: Path, tags: dict[int, Any]) -> dict[int, int]:
+    """Return the GeoTIFF keys whose values are numbers."""
+    directory = tags.get(_KEYS)
+    if not isinstance(directory, tuple) or len(directory) < 4 or len(directory) % 4:
+        raise InvalidInputError(f"{source}: expected a GeoTIFF, got a TIFF without its keys")
+    entries = [directory[at : at + 4] for at in range(4, len(directory), 4)]
+    return {int(key): int(value) for key, where, _, value in entries if where == 0}
+
+
+def _placement(source: Path, tags: dict[int, Any], *, points: bool) -> tuple[float, float, tuple[float, float]]:
+    """Return west, north and the steps of the grid: of the middles of its cells, which heights are taken for."""
+    try:
+        if _TRANSFORM in tags:
+            matrix = [float(value) for value in tags[_TRANSFORM]]
+            if matrix[1] or matrix[4]:
+                raise InvalidInputError(f"{source}: expected rows from west to east, got a grid that is turned")
+            x, y, across, down = matrix[3], matrix[7], matrix[0], -matrix[5]
+        else:
+            across, down = (float(value) for value in tags[_SCALE][:2])
+            column, row, _, left, top, _ = (float(value) for value in tags[_TIEPOINT][:6])
+            x, y = left - column * across, top + row * down
+    except (KeyError, ValueError, IndexError, TypeError):
+        raise InvalidInputError(f"{source}: expected the place of the grid (tags 33550 and 33922, or 34264), got none") from None
+    if not (across > 0 and down > 0 and np.isfinite([x, y, across, down]).all()):
+        raise InvalidInputError(f"{source}: expected cells with sides above 0, got {across:g} x {down:g}")
+    half = 0.0 if points else 0.5
+    return x + half * across, y - half * down, (across, down)
+
+
+def _without(heights: Floats, no_data: str) -> Floats:
+    """Return heights with not-a-number where there are none."""
+    try:
+        missing = float(no_data)
+    except ValueError:
+        return heights
+    return np.where(
+        np.isclose(heights, missing, rtol=1e-6, atol=0.0) if np.isfinite(missing) else np.isnan(heights), np.nan, heights
+    )
+
+
+def _ascii_grid(source: Path) -> Terrain:
+    lines = read_text(source, what="file of heights", most=LARGEST_TERRAIN).split("\n")
+    head: dict[str, float] = {}
+    while len(head) < len(lines) and len(parts := lines[len(head)].split()) == 2 and parts[0][:1].isalpha():
+        try:
+            head[parts[0].lower()] = float(parts[1])
+        except ValueError:
+            raise InvalidInputError(
+                f"{source}, line {len(head) + 1}: expected a number as {shortened(parts[0])}, got {shortened(parts[1])}"
+            ) from None
+    for name in _HEAD:
+        if not (head.get(name, 0.0) > 0 and np.isfinite(head[name])):
+            raise InvalidInputError(
+                f"{source}: expected {name} above 0 in the head of an ESRI ASCII grid, got {head.get(name, 'none')}"
+            )
+    corner = [next((head[f"{axis}ll{kind}"] for kind in ("center", "corner") if f"{axis}ll{kind}" in head), None) for axis in "xy"]
+    if corner[0] is None or corner[1] is None:
+        raise InvalidInputError(f"{source}: expected xllcorner and yllcorner, or xllcenter and yllcenter, got none")
+    columns, rows, size = int(head["ncols"]), int(head["nrows"]), head["cellsize"]
+    _check_size(source, rows, columns)
+    heights = _numbers(source, lines, len(head), rows * columns).reshape(rows, columns)
+    half = 0.0 if "xllcenter" in head else 0.5
+    west, south = corner[0] + half * size, corner[1] + half * size
+    heights = _without(heights, str(head.get("nodata_value", -9999.0)))
+    north = south + (rows - 1) * size
+    return Terrain(heights, west, north, (size, size), _system_beside(source), str(source))
+
+
+def _numbers(source: Path, lines: list[str], begin: int, count: int) -> Floats:
+    """Return all numbers of the lines from one on."""
+    rows = []
+    for number, line in enumerate(lines[begin:], start=begin + 1):
+        try:
+            rows.append(np.array(line.split(), dtype=np.float64))
+        except ValueError:
+            raise InvalidInputError(f"{source}, line {number}: expected numbers, got {shortened(line)}") from None
+    found = np.concatenate([np.zeros(0), *rows])
+    if len(found) != count:
+        raise InvalidInputError(f"{source}: expected {count} heights, ncols times nrows, got {len(found)}")
+    return np.where(np.isfinite(found), found, np.nan)
+
+
+def _system_beside(source: Path) -> str:
+    """Return the system that the file .prj beside a grid names."""
+    beside = source.with_suffix(".prj")
+    if not beside.is_file():
+        return UNSAID
+    return _check_system(source, read_text(beside, what="coordinate reference system", most=100_000).strip())
