@@ -10,7 +10,6 @@ import html
 import os
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 from shoal.checks import check_choice
@@ -87,9 +86,7 @@ def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[
 
 def notebook_page(episode: Episode) -> str:
     """Return an episode as HTML for a notebook: its figure, a sentence, and its player to open unless that is large."""
-    picture = BytesIO()
-    figure(episode).savefig(picture, format="png", dpi=110)
-    encoded, name = base64.b64encode(picture.getvalue()).decode(), html.escape(repr(episode).strip("<>"))
+    encoded, name = base64.b64encode(figure(episode)._repr_png_()).decode(), html.escape(repr(episode).strip("<>"))
     told = name if html.escape(episode.sentence) in name else f"{name}<br/>{html.escape(episode.sentence)}"
     try:
         player = _views_of(episode, "page").player_page(episode)

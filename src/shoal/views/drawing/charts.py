@@ -20,10 +20,10 @@ BLUE, ORANGE, GREEN, PURPLE, SKY = "#0072b2", "#d55e00", "#009e73", "#aa4499", "
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure of that size in inches."""
-    from matplotlib.figure import Figure
+    """Return an empty figure of that size in inches; notebooks show it."""
+    from shoal.views.drawing.notebook_figure import NotebookFigure  # needs matplotlib, which takes long to import
 
-    return Figure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
+    return NotebookFigure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
 
 
 def padded_figure(width: float, height: float) -> Figure:
