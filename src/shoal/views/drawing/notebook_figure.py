@@ -11,6 +11,11 @@ class NotebookFigure(Figure):
     """A figure that shows itself in a notebook."""
 
     def _repr_png_(self) -> bytes:
-        picture = BytesIO()
-        self.savefig(picture, format="png", dpi=110)
-        return picture.getvalue()
+        return encoded_png(self)
+
+
+def encoded_png(figure: Figure) -> bytes:
+    """Return a figure as PNG, as large as a notebook shows it."""
+    picture = BytesIO()
+    figure.savefig(picture, format="png", dpi=110)
+    return picture.getvalue()
