@@ -86,9 +86,9 @@ def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[
 
 def notebook_page(episode: Episode) -> str:
     """Return an episode as HTML for a notebook: its figure, a sentence, and its player to open unless that is large."""
-    from shoal.views.drawing.notebook_figure import encoded_png  # needs matplotlib, which takes long to import
+    from shoal.views.drawing.notebook_figure import encode_figure  # needs matplotlib, which takes long to import
 
-    encoded, name = base64.b64encode(encoded_png(figure(episode))).decode(), html.escape(repr(episode).strip("<>"))
+    encoded, name = base64.b64encode(encode_figure(figure(episode))).decode(), html.escape(repr(episode).strip("<>"))
     told = name if html.escape(episode.sentence) in name else f"{name}<br/>{html.escape(episode.sentence)}"
     try:
         player = _views_of(episode, "page").player_page(episode)

@@ -11,10 +11,10 @@ class NotebookFigure(Figure):
     """A figure that shows itself in a notebook."""
 
     def _repr_png_(self) -> bytes:
-        return encoded_png(self)
+        return encode_figure(self)
 
 
-def encoded_png(figure: Figure) -> bytes:
+def encode_figure(figure: Figure) -> bytes:
     """Return a figure as PNG, as large as a notebook shows it."""
     picture = BytesIO()
     figure.savefig(picture, format="png", dpi=110)
