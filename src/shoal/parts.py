@@ -44,7 +44,13 @@ def problem_of(data: Mapping[str, Any], *, where: str = "problem") -> Problem:
 
 
 def load_problem(path: str | os.PathLike[str], *, trust: bool = False) -> Problem:
-    """Read a problem file (JSON); see `problem_of`. Code that it names, MODULE:ATTRIBUTE, is run only if ``trust`` is true.
+    """Read a problem file (JSON) of any part; see `problem_of`.
+
+    Parameters
+    ----------
+    path : path
+    trust : bool
+        Whether code that the file names, MODULE:ATTRIBUTE, may run.
 
     Raises
     ------

@@ -41,6 +41,8 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
         - swarm: "map" (option ``moves``: after how many; default: at the end), "frontier" (its cells by move).
         - steering: "plan".
         - search: "routes", "timeline" (what each robot did when).
+    **options
+        Of the kind, as named above.
 
     Raises
     ------

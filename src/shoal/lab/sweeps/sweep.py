@@ -208,6 +208,13 @@ class Sweep:
 def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:
     """Return the sweep that parsed TOML or JSON describes.
 
+    Parameters
+    ----------
+    data : mapping
+        The fields of a sweep file.
+    where : str
+        What messages begin with, as the name of the file.
+
     Raises
     ------
     InvalidInputError

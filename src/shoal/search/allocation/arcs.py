@@ -14,7 +14,16 @@ from shoal.search.tours.bitset import arc_bits, runs, turned
 
 @dataclass(frozen=True)
 class Arc:
-    """Cells to search one after another: ``count`` of them from number ``first`` of the tour on, forwards (1) or backwards (-1)."""
+    """Cells to search one after another.
+
+    Parameters
+    ----------
+    first : int
+        Number of the first one on the tour.
+    count : int
+    step : int
+        1 forwards along the tour, -1 backwards.
+    """
 
     first: int
     count: int

@@ -39,6 +39,8 @@ class CellGrid:
         Where the cells are.
     clipped : Clipped
         Which of them are whole, and the pieces of the others.
+    portals : Portals
+        Through which sides a vehicle goes from piece to piece.
     viewpoints : ndarray of float64, shape (k, 2)
         Places to stand, metres, in the order of the cells (row by row) and of the visit.
     viewpoint_starts : ndarray of int64, shape (cells + 1,)

@@ -191,6 +191,11 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     ``.plan`` and WPL files do not say which robot and sortie they are for: their name does, else they are the first of robot 1. WPL
     files do not say the autopilot, which is taken to be PX4, nor the kind of vehicle: it flies if a waypoint is above ground.
 
+    Parameters
+    ----------
+    path : path
+        The suffix says the format.
+
     Raises
     ------
     InvalidInputError

@@ -163,11 +163,17 @@ class ConvexWorkspace:
 
 
 def polygon(vertices: ArrayLike) -> ConvexWorkspace:
-    """Return a convex polygon; see `shoal.steering.workspaces.convex_geometry.convex_outline` for what is accepted.
+    """Return a convex polygon.
+
+    Parameters
+    ----------
+    vertices : array_like of float, shape (n, 2)
+        Corners in either direction; see `shoal.steering.workspaces.convex_geometry.convex_outline` for what is accepted.
 
     Raises
     ------
     InvalidInputError
+        For fewer than three corners, or corners of an outline that is not convex.
 
     Examples
     --------
@@ -201,6 +207,12 @@ def regular_polygon(sides: int, *, radius: float = 0.5) -> ConvexWorkspace:
 def disk(radius: float = 0.5, *, center: ArrayLike = (0.0, 0.0)) -> ConvexWorkspace:
     """Return a disk.
 
+    Parameters
+    ----------
+    radius : float
+        Above 0.
+    center : array_like of float, shape (2,)
+
     Raises
     ------
     InvalidInputError
@@ -211,6 +223,15 @@ def disk(radius: float = 0.5, *, center: ArrayLike = (0.0, 0.0)) -> ConvexWorksp
 
 def prism(base: ConvexWorkspace, height: float, *, open_ends: bool = False) -> ConvexWorkspace:
     """Return the right prism over a polygon, or the cylinder over a disk, from z = 0 to ``height``.
+
+    Parameters
+    ----------
+    base : ConvexWorkspace
+        A polygon or a disk.
+    height : float
+        Above 0.
+    open_ends : bool
+        Whether bottom and top hold nothing, as in a tube.
 
     Raises
     ------
@@ -230,7 +251,14 @@ def prism(base: ConvexWorkspace, height: float, *, open_ends: bool = False) -> C
 
 
 def cylinder(radius: float, height: float, *, open_ends: bool = False) -> ConvexWorkspace:
-    """Return the cylinder around the z axis.
+    """Return the cylinder around the z axis, from z = 0 to ``height``.
+
+    Parameters
+    ----------
+    radius, height : float
+        Above 0.
+    open_ends : bool
+        Whether bottom and top hold nothing, as in a tube.
 
     Raises
     ------

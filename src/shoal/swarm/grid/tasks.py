@@ -31,13 +31,16 @@ class Task(Protocol):
         """Name for summaries and files."""
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Return what the task draws at random, as a mask of cells, or None."""
+        """Return what the task draws at random from ``rng``, as a mask of the cells of ``workspace``, or None."""
 
     def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
-        """Return the belief before the first command."""
+        """Return the belief before the first command.
+
+        ``world`` moves the particles, ``state`` says where they are, ``targets`` is what `choose_targets` drew.
+        """
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief after one push, from the positions before and after it alone."""
+        """Return the belief after one push by ``command``, from the positions ``before`` and ``after`` it alone."""
 
 
 TASKS: Registry[type[Task]] = Registry("task")

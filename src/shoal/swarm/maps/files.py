@@ -119,7 +119,13 @@ def _suffix(path: Path) -> str:
 
 
 def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
-    """Write a workspace; the suffix says the format, as for `read_map`, which reads the same cells back.
+    """Write a workspace; `read_map` reads the same cells back.
+
+    Parameters
+    ----------
+    workspace : GridWorkspace
+    path : path
+        The suffix says the format, as for `read_map`.
 
     Raises
     ------

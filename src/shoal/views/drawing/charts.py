@@ -60,6 +60,12 @@ def bare_axes(axes: Axes) -> None:
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write a figure as PNG, SVG or PDF, whole or not at all.
 
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    path : path
+        The suffix says the format.
+
     Raises
     ------
     InvalidInputError
