@@ -35,7 +35,7 @@ $(BIN)/python:
 # --no-compile: what is used is compiled to byte code when first imported; doing it for all takes half of the set-up.
 $(VENV)/.run-installed: pyproject.toml requirements.lock | $(BIN)/python
 	@echo 'installing Shoal into $(VENV) ...'
-	@$(PIP) install --no-compile -e '.[imaging]'
+	@$(PIP) install --no-compile -e '.[imaging,studio]'
 	@touch $@
 
 $(VENV)/.dev-installed: pyproject.toml requirements.lock | $(BIN)/python

@@ -40,6 +40,7 @@ COMMANDS = {
     "sweep export": _Entry("sweep.results", "export_", "EXPORT_EXAMPLE"),
     "sweep check": _Entry("sweep.results", "check", "CHECK_EXAMPLE"),
     "reproduce": _Entry("reproduce", "reproduce"),
+    "studio": _Entry("studio", "studio"),
     "demo": _Entry("demo", "demo"),
 }
 GROUPS = {

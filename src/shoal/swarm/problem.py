@@ -46,10 +46,8 @@ NOISE_MEASURES = ("right", "false_free", "false_obstacles", "undecided")
 
 
 def _check_map(given: Any) -> Any:
-    if isinstance(given, str | GridWorkspace):
-        return given
-    if isinstance(given, os.PathLike):
-        return os.fspath(given)
+    if isinstance(given, str | GridWorkspace | os.PathLike):
+        return os.fspath(given) if isinstance(given, os.PathLike) else given
     return GridWorkspace.from_dict(given) if isinstance(given, dict) else GridWorkspace(given)
 
 
@@ -71,9 +69,9 @@ def _named(kind: str) -> dict[str, Any]:
 
     def check(given: Any) -> Any:
         known, make = registry()
-        if isinstance(given, str):
+        if isinstance(given, str):  # what lies in a module is not imported yet
             if given != "auto" and (given.partition(":")[0] in known or ":" not in given):
-                make(given)  # what lies in a module is not imported yet
+                make(given)
         elif kind == "task":
             make(given)
         elif kind == "placement" and not callable(given):
@@ -211,6 +209,7 @@ class SwarmProblem(Problem):
     level: float | None = option(None, help="Arrays, volumes: cells of at least this number are free.")
     label: int | None = option(None, help="Arrays, volumes: cells of exactly this number are free.")
     largest_component: bool = option(False, help="Keep only the largest connected part of the free space.")
+    cell_size: float | None = option(None, help="Side of a cell; by default what the file says.", unit="mm", above=0, most=1e6)
 
     def check_together(self) -> None:
         """Refuse fields that do not go together; nothing is opened yet."""
@@ -301,14 +300,16 @@ class SwarmProblem(Problem):
 
         reading = {name: getattr(self, name) for name in READING}
         workspace = self.map if isinstance(self.map, GridWorkspace) else open_map(self.map, **reading)
+        if self.cell_size is not None:
+            workspace = GridWorkspace(workspace.free, name=workspace.name, spacing=(self.cell_size,) * workspace.ndim)
         return workspace.largest_component() if self.largest_component else workspace
 
     def place_key(self) -> str | None:
         """Return the map's name and how it is read; None of a map that has been opened already."""
         if isinstance(self.map, GridWorkspace):
             return None
-        others = tuple(name for name in self.declarations() if name not in ("map", "largest_component", *READING))
-        return self.canonical(without=(*others, "kind"))
+        read = ("map", "largest_component", "cell_size", *READING)
+        return self.canonical(without=("kind", *(name for name in self.declarations() if name not in read)))
 
     def place_is_file(self) -> bool:
         """Tell whether the map is a file or a folder."""

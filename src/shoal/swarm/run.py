@@ -23,14 +23,20 @@ from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.simulation.compiled import Game, NoisyGame, PlannerGame, SearchGame, compiled_loop, is_compiled
 from shoal.swarm.simulation.deciders import Decider, ReplannedRuns, make_decider
 from shoal.swarm.simulation.exact import ExactSwarm
-from shoal.swarm.simulation.loop import Controlled, OnMoves, closed_loop
+from shoal.swarm.simulation.loop import Controlled, OnMoves, OnTrace, closed_loop
 from shoal.swarm.simulation.noisy import NoisySwarm
 from shoal.swarm.simulation.starts import draw_start
 from shoal.version import versions
 
 
 def run(
-    problem: SwarmProblem, *, seed: int = 0, trial: int = 0, stepwise: bool = False, on_moves: OnMoves | None = None
+    problem: SwarmProblem,
+    *,
+    seed: int = 0,
+    trial: int = 0,
+    stepwise: bool = False,
+    on_moves: OnMoves | None = None,
+    on_trace: OnTrace | None = None,
 ) -> SwarmEpisode:
     """Play one episode.
 
@@ -43,6 +49,8 @@ def run(
         Play a built-in policy step by step, too, as third parties' are; the episode is the same.
     on_moves : callable, optional
         Told the progress: (moves so far, frontier cells left).
+    on_trace : callable, optional
+        Given each piece of the trace as soon as it is played, for those who watch; the episode is the same.
 
     Returns
     -------
@@ -66,9 +74,9 @@ def run(
     rng = trial_rng(seed, trial)
     start, targets = draw_start(problem, rng)
     if problem.noise is None:
-        trace, status, first, seconds = _without_noise(problem, start, targets, rng, stepwise, on_moves)
+        trace, status, first, seconds = _without_noise(problem, start, targets, rng, stepwise, (on_moves, on_trace))
     else:
-        trace, status, first, seconds = _with_noise(problem, start, rng, noise_rng(seed, trial), stepwise, on_moves)
+        trace, status, first, seconds = _with_noise(problem, start, rng, noise_rng(seed, trial), stepwise, (on_moves, on_trace))
     return SwarmEpisode(
         problem=problem,
         start=start,
@@ -85,6 +93,7 @@ def run(
 
 
 _Played = tuple[Trace, Status, int, float]
+_Told = tuple[OnMoves | None, OnTrace | None]
 
 
 def _without_noise(
@@ -93,7 +102,7 @@ def _without_noise(
     targets: NDArray[np.bool_] | None,
     rng: Generator,
     stepwise: bool,
-    on_moves: OnMoves | None,
+    told: _Told,
 ) -> _Played:
     policy, task, scanning = problem.chosen_policy, problem.chosen_task, problem.scanning
     world = GridWorld(problem.place, problem.rule)
@@ -107,14 +116,14 @@ def _without_noise(
     watch = Stopwatch()
     if not compiled or stepwise:
         decider = make_decider(scanning, policy, rule=world.rule, mapping=mapping, belief=belief, rng=rng)
-        return *_in_python(ExactSwarm(world, task, state, belief), decider, problem, mapping, on_moves), first, watch.seconds
+        return *_in_python(ExactSwarm(world, task, state, belief), decider, problem, mapping, told), first, watch.seconds
     options: dict[str, Any] = {"rule": world.rule, "mapping": mapping, "rng": rng}
     game: Game
     if isinstance(policy, PlannerPolicy):
         game = PlannerGame(policy, world.free, state, belief, **options)
     else:
         game = SearchGame(policy, world.free, state, belief, **options, n_free=world.workspace.n_free, scanning=scanning)
-    return *compiled_loop(game, problem.max_moves, on_moves), first, watch.seconds
+    return *compiled_loop(game, problem.max_moves, *told), first, watch.seconds
 
 
 def _with_noise(
@@ -123,7 +132,7 @@ def _with_noise(
     rng: Generator,
     luck: Generator,
     stepwise: bool,
-    on_moves: OnMoves | None,
+    told: _Told,
 ) -> _Played:
     assert problem.noise is not None
     policy, every = problem.chosen_policy, problem.scanning.step
@@ -131,15 +140,13 @@ def _with_noise(
     first, watch = noisy.remaining, Stopwatch()
     if isinstance(policy, ClosestFrontier) and not stepwise:
         game = NoisyGame(policy, noisy, luck, every=every)
-        return *compiled_loop(game, problem.max_moves, on_moves), first, watch.seconds
+        return *compiled_loop(game, problem.max_moves, *told), first, watch.seconds
     decider = ReplannedRuns(policy, rng, every=every, max_moves=problem.max_moves)
-    return *_in_python(NoisySwarm(noisy, luck), decider, problem, True, on_moves), first, watch.seconds
+    return *_in_python(NoisySwarm(noisy, luck), decider, problem, True, told), first, watch.seconds
 
 
-def _in_python(
-    swarm: Controlled, decider: Decider, problem: SwarmProblem, mapping: bool, on_moves: OnMoves | None
-) -> tuple[Trace, Status]:
-    return closed_loop(swarm, decider, max_moves=problem.max_moves, mapping=mapping, on_moves=on_moves)
+def _in_python(swarm: Controlled, decider: Decider, problem: SwarmProblem, mapping: bool, told: _Told) -> tuple[Trace, Status]:
+    return closed_loop(swarm, decider, max_moves=problem.max_moves, mapping=mapping, on_moves=told[0], on_trace=told[1])
 
 
 def load_kernels(problem: SwarmProblem) -> None:

@@ -109,11 +109,19 @@ class Recorder:
     @property
     def trace(self) -> Trace:
         """What has been recorded."""
-        columns = np.array(self._rows, dtype=np.int64).reshape(-1, 3)
-        return Trace(
-            commands=encode("".join(self._letters), ndim=3),
-            classified=columns[:, 0].astype(np.int32),
-            frontier=columns[:, 1].astype(np.int32),
-            travelled=columns[:, 2].copy(),
-            scanned=np.array(self._scanned, dtype=np.bool_),
-        )
+        return _recorded("".join(self._letters), self._rows, self._scanned)
+
+    def newest(self, moves: int) -> Trace:
+        """Return the last so many moves, which one run made."""
+        return _recorded(self._letters[-1], self._rows[-moves:], self._scanned[-moves:])
+
+
+def _recorded(letters: str, rows: list[Row], scanned: list[bool]) -> Trace:
+    columns = np.array(rows, dtype=np.int64).reshape(-1, 3)
+    return Trace(
+        commands=encode(letters, ndim=3),
+        classified=columns[:, 0].astype(np.int32),
+        frontier=columns[:, 1].astype(np.int32),
+        travelled=columns[:, 2].copy(),
+        scanned=np.array(scanned, dtype=np.bool_),
+    )

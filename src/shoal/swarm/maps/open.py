@@ -80,30 +80,54 @@ def open_map(
     return read_map(path, **options)
 
 
-def vessels_in(path: str | os.PathLike[str], **options: Any) -> imaging.Vessels:
+def vessels_in(
+    path: str | os.PathLike[str], *, low: float = imaging.LOW, high: float = imaging.HIGH, **options: Any
+) -> imaging.Vessels:
     """Return the vessels in a photograph; those of the last one are remembered while its file stays as it is.
 
     Parameters
     ----------
     path : path
         A picture.
-    **options
-        low, high, bright, thickest: see `shoal.swarm.maps.imaging.find_vessels`.
+    low, high, **options
+        And bright, thickest: see `shoal.swarm.maps.imaging.find_vessels`.
 
     Raises
     ------
     InvalidInputError, MissingExtraError
         If it is no picture, or shows no vessels.
     """
-    photograph = Path(path)
-    stamp = os.stat(photograph).st_mtime_ns if os.path.isfile(photograph) else 0
-    return _vessels_in(photograph, stamp, tuple(sorted(options.items())))
+    return _vessels_in(Path(path), _stamp(path), low, high, tuple(sorted(options.items())))
+
+
+def finder_of(path: str | os.PathLike[str], *, bright: bool | None = None, thickest: float | None = None) -> imaging.VesselFinder:
+    """Return the finder of a photograph's vessels, which is remembered as `vessels_in` does.
+
+    Raises
+    ------
+    InvalidInputError, MissingExtraError
+        If it is no picture.
+    """
+    return _finder_of(Path(path), _stamp(path), (("bright", bright), ("thickest", thickest)))
+
+
+def _stamp(path: str | os.PathLike[str]) -> int:
+    return os.stat(path).st_mtime_ns if os.path.isfile(path) else 0
 
 
 @lru_cache(maxsize=1)
-def _vessels_in(path: Path, _stamp: int, options: tuple[tuple[str, Any], ...]) -> imaging.Vessels:
+def _vessels_in(path: Path, stamp: int, low: float, high: float, options: tuple[tuple[str, Any], ...]) -> imaging.Vessels:
+    finder = _finder_of(path, stamp, options)
+    try:
+        return finder.find(low=low, high=high)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{path}: {error}") from None
+
+
+@lru_cache(maxsize=1)
+def _finder_of(path: Path, _stamp: int, options: tuple[tuple[str, Any], ...]) -> imaging.VesselFinder:
     pixels = read_pixels(path)
     try:
-        return imaging.find_vessels(pixels, **dict(options))
+        return imaging.VesselFinder(pixels, **dict(options))
     except InvalidInputError as error:
         raise InvalidInputError(f"{path}: {error}") from None

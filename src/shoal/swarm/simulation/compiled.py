@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -31,6 +32,7 @@ RUNNING = policy_episode.RUNNING
 STATUSES = {policy_episode.RUNNING: Status.LIMIT, policy_episode.COMPLETE: Status.COMPLETE, policy_episode.STALLED: Status.STALLED}
 KINDS = {"equal": scan_runs.EQUAL, "doubling": scan_runs.DOUBLING, "hyper": scan_runs.HYPER, "adaptive": scan_runs.ADAPTIVE}
 LONGEST_RUN = 500  # that an adaptive policy weighs
+SHOWN_FIRST, SHOWN_EVERY = 16, 0.1  # moves of the first piece, seconds of the others, where somebody watches
 TIMED_PIECE = 8  # moves after which the time taken is looked at
 NOISY_PIECE = 256  # moves with noise between two moments at which progress is shown and Ctrl-C takes effect
 
@@ -54,20 +56,24 @@ class Game(Protocol):
 
 
 def compiled_loop(
-    game: Game, max_moves: int, on_moves: Any = None, *, scanned: NDArray[np.bool_] | None = None
+    game: Game, max_moves: int, on_moves: Any = None, on_trace: Any = None, *, scanned: NDArray[np.bool_] | None = None
 ) -> tuple[Trace, Status]:
     """Play in compiled code, in pieces of a fraction of a second; ``scanned`` are the scans of a replay."""
-    room, moves, ended = min(2048, game.largest), 0, RUNNING
+    room, moves, ended = min(2048 if on_trace is None else SHOWN_FIRST, game.largest), 0, RUNNING
     pieces: list[Trace] = []
     while moves < max_moves and ended == RUNNING:
         piece = Trace.empty(min(room, max_moves - moves))
         if scanned is not None:
             piece.scanned[:] = scanned[moves : moves + piece.moves]
+        began = time.perf_counter()
         played, ended = game.play_on(piece, max_moves - moves)
         pieces.append(piece.part(0, played))
         moves, room = moves + played, min(2 * room, game.largest)
         if on_moves is not None:
             on_moves(moves, game.remaining)
+        if on_trace is not None:
+            on_trace(pieces[-1])
+            room = max(1, min(room, round(max(1, played) * SHOWN_EVERY / (time.perf_counter() - began))))
     trace = Trace.joined(pieces)
     status = STATUSES[ended]
     if status is Status.LIMIT and scanned is None:

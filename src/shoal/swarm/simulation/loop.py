@@ -15,6 +15,9 @@ from shoal.swarm.simulation.deciders import Decider
 OnMoves = Callable[[int, int], None]
 """Called now and then with (moves so far, frontier cells left)."""
 
+OnTrace = Callable[[Trace], None]
+"""Called with each piece of the trace as it is played."""
+
 
 class Controlled(Protocol):
     """What the loop controls: it carries out commands, and says what is believed of the map and of the particles.
@@ -56,7 +59,13 @@ class Controlled(Protocol):
 
 
 def closed_loop(
-    swarm: Controlled, decider: Decider, *, max_moves: int, mapping: bool = True, on_moves: OnMoves | None = None
+    swarm: Controlled,
+    decider: Decider,
+    *,
+    max_moves: int,
+    mapping: bool = True,
+    on_moves: OnMoves | None = None,
+    on_trace: OnTrace | None = None,
 ) -> tuple[Trace, Status]:
     """Play until nothing is left to do, the policy has no more commands, or the limit of moves is reached.
 
@@ -70,7 +79,7 @@ def closed_loop(
     max_moves : int
     mapping : bool
         Whether frontier cells are unknown; policies are told.
-    on_moves : callable, optional
+    on_moves, on_trace : callable, optional
 
     Returns
     -------
@@ -91,5 +100,7 @@ def closed_loop(
         rows, scanned = swarm.carry_out(command, min(planned, max_moves - recorder.moves), scan=decider.due)
         wanted = decider.scan_after(swarm.belief, swarm.state, len(swarm.belief.known) - known)
         recorder.add(command, rows, scanned=scanned and wanted)
+        if on_trace is not None:
+            on_trace(recorder.newest(len(rows)))
         if on_moves is not None:
             on_moves(recorder.moves, len(swarm.belief.frontier))

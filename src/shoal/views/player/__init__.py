@@ -56,24 +56,67 @@ def render(part: str, data: Mapping[str, Any]) -> str:
     >>> "A </script>" in page, r"A \u003c/script>" in page
     (False, True)
     """
-    blocks = dict(zip(*[iter(_BLOCK.split(_read(f"{part}/page.html"))[1:])] * 2, strict=True))
-    styles, scripts = ["shared/style.css", "{part}/style.css"], [*_TRAJECTORIES, *_FRAME]
-    if part == "swarm":
-        shape = data.get("shape")
-        volume, recorded = isinstance(shape, list) and len(shape) == 3, "moments" in data
-        pictures = ["swarm/volume.js" if volume else "swarm/picture.js", "swarm/chart.js"]
-        styles = ["shared/style.css", *(["swarm/volume.css"] if volume else [])]
-        scripts = ["swarm/simulate.js", *(["swarm/recorded.js"] if recorded else []), *pictures, *_FRAME]
-        blocks["stage"] = blocks["volume_stage" if volume else "stage"]
-    parts = {name: block.rstrip("\n") for name, block in blocks.items()} | {
-        "kind": "" if part == "swarm" else f" {part}",
+    shape = data.get("shape")
+    styles, scripts = files_of(part, volume=isinstance(shape, list) and len(shape) == 3, recorded="moments" in data)
+    parts = {
+        "policy": "style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:",
         "title": html.escape(str(data.get("title") or "Shoal")),
-        "styles": "".join(_read(name.format(part=part)) for name in styles),
-        "scripts": "\n".join(f"<script>\n{_read(name.format(part=part))}</script>" for name in scripts),
+        "styles": f"<style>\n{''.join(map(_read, styles))}</style>",
+        "scripts": "\n".join(f"<script>\n{_read(name)}</script>" for name in scripts),
         # A "<" could end the script block or open a comment in it. In JSON it only stands inside strings.
         "data": json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", r"\u003c"),
     }
-    return _MARKER.sub(lambda marker: parts[marker[1]], _read("shared/page.html"))
+    return _page(part, "swarm/volume.js" in scripts, parts)
+
+
+def served_page(part: str, *, volume: bool = False, recorded: bool = False, more: tuple[str, ...] = (), files: str = "") -> str:
+    """Return the page for a server: styles and scripts are links to ``files``, and a script gives the episode, also as it grows.
+
+    Parameters
+    ----------
+    part : str
+    volume, recorded : bool
+        Of a swarm: whether the map is 3-D, and whether there was noise.
+    more : tuple of str
+        Addresses of styles and scripts beside those that every player has.
+    files : str
+        The address of this package's files, with a slash at its end.
+
+    Examples
+    --------
+    >>> '<script src="/player/swarm/picture.js">' in served_page("swarm", files="/player/")
+    True
+    """
+    styles, scripts = files_of(part, volume=volume, recorded=recorded)
+    addresses = [*(files + name for name in (*styles, *scripts)), *more]
+    parts = {
+        "policy": "style-src 'self'; script-src 'self'; img-src data:",
+        "title": "Shoal",
+        "styles": "\n".join(f'<link rel="stylesheet" href="{one}">' for one in addresses if one.endswith(".css")),
+        "scripts": "\n".join(f'<script src="{one}"></script>' for one in addresses if one.endswith(".js")),
+        "data": "",
+    }
+    return _page(part, volume, parts)
+
+
+def files_of(part: str, *, volume: bool = False, recorded: bool = False) -> tuple[list[str], list[str]]:
+    """Return the styles and scripts of a player; for the parameters see `served_page`."""
+    if part != "swarm":
+        scripts = [name.format(part=part) for name in (*_TRAJECTORIES, *_FRAME)]
+        return ["shared/style.css", f"{part}/style.css"], scripts
+    pictures = ["swarm/volume.js" if volume else "swarm/picture.js", "swarm/chart.js"]
+    frame = [name.format(part=part) for name in _FRAME]
+    styles = ["shared/style.css", *(["swarm/volume.css"] if volume else [])]
+    return styles, ["swarm/simulate.js", *(["swarm/recorded.js"] if recorded else []), *pictures, *frame]
+
+
+def _page(part: str, volume: bool, parts: Mapping[str, str]) -> str:
+    blocks = dict(zip(*[iter(_BLOCK.split(_read(f"{part}/page.html"))[1:])] * 2, strict=True))
+    if volume:
+        blocks["stage"] = blocks["volume_stage"]
+    filled = {name: block.rstrip("\n") for name, block in blocks.items()}
+    filled |= {"kind": "" if part == "swarm" else f" {part}", **parts}
+    return _MARKER.sub(lambda marker: filled[marker[1]], _read("shared/page.html"))
 
 
 def _read(file: str) -> str:

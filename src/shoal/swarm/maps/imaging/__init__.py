@@ -5,6 +5,6 @@ median; line detectors and long ridges; thresholds with hysteresis; cells. Needs
 """
 
 from shoal.swarm.maps.imaging.network import map_of_vessels, segment_vessels
-from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, Vessels, find_vessels
+from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, VesselFinder, Vessels, find_vessels
 
-__all__ = ["HIGH", "LOW", "Vessels", "find_vessels", "map_of_vessels", "segment_vessels"]
+__all__ = ["HIGH", "LOW", "VesselFinder", "Vessels", "find_vessels", "map_of_vessels", "segment_vessels"]

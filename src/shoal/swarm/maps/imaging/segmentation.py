@@ -89,21 +89,83 @@ def find_vessels(
     much of long second derivatives of Gaussians, used as Gabor filters are (J. V. B. Soares et al., IEEE Transactions on Medical
     Imaging 25, 2006). `python -m benchmarks.vessels_from_photographs` measures it on drawn eyes.
     """
-    _check_options(low, high, thickest)
-    picture = read_photograph(image)
-    width = THICKEST[picture.has_surround] if thickest is None else thickest
-    levels = _levels(picture, width)
-    found = _find(picture, levels, low, high, bright, np.shape(image)[:2])
-    if found.confidence >= LEAST_CONFIDENCE:
-        return found
-    if thickest is None:  # vessels of more than the usual width have to be clear
-        wider = _find(picture, levels + 1, low, high, bright, np.shape(image)[:2])
-        if wider.confidence >= SURE:
-            return wider
-    raise InvalidInputError(
-        "expected a picture with vessels in it, found no network of lines that stands out "
-        f"(confidence {found.confidence:.2f}, at least {LEAST_CONFIDENCE} is needed)"
-    )
+    return VesselFinder(image, bright=bright, thickest=thickest).find(low=low, high=high)
+
+
+class VesselFinder:
+    """A photograph whose filters run once: its vessels are then found for one pair of thresholds after the other.
+
+    Parameters
+    ----------
+    image, bright, thickest
+        See `find_vessels`.
+    """
+
+    def __init__(self, image: ArrayLike, *, bright: bool | None = None, thickest: float | None = None) -> None:
+        if thickest is not None and not 0 < check_number(thickest, what="thickest") <= 0.5:
+            raise InvalidInputError(f"expected thickest as a fraction above 0 and at most 0.5, got {thickest}")
+        self.picture, self.shape, self.bright = read_photograph(image), np.shape(image)[:2], bright
+        levels = _levels(self.picture, THICKEST[self.picture.has_surround] if thickest is None else thickest)
+        self.tried = (levels,) if thickest is not None else (levels, levels + 1)
+        self._filtered: dict[tuple[int, bool], _Filtered] = {}
+        self._clearest: _Filtered | None = None
+
+    def find(self, *, low: float = LOW, high: float = HIGH) -> Vessels:
+        """Return the vessels; see `find_vessels`."""
+        _check_thresholds(low, high)
+        first = 0.0
+        for levels in self.tried:
+            confidence, way, clearest = self._clearest_at(levels, low, high)
+            # Vessels of more than the usual width have to be clear.
+            if confidence >= (LEAST_CONFIDENCE if levels == self.tried[0] else SURE):
+                self._clearest = clearest
+                return Vessels(clearest.mask(low, high, self.shape), confidence, way)
+            first = confidence if levels == self.tried[0] else first
+        raise InvalidInputError(
+            "expected a picture with vessels in it, found no network of lines that stands out "
+            f"(confidence {first:.2f}, at least {LEAST_CONFIDENCE} is needed)"
+        )
+
+    def mask(self, *, low: float, high: float) -> Mask:
+        """Return what the thresholds make of the lines that `find` chose last: soon, and with no confidence."""
+        _check_thresholds(low, high)
+        if self._clearest is None:
+            return self.find(low=low, high=high).mask
+        return self._clearest.mask(low, high, self.shape)
+
+    def _clearest_at(self, levels: int, low: float, high: float) -> tuple[float, bool, _Filtered]:
+        """Return the more confident one of bright and dark lines on so many sizes of the picture."""
+        view = self.picture.view
+        flat = without_ground(self.picture.grey, view, FLATTENING * 2 ** (levels - 1))
+        if self.bright is not None:
+            ways = [self.bright]
+        else:
+            ratio = _strength(flat, view) / (_strength(-flat, view) + 1e-12)
+            ways = [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]  # an optic disc is bright, too
+        for way in ways:
+            if (levels, way) not in self._filtered:
+                self._filtered[levels, way] = _filter(flat if way else -flat, self.picture, levels)
+        found = [(bool(way), self._filtered[levels, way]) for way in ways]
+        return max(
+            ((_confidence(one.flat, view, one.network(low, high)), way, one) for way, one in found), key=lambda entry: entry[0]
+        )
+
+
+@dataclass(frozen=True)
+class _Filtered:
+    """A picture flattened, without what differs the other way; how much each pixel looks like vessel, and what splits them."""
+
+    flat: Grey
+    response: Grey
+    split: float
+    levels: int
+
+    def network(self, low: float, high: float) -> Mask:
+        passed = imaging_module("filters").apply_hysteresis_threshold(self.response, low * self.split, high * self.split)
+        return _without_small(passed, SMALLEST_PART * self.levels)
+
+    def mask(self, low: float, high: float, shape: tuple[int, ...]) -> Mask:
+        return _in_own_pixels(self.network(low, high), self.response, low * self.split, shape)
 
 
 def photograph_response(image: ArrayLike) -> Grey:
@@ -114,25 +176,8 @@ def photograph_response(image: ArrayLike) -> Grey:
     return resized(vessel_response(_without_opposite(-flat, picture.view), picture.view, levels), np.shape(image)[:2])
 
 
-def _find(picture: Photograph, levels: int, low: float, high: float, bright: bool | None, shape: tuple[int, ...]) -> Vessels:
-    """Return the vessels that are clear on so many sizes of the picture, in the pixels of a photograph of that shape."""
-    deviation = FLATTENING * 2 ** (levels - 1)
-    flat = without_ground(picture.grey, picture.view, deviation)
-    if bright is None:
-        ratio = _strength(flat, picture.view) / (_strength(-flat, picture.view) + 1e-12)
-        ways = [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]  # an optic disc is bright, too
-    else:
-        ways = [bright]
-    found = [_network(flat if way else -flat, picture, levels, low, high) for way in ways]
-    confidence, way, network, response, least = max(
-        ((_confidence(part[0], picture.view, part[1]), way, *part[1:]) for way, part in zip(ways, found, strict=True)),
-        key=lambda one: one[0],
-    )
-    return Vessels(_in_own_pixels(network, response, least, shape), confidence, bool(way))
-
-
-def _network(flat: Grey, picture: Photograph, levels: int, low: float, high: float) -> tuple[Grey, Mask, Grey, float]:
-    """Return the flattened picture without what differs the other way, the network, the response and its lower threshold."""
+def _filter(flat: Grey, picture: Photograph, levels: int) -> _Filtered:
+    """Return the response of a flattened picture on so many sizes of it, and the threshold that splits it best."""
     from scipy.ndimage import gaussian_filter, grey_dilation
 
     filters, view = imaging_module("filters"), picture.view
@@ -144,8 +189,7 @@ def _network(flat: Grey, picture: Photograph, levels: int, low: float, high: flo
     response = np.where(picture.within, response, response.min())
     smooth = gaussian_filter(flat, 0.7)
     response[smooth <= EDGE * grey_dilation(smooth, THICKEST_VESSEL * 2 ** (levels - 1))] = response.min()
-    network = _without_small(filters.apply_hysteresis_threshold(response, low * split, high * split), SMALLEST_PART * levels)
-    return flat, network, response, low * split
+    return _Filtered(flat, response, split, levels)
 
 
 def _without_opposite(flat: Grey, view: Mask) -> Grey:
@@ -153,11 +197,9 @@ def _without_opposite(flat: Grey, view: Mask) -> Grey:
     return np.maximum(flat, -3 * 1.4826 * float(np.median(np.abs(flat[view]))))
 
 
-def _check_options(low: float, high: float, thickest: float | None) -> None:
+def _check_thresholds(low: float, high: float) -> None:
     if not 0 < low <= high <= 10:
         raise InvalidInputError(f"expected thresholds with 0 < low <= high <= 10, got low={low} and high={high}")
-    if thickest is not None and not 0 < check_number(thickest, what="thickest") <= 0.5:
-        raise InvalidInputError(f"expected thickest as a fraction above 0 and at most 0.5, got {thickest}")
 
 
 def imaging_module(module: str) -> Any:

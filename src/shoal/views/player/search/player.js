@@ -6,7 +6,7 @@
   const PACE = 8, SHORTEST = 4, LONGEST = 30; // cells a second at speed 1, but so many seconds in all
   const COLOURS = 12; // of robots; then they come again
 
-  const { $, fail, fillRows, number, plural } = ShoalDesk;
+  const { $, fillRows, number, plural } = ShoalDesk;
   const STATES = {
     listening: "listening", own: "searching", waiting: "waiting", paused: "paused", dead: "dead", complete: "knows all is searched",
   };
@@ -16,19 +16,6 @@
     return `${Math.floor(whole / 3600)}:${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
   };
   const wordOf = ({ kind, other }, liar) => (kind === "taken" ? `in the part of ${other}` : liar && kind === "own" ? "says it searches" : STATES[kind]);
-
-  function start() {
-    let data;
-    try {
-      data = JSON.parse($("data").textContent);
-      const history = new ShoalSearch.History(data);
-      $("player").hidden = false;
-      window.shoalPlayer = play(history);
-    } catch (error) {
-      fail(data === undefined ? "Its data is not valid JSON." : "Its data is damaged.");
-      if (data !== undefined) throw error;
-    }
-  }
 
   // ---- what does not change ---------------------------------------------------------------------
 
@@ -275,7 +262,7 @@
     caption();
     report();
     return {
-      length: history.end, play, pause, seek: goTo,
+      length: history.end, play, pause, seek: goTo, setTheme,
       get time() { return time; },
       get playing() { return playing; },
       get searched() { return history.searchedAt(time); },
@@ -288,5 +275,5 @@
     };
   }
 
-  start();
+  ShoalDesk.open((data) => new ShoalSearch.History(data), (data, history) => play(history));
 })();

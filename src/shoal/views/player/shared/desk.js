@@ -12,6 +12,33 @@ const ShoalDesk = (() => {
     $("problem").textContent = `This film cannot be shown. ${sentence}`;
   }
 
+  /** Play the episode that the page has; the page of a server has none, and is given one, or another one, by `shoalOpen`. */
+  function open(read, play) {
+    const show = (data) => {
+      try {
+        const episode = read(data);
+        $("player").hidden = false;
+        window.shoalPlayer = play(data, episode);
+      } catch (error) {
+        fail(error.sentence ?? "Its data is damaged.");
+        if (!error.sentence) throw error;
+      }
+    };
+    const text = $("data").textContent;
+    if (!text) {
+      window.shoalOpen = show;
+      return;
+    }
+    let data;
+    try {
+      data = JSON.parse(text);
+    } catch {
+      fail("Its data is not valid JSON.");
+      return;
+    }
+    show(data);
+  }
+
   function fillRows(list, rows) {
     for (const [term, value] of rows) {
       const row = document.createElement("div"), dt = document.createElement("dt"), dd = document.createElement("dd");
@@ -85,5 +112,5 @@ const ShoalDesk = (() => {
     setTheme(dark.matches ? "dark" : "light");
   }
 
-  return { $, number, plural, fail, fillRows, showFacts, openKeys, listen, listenToSpeed, wearTheme, followTheme };
+  return { $, number, plural, open, fillRows, showFacts, openKeys, listen, listenToSpeed, wearTheme, followTheme };
 })();

@@ -6,7 +6,7 @@
   const STEP = 0.12; // radians that a key turns the view by
   const COLOURS = 5; // of particles; then they come again
 
-  const { $, fail, fillRows, number } = ShoalDesk;
+  const { $, fillRows, number } = ShoalDesk;
   const calm = matchMedia("(prefers-reduced-motion: reduce)");
   const figure = (x) => (x === 0 ? "0" : Math.abs(x) >= 0.1 ? x.toFixed(3) : Math.abs(x) >= 1e-4 ? x.toPrecision(2) : x.toExponential(0)).replace("-", "−");
   let decimals = 3;
@@ -14,19 +14,6 @@
     const size = Math.abs(x).toFixed(decimals);
     return Number(size) === 0 ? `\u2007${size}` : `${x < 0 ? "−" : "+"}${size}`; // a blank as wide as a sign
   };
-
-  function start() {
-    let data;
-    try {
-      data = JSON.parse($("data").textContent);
-      const track = new ShoalTrack.Track(data);
-      $("player").hidden = false;
-      window.shoalPlayer = play(data, track);
-    } catch (error) {
-      fail(data === undefined ? "Its data is not valid JSON." : "Its data is damaged.");
-      if (data !== undefined) throw error;
-    }
-  }
 
   // ---- what does not change ---------------------------------------------------------------------
 
@@ -332,7 +319,7 @@
     caption();
     report();
     return {
-      length: track.moves, play, pause, seek: goTo,
+      length: track.moves, play, pause, seek: goTo, setTheme,
       get done() { return track.doneAt(time); },
       get time() { return time; },
       get playing() { return playing; },
@@ -342,5 +329,5 @@
     };
   }
 
-  start();
+  ShoalDesk.open((data) => new ShoalTrack.Track(data), play);
 })();

@@ -11,37 +11,19 @@
   const NAMES = { l: "left", u: "up", r: "right", d: "down", i: "in", o: "out" };
   const ENDINGS = { complete: "complete", stalled: "stalled", limit: "stopped at the limit" };
 
-  const { $, fail, fillRows, number, plural } = ShoalDesk;
+  const { $, fillRows, number, plural } = ShoalDesk;
   const calm = matchMedia("(prefers-reduced-motion: reduce)");
-
-  function start() {
-    let data;
-    try {
-      data = JSON.parse($("data").textContent);
-      const world = ShoalSim.readWorld(data);
-      $("player").hidden = false;
-      window.shoalPlayer = play(data, world);
-    } catch (error) {
-      if (error instanceof ShoalSim.DataError) fail(error.message);
-      else if (data === undefined) fail("Its data is not valid JSON.");
-      else {
-        fail("Its data is damaged.");
-        throw error;
-      }
-    }
-  }
 
   // ---- what does not change ---------------------------------------------------------------------
 
   function describe(data, world) {
     const text = (value) => (value == null ? "" : String(value));
-    const { length } = world.commands, covering = world.task !== "mapping";
+    const covering = world.task !== "mapping";
     const ending = ENDINGS[data.status] ?? text(data.status);
     $("title").textContent = text(data.title) || text(data.map) || "Episode";
     const lost = data.unreachable ? `${plural(data.unreachable, "free cell")} out of reach` : "";
     const facts = [data.map, data.task, data.policy, plural(world.start.length, "particle"), ending, lost];
     ShoalDesk.showFacts(facts.map(text));
-    $("of").textContent = `of ${number(length)}`;
     $("shareWord").textContent = covering ? "covered" : !world.noise ? "classified" : world.truth ? "right" : "settled";
     $("particleWord").textContent = world.seen ? "Seen at the last scan" : "Particles";
     $("frontierWord").textContent = covering ? "To cover" : "Frontier";
@@ -50,10 +32,9 @@
     $("sharedRow").hidden = world.rule !== "merge";
     $("depth").toggleAttribute("hidden", world.shape.length === 2); // an SVG element has no property hidden
     $("dragKeys").hidden = world.shape.length === 2;
-    $("scansRow").hidden = !world.scanned;
     $("wrongRow").hidden = !world.truth;
     $("rampRow").hidden = !world.noise;
-    $("scrub").max = length;
+    $("details").replaceChildren();
     fillRows($("details"), [
       ["Map", world.shape.join(" × ")],
       ["Rule", world.rule],
@@ -69,17 +50,23 @@
     const timeline = new ShoalSim.Timeline(world), swarm = new ShoalSim.Swarm(world);
     const picture = new ShoalPicture.Picture($("picture"), timeline);
     const chart = new ShoalChart.Chart($("chart"), timeline);
-    const { length } = timeline;
+    let live = !!data.live; // whether more of it is still to come
+    let building = false;
     let move = 0; // the move shown
     let wanted = null; // a move asked for before it was simulated
     let playing = false, owed = 0, clock = 0; // owed: the part of a move that playing has not shown yet
     let slideStart = -Infinity, slideTime = 0;
-    let speed = SPEEDS.reduce((a, b) => (distance(b) < distance(a) ? b : a));
+    let byHand = false; // whether somebody has chosen the speed
+    let speed = live ? 20 : nearest();
     let colours = {}, pending = 0, stale = true; // stale: the picture, not only the chart, is to be drawn
+
+    function nearest() {
+      return SPEEDS.reduce((a, b) => (distance(b) < distance(a) ? b : a));
+    }
 
     /** How far the length of the film at some speed is from the wanted one, as a ratio. */
     function distance(rate) {
-      return Math.abs(Math.log(Math.max(1, length) / rate / FILM_SECONDS));
+      return Math.abs(Math.log(Math.max(1, timeline.length) / rate / FILM_SECONDS));
     }
 
     // ---- drawing: at most once a frame ----
@@ -106,7 +93,7 @@
       const next = Math.min(move + Math.floor(owed), timeline.done);
       owed %= 1;
       if (next > move) show(next);
-      if (move === length) pause();
+      if (move === timeline.length && !live) pause();
     }
 
     // ---- moves ----
@@ -124,26 +111,27 @@
 
     /** Go to move n; what is not simulated yet is followed as the simulation gets there. */
     function goTo(n) {
-      n = Math.max(0, Math.min(length, Math.round(n)));
+      n = Math.max(0, Math.min(timeline.length, Math.round(n)));
       wanted = n > timeline.done ? n : null;
       owed = 0;
       show(Math.min(n, timeline.done));
     }
 
     function build() {
-      timeline.advance(length, SLICE);
+      timeline.advance(timeline.length, SLICE);
       if (wanted !== null) {
         show(Math.min(wanted, timeline.done));
         if (move === wanted) wanted = null;
       }
       caption();
       redraw(false);
-      if (timeline.done < length) setTimeout(build);
+      building = timeline.done < timeline.length;
+      if (building) setTimeout(build);
     }
 
     function start() {
-      if (playing || length === 0) return;
-      if (move === length) goTo(0);
+      if (playing || (timeline.length === 0 && !live)) return;
+      if (move === timeline.length && !live) goTo(0);
       playing = true;
       clock = performance.now();
       owed = 0;
@@ -177,7 +165,7 @@
       $("compass").querySelector(".ring").classList.toggle("scan", !!world.scanned && (move === 0 || !!world.scanned[move - 1]));
       if (world.rule === "merge") $("shared").textContent = number(swarm.count.reduce((n, c) => n + (c > 1), 0));
       $("scrub").value = move;
-      $("scrub").style.setProperty("--done", length ? move / length : 0);
+      $("scrub").style.setProperty("--done", timeline.length ? move / timeline.length : 0);
       for (const arrow of $("compass").querySelectorAll("path")) arrow.classList.toggle("on", arrow.dataset.to === letter);
       $("compass").setAttribute("aria-label", letter ? `Command: ${NAMES[letter]}` : "No command yet");
       if (!playing) announce();
@@ -192,7 +180,7 @@
 
     let speaking = 0;
     function announce() {
-      const words = `Move ${move} of ${length}`;
+      const words = `Move ${move} of ${timeline.length}`;
       $("scrub").setAttribute("aria-valuetext", words);
       $("picture").setAttribute("aria-label",
         `The grid at move ${move}: ${timeline.frontier[move]} ${$("frontierWord").textContent.toLowerCase()} cells`);
@@ -213,6 +201,7 @@
     }
 
     function changeSpeed(by) {
+      byHand = true;
       setSpeed(SPEEDS[Math.max(0, Math.min(SPEEDS.length - 1, SPEEDS.indexOf(speed) + by))]);
     }
 
@@ -293,7 +282,7 @@
       $("scrub").addEventListener("input", () => { pause(); goTo(Number($("scrub").value)); });
       ShoalHands.seekOn($("chart"), (x) => { pause(); goTo(chart.moveAt(x)); }, (x) => caption(x));
       ShoalHands.zoomOn($("picture"), { zoom, pan, zoomed: () => picture.turns || picture.zoom > 1, held: (on) => $("stage").classList.toggle("dragged", on) });
-      ShoalDesk.listenToSpeed(SPEEDS, (rate) => `${number(rate)}/s`, setSpeed);
+      ShoalDesk.listenToSpeed(SPEEDS, (rate) => `${number(rate)}/s`, (rate) => { byHand = true; setSpeed(rate); });
       const sizes = new ResizeObserver(resize);
       sizes.observe($("stage"));
       sizes.observe($("chart"));
@@ -307,7 +296,33 @@
       };
     }
 
+    /** Say how long the episode is, which may grow. */
+    function reportLength() {
+      $("of").textContent = live ? "" : `of ${number(timeline.length)}`;
+      $("scrub").max = timeline.length;
+      $("scansRow").hidden = !world.scanned;
+    }
+
+    /** Take in moves that have just been played elsewhere. */
+    function grow(letters, scans) {
+      timeline.grow(letters, scans);
+      if (!byHand) setSpeed(Math.max(20, nearest()));
+      reportLength();
+      report();
+      if (!building) build();
+    }
+
+    /** The last move has come. */
+    function end(status, unreachable = 0) {
+      live = false;
+      describe({ ...data, status, unreachable }, world);
+      reportLength();
+      if (calm.matches) goTo(timeline.length);
+      redraw();
+    }
+
     describe(data, world);
+    reportLength();
     listen();
     setSpeed(speed);
     ShoalDesk.followTheme(setTheme);
@@ -315,11 +330,12 @@
     report();
     build();
     if (data.playing) {
-      if (calm.matches) goTo(length);
+      if (calm.matches) goTo(timeline.length);
       else start();
     }
     return {
-      length, play: start, pause, snapshot,
+      play: start, pause, snapshot, grow, end, setTheme, timeline, swarm, picture, redraw, stepBy, goTo,
+      get length() { return timeline.length; },
       get move() { return move; },
       get playing() { return playing; },
       get built() { return timeline.done; }, // the moves simulated so far
@@ -328,5 +344,5 @@
     };
   }
 
-  start();
+  ShoalDesk.open(ShoalSim.readWorld, play);
 })();

@@ -14,7 +14,9 @@ const ShoalSim = (() => {
   const KEYFRAME_EVERY = 16; // the moves between keyframes while they fit
 
   /** The data does not describe an episode; the message is one sentence for people. */
-  class DataError extends Error {}
+  class DataError extends Error {
+    get sentence() { return this.message; }
+  }
 
   // ---- reading the data ------------------------------------------------------------------------
 

@@ -1,0 +1,36 @@
+"""shoal studio: everything in the browser, on one's own machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from shoal.checks import check_integer
+from shoal.cli.output import say
+from shoal.errors import MissingExtraError
+
+EXAMPLE = "Example: shoal studio figures"
+
+
+def studio(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Its files are shown, and results are written there.")] = Path(),
+    port: Annotated[
+        int | None, typer.Option("--port", help="Where to serve; by default 8790, or any free one.", show_default=False)
+    ] = None,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
+) -> None:
+    """Open the studio: find vessels, place particles, watch and compare policies, steer by hand, all in the browser.
+
+    It is served to this machine only, at an address that nobody else knows. Nothing is kept anywhere but in the folder.
+    """
+    if port is not None:
+        check_integer(port, what="port", least=1, most=65535)
+    try:
+        from shoal.studio.server import serve
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("starlette", "uvicorn", "websockets", "h11"):
+            raise
+        raise MissingExtraError("expected Starlette and uvicorn for the studio: run pip install 'shoal[studio]'") from None
+    serve(folder, port=port, browser=browser, say=say)

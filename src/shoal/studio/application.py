@@ -1,0 +1,239 @@
+"""What the studio answers: its page, files, questions, jobs, and a socket that tells of them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from shoal.checks import check_choice
+from shoal.errors import InvalidInputError, OutputError, ShoalError
+from shoal.parts import PARTS
+from shoal.studio.folder import Folder
+from shoal.studio.jobs.processes import warm_up
+from shoal.studio.jobs.queue import JobQueue
+from shoal.studio.preview import Preview
+from shoal.version import __version__
+
+QUESTIONS = ("map", "photograph", "vessels", "sketch", "page", "copies", "save", "steer", "workspace", "reach")
+JOBS = ("play", "compare", "export")
+WAITING = 1000
+"""Messages that wait for a browser which does not take them; then its socket is closed, and it asks again."""
+
+_TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
+_STATIC = {"static": resources.files("shoal.studio") / "static", "player": resources.files("shoal.views.player")}
+
+
+class Studio:
+    """One folder, served.
+
+    Parameters
+    ----------
+    root : path
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.folder = Folder(root)
+        self._listeners: set[asyncio.Queue[dict[str, Any]]] = set()
+        self.queue = JobQueue(self.folder, self.tell)
+        self.previews = {False: Preview(str(self.folder.root)), True: Preview(str(self.folder.root))}  # quick, and slow
+
+    def tell(self, message: dict[str, Any]) -> None:
+        """Tell all browsers."""
+        for listener in list(self._listeners):
+            if listener.qsize() > WAITING:
+                self._listeners.discard(listener)
+                listener.put_nowait({"lost": True})
+            else:
+                listener.put_nowait(message)
+
+    async def close(self) -> None:
+        """End everything that runs."""
+        for listener in self._listeners:
+            listener.put_nowait({"lost": True})
+        await asyncio.gather(*(preview.close() for preview in self.previews.values()), self.queue.close())
+
+    # ---- what is asked ----
+
+    async def page(self, request: Request) -> Response:
+        """Return the page."""
+        return _static("static/index.html")
+
+    async def static(self, request: Request) -> Response:
+        """Return a script or style of the studio or of the player."""
+        return _static(request.url.path.lstrip("/"))
+
+    async def player(self, request: Request) -> Response:
+        """Return the page of a player, without an episode."""
+        from shoal.views.player import served_page
+
+        part = check_choice(request.path_params["part"], what="part", choices=PARTS)
+        asked = request.query_params
+        more = ("/static/frame.css", *(["/player/swarm/race.js"] if part == "swarm" else []))
+        page = served_page(part, volume="volume" in asked, recorded="recorded" in asked, more=more, files="/player/")
+        return Response(page, media_type="text/html")
+
+    async def start(self, request: Request) -> Response:
+        """Return what the page begins with."""
+        told = {"folder": self.folder.root.name, "version": __version__, "jobs": self.queue.all_told()}
+        return JSONResponse(told | await asyncio.to_thread(self._forms) | {"files": await asyncio.to_thread(self.folder.files)})
+
+    def _forms(self) -> dict[str, Any]:
+        from shoal.studio.forms import schema_of
+        from shoal.swarm.maps.generators import GENERATORS
+
+        made = (GENERATORS.get(name) for name in GENERATORS)
+        maps = [{"name": one.name, "summary": one.summary, "example": one.example, "size": one.size} for one in made]
+        return {"schemas": {part: schema_of(part) for part in PARTS}, "maps": maps}
+
+    async def files(self, request: Request) -> Response:
+        """Return the files of the folder."""
+        return JSONResponse(await asyncio.to_thread(self.folder.files))
+
+    async def file(self, request: Request) -> Response:
+        """Return one file, to keep or to look at; none of it is run as a page of the studio."""
+        path = self.folder.path(request.path_params["name"])
+        if not path.is_file():
+            raise InvalidInputError("file: expected one of the folder, got none")
+        return FileResponse(path, filename=path.name, headers={"content-security-policy": "sandbox; default-src 'none'"})
+
+    async def take(self, request: Request) -> Response:
+        """Take a file that is brought."""
+        name = await self.folder.take(request.path_params["name"], request.stream())
+        self.tell({"files": True})
+        return JSONResponse({"file": name})
+
+    async def ask(self, request: Request) -> Response:
+        """Answer a question."""
+        what, about = check_choice(request.path_params["what"], what="question", choices=QUESTIONS), await _json(request)
+        answer = await self.previews[about.get("slow") is True].ask(what, about)
+        if what in ("sketch", "save"):
+            self.tell({"files": True})
+        return JSONResponse(answer)
+
+    async def jobs(self, request: Request) -> Response:
+        """Return the jobs."""
+        return JSONResponse({"jobs": self.queue.all_told(), "counts": self.queue.store.counts()})
+
+    async def add_job(self, request: Request) -> Response:
+        """Queue a job."""
+        given = await _json(request)
+        kind, spec = check_choice(given.get("kind"), what="kind", choices=JOBS), given.get("spec")
+        if not isinstance(spec, dict):
+            raise InvalidInputError("spec: expected an object")
+        return JSONResponse(self.queue.add(kind, spec, urgent=given.get("urgent") is True))
+
+    async def cancel_job(self, request: Request) -> Response:
+        """Cancel a job."""
+        self.queue.cancel(int(request.path_params["number"]))
+        return JSONResponse({})
+
+    async def live(self, socket: WebSocket) -> None:
+        """Tell a browser of jobs and files, and what is played of the job that it watches."""
+        await socket.accept()
+        listener: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        watched: set[int] = set()
+        self._listeners.add(listener)
+
+        async def send() -> None:
+            while True:
+                message = await listener.get()
+                if "of" not in message or message["of"] in watched:
+                    await socket.send_text(json.dumps(message, allow_nan=False))
+                if "lost" in message:
+                    await socket.close()
+                    return
+
+        sending = asyncio.create_task(send())
+        try:
+            while True:
+                given = json.loads(await socket.receive_text())
+                if isinstance(given, dict) and isinstance(number := given.get("watch"), int):
+                    watched.add(number)
+                    # What was played before, and where the job is now: between these lines nothing else is told.
+                    for piece in self.queue.pieces(number):
+                        listener.put_nowait({"piece": piece, "of": number})
+                    listener.put_nowait({"job": self.queue.told(number)})
+        except (WebSocketDisconnect, ValueError, RuntimeError):
+            pass
+        finally:
+            self._listeners.discard(listener)
+            sending.cancel()
+            with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+                await sending
+
+
+async def _json(request: Request) -> dict[str, Any]:
+    """Return the object that a request brings."""
+    if request.headers.get("content-type") != "application/json":
+        raise InvalidInputError("expected JSON")
+    try:
+        given = json.loads(await request.body())
+    except (ValueError, RecursionError):
+        raise InvalidInputError("expected JSON") from None
+    if not isinstance(given, dict):
+        raise InvalidInputError("expected a JSON object")
+    return given
+
+
+def _static(name: str) -> Response:
+    room, _, rest = name.partition("/")
+    parts = rest.split("/")
+    kind = _TYPES.get(Path(rest).suffix)
+    if kind is None or any(part.startswith(".") or not part for part in parts):
+        return PlainTextResponse("expected a file of the studio", 404)
+    file = _STATIC[room].joinpath(*parts)
+    if not file.is_file():
+        return PlainTextResponse("expected a file of the studio", 404)
+    return Response(file.read_bytes(), media_type=kind)
+
+
+def _refused(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+    """Return a handler that says errors in one sentence."""
+
+    async def handled(request: Request) -> Response:
+        try:
+            return await handler(request)
+        except ClientDisconnect:
+            return PlainTextResponse("", 400)
+        except OutputError as error:
+            return PlainTextResponse(str(error), 507)
+        except ShoalError as error:
+            return PlainTextResponse(str(error), 422)
+
+    return handled
+
+
+def application_of(studio: Studio) -> Starlette:
+    """Return the ASGI application of a studio; `shoal.studio.guard.Guard` has to stand before it."""
+
+    @asynccontextmanager
+    async def life(_app: Starlette) -> AsyncIterator[None]:
+        async def begin() -> None:
+            await asyncio.to_thread(warm_up, "shoal.studio.warm")
+            studio.queue.go_on()
+
+        beginning = asyncio.create_task(begin())
+        yield
+        await beginning
+        await studio.close()
+
+    answers = (
+        ("GET", "/", studio.page), ("GET", "/static/{name:path}", studio.static), ("GET", "/player/{name:path}", studio.static),
+        ("GET", "/play/{part}", studio.player), ("GET", "/api/start", studio.start), ("GET", "/api/files", studio.files),
+        ("PUT", "/api/files/{name:path}", studio.take), ("GET", "/files/{name:path}", studio.file),
+        ("POST", "/api/ask/{what}", studio.ask), ("GET", "/api/jobs", studio.jobs), ("POST", "/api/jobs", studio.add_job),
+        ("DELETE", "/api/jobs/{number:int}", studio.cancel_job),
+    )  # fmt: skip
+    routes = [Route(path, _refused(handler), methods=[method]) for method, path, handler in answers]
+    return Starlette(routes=[*routes, WebSocketRoute("/live", studio.live)], lifespan=life)

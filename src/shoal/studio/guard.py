@@ -1,0 +1,224 @@
+"""What stands before the studio: who may ask, how much, how slowly, and what pages may do."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import secrets
+from collections.abc import Awaitable, Callable, MutableMapping
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+from urllib.parse import parse_qs
+
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+Application = Callable[[MutableMapping[str, Any], Receive, Send], Awaitable[None]]
+
+LARGEST_BODY = 2 * 2**20
+"""Bytes of the body of a request that is no upload."""
+
+LARGEST_UPLOAD = 512 * 2**20
+"""Bytes of a file that is brought into the folder."""
+
+SLOWEST = 10.0
+"""Seconds between two pieces of a body, and until a request has come whole."""
+
+MOST_CONNECTIONS = 200
+MOST_SOCKETS = 16
+
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self' ws://{host}; "
+    "frame-src 'self'; frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
+)
+_KEPT_PRIVATE = {
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-store",
+}
+
+
+class _RefusedError(Exception):
+    """A request that is not answered: its status and a sentence."""
+
+    def __init__(self, status: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.status, self.sentence = status, sentence
+
+
+class Guard:
+    """The safety of the studio as one ASGI middleware.
+
+    Parameters
+    ----------
+    application : callable
+        What is guarded.
+    port : int
+        Where it is served; requests for any other host are refused, as are those that pages of others send.
+
+    Attributes
+    ----------
+    token : str
+        What the address has that is opened first; it is exchanged for a cookie.
+    """
+
+    def __init__(self, application: Application, port: int) -> None:
+        self.application = application
+        self.hosts = (f"127.0.0.1:{port}", f"localhost:{port}")
+        self.token, self._secret, self._cookie = secrets.token_urlsafe(32), secrets.token_urlsafe(32), f"shoal_studio_{port}"
+        self._sockets = 0
+
+    async def __call__(self, scope: MutableMapping[str, Any], receive: Receive, send: Send) -> None:
+        """Answer one request, or refuse it."""
+        if scope["type"] == "lifespan":
+            await self.application(scope, receive, send)
+            return
+        headers = _headers(scope)
+        try:
+            self._check_sender(scope, headers)
+            if scope["type"] == "websocket":
+                await self._socket(scope, receive, send)
+            elif self._has_token(scope):
+                await _answer(send, 303, "", {"location": "/", "set-cookie": self._entry})
+            else:
+                self._check_cookie(headers)
+                await self.application(scope, _limited(scope, headers, receive), _private(send, headers[b"host"].decode()))
+        except _RefusedError as refused:
+            if scope["type"] == "websocket":
+                await receive()
+                await send({"type": "websocket.close", "code": 1008})
+            else:
+                await _answer(send, refused.status, refused.sentence, {})
+
+    @property
+    def _entry(self) -> str:
+        return f"{self._cookie}={self._secret}; HttpOnly; SameSite=Strict; Path=/"
+
+    def _check_sender(self, scope: MutableMapping[str, Any], headers: dict[bytes, bytes]) -> None:
+        host, origin = (headers.get(name, b"").decode("latin-1") for name in (b"host", b"origin"))
+        if host not in self.hosts:  # a name of somebody else's that leads here
+            raise _RefusedError(421, f"expected the host {self.hosts[0]}")
+        if (origin and origin != f"http://{host}") or (scope["type"] == "websocket" and not origin):
+            raise _RefusedError(403, "expected a request of the studio's own page")
+        if headers.get(b"sec-fetch-site", b"none") not in (b"none", b"same-origin"):
+            raise _RefusedError(403, "expected a request of the studio's own page")
+        if scope["type"] == "websocket":
+            self._check_cookie(headers)
+
+    def _check_cookie(self, headers: dict[bytes, bytes]) -> None:
+        try:
+            found = SimpleCookie(headers.get(b"cookie", b"").decode("latin-1")).get(self._cookie)
+        except CookieError:
+            found = None
+        if found is None or not hmac.compare_digest(found.value.encode(), self._secret.encode()):
+            raise _RefusedError(401, "expected the address that the command printed: open that one")
+
+    def _has_token(self, scope: MutableMapping[str, Any]) -> bool:
+        if scope["path"] != "/" or scope["method"] != "GET":
+            return False
+        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+        return hmac.compare_digest(given.encode(), self.token.encode())
+
+    async def _socket(self, scope: MutableMapping[str, Any], receive: Receive, send: Send) -> None:
+        if self._sockets >= MOST_SOCKETS:
+            raise _RefusedError(503, "too many sockets")
+        self._sockets += 1
+        try:
+            await self.application(scope, receive, send)
+        finally:
+            self._sockets -= 1
+
+
+def _headers(scope: MutableMapping[str, Any]) -> dict[bytes, bytes]:
+    """Return headers by name; one that comes twice and says two things is none of ours."""
+    found: dict[bytes, bytes] = {}
+    for name, value in scope["headers"]:
+        found[name] = value if found.get(name, value) == value else b"\x00"
+    return found
+
+
+def _limited(scope: MutableMapping[str, Any], headers: dict[bytes, bytes], receive: Receive) -> Receive:
+    """Return ``receive`` that refuses what is too large or too slow, while it comes."""
+    most = LARGEST_UPLOAD if scope["method"] == "PUT" else LARGEST_BODY
+    told = headers.get(b"content-length", b"0")
+    came, whole = 0, False
+    if not told.isdigit() or int(told) > most:
+        raise _RefusedError(413, f"expected at most {most // 2**20} MiB")
+
+    async def limited() -> Message:
+        nonlocal came, whole
+        if whole:  # only the end of the connection can follow
+            return await receive()
+        try:
+            message = await asyncio.wait_for(receive(), SLOWEST)
+        except TimeoutError:
+            raise _RefusedError(408, f"expected the next piece within {SLOWEST:g} s") from None
+        came += len(message.get("body", b""))
+        whole = not message.get("more_body", False)
+        if came > most:
+            raise _RefusedError(413, f"expected at most {most // 2**20} MiB")
+        return message
+
+    return limited
+
+
+def _private(send: Send, host: str) -> Send:
+    """Return ``send`` that adds the headers that all answers have."""
+
+    async def private(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            message["headers"] = [*message.get("headers", []), *_told({"content-security-policy": _POLICY.format(host=host)})]
+        await send(message)
+
+    return private
+
+
+def _told(more: dict[str, str]) -> list[tuple[bytes, bytes]]:
+    return [(name.encode(), value.encode()) for name, value in (_KEPT_PRIVATE | more).items()]
+
+
+async def _answer(send: Send, status: int, sentence: str, more: dict[str, str]) -> None:
+    kind = {"content-type": "text/plain; charset=utf-8", "connection": "close", "content-security-policy": "default-src 'none'"}
+    await send({"type": "http.response.start", "status": status, "headers": _told(kind | more)})
+    await send({"type": "http.response.body", "body": sentence.encode()})
+
+
+class LimitedConnection(H11Protocol):
+    """A connection of a server that has not too many of them, and does not wait for one that says nothing."""
+
+    open_now = 0
+
+    def connection_made(self, transport: Any) -> None:
+        """Take a connection, or drop it."""
+        LimitedConnection.open_now += 1
+        self.counted = True
+        super().connection_made(transport)
+        if LimitedConnection.open_now > MOST_CONNECTIONS:
+            transport.abort()
+            return
+        self.patience = asyncio.get_running_loop().call_later(SLOWEST, self._give_up)
+
+    def _give_up(self) -> None:
+        if self.scope is None and not self.transport.is_closing():
+            self.transport.abort()
+
+    def handle_websocket_upgrade(self, event: Any) -> None:
+        """Hand the connection over; sockets are counted by the guard."""
+        self._left()
+        super().handle_websocket_upgrade(event)
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """Forget the connection."""
+        self._left()
+        super().connection_lost(error)
+
+    def _left(self) -> None:
+        if self.counted:
+            self.counted = False
+            LimitedConnection.open_now -= 1
+            if hasattr(self, "patience"):
+                self.patience.cancel()

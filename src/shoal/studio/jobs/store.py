@@ -1,0 +1,131 @@
+"""The store of jobs: one SQLite file in the folder, so that a server that was killed finds its jobs again."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import time
+from pathlib import Path
+from typing import Any
+
+from shoal.errors import InvalidInputError
+from shoal.lab.storage.schema import told, transaction
+
+FILE = ".studio.sqlite"
+APPLICATION = 0x53484A42  # "SHJB"
+MOST_TRIES = 2
+"""How often a job is begun: one that a server's end has cut off this often is marked interrupted."""
+
+_TABLE = """CREATE TABLE IF NOT EXISTS jobs (
+  id INTEGER PRIMARY KEY, kind TEXT NOT NULL, spec TEXT NOT NULL, state TEXT NOT NULL, urgent INTEGER NOT NULL,
+  tries INTEGER NOT NULL, created REAL NOT NULL, began REAL, ended REAL, result TEXT NOT NULL
+)"""
+_COLUMNS = "id, kind, spec, state, urgent, tries, created, began, ended, result"
+
+ENDED = ("done", "failed", "cancelled", "interrupted")
+
+
+class JobStore:
+    """The jobs of a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Jobs that ran when its last server ended are queued again, or marked interrupted.
+
+    Raises
+    ------
+    InvalidInputError, OutputError
+        If the file is no store of jobs, or cannot be written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / FILE
+        with told(self.path):
+            self._connection = sqlite3.connect(self.path, timeout=5, isolation_level=None, check_same_thread=False)
+            self._prepare()
+
+    def _prepare(self) -> None:
+        connection = self._connection
+        connection.execute("PRAGMA trusted_schema = OFF")
+        application = connection.execute("PRAGMA application_id").fetchone()[0]
+        tables = connection.execute("SELECT name FROM sqlite_master WHERE name NOT LIKE 'sqlite_%'").fetchall()
+        if application != APPLICATION and (application or tables):
+            raise InvalidInputError(f"{self.path}: expected a store of jobs, got another SQLite database")
+        if [name for name in tables if name != ("jobs",)]:
+            raise InvalidInputError(f"{self.path}: expected a store of jobs and nothing else, got {tables[0][0]}")
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA synchronous = NORMAL")
+        with transaction(connection):
+            connection.execute(_TABLE)
+            connection.execute(f"PRAGMA application_id = {APPLICATION}")
+            connection.execute(
+                "UPDATE jobs SET state = CASE WHEN tries < ? THEN 'queued' ELSE 'interrupted' END WHERE state = 'running'",
+                (MOST_TRIES,),
+            )
+
+    def add(self, kind: str, spec: dict[str, Any], *, urgent: bool = False) -> int:
+        """Queue a job and return its number; urgent ones, which somebody waits for, begin first."""
+        with told(self.path):
+            return int(
+                self._connection.execute(
+                    "INSERT INTO jobs (kind, spec, state, urgent, tries, created, result) VALUES (?, ?, 'queued', ?, 0, ?, '{}')",
+                    (kind, json.dumps(spec, allow_nan=False), urgent, time.time()),
+                ).lastrowid
+                or 0
+            )
+
+    def begin_next(self) -> dict[str, Any] | None:
+        """Return the job that is next, now running; None if none is queued."""
+        with told(self.path):
+            row = self._connection.execute(
+                "UPDATE jobs SET state = 'running', began = ?, tries = tries + 1 WHERE id = "
+                f"(SELECT id FROM jobs WHERE state = 'queued' ORDER BY urgent DESC, id LIMIT 1) RETURNING {_COLUMNS}",
+                (time.time(),),
+            ).fetchone()
+        return None if row is None else _job(row)
+
+    def end(self, number: int, state: str, result: dict[str, Any]) -> None:
+        """Say how a job ended."""
+        with told(self.path):
+            self._connection.execute(
+                "UPDATE jobs SET state = ?, ended = ?, result = ? WHERE id = ?",
+                (state, time.time(), json.dumps(result, allow_nan=False), number),
+            )
+
+    def cancel_queued(self, number: int) -> bool:
+        """Cancel a job that has not begun; return whether it was one."""
+        with told(self.path):
+            return bool(
+                self._connection.execute(
+                    "UPDATE jobs SET state = 'cancelled', ended = ? WHERE id = ? AND state = 'queued'", (time.time(), number)
+                ).rowcount
+            )
+
+    def job(self, number: int) -> dict[str, Any] | None:
+        """Return one job, or None."""
+        with told(self.path):
+            row = self._connection.execute(f"SELECT {_COLUMNS} FROM jobs WHERE id = ?", (number,)).fetchone()
+        return None if row is None else _job(row)
+
+    def newest(self, most: int = 100) -> list[dict[str, Any]]:
+        """Return jobs, those that have not ended and then the newest first."""
+        with told(self.path):
+            rows = self._connection.execute(
+                f"SELECT {_COLUMNS} FROM jobs ORDER BY state NOT IN ('running', 'queued'), id DESC LIMIT ?", (most,)
+            ).fetchall()
+        return [_job(row) for row in rows]
+
+    def counts(self) -> dict[str, int]:
+        """Return how many jobs are in each state."""
+        with told(self.path):
+            return dict(self._connection.execute("SELECT state, count(*) FROM jobs GROUP BY state").fetchall())
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+
+def _job(row: tuple[Any, ...]) -> dict[str, Any]:
+    told_of = dict(zip(_COLUMNS.split(", "), row, strict=True))
+    return told_of | {"spec": json.loads(told_of["spec"]), "result": json.loads(told_of["result"])}

@@ -1,0 +1,192 @@
+"""What each kind of job does, in a process of its own: play an episode, compare policies, write films and figures."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import shoal
+from shoal.checks import check_choice, check_integer
+from shoal.errors import InvalidInputError, ShoalError
+from shoal.files import write_json
+from shoal.studio.folder import Folder
+from shoal.studio.forms import checked_problem
+
+MOST_COMPARED = 4
+MOST_TRIALS = 1000
+FORMATS = ("png", "svg", "mp4", "gif", "html")
+
+Say = Callable[[str, Any], None]
+"""Tells the server: ("progress", (share, words)) or ("piece", what was played)."""
+
+
+def work(connection: Connection, root: str, kind: str, spec: dict[str, Any], number: int) -> None:
+    """Do a job; its last word is "done" with the result, or "failed" with a sentence."""
+    os.chdir(root)
+
+    def say(word: str, what: Any) -> None:
+        connection.send((word, what))
+
+    try:
+        say("done", storable(KINDS[kind](Folder(root), spec, say)))
+    except ShoalError as error:
+        say("failed", {"error": str(error)})
+    except MemoryError:
+        say("failed", {"error": "it takes more memory than a job of the studio may have; the command has no such limit"})
+    except OSError as error:
+        say("failed", {"error": f"cannot read or write {error.filename or 'a file'}: {error.strerror or error}"})
+    except Exception as error:  # the last resort: whatever it is, the browser is told
+        say("failed", {"error": f"{type(error).__name__}: {error}"[:300]})
+
+
+def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+    """Play an episode; what is played is told as it goes."""
+    problem, seed = checked_problem(spec["problem"], folder), check_integer(spec.get("seed", 0), what="seed", least=0)
+    if problem.part == "swarm" and problem.noise is None:  # type: ignore[attr-defined]
+        episode: Any = _shown_while_played(problem, seed, say)
+    else:
+        say("progress", (0.0, "planning"))
+        episode = shoal.run(problem, seed=seed)
+    suffix = ".npz" if problem.part == "swarm" else ".episode.json"
+    what = str(getattr(episode, "policy", getattr(episode, "planner", getattr(episode, "allocation", ""))))
+    stem = f"{Path(str(spec['problem'].get(next(iter(problem.declarations())), ''))).name}-{what}-seed{seed}"
+    name = folder.new_name(stem.partition(":")[0] if len(stem) > 60 else stem, suffix)
+    episode.save(folder.path(name))
+    return {"file": name, "sentence": episode.sentence, "report": episode.report()}
+
+
+def _shown_while_played(problem: Any, seed: int, say: Say) -> Any:
+    from shoal.episode import Status
+    from shoal.swarm.episode import SwarmEpisode
+    from shoal.swarm.grid.commands import decode
+    from shoal.swarm.grid.randomness import trial_rng
+    from shoal.swarm.grid.trace import Trace
+    from shoal.swarm.run import run
+    from shoal.swarm.simulation.starts import draw_start
+    from shoal.views.swarm.page import page_data
+
+    problem.check_at_place()
+    start, targets = draw_start(problem, trial_rng(seed, 0))
+    begun = SwarmEpisode(problem, start, Trace.empty(0), Status.LIMIT, problem.chosen_policy.name, 0, targets, seed)
+    every = problem.scanning.every_move
+    say("piece", {"begin": page_data(begun) | {"status": ""}})
+    goal = max(1, cells_to_classify(problem.place.free) if targets is None else int(targets.sum()))
+    told = {"moves": 0, "classified": len(start)}
+
+    def on_trace(trace: Trace) -> None:
+        scans = None if every else "".join("01"[scan] for scan in trace.scanned.tolist())
+        say("piece", {"commands": decode(trace.commands), "scans": scans})
+        told["moves"] += trace.moves
+        told["classified"] += int(trace.classified.sum())
+        say("progress", (min(0.99, told["classified"] / goal), f"{told['moves']} moves"))
+
+    episode = run(problem, seed=seed, on_trace=on_trace)
+    say("piece", {"end": str(episode.status), "unreachable": episode.unreachable})
+    return episode
+
+
+def cells_to_classify(free: Any) -> int:
+    """Return how many cells a mapping classifies at most: free ones, and the walls beside them."""
+    from scipy import ndimage
+
+    return int(ndimage.binary_dilation(np.pad(free, 1)).sum())
+
+
+def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+    """Play several policies from the same starts; the first trial of each is kept as an episode."""
+    from shoal.swarm.run import run
+
+    policies, trials = spec["policies"], check_integer(spec.get("trials", 10), what="trials", least=2, most=MOST_TRIALS)
+    seed = check_integer(spec.get("seed", 0), what="seed", least=0)
+    if not isinstance(policies, list) or not 2 <= len(policies) <= MOST_COMPARED:
+        raise InvalidInputError(f"policies: expected 2 to {MOST_COMPARED}")
+    problems = [checked_problem(spec["problem"] | {"policy": policy}, folder) for policy in policies]
+    place = problems[0].place
+    problems = [problem.at_place(place) for problem in problems]
+    rows: list[list[Any]] = [[] for _ in policies]
+    files: list[str] = []
+    for trial in range(trials):
+        for row, problem in zip(rows, problems, strict=True):
+            episode = run(problem, seed=seed, trial=trial)  # type: ignore[arg-type]
+            row.append((episode.moves, str(episode.status)))
+            if trial == 0:
+                files.append(folder.new_name(f"compared-{episode.policy}-seed{seed}", ".npz"))
+                episode.save(folder.path(files[-1]))
+            done = (trial * len(rows) + len([one for one in rows if len(one) > trial])) / (trials * len(rows))
+            say("progress", (done, f"trial {trial + 1} of {trials}"))
+        if trial:
+            say("piece", {"compared": _compared(policies, rows)})
+    found = {"compared": _compared(policies, rows), "files": files, "trials": trials}
+    name = folder.new_name(f"compared-{Path(str(spec['problem']['map'])).name}", ".comparison.json")
+    write_json(folder.path(name), storable(found | {"problem": spec["problem"], "seed": seed}))
+    return found | {"file": name}
+
+
+def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
+    """Return the mean of each policy with its interval, and how much more moves each needs than the best, pair by pair."""
+    from shoal.lab.statistics import compare as paired
+    from shoal.lab.statistics import estimate
+
+    whole = min(map(len, rows))
+    moves = [[one[0] for one in row[:whole]] for row in rows]
+    best = min(range(len(rows)), key=lambda k: float(np.mean(moves[k])))
+    told = []
+    for k, policy in enumerate(policies):
+        mean, against = estimate(moves[k]), paired(moves[best], moves[k])
+        told.append(
+            {
+                "policy": policy, "mean": mean.mean, "low": mean.low, "high": mean.high, "values": moves[k],
+                "unfinished": sum(status != "complete" for _, status in rows[k][:whole]),
+                "more": against.difference.mean, "moreLow": against.difference.low, "moreHigh": against.difference.high,
+                "p": against.p_value,
+            }
+        )  # fmt: skip
+    compared: dict[str, Any] = storable({"policies": told, "best": best, "trials": whole})
+    return compared
+
+
+def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+    """Write the figure, film or player page of an episode."""
+    from shoal.views import figure, film, save_figure
+
+    suffix = check_choice(spec.get("format"), what="format", choices=FORMATS)
+    source = folder.path(str(spec.get("episode")))
+    say("progress", (0.0, f"reading {source.name}"))
+    episode = shoal.load(source)
+    stem = source.name.removesuffix(".json").removesuffix(".episode").removesuffix(".npz")
+    name = folder.new_name(stem, f".{suffix}")
+    if suffix in ("png", "svg"):
+        save_figure(figure(episode), folder.path(name))
+    else:
+        film(episode, folder.path(name), on_frame=lambda done, total: say("progress", (done / total, f"frame {done}")))
+    return {"file": name}
+
+
+def storable(value: Any) -> Any:
+    """Return what JSON can hold: numbers that are not finite become None, those of NumPy Python's."""
+    if isinstance(value, dict):
+        return {str(name): storable(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [storable(one) for one in value]
+    if isinstance(value, np.generic):
+        return storable(value.item())
+    if isinstance(value, np.ndarray):
+        return storable(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+KINDS: dict[str, Callable[[Folder, dict[str, Any], Say], dict[str, Any]]] = {
+    "play": play,
+    "compare": compare_policies,
+    "export": export_episode,
+}
+    "play": play,
+    "compare": compare_policies,
+    "export": export_episode,
+}

@@ -1,0 +1,71 @@
+"""The processes that answer quickly: each stays, keeps what it has opened, and is started anew if it ends."""
+
+from __future__ import annotations
+
+import asyncio
+from itertools import count
+from typing import Any
+
+from shoal.errors import InvalidInputError, ShoalError
+from shoal.studio.jobs.processes import Worker
+
+PATIENCE = 60.0
+"""Seconds for an answer; a process that takes longer is ended."""
+
+
+class Preview:
+    """A process that gives quick answers, one after the other.
+
+    Parameters
+    ----------
+    root : str
+        The folder.
+    """
+
+    def __init__(self, root: str) -> None:
+        self.root = root
+        self._worker: Worker | None = None
+        self._turn = asyncio.Lock()
+        self._numbers = count()
+
+    async def ask(self, what: str, about: dict[str, Any]) -> Any:
+        """Return the answer to a question of `shoal.studio.answers`.
+
+        Raises
+        ------
+        InvalidInputError
+            With the sentence of the process; also if it ended or took too long.
+        """
+        async with self._turn:
+            if self._worker is None:
+                self._worker = await asyncio.to_thread(self._start)
+            number = next(self._numbers)
+            try:
+                return await asyncio.wait_for(asyncio.to_thread(self._exchange, self._worker, number, what, about), PATIENCE)
+            except TimeoutError:
+                await self.close()
+                raise InvalidInputError(f"expected an answer within {PATIENCE:g} s: run it as a job instead") from None
+            except (EOFError, OSError):
+                await self.close()
+                raise InvalidInputError("the preview ended: it crashed, or took more memory than there is") from None
+
+    def _start(self) -> Worker:
+        from shoal.studio.answers import answer_all
+
+        return Worker(answer_all, self.root)
+
+    def _exchange(self, worker: Worker, number: int, what: str, about: dict[str, Any]) -> Any:
+        worker.connection.send((number, what, about))
+        told, word, value = worker.connection.recv()
+        if told != number:
+            raise EOFError
+        if word == "error":
+            raise ShoalError(value)
+        return value
+
+    async def close(self) -> None:
+        """End the process."""
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            worker.kill()
+            await asyncio.to_thread(worker.end)

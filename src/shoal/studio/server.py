@@ -1,0 +1,103 @@
+"""Serve a folder at 127.0.0.1, until somebody stops it."""
+
+from __future__ import annotations
+
+import os
+import socket
+import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import uvicorn
+
+from shoal.errors import InvalidInputError, OutputError
+from shoal.lab.storage.lock import locked
+from shoal.studio.application import Studio, application_of
+from shoal.studio.guard import Guard, LimitedConnection
+from shoal.studio.jobs.store import FILE
+
+PORT = 8790
+"""Where the studio is served unless that is taken; then at any free port."""
+
+
+def listening(port: int | None) -> socket.socket:
+    """Return a socket that listens at 127.0.0.1 and nowhere else.
+
+    Raises
+    ------
+    OutputError
+        If the port that was asked for is taken.
+    """
+    for wanted in (PORT, 0) if port is None else (port,):
+        opened = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            opened.bind(("127.0.0.1", wanted))
+        except OSError as error:
+            opened.close()
+            why = error.strerror or str(error)
+            continue
+        opened.listen(128)
+        return opened
+    raise OutputError(f"cannot listen at port {wanted}: {why}")
+
+
+def serve(root: str | os.PathLike[str], *, port: int | None = None, browser: bool = True, say: Callable[[str], None]) -> None:
+    """Serve a folder until Ctrl-C.
+
+    Parameters
+    ----------
+    root : path
+        A folder; its files are all that is kept.
+    port : int, optional
+    browser : bool
+        Whether to open one.
+    say : callable
+        Told the address.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no such folder, or another studio has it open.
+    OutputError
+        If the port is taken or the folder cannot be written.
+    """
+    folder = Path(root).resolve()
+    if not folder.is_dir():
+        raise InvalidInputError(f"{root}: expected a folder, got none (make it first)")
+    os.chdir(folder)
+    with listening(port) as opened, _alone(folder):
+        where = opened.getsockname()[1]
+        guard = Guard(application_of(Studio(folder)), where)
+        server = uvicorn.Server(
+            uvicorn.Config(
+                guard,
+                http=LimitedConnection,
+                ws="websockets-sansio",
+                ws_max_size=2**16,
+                log_level="error",
+                access_log=False,
+                timeout_keep_alive=30,
+                timeout_graceful_shutdown=2,
+                server_header=False,
+                lifespan="on",
+                proxy_headers=False,
+            )
+        )
+        address = f"http://127.0.0.1:{where}/?token={guard.token}"
+        say(f"the studio of {folder}: open {address}   (Ctrl-C ends it)")
+        if browser:
+            webbrowser.open(address)
+        server.run(sockets=[opened])
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Hold the folder: two servers would begin each job twice."""
+    with ExitStack() as held:
+        try:
+            held.enter_context(locked(folder / FILE, "studio"))
+        except InvalidInputError:
+            raise InvalidInputError(f"{folder}: expected a folder that no other studio has open") from None
+        yield

@@ -1,0 +1,137 @@
+/* Talking with the server: questions, jobs, files, and the socket that tells of them. */
+
+export const state = { start: null, jobs: new Map(), files: [] };
+const listeners = { job: new Set(), files: new Set() };
+const watchers = new Map(); // job number: what is called with each piece, and with the job
+let socket = null, patience = 500;
+
+/** An answer that is a sentence about what is wrong. */
+export class Refused extends Error {}
+
+export async function request(method, path, body) {
+  const json = body !== undefined && !(body instanceof Blob);
+  let answer;
+  try {
+    answer = await fetch(path, {
+      method,
+      headers: json ? { "content-type": "application/json" } : {},
+      body: json ? JSON.stringify(body) : body,
+    });
+  } catch {
+    throw new Refused("The studio does not answer: is its command still running?");
+  }
+  if (!answer.ok) throw new Refused((await answer.text()) || `The studio refused this (${answer.status}).`);
+  return answer.json();
+}
+
+export const ask = (what, about) => request("POST", `/api/ask/${what}`, about);
+export const addJob = (kind, spec) => request("POST", "/api/jobs", { kind, spec, urgent: true });
+export const cancelJob = (number) => request("DELETE", `/api/jobs/${number}`);
+export const fileAddress = (name) => `/files/${name.split("/").map(encodeURIComponent).join("/")}`;
+
+export async function upload(file) {
+  const { file: name } = await request("PUT", `/api/files/${encodeURIComponent(file.name)}`, file);
+  await loadFiles();
+  return name;
+}
+
+export async function loadFiles() {
+  state.files = await request("GET", "/api/files");
+  listeners.files.forEach((tell) => tell(state.files));
+}
+
+export async function begin() {
+  state.start = await request("GET", "/api/start");
+  state.files = state.start.files;
+  for (const job of state.start.jobs) state.jobs.set(job.id, job);
+  connect();
+  return state.start;
+}
+
+/** Call back whenever a job changes, or the files do; returns what ends it. */
+export function on(what, tell) {
+  listeners[what].add(tell);
+  return () => listeners[what].delete(tell);
+}
+
+function connect() {
+  socket = new WebSocket(`ws://${location.host}/live`);
+  socket.addEventListener("open", () => {
+    patience = 500;
+    for (const [number, watcher] of watchers) {
+      watcher.skip = watcher.seen; // after a break everything is told once more
+      watcher.came = 0;
+      socket.send(JSON.stringify({ watch: number }));
+    }
+  });
+  socket.addEventListener("message", (event) => hear(JSON.parse(event.data)));
+  socket.addEventListener("close", () => {
+    setTimeout(async () => {
+      try {
+        const { jobs } = await request("GET", "/api/jobs");
+        jobs.forEach(heardOf);
+      } catch { /* tried again */ }
+      connect();
+    }, patience);
+    patience = Math.min(8000, 2 * patience);
+  });
+}
+
+function hear(message) {
+  if (message.job?.id !== undefined) heardOf(message.job);
+  if (message.files) loadFiles().catch(() => {});
+  const watcher = message.piece && watchers.get(message.of);
+  if (!watcher) return;
+  watcher.came = (watcher.came ?? 0) + 1;
+  if (watcher.came <= (watcher.skip ?? 0)) return;
+  watcher.seen = (watcher.seen ?? 0) + 1;
+  watcher.piece?.(message.piece);
+}
+
+export const ended = (job) => ["done", "failed", "cancelled", "interrupted"].includes(job.state);
+
+function heardOf(job) {
+  state.jobs.set(job.id, job);
+  listeners.job.forEach((tell) => tell(job));
+  const watcher = watchers.get(job.id);
+  watcher?.job?.(job);
+  if (watcher && ended(job)) {
+    watchers.delete(job.id);
+    if (job.state === "done") watcher.done?.(job.result, job);
+    else watcher.failed?.(job);
+  }
+}
+
+/** Queue a job and follow it: `piece`, `job`, `done(result)` and `failed(job)` are called as it goes. */
+export async function run(kind, spec, watcher) {
+  const job = await addJob(kind, spec);
+  watchers.set(job.id, watcher);
+  heardOf(state.jobs.get(job.id) ?? job);
+  if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ watch: job.id }));
+  return job;
+}
+
+/** Stop following a job, which goes on. */
+export const forget = (number) => watchers.delete(number);
+
+/** Return a function that asks with the newest arguments only: while an answer is awaited, all but the last call are dropped. */
+export function newest(work) {
+  let busy = false, next = null;
+  return async function call(...given) {
+    if (busy) {
+      next = given;
+      return;
+    }
+    busy = true;
+    try {
+      await work(...given);
+    } finally {
+      busy = false;
+      if (next) {
+        const again = next;
+        next = null;
+        call(...again);
+      }
+    }
+  };
+}

@@ -1,0 +1,82 @@
+/* Drive it yourself: the arrow keys move the swarm, and a ghost shows what a policy did from the same start. */
+import { run } from "./api.js";
+import { el, guarded, say, symbol, told } from "./page.js";
+import { PlayerFrame } from "./player.js";
+import { exports, failure } from "./share.js";
+
+const PAD = [["u", "up", "M12 19V5M6 11l6-6 6 6"], ["l", "left", "M19 12H5M11 6l-6 6 6 6"], ["r", "right", "M5 12h14M13 6l6 6-6 6"], ["d", "down", "M12 5v14M6 13l6 6 6-6"],
+  ["i", "in", "M8 8l8 8M16 8l-8 8"], ["o", "out", "M12 10a2 2 0 1 0 .01 0z"]];
+
+export function driving({ names, problem, seed }) {
+  const frame = new PlayerFrame("swarm", { title: "Your swarm: drive it with the arrow keys", bare: "driven" });
+  const rivals = el("select", { id: "rival" }, names.filter((name) => !["manual", "auto", "offline"].includes(name)).map((name) => el("option", { value: name }, name)));
+  const mine = bar("You"), theirs = bar("The ghost"), verdict = el("p.verdict", { role: "status" }), kept = el("div.result", {});
+  const pad = el("div.pad", { role: "group", "aria-label": "Move the swarm", hidden: true }, PAD.map(([letter, words, path]) => el("button.tool", {
+    type: "button", "data-letter": letter, "aria-label": `Move ${words}`, onclick: () => drive?.drive(letter),
+  }, symbol(path))));
+  const go = el("button.main", { type: "button", onclick: guarded(start) }, "Start the race");
+  let drive = null, begun = null, over = false;
+
+  function bar(words) {
+    const meter = el("meter", { min: 0, max: 1, value: 0, "aria-label": `${words}: share done` }), count = el("b", {}, "0 %");
+    return { element: el("div.racer", {}, el("span", {}, words), meter, count), set(share, note) { meter.value = share; count.textContent = `${Math.floor(share * 100)} %${note}`; } };
+  }
+
+  async function start() {
+    const given = { ...(await problem()), policy: rivals.value };
+    if (given.slip || given.misplace || given.miss) throw new Error("A race is without noise: set slip, misplace and miss to 0.");
+    verdict.textContent = "";
+    kept.replaceChildren();
+    begun = drive = null;
+    over = false;
+    let pieces = [];
+    const take = (piece) => {
+      if (piece.commands !== undefined) drive.ghostMoves(piece.commands, piece.scans);
+      show();
+    };
+    await run("play", { problem: given, seed: seed() }, {
+      piece(piece) {
+        if (piece.begin) {
+          begun = { ...piece.begin, policy: "you", scanned: null, live: true, playing: false };
+          frame.open(begun).then((inside) => {
+            drive = inside.shoalDrive(begun, { onMove: show, onEnd: () => guarded(finish)(given) });
+            drive.ghost(piece.begin);
+            pieces.forEach(take);
+            pieces = null;
+            pad.hidden = false;
+            for (const button of pad.children) button.hidden = !"lurdio".slice(0, 2 * begun.shape.length).includes(button.dataset.letter);
+            frame.focus();
+            show();
+          });
+        } else if (pieces) pieces.push(piece);
+        else take(piece);
+      },
+      failed: (job) => told(new Error(failure(job))),
+    });
+  }
+
+  /** Both at the same move, that of yours. */
+  function show() {
+    if (!drive) return;
+    const at = drive.length;
+    mine.set(drive.share(at), `, ${at} moves`);
+    theirs.set(drive.ghostShare(at), at > drive.ghostLength ? "" : ` at move ${at}`);
+  }
+
+  async function finish(given) {
+    if (over) return;
+    over = true;
+    const { letters, length, ghostLength } = drive;
+    verdict.textContent = `Done in ${length} moves; ${given.policy} needed ${ghostLength}. ${length <= ghostLength ? "You win." : "The ghost wins."}`;
+    const { policy, budget, time_per_move: time, scan_every: scans, ...rest } = given;
+    await run("play", { problem: { ...rest, policy: `manual:${letters}` }, seed: seed() }, {
+      done: ({ file }) => { kept.replaceChildren(exports(file)); say(`Your race is kept: ${file}`); },
+      failed: (job) => told(new Error(failure(job))),
+    });
+  }
+
+  return el("div.race", {},
+    el("div.stageHead", {}, el("label", { htmlFor: "rival" }, "Against"), rivals, go, mine.element, theirs.element),
+    verdict, kept, frame.element, pad,
+    el("p.soft.hintline", {}, "Arrow keys move all particles at once (Page up and Page down: in and out). The violet ghosts are the policy’s, at your move."));
+}

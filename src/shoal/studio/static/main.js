@@ -1,0 +1,103 @@
+/* The studio: places, theme, jobs, links to a state. */
+import { begin, cancelJob, ended, fileAddress, on, state } from "./api.js";
+import { duration, el, guarded, told } from "./page.js";
+import { failure } from "./share.js";
+import { steering } from "./steering.js";
+import { vessels } from "./vessels.js";
+
+const PLACES = { vessels: ["Vessels", vessels], steering: ["Steering", steering] };
+const opened = new Map();
+const $ = (id) => document.getElementById(id);
+
+// ---- theme ----
+
+function wear(theme) {
+  document.documentElement.dataset.theme = theme;
+  $("themeButton").setAttribute("aria-pressed", String(theme === "dark"));
+  document.dispatchEvent(new Event("shoal-theme"));
+}
+const dark = matchMedia("(prefers-color-scheme: dark)");
+dark.addEventListener("change", (event) => wear(event.matches ? "dark" : "light"));
+$("themeButton").addEventListener("click", () => wear(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
+wear(dark.matches ? "dark" : "light");
+
+// ---- places, and links to their state ----
+
+/** The address says what is shown: the place, and after a question mark its state as JSON. */
+function readAddress() {
+  const [place, given] = location.hash.slice(1).split(/\?(.*)/s);
+  let told_ = null;
+  try {
+    told_ = given ? JSON.parse(decodeURIComponent(given)) : null;
+  } catch { /* a damaged link opens the place as it begins */ }
+  return [Object.hasOwn(PLACES, place) ? place : "vessels", told_];
+}
+
+let here = null;
+const remember = (place) => (what) => {
+  if (place !== here) return;
+  history.replaceState(null, "", `#${place}?${encodeURIComponent(JSON.stringify(what))}`);
+};
+
+const show = guarded(async () => {
+  const [place, given] = readAddress();
+  here = place;
+  if (!opened.has(place)) opened.set(place, PLACES[place][1]({ remember: remember(place) }));
+  const room = opened.get(place);
+  $("place").replaceChildren(room.element);
+  document.title = `${room.title} – Shoal studio`;
+  for (const link of $("places").children) {
+    if (link.dataset.place === place) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  await room.open(given);
+});
+
+// ---- jobs ----
+
+const WORDS = { play: "Episode", compare: "Comparison", export: "Export" };
+const STATES = { queued: "waits", running: "runs", done: "done", failed: "failed", cancelled: "cancelled", interrupted: "interrupted" };
+
+function drawJobs() {
+  const jobs = [...state.jobs.values()].sort((a, b) => ended(a) - ended(b) || b.id - a.id), open = jobs.filter((job) => !ended(job)).length;
+  $("busy").hidden = !open;
+  $("jobsWord").textContent = open ? `${open} ${open === 1 ? "job" : "jobs"}` : "Jobs";
+  if ($("jobs").hidden) return;
+  $("jobs").replaceChildren(el("h2", {}, "Jobs"), jobs.length ? el("ul", {}, jobs.slice(0, 60).map(row)) : el("p.soft", {}, "Nothing has been run in this folder yet."));
+}
+
+function row(job) {
+  const { problem = {} } = job.spec, what = problem.map ?? problem.workspace ?? problem.region ?? job.spec.episode ?? "";
+  const facts = [STATES[job.state], job.note, duration(job.left)].filter(Boolean).join(", ");
+  return el("li.job", {},
+    el("div", {}, el("b", {}, WORDS[job.kind] ?? job.kind), " ", el("span", {}, typeof what === "string" ? what : "")),
+    el("p.soft", {}, job.state === "failed" ? failure(job) : facts),
+    job.state === "running" ? el("progress", { max: 1, value: job.done ?? 0, "aria-label": "Done" }) : [],
+    job.result?.file ? el("a", { href: fileAddress(job.result.file), download: "" }, job.result.file) : [],
+    ended(job) ? [] : el("button.second.small", { type: "button", onclick: guarded(() => cancelJob(job.id)) }, "Cancel"));
+}
+
+let drawing = 0;
+on("job", () => { drawing ||= requestAnimationFrame(() => { drawing = 0; drawJobs(); }); });
+
+function toggleJobs(on_ = $("jobs").hidden) {
+  $("jobs").hidden = !on_;
+  $("jobsButton").setAttribute("aria-expanded", String(on_));
+  drawJobs();
+}
+$("jobsButton").addEventListener("click", () => toggleJobs());
+document.addEventListener("keydown", (event) => { if (event.key === "Escape" && !$("jobs").hidden) { toggleJobs(false); $("jobsButton").focus(); } });
+
+// ---- begin ----
+
+try {
+  const start = await begin();
+  $("folder").textContent = start.folder;
+  $("places").replaceChildren(...Object.entries(PLACES).map(([place, [words]]) => el("a", { href: `#${place}`, "data-place": place }, words)));
+  addEventListener("hashchange", show);
+  drawJobs();
+  await show();
+  document.body.dataset.ready = "yes";
+} catch (error) {
+  told(error);
+}

@@ -1,0 +1,56 @@
+/* The player in a frame: its page is loaded beforehand, an episode is given to it, also while it is being played. */
+import { el } from "./page.js";
+
+const theme = () => document.documentElement.dataset.theme;
+
+export class PlayerFrame {
+  /** `part`: whose player. A page is kept ready, so that an episode shows at once. */
+  constructor(part, { title = "The player", bare = null } = {}) {
+    Object.assign(this, { part, title, bare });
+    this.element = el("div.frames", {});
+    this.shown = null;
+    this.spare = this.make("");
+    document.addEventListener("shoal-theme", () => this.shown?.contentWindow.shoalPlayer?.setTheme(theme()));
+  }
+
+  make(options) {
+    const frame = el("iframe", { title: this.title, src: `/play/${this.part}${options}`, hidden: true });
+    frame.ready = new Promise((resolve) => frame.addEventListener("load", () => resolve(frame), { once: true }));
+    frame.options = options;
+    this.element.append(frame);
+    return frame;
+  }
+
+  /** Show an episode, given as the data of its player; returns the window of the frame. */
+  async open(data) {
+    const options = this.part !== "swarm" ? "" : data.shape?.length === 3 ? "?volume" : "moments" in data ? "?recorded" : "";
+    if (this.spare.options !== options) {
+      this.spare.remove();
+      this.spare = this.make(options);
+    }
+    const frame = this.spare;
+    await frame.ready;
+    this.spare = this.make(options);
+    this.shown?.remove();
+    this.shown = frame;
+    frame.hidden = false;
+    const inside = frame.contentWindow;
+    if (this.bare) inside.document.documentElement.classList.add("bare", this.bare);
+    inside.shoalOpen(data);
+    inside.shoalPlayer?.setTheme(theme());
+    return inside;
+  }
+
+  get player() {
+    return this.shown?.contentWindow.shoalPlayer ?? null;
+  }
+
+  focus() {
+    this.shown?.contentWindow.focus();
+  }
+
+  close() {
+    this.shown?.remove();
+    this.shown = null;
+  }
+}

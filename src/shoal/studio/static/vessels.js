@@ -1,0 +1,343 @@
+/* Vessels: a picture, volume or generated map; particles; a policy. Run, drive, compare. */
+import { ask, cancelJob, fileAddress, newest, on, run, state, upload } from "./api.js";
+import { comparison } from "./compare.js";
+import { driving } from "./drive.js";
+import { Editor, pack, toolbar, unpack } from "./editor.js";
+import { makeForm, written } from "./form.js";
+import { duration, el, guarded, number, say, tabs, told } from "./page.js";
+import { PlayerFrame } from "./player.js";
+import { exports, failure, showCopies } from "./share.js";
+
+const SECTIONS = [
+  { title: "Photograph", fields: ["vessels", "low", "high", "width", "bright", "thickest"], hint: "vessels, thresholds" },
+  { title: "Particles", open: true, fields: ["particles", "placement", "start"] },
+  { title: "Task and policy", open: true, fields: ["task", "subset", "policy", "rule", "budget", "time_per_move", "max_moves"] },
+  { title: "Scans and prices", fields: ["scan_every", "scan_cost", "move_cost"] },
+  { title: "Noise", fields: ["slip", "misplace", "miss", "confidence"] },
+  { title: "How the file is read", fields: ["threshold", "invert", "scale", "level", "label", "largest_component", "cell_size"] },
+];
+const ENDS = { low: [0.1, 3], high: [0.1, 4] }; // where a hand looks for thresholds; the field takes all that it may
+const VESSEL_FIELDS = ["low", "high", "width", "bright", "thickest"];
+const PHOTOGRAPHS = /\.(png|jpe?g|bmp|tiff?)$/i;
+const EXAMPLE = { map: "vessels:1000" };
+
+export function vessels({ remember }) {
+  const schema = state.start.schemas.swarm;
+  let problem = { ...EXAMPLE }, seed = 0, painted = false, map = null, ended = null, running = null;
+
+  // ---- what is set ----
+
+  const editor = new Editor((what) => {
+    if (what === "inlet") enterAtInlet();
+    else {
+      painted = true;
+      source.textContent = `${problem.map}, painted`;
+      map.cells = map.free.reduce((sum, bit) => sum + bit, 0);
+      showFacts();
+    }
+  });
+  const tools = toolbar(editor);
+  const form = makeForm(schema, SECTIONS, { hidden: ["map"], ends: ENDS, changed });
+  const source = el("b.source", {}), facts = el("p.facts", {}), warning = el("p.warning", { role: "status", hidden: true });
+  const seedInput = el("input.short", { type: "number", min: 0, value: 0, id: "vesselsSeed", onchange: () => { seed = Number(seedInput.value) || 0; load(); } });
+
+  function fields() {
+    return { kind: "swarm", map: problem.map, ...form.values() };
+  }
+
+  function changed(values, name) {
+    problem = { map: problem.map, ...values };
+    showRelevant();
+    if (values.vessels && VESSEL_FIELDS.includes(name) && name !== "width") overlay();
+    else load();
+  }
+
+  function showRelevant() {
+    form.show(VESSEL_FIELDS, !!problem.vessels);
+    if (problem.vessels) form.element.querySelector("details").open = true;
+    views.hidden = !problem.vessels;
+    if (!problem.vessels) view = "cells";
+  }
+
+  /** Cells painted as an inlet are where particles start, the nearest to its middle first. */
+  function enterAtInlet() {
+    const [, columns] = map.shape, cells = [...editor.inlet], count = Math.min(form.values().particles ?? 100, cells.length);
+    const place = (cell) => [Math.floor(cell / columns), cell % columns];
+    const middle = cells.reduce((sum, cell) => { const [r, c] = place(cell); return [sum[0] + r / cells.length, sum[1] + c / cells.length]; }, [0, 0]);
+    const distance = (cell) => { const [r, c] = place(cell); return (r - middle[0]) ** 2 + (c - middle[1]) ** 2; };
+    const chosen = cells.sort((a, b) => distance(a) - distance(b)).slice(0, count).sort((a, b) => a - b);
+    form.row("start").write(chosen.length ? chosen.map(place) : undefined);
+    if (chosen.length) form.row("particles").write(chosen.length);
+    changed(form.values(), "start");
+  }
+
+  // ---- the map ----
+
+  const load = newest(async () => {
+    remember({ problem: fields(), seed });
+    if (painted) return;
+    facts.classList.add("loading");
+    try {
+      if (problem.vessels && view === "photo") await overlay();
+      else await showMap(await ask("map", { problem: fields(), seed }));
+    } catch (error) {
+      complain(error.message);
+    }
+    facts.classList.remove("loading");
+  });
+
+  async function showMap(answer) {
+    map = { ...answer, free: unpack(answer.free, answer.shape.reduce((all, side) => all * side, 1)) };
+    complain(answer.problem);
+    source.textContent = answer.name;
+    showFacts();
+    const volume = answer.shape.length === 3;
+    editor.element.hidden = tools.hidden = volume;
+    volumeFrame.element.hidden = !volume;
+    if (!volume) editor.setMap(map);
+    else {
+      await volumeFrame.open({
+        title: answer.name, map: answer.name, task: "coverage", policy: "", rule: "block", shape: answer.shape, spacing: answer.spacing, free: answer.free,
+        start: startOf(answer.start ?? []), targets: null, commands: "", scanned: null, status: "", seed: null, version: state.start.version,
+      });
+    }
+  }
+
+  function startOf(cells) {
+    const bytes = new Uint8Array(new Uint32Array(cells).buffer);
+    return btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
+  }
+
+  function showFacts() {
+    const size = map.shape.join(" × "), start = map.start?.length ?? 0;
+    facts.textContent = `${size} cells, ${number(map.cells, 9)} free, ${number(start, 9)} particles${map.spacing ? `, ${map.spacing[0]} mm a cell` : ""}`;
+  }
+
+  function complain(sentence) {
+    warning.hidden = !sentence;
+    warning.textContent = sentence ?? "";
+  }
+
+  /** The photograph with what the sliders find on it: soon, and then once more as a run will find it. */
+  let view = "cells", exact = 0, photograph = null;
+  const overlay = newest(async () => {
+    if (view !== "photo") setView("photo");
+    try {
+      if (photograph?.file !== problem.map) photograph = { file: problem.map, image: await imageOf((await ask("photograph", { file: problem.map })).picture, "jpeg") };
+      await drawVessels(false);
+      clearTimeout(exact);
+      exact = setTimeout(guarded(() => drawVessels(true)), 700);
+    } catch (error) {
+      complain(error.message);
+    }
+  });
+
+  async function drawVessels(surely) {
+    const began = performance.now(), asked = fields();
+    const found = await ask("vessels", { problem: asked, exact: surely });
+    if (asked.map !== problem.map || view !== "photo") return;
+    editor.setPhotograph(photograph.image, await imageOf(found.mask, "png"));
+    performance.measure("shoal-overlay", { start: began });
+    if (surely) complain(found.warning);
+    facts.textContent = `${(100 * found.share).toFixed(1)} % of the pixels are vessel${surely ? `, confidence ${found.confidence.toFixed(2)} of 1` : ""}`;
+    remember({ problem: fields(), seed });
+  }
+
+  async function imageOf(text, kind) {
+    const image = new Image();
+    image.src = `data:image/${kind};base64,${text}`;
+    await image.decode();
+    return image;
+  }
+
+  const viewButtons = [["photo", "Photograph"], ["cells", "Cells"]].map(([name, words]) => el("button", { type: "button", "aria-pressed": "false", onclick: () => { setView(name); load(); } }, words));
+  const views = el("div.segmented", { role: "group", "aria-label": "What to show", hidden: true }, viewButtons);
+  function setView(name) {
+    view = name;
+    viewButtons.forEach((button, i) => button.setAttribute("aria-pressed", String((i === 0) === (name === "photo"))));
+    tools.hidden = name === "photo";
+    editor.element.hidden = false;
+    volumeFrame.element.hidden = true;
+  }
+
+  // ---- where the map comes from ----
+
+  async function choose(name) {
+    painted = false;
+    editor.inlet.clear();
+    const photo = PHOTOGRAPHS.test(name) && !name.includes("-painted");
+    problem = { map: name };
+    form.write({ vessels: photo });
+    problem = { map: name, ...form.values() };
+    source.textContent = name;
+    showRelevant();
+    setView(photo ? "photo" : "cells");
+    choices.value = state.files.some((file) => file.name === name) ? name : "";
+    generated.value = choices.value ? "" : name;
+    stages.pick("map");
+    await load();
+  }
+
+  const choices = el("select", { id: "vesselsFile", onchange: guarded(() => choices.value && choose(choices.value)) });
+  function listFiles() {
+    const maps = state.files.filter((file) => file.kind === "map"), kept = choices.value;
+    choices.replaceChildren(el("option", { value: "" }, maps.length ? "a file of the folder" : "no picture or map yet"), ...maps.map((file) => el("option", { value: file.name }, file.name)));
+    choices.value = kept;
+    shownEpisodes();
+  }
+  const picked = el("input", { type: "file", hidden: true, onchange: guarded(() => picked.files[0] && bring(picked.files[0])) });
+  const bring = async (file) => choose(await upload(file));
+  const kinds = el("select", {
+    "aria-label": "Kind of generated map",
+    onchange: guarded(async () => { if (kinds.value) { generated.value = kinds.value; await choose(kinds.value); } }),
+  }, el("option", { value: "" }, "draw a map"), state.start.maps.map((one) => el("option", { value: one.example, title: one.summary }, `${one.name} – ${one.summary}`)));
+  const generated = el("input", { type: "text", spellcheck: false, autocomplete: "off", "aria-label": "Name of a generated map, as vessels:1000:7", value: EXAMPLE.map, onchange: guarded(() => generated.value && choose(generated.value.trim())) });
+  const drop = el("button.drop", { type: "button", onclick: () => picked.click() }, el("b", {}, "Drop a picture or volume here"), el("span.soft", {}, "PNG, JPEG, TIFF, NIfTI, .npy, .map, text"));
+  const chooser = el("section.chooser", { "aria-label": "Map" }, drop, picked,
+    el("div.pair", {}, el("label.unseen", { htmlFor: "vesselsFile" }, "A file of the folder"), choices, kinds), el("div.pair", {}, el("span.soft", {}, "Generated"), generated));
+
+  // ---- run ----
+
+  const frame = new PlayerFrame("swarm", { title: "The episode as it is played" });
+  const volumeFrame = new PlayerFrame("swarm", { title: "The map" });
+  const runWord = el("p.soft", { role: "status" }), runBar = el("progress", { max: 1, value: 0, hidden: true, "aria-label": "Played" });
+  const result = el("div.result", {});
+  const go = el("button.main", { type: "button", onclick: guarded(() => play()) }, "Run");
+  const stop = el("button.second", { type: "button", hidden: true, onclick: guarded(() => running && cancelJob(running)) }, "Stop");
+
+  /** Write what was painted as a file, and return the problem. */
+  async function ready() {
+    if (painted) {
+      const { file } = await ask("sketch", { shape: map.shape, free: pack(map.free), name: map.name });
+      painted = false;
+      const kept = form.values();
+      for (const name of ["vessels", ...VESSEL_FIELDS, "threshold", "invert", "scale", "largest_component"]) delete kept[name];
+      problem = { map: file, ...kept };
+      form.write(problem);
+      source.textContent = file;
+      showRelevant();
+      remember({ problem: fields(), seed });
+    }
+    return fields();
+  }
+
+  async function play() {
+    const asked = performance.now(), given = await ready();
+    stages.pick("run");
+    result.replaceChildren();
+    ended = null;
+    let inside = null, opening = null, waiting = [];
+    const take = (piece) => {
+      if (piece.commands !== undefined) inside.shoalPlayer?.grow(piece.commands, piece.scans);
+      if (piece.end !== undefined) inside.shoalPlayer?.end(piece.end, piece.unreachable);
+    };
+    const job = await run("play", { problem: given, seed }, {
+      piece(piece) {
+        if (piece.begin) {
+          opening = frame.open({ ...piece.begin, live: true, playing: true }).then((opened) => {
+            inside = opened;
+            performance.measure("shoal-first-frame", { start: asked });
+            waiting.forEach(take);
+            waiting = [];
+          });
+        } else if (inside) take(piece);
+        else waiting.push(piece);
+      },
+      job: (now) => {
+        runBar.value = now.done ?? 0;
+        runWord.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", ");
+      },
+      done: guarded(async (found) => {
+        finish();
+        await opening;
+        if (!opening) await frame.open((await ask("page", { file: found.file })).data);
+        showResult(found.file, found.sentence);
+      }),
+      failed: (now) => {
+        finish();
+        if (now.state !== "cancelled") told(new Error(failure(now)));
+        else inside?.shoalPlayer?.end("interrupted");
+      },
+    });
+    running = job.id;
+    go.disabled = true;
+    stop.hidden = runBar.hidden = false;
+  }
+
+  function finish() {
+    running = null;
+    go.disabled = false;
+    stop.hidden = runBar.hidden = true;
+    runWord.textContent = "";
+  }
+
+  function showResult(file, sentence) {
+    ended = file;
+    result.replaceChildren(el("p", {}, sentence), exports(file));
+  }
+
+  const episodes = el("select", {
+    "aria-label": "Episodes of the folder",
+    onchange: guarded(async () => {
+      if (!episodes.value) return;
+      const { data, sentence } = await ask("page", { file: episodes.value });
+      await frame.open(data);
+      showResult(episodes.value, sentence);
+      episodes.value = "";
+    }),
+  });
+  function shownEpisodes() {
+    const found = state.files.filter((file) => file.name.endsWith(".npz"));
+    episodes.replaceChildren(el("option", { value: "" }, found.length ? "open an earlier episode" : "no episode yet"), ...found.map((file) => el("option", { value: file.name }, file.name)));
+  }
+
+  // ---- the stages ----
+
+  const context = { names: schema.properties.policy.names, problem: ready, seed: () => seed };
+  const empty = el("p.empty", {}, "Press Run: the swarm plays here, move by move.");
+  const panels = {
+    map: el("div.panel", { id: "panel-map", role: "tabpanel", "aria-labelledby": "tab-map" }, el("div.stageHead", {}, views, tools), editor.element, volumeFrame.element, el("div.underStage", {}, source, facts)),
+    run: el("div.panel", { id: "panel-run", role: "tabpanel", "aria-labelledby": "tab-run" }, el("div.stageHead", {}, result, episodes), frame.element, empty),
+    race: el("div.panel", { id: "panel-race", role: "tabpanel", "aria-labelledby": "tab-race" }, driving(context)),
+    compare: el("div.panel.scrolls", { id: "panel-compare", role: "tabpanel", "aria-labelledby": "tab-compare" }, comparison(context)),
+  };
+  const stages = tabs("Vessels", [["map", "Map"], ["run", "Run"], ["race", "Drive it yourself"], ["compare", "Compare"]], (name) => {
+    for (const [other, panel] of Object.entries(panels)) panel.hidden = other !== name;
+    if (name === "map") editor.resize();
+  });
+  frame.element.addEventListener("load", () => { empty.hidden = !!frame.shown; }, true);
+
+  const element = el("div.place", {},
+    el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, Object.values(panels)),
+    el("section.panel-side", { "aria-label": "Settings" }, chooser, form.element),
+    el("footer.bottom", {}, el("label", { htmlFor: "vesselsSeed" }, "Seed"), seedInput, runWord, runBar, stop,
+      el("button.second", { type: "button", onclick: guarded(async () => showCopies(await ready(), seed)) }, "As Python …"), go));
+
+  for (const kind of ["dragover", "dragenter"]) element.addEventListener(kind, (event) => { event.preventDefault(); element.classList.add("dropping"); });
+  for (const kind of ["dragleave", "drop"]) element.addEventListener(kind, () => element.classList.remove("dropping"));
+  element.addEventListener("drop", guarded(async (event) => {
+    event.preventDefault();
+    if (event.dataTransfer.files[0]) await bring(event.dataTransfer.files[0]);
+  }));
+  document.addEventListener("shoal-theme", () => editor.paint());
+  on("files", listFiles);
+  listFiles();
+
+  return {
+    element,
+    title: "Vessels",
+    async open(given) {
+      if (given?.problem?.map) {
+        ({ seed = 0 } = given);
+        seedInput.value = seed;
+        problem = { ...given.problem };
+        form.write(problem);
+        generated.value = written(problem.map);
+        showRelevant();
+        setView(problem.vessels ? "photo" : "cells");
+        stages.pick("map");
+        await load();
+      } else if (!map) await choose(problem.map);
+    },
+  };
+}
