@@ -82,7 +82,7 @@ class Folder:
                 path = Path(text)
                 if path.is_absolute() or text.startswith("~") or ".." in path.parts or "\0" in text:
                     raise InvalidInputError(f"file: expected a name inside the folder, got {shortened(text)}")
-                if os.path.lexists(self.root / path) and text not in ("", "."):
+                if "/" in text or (text and os.path.lexists(self.root / path)):
                     check_pixels(self.path(text))
 
     def files(self) -> list[dict[str, Any]]:
@@ -92,7 +92,7 @@ class Folder:
             folders[:] = [name for name in folders if name[0] != "."]
             for name in names:
                 path = Path(where, name)
-                told = kind_of(name)
+                told = purpose_of(name)
                 if told is None or name[0] == ".":
                     continue
                 try:
@@ -138,7 +138,7 @@ class Folder:
         return target.name
 
 
-def kind_of(name: str) -> str | None:
+def purpose_of(name: str) -> str | None:
     """Return what a file is for, by its name; None if for nothing here."""
     return next((kind for kind, suffixes in KINDS.items() if name.lower().endswith(suffixes)), None)
 

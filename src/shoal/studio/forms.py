@@ -115,8 +115,9 @@ def as_command(problem: Problem, *, seed: int) -> str:
     """
     fields, known = _fields(problem), problem.declarations()
     words = ["shoal", _COMMANDS.get(problem.part, "map")]
-    if problem.part == "swarm" and fields.pop("task", "mapping") != "mapping":
+    if fields.get("task") == "coverage" or "subset" in fields:  # `shoal map` takes all other tasks
         words[1] = "cover"
+        fields.pop("task", None)
     place = next(name for name, declared in known.items() if declared.option.argument)
     words.append(_text(fields.pop(place, known[place].default)))
     for name, value in fields.items():

@@ -31,7 +31,7 @@ def random_swarm(rng: random.Random) -> dict[str, object]:
     fields: dict[str, object] = {"kind": "swarm", "map": rng.choice(["maze:9x7", "rectangle:4x6", "line:12", "cave:9x9:1"])}
     fields["particles"] = rng.randint(1, 5)
     choices = {
-        "task": ["mapping", "coverage", "subset-coverage:fraction=0.5"], "placement": ["uniform", "region-fill"], "rule": ["block", "merge"],
+        "task": ["coverage", "subset-coverage:fraction=0.5"], "placement": ["uniform", "region-fill"], "rule": ["block", "merge"],
         "policy": ["closest-frontier", "closest-frontier:ties=row-major", "best", "random-moves"], "max_moves": [40, 300],
         "move_cost": [0.1, 2.5], "scan_cost": [1.25], "largest_component": [True], "cell_size": [0.07],
     }  # fmt: skip
@@ -48,10 +48,12 @@ def random_swarm(rng: random.Random) -> dict[str, object]:
 
 def random_steering(rng: random.Random) -> dict[str, object]:
     points = [[round(rng.uniform(-0.25, 0.25), 3) for _ in range(2)] for _ in range(4)]
-    fields: dict[str, object] = {"kind": "steering", "workspace": rng.choice(["hexagon", "disk", "regular:5"])}
+    fields: dict[str, object] = {"kind": "steering", "workspace": rng.choice(["hexagon", "disk", "regular:5"]), "planner": "greedy"}
+    if rng.random() < 0.2:
+        fields["planner"] = "shortest"
     if rng.random() < 0.7:
         fields |= {"start": points[:2], "goal": points[2:]}
-    choices = {"planner": ["greedy", "shortest"], "interchangeable": [True], "tolerance": [1e-5], "max_moves": [30], "execution": [0.001]}
+    choices = {"interchangeable": [True], "tolerance": [1e-5], "max_moves": [30], "execution": [0.001]}
     for name, values in choices.items():
         if rng.random() < 0.4:
             fields[name] = rng.choice(values)
@@ -68,6 +70,8 @@ def deeds(episode):
 @pytest.mark.parametrize("part", RANDOM_FORMS)
 def test_python_command_and_file_give_the_same_episode_for_20_random_forms(part, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    for drawing in ("figure", "save_figure"):  # of these episodes nobody looks at the figures
+        monkeypatch.setattr(f"shoal.views.{drawing}", lambda *_args, **_more: None)
     rng = random.Random(part)
     for seed in range(20):
         problem = checked_problem(RANDOM_FORMS[part](rng), Folder(tmp_path))

@@ -186,7 +186,3 @@ KINDS: dict[str, Callable[[Folder, dict[str, Any], Say], dict[str, Any]]] = {
     "compare": compare_policies,
     "export": export_episode,
 }
-    "play": play,
-    "compare": compare_policies,
-    "export": export_episode,
-}
