@@ -17,6 +17,10 @@ import sys
 if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
     # `python -m shoal` puts the current folder first: a file in it would be taken for a module of Python's own.
     del sys.path[0]
+if sys.argv and (sys.argv[0] == "-m" or sys.argv[0].endswith("/shoal")):  # a command: from here on it can be interrupted
+    from shoal.interruption import begin
+
+    begin()
 
 from typing import TYPE_CHECKING
 

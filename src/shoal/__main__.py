@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from typing import NoReturn
+
+from shoal.interruption import begin
 
 
 def main() -> NoReturn:
     """Run one command and leave with its exit code; Ctrl-C gives one line, also while the command line is being loaded."""
-    try:
-        from shoal.cli import main as command
+    begin()
+    from shoal.cli import main as command
 
-        command()
-    except KeyboardInterrupt:
-        os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, b"shoal: interrupted\n")
-        os._exit(130)  # nothing was begun that has to be ended
+    command()
 
 
 if __name__ == "__main__":

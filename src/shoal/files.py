@@ -5,15 +5,14 @@ from __future__ import annotations
 import json
 import os
 import secrets
-import signal
 import stat
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from shoal.errors import OutputError
+from shoal.interruption import half_written
 
 
 @contextmanager
@@ -33,10 +32,12 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
         # Named before it is there: an interruption at any moment finds it below.
         temporary = target.parent / f".{target.stem[:40]}-{secrets.token_hex(6)}{target.suffix}"
+        half_written.add(temporary)
         temporary.touch(mode=0o600, exist_ok=False)
         yield temporary
         temporary.chmod(_mode(target))
         temporary.replace(target)
+        half_written.discard(temporary)
         temporary = None
     except OutputError:
         raise
@@ -45,6 +46,7 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+            half_written.discard(temporary)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
@@ -66,27 +68,6 @@ def write_json(path: str | os.PathLike[str], value: Any, *, indent: int | None =
     OutputError
     """
     write_text(path, json.dumps(value, indent=indent, allow_nan=False) + "\n")
-
-
-@contextmanager
-def interruption_held() -> Iterator[None]:
-    """Let Ctrl-C wait until the block has ended: for short work with code that an interruption leaves in knots.
-
-    A zip archive interrupted while it is written raises another error when it is closed, or swallows the interruption when it
-    is thrown away.
-    """
-    asked = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(asked):
-        yield
-        return
-    came: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, _frame: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, asked)
-    if came:
-        asked(came[0], None)
 
 
 def _mode(path: Path) -> int:

@@ -15,8 +15,11 @@ import typer
 from shoal.cli.commands import app
 from shoal.cli.output import say
 from shoal.errors import ShoalError
+from shoal.interruption import command_running, end
 from shoal.notices import listeners
 from shoal.registry import look_in
+
+INTERRUPTED = 130
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
@@ -27,7 +30,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
         # Not command(...): that would turn an interruption or a closed pipe into an exit without a word from us.
-        with command.make_context("shoal", given) as context:
+        with command_running(), command.make_context("shoal", given) as context:
             command.invoke(context)
         if sys.stdout is not None:
             sys.stdout.flush()  # a full disk shows here, not when Python ends
@@ -39,7 +42,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _refuse(_usage(error))
     except (KeyboardInterrupt, typer.Abort):
         say("shoal: interrupted")
-        return 130
+        return INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as in `shoal maps | head`
         _drop_output()
         return 0
@@ -82,4 +85,7 @@ def main() -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # letters that a terminal or a pipe cannot take are no reason to stop
-    sys.exit(run())
+    code = run()
+    if code == INTERRUPTED:
+        end("")  # Python would go on ending for a while, and after some interruptions with another code
+    sys.exit(code)

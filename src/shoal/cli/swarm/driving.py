@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import re
-import signal
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,6 +14,7 @@ from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, moves_told, print_json, print_table, say
 from shoal.errors import InvalidInputError
+from shoal.interruption import patient
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
 if TYPE_CHECKING:
@@ -80,7 +77,7 @@ def drive(
     truth = None if map_name is None else open_map(map_name)
     shape = None if size is None else _size(size)
     book = None if log is None else DriveLog(log)
-    with _terminated_as_interrupted():
+    with patient():
         opened: Any
         if rig == "simulated":
             opened = _simulated(truth, problem, seed)
@@ -122,20 +119,6 @@ def _check_shape(rig: Rig, shape: tuple[int, ...] | None, truth: GridWorkspace |
         if expected is not None and expected != rig.shape:
             sizes = ["x".join(map(str, size)) for size in (expected, rig.shape)]
             raise InvalidInputError(f"{what}: expected a rig of {sizes[0]} cells, got {rig.name}, which sees {sizes[1]}")
-
-
-@contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """Let a request to end the program (SIGTERM, a closed terminal) do what Ctrl-C does: the rig has to be stopped."""
-    names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    if threading.current_thread() is not threading.main_thread():
-        names = []
-    before = {name: signal.signal(getattr(signal, name), signal.default_int_handler) for name in names}
-    try:
-        yield
-    finally:
-        for name, handler in before.items():
-            signal.signal(getattr(signal, name), handler)
 
 
 def summary(result: Drive, rig: Any, truth: GridWorkspace | None, *, seed: int) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from shoal.errors import InvalidInputError, OutputError
+from shoal.interruption import half_written
 
 _TRIES = 5
 _PLAIN = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK  # a link, or a pipe, may be a stranger's: nothing is written to it
@@ -55,6 +56,7 @@ def locked(store: Path, name: str) -> Iterator[None]:
         if _is_still(descriptor, path):
             break
         os.close(descriptor)  # its last holder removed it between our two calls
+    half_written.add(path)
     try:
         with suppress(OSError):  # a full disk: the lock holds all the same, only nobody is told whose it is
             os.ftruncate(descriptor, 0)  # of what is no plain file it fails, and nothing is written
@@ -62,6 +64,7 @@ def locked(store: Path, name: str) -> Iterator[None]:
         yield
     finally:
         path.unlink(missing_ok=True)
+        half_written.discard(path)
         os.close(descriptor)
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from shoal.checks import shortened
 from shoal.errors import InvalidInputError, OutputError
+from shoal.interruption import half_written
 from shoal.version import __version__
 
 APPLICATION = 0x53484F41  # "SHOA"
@@ -97,6 +98,8 @@ def _create(path: Path) -> None:
         Nothing is left behind then.
     """
     temporary = path.with_name(f".{path.name[:40]}-{secrets.token_hex(6)}")
+    made = {temporary.with_name(temporary.name + end) for end in ("", "-wal", "-shm", "-journal")}
+    half_written.update(made)
     try:
         with told(path), closing(_connected(temporary)) as connection:
             _make_durable(connection)
@@ -110,8 +113,9 @@ def _create(path: Path) -> None:
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
     finally:
-        for end in ("", "-wal", "-shm", "-journal"):
-            temporary.with_name(temporary.name + end).unlink(missing_ok=True)
+        for file in made:
+            file.unlink(missing_ok=True)
+        half_written.difference_update(made)
 
 
 def _named(temporary: Path, path: Path) -> None:

@@ -14,7 +14,7 @@ from shoal.checks import check_choice, check_integer
 from shoal.dataclass import dataclass
 from shoal.episode import Status, Verification
 from shoal.errors import InvalidInputError
-from shoal.files import interruption_held
+from shoal.interruption import interruption_held
 from shoal.swarm.episode import REASONS, SwarmEpisode
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from shoal.checks import check_choice, check_integer, check_number, check_text, parse_json, shortened
 from shoal.episode import Status
 from shoal.errors import InvalidInputError, UnknownNameError
-from shoal.files import atomic, interruption_held
+from shoal.files import atomic
+from shoal.interruption import interruption_held
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.grid.world import check_start
