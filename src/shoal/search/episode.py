@@ -97,7 +97,7 @@ class SearchEpisode(Episode):
     @property
     def makespan(self) -> float | None:
         """When the last cell that some robot can reach was searched, seconds; None if some never were."""
-        return self.trace.covered_at * self.cell_time if self.trace.covered_at < inf else None
+        return self.plan.seconds(self.trace.covered_at) if self.trace.covered_at < inf else None
 
     @property
     def cell_time(self) -> float:
@@ -113,8 +113,8 @@ class SearchEpisode(Episode):
             "cells": plan.grid.n_cells,
             "makespan": self.makespan,
             "share": None if self.makespan is None else trace.covered_at / plan.grid.n_cells,
-            "planned": plan.allocation.makespan * self.cell_time,
-            "lower_bound": plan.allocation.lower_bound * self.cell_time,
+            "planned": plan.seconds(plan.allocation.makespan),
+            "lower_bound": plan.seconds(plan.allocation.lower_bound),
             "sent": trace.sent,
             "lost": trace.lost,
             "takeovers": trace.takeovers,

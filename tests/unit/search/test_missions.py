@@ -167,7 +167,7 @@ def test_ways_home_around_obstacles():
     [
         (
             {"vehicle": far(100), "home": (500, 0)},
-            r"endurance: expected sorties of more than 19.68 min for robot 1, for \(-90, -20\) is 590.339 m from home, got 1.667",
+            r"endurance: expected sorties of more than 19.68 min for robot 1, for \(-90, -20\) is 590.339 m from home, got 1.665",
         ),
         ({"vehicle": far(5)}, "endurance: expected"),
         ({"rate": 0}, "rate: expected a number, above 0, got 0"),

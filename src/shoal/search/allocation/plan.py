@@ -84,6 +84,10 @@ class SearchPlan:
         """The time that a robot of speed 1 takes for a cell along the rows, the wind of there and back in the mean."""
         return self.grid.size / self.vehicle.mean_speed(self.grid.angle)
 
+    def seconds(self, cells: float) -> float:
+        """Return the time of so many cells, that of the first climb included."""
+        return cells * self.cell_seconds + float(self.vehicle.vertical_seconds(self.vehicle.height))
+
     @cached_property
     def paths(self) -> RegionPaths:
         """Ways inside the region."""

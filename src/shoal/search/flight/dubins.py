@@ -15,6 +15,7 @@ WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 SHARPEST = pi / 6  # how much a way of legs bends at a vertex
 _ROUND = 2 * pi
 _CLOSE = 1e-9
+_SLIGHT = 0.01  # metres: half of an arc that needs no vertex of its own
 _SENSE = {"L": 1.0, "R": -1.0, "S": 0.0}
 
 
@@ -89,12 +90,11 @@ def dubins_way(start: ArrayLike, word: str, parts: ArrayLike, radius: float) -> 
             continue
         count = max(1, ceil(length / SHARPEST - _CLOSE))
         bend = length / count
-        if bend < _CLOSE:
-            continue
         reach = radius * tan(bend / 2)
         for _ in range(count):
             x, y = x + reach * cos(heading), y + reach * sin(heading)
-            found.append((x, y))
+            if reach > _SLIGHT:  # else the way bends where the arc begins, by next to nothing
+                found.append((x, y))
             heading += sense * bend
             x, y = x + reach * cos(heading), y + reach * sin(heading)
     found.append((x, y))

@@ -21,6 +21,7 @@ FRAMES = ("home", "sea", "ground")
 """What altitudes count from."""
 
 TERRAIN_ERROR = 2.0  # metres
+_WIDER = 1.01  # turns than needed: coordinates in files are rounded
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,8 @@ class Flight:
     def __post_init__(self) -> None:
         check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
         check_number(self.terrain_error, what="terrain_error", least=0.01)
-        check_number(self.rate, what="rate", above=0)
+        if check_number(self.rate, what="rate", above=0) != 1.0:
+            self.vehicle.replaced(cruise_speed=self.vehicle.cruise * self.rate)  # refuses what its wind is too strong for
         if self.altitude_frame == "ground" and self.flies and self.terrain is None:
             raise InvalidInputError("altitude_frame: expected home or sea without a terrain, which has the heights of the ground")
 
@@ -82,7 +84,7 @@ class Flight:
     def waypoints(self, way: Points) -> Floats:
         """Return the waypoints of a way; float64, shape (m, 3): metres east, north, and above home.
 
-        Home itself is none, but over terrain the place above it, from where the vehicle sinks, is the last one.
+        Home itself is none, but of a way over terrain the place above it is the first and the last one.
 
         Parameters
         ----------
@@ -91,14 +93,14 @@ class Flight:
         """
         whole = np.vstack([self.home, way, self.home])
         if self.vehicle.radius:
-            turned = turned_way(whole, self.vehicle.ground_radius, link=self.link, blocked=self.blocked)
+            turned = turned_way(whole, _WIDER * self.vehicle.ground_radius, link=self.link, blocked=self.blocked)
             whole = turned if len(turned) > 2 else whole
         if not self.flies or self.terrain is None:
             return self._level(whole[1:-1])
         profile = profile_of(self.terrain, whole, self.frame, error=self.terrain_error)
         base = float(self.elevation or 0.0)
         if self.altitude_frame == "ground":
-            return followed(profile, self.vehicle.height, self.terrain_error)[1:] - (0.0, 0.0, base)
+            return followed(profile, self.vehicle.height, self.terrain_error) - (0.0, 0.0, base)
         over = self._level(whole[1:-1])
         self._check_clear(profile, base if self.altitude_frame == "home" else 0.0)
         return over

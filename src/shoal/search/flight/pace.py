@@ -28,4 +28,9 @@ def turn_cells(vehicle: Vehicle, size: float) -> float:
 
 def working_seconds(vehicle: Vehicle) -> float:
     """Return how long a battery lasts between climbing to the altitude of the search and sinking from it, the reserve left."""
-    return max(vehicle.usable_seconds - float(vehicle.vertical_seconds([vehicle.height, -vehicle.height]).sum()), 0.0)
+    return vehicle.usable_seconds - climbing_seconds(vehicle)
+
+
+def climbing_seconds(vehicle: Vehicle) -> float:
+    """Return how long climbing to the altitude of the search and sinking from it take together."""
+    return float(vehicle.vertical_seconds([vehicle.height, -vehicle.height]).sum())

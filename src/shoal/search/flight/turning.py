@@ -14,7 +14,8 @@ from shoal.search.regions.outline_checks import text_of
 
 HEADINGS = 12  # at a point that may be passed in any direction
 _AT_ONCE = 1000  # links whose curves are reckoned at once
-_SAME = 1e-6  # metres
+_NEAR = 0.05  # metres: points that are no nearer to each other are passed one by one
+_SAME = 1e-6  # metres, and radians
 
 
 @dataclass
@@ -59,7 +60,7 @@ def turned_way(way: Floats, radius: float, *, link: float = 0.0, blocked: Any = 
     >>> bool((flown[:, 0].max() > 450.0) & (len(flown) > 12))
     True
     """
-    kept = np.concatenate([[True], np.hypot(*np.diff(way, axis=0).T) > _SAME])
+    kept = np.concatenate([[True], np.hypot(*np.diff(way, axis=0).T) > _NEAR])
     points = way[kept]
     if len(points) < 3:
         return np.asarray(points)
@@ -192,11 +193,15 @@ def _crossing(curves: list[Floats], blocked: Any) -> list[int]:
 
 
 def _joined(poses: _Poses, links: Any, curves: list[Floats]) -> Floats:
-    """Return the whole way; points that lie on a straight stretch between two others are left out but at ends of rows."""
+    """Return the whole way, without points on straight stretches: ends of rows lie on the first legs of curves."""
     pieces = [poses.points[:1]]
     number = dict(zip(links.tolist(), curves, strict=True))
     pieces += [
         number[place][1:] if place in number else poses.points[place + 1 : place + 2] for place in range(len(poses.straight))
     ]
     way = np.vstack(pieces)
-    return np.asarray(way[np.concatenate([[True], np.hypot(*np.diff(way, axis=0).T) > _SAME])])
+    way = way[np.concatenate([[True], np.hypot(*np.diff(way, axis=0).T) > _SAME])]
+    legs = np.diff(way, axis=0)
+    legs /= np.hypot(*legs.T)[:, None]
+    bends = np.hypot(*np.diff(legs, axis=0).T) > _SAME
+    return np.asarray(way[np.concatenate([[True], bends, [True]])])

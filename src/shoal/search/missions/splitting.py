@@ -13,6 +13,8 @@ from shoal.search.regions.outline_checks import Points, check_plane_points, text
 
 Ways = Callable[[Points, Points], ArrayLike]
 
+_FLAT = 2e-4  # of the time: what north on the plane is beside north on Earth
+_ROUNDING = 0.1  # seconds that are left for the rounding of coordinates in files
 _FINE = 0.01  # metres: how near to the battery's limit a leg is cut
 _SHORTEST = 0.1  # metres: where the battery brings the robot on by less, it brings it nowhere
 
@@ -47,7 +49,7 @@ class _Splitter:
 
     def __init__(self, way: Points, flight: Flight, room: int, ways: Ways | None, robot: int) -> None:
         self.way, self.flight, self.room, self.ways, self.robot = way, flight, room, ways, robot
-        self.home, self.limit = flight.home, flight.vehicle.usable_seconds
+        self.home, self.limit = flight.home, (1 - _FLAT) * flight.vehicle.usable_seconds - _ROUNDING
         self.at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
 
     def parts(self) -> list[NDArray[np.float64]]:

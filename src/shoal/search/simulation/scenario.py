@@ -18,7 +18,7 @@ from shoal.search.allocation.plan import SearchPlan
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.cells.distances import CellDistances
 from shoal.search.cells.footprint import check_widths
-from shoal.search.flight.pace import working_seconds
+from shoal.search.flight.pace import climbing_seconds, working_seconds
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash, Fault, WrongPosition
 from shoal.search.problem.network import RadioNetwork, network_of
@@ -141,7 +141,7 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
         plan.allocation.allocator,
         multiplicity=problem.multiplicity,
         energy=working_seconds(vehicle) * float(plan.rates.min()) / cell,
-        recharge=vehicle.recharge_seconds / cell,
+        recharge=(vehicle.recharge_seconds + climbing_seconds(vehicle)) / cell,
     )
     cells = np.arange(len(plan.tour_cost))
     return Scenario(

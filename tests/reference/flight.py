@@ -1,0 +1,100 @@
+"""Mission files flown by other code: what lies in the .plan alone, leg by leg, on the ellipsoid, with plain numbers.
+
+Nothing of the library is asked. A vehicle is a dict of the fields of its file.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from itertools import pairwise
+
+from pyproj import Geod
+
+EARTH = Geod(ellps="WGS84")
+
+
+def way_of_plan(path):
+    """Return (longitude, latitude, metres above home) from the ground at home along all waypoints to the ground at home."""
+    mission = json.loads(path.read_text())["mission"]
+    south, west, base = mission["plannedHomePosition"]
+    relative = {1: True, 2: False}[mission["globalPlanAltitudeMode"]]
+    points = [
+        (item["params"][5], item["params"][4], item["params"][6] - (0 if relative else base))
+        for item in mission["items"]
+        if item["command"] == 16
+    ]
+    assert mission["items"][-1]["command"] == 20
+    up = [] if mission["vehicleType"] == 10 else [(west, south, points[0][2])]
+    down = [] if mission["vehicleType"] == 10 else [(west, south, points[-1][2])]
+    return [(west, south, 0.0), *up, *points, *down, (west, south, 0.0)]
+
+
+def legs_of(way):
+    """Yield (bearing at its begin and at its end in degrees, metres along the ground, metres up) of each leg."""
+    for (x, y, z), (east, north, top) in pairwise(way):
+        bearing, back, length = EARTH.inv(x, y, east, north)
+        yield bearing, back + 180, (length if length > 1e-6 else 0.0), top - z
+
+
+def ground_speed(bearing, speed, wind, wind_from):
+    """Return the speed over ground: the heading is sought for which air and wind together go along the bearing."""
+    towards = math.radians(wind_from + 180 - bearing)
+    drift = math.asin(wind * math.sin(towards) / speed)
+    return speed * math.cos(drift) + wind * math.cos(towards)
+
+
+def seconds_of(way, vehicle):
+    """Return how long a vehicle flies a way."""
+    speed, wind = vehicle["cruise_speed"], vehicle.get("wind_speed", 0.0)
+    turn = vehicle.get("turn_time")
+    if turn is None:
+        turn = speed / vehicle["acceleration"] if "acceleration" in vehicle else 0.0
+    total, before = turn, None  # half for starting, half for stopping
+    for bearing, end, length, up in legs_of(way):
+        along = length / ground_speed(bearing, speed, wind, vehicle.get("wind_from", 0.0)) if length else 0.0
+        rate = vehicle.get("climb_speed" if up > 0 else "sink_speed")
+        total += max(along, abs(up) / rate if rate else 0.0)
+        if not length and not up:
+            continue
+        heading = bearing if length else "up or down"
+        if before is not None and before != heading:
+            vertical = "up or down" in (before, heading)
+            bend = 180.0 if vertical else abs((heading - before + 180) % 360 - 180)
+            total += turn if bend > 1.01 else 0.0
+        before = end if length else heading
+    return total
+
+
+def usable_seconds(vehicle):
+    return vehicle["endurance"] * 60 * (1 - vehicle.get("reserve", 0.0))
+
+
+ROUNDING = 0.0016  # metres: of coordinates with 8 decimals, both axes together
+
+
+def narrow_turns(way, radius):
+    """Return the legs of a way that are too short for turns of a radius at both of their ends.
+
+    A circle that touches both legs of a bend begins R tan(bend / 2) before it: two bends share the leg between them. Rounding moves
+    both ends of a leg, and so turns short legs.
+    """
+    legs = [(bearing, end, length) for bearing, end, length, _ in legs_of(way) if length]
+    bends = [abs((two[0] - one[1] + 180) % 360 - 180) for one, two in pairwise(legs)]
+    for bend, (one, two) in zip(bends, pairwise(legs), strict=True):
+        assert bend <= 30.1 + math.degrees(ROUNDING / one[2] + ROUNDING / two[2]), "no bend is a corner"
+    needs = [0.0, *(radius * math.tan(math.radians(bend) / 2) for bend in bends), 0.0]
+    return [
+        (bearing, length, one + two)
+        for (bearing, _, length), one, two in zip(legs, needs[:-1], needs[1:], strict=True)
+        if one + two > length + ROUNDING * (1 + radius / length)
+    ]
+
+
+def bilinear(grid, x, y):
+    """Return the height at a place of a grid whose first row is the southernmost, at whole numbers."""
+    column, row = min(max(int(x), 0), len(grid[0]) - 2), min(max(int(y), 0), len(grid) - 2)
+    right, up = x - column, y - row
+    low = grid[row][column] * (1 - right) + grid[row][column + 1] * right
+    high = grid[row + 1][column] * (1 - right) + grid[row + 1][column + 1] * right
+    return low * (1 - up) + high * up

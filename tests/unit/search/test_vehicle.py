@@ -1,0 +1,166 @@
+"""Vehicles: files, what follows from them, and where they are when."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from tests.reference.flight import ground_speed
+
+from shoal.cli import run
+from shoal.errors import InvalidInputError
+from shoal.search.allocation.plan import plan_search
+from shoal.search.flight.flight import Flight
+from shoal.search.flight.pace import turn_cells, working_seconds
+from shoal.search.flight.timing import trajectory
+from shoal.search.flight.vehicle import PRESETS, Vehicle, vehicle_of
+from shoal.search.problem import SearchProblem
+from shoal.search.run import run as run_search
+
+GOOD = {"preset": "fixed-wing", "cruise_speed": 18, "turn_radius": 60, "wind_speed": 5, "wind_from": 270}
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+def test_a_vehicle_file(suffix, tmp_path):
+    path = tmp_path / f"drone{suffix}"
+    text = json.dumps(GOOD) if suffix == ".json" else "\n".join(f"{name} = {json.dumps(value)}" for name, value in GOOD.items())
+    path.write_text(text)
+    vehicle = vehicle_of(str(path))
+    assert vehicle == vehicle_of(GOOD) == Vehicle(**GOOD) == vehicle_of(path)
+    assert (vehicle.kind, vehicle.cruise, vehicle.height) == ("fixed-wing", 18, 80)
+    assert vehicle_of(f"{path},wind_speed=2").wind == 2
+    assert vehicle_of(vehicle.to_dict()) == vehicle
+    problem = SearchProblem("square:100", vehicle=path)
+    assert problem.to_dict()["vehicle"] == GOOD  # a problem needs no file any more
+    assert SearchProblem.from_dict(json.loads(problem.canonical())) == problem
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_presets_stand_for_themselves(preset):
+    assert vehicle_of(preset).to_dict() == {"preset": preset}
+    assert set(vehicle_of(preset).to_dict(defaults=True)) == set(Vehicle.declarations())
+
+
+BAD = [
+    ("d.toml", "cruise_speed = ", "d.toml: expected TOML, got something else"),
+    ("d.toml", "cruise_speed = -3", "d.toml: cruise_speed: expected a number, above 0 and at most 100, got -3"),
+    ("d.toml", 'cruise_speed = "fast"', "d.toml: cruise_speed: expected a number"),
+    ("d.toml", "cruise_sped = 3", "d.toml: cruise_sped: expected no such field, got 3 (did you mean 'cruise_speed'?)"),
+    ("d.toml", 'kind = "rover"', "d.toml: kind: expected no such field, got 'rover' (did you mean 'preset'?)"),
+    ("d.toml", 'preset = "zeppelin"', "d.toml: preset: expected one of ideal, multirotor, fixed-wing, rover, got 'zeppelin'"),
+    (
+        "d.toml",
+        "wind_speed = 5",
+        "d.toml: wind_speed: expected less than the cruise_speed of 5 m/s, against which nothing comes home",
+    ),
+    ("d.toml", "turn_radius = 9", "d.toml: turn_radius: expected one above 0 for a fixed-wing, and none for what turns where"),
+    ("d.toml", 'preset = "fixed-wing"\nturn_radius = 0', "d.toml: turn_radius: expected one above 0 for a fixed-wing"),
+    ("d.toml", 'preset = "fixed-wing"\nturn_radius = 5', "d.toml: turn_radius: expected at least 15.1 m at 16 m/s, where it banks"),
+    ("d.toml", "reserve = 1", "d.toml: reserve: expected a number"),
+    ("d.toml", "endurance = 0.5", "d.toml: endurance: expected more than the 0.533 min of climbing and sinking, the reserve left"),
+    ("d.toml", "altitude = 0", "d.toml: altitude: expected a number of metres, above 0, for what flies, got 0"),
+    ("d.toml", 'preset = "rover"\naltitude = 3', "d.toml: altitude: expected none for a rover, got 3"),
+    ("d.toml", 'preset = "rover"\nwind_speed = 0.5', "d.toml: wind_speed: expected none for a rover, got 0.5"),
+    ("d.toml", "sensor_width = 13", "d.toml: sensor_height: expected it together with sensor_width, got none"),
+    (
+        "d.toml",
+        "sensor_width = 9\nsensor_height = 6\nfocal_length = 9\ndetector_width = 3",
+        "d.toml: detector_width: expected none",
+    ),
+    ("d.toml", "side_overlap = 1", "d.toml: side_overlap: expected a number from 0 to 0.95, got 1"),
+    ("d.toml", "altitude = nan", "d.toml: altitude: expected a number"),
+    ("d.toml", "altitude = [3]", "d.toml: altitude: expected a number"),
+    ("d.toml", "altitude = true", "d.toml: altitude: expected a number"),
+    ("d.toml", "x = " + "[" * 60 + "]" * 60, "d.toml: expected at most 50 lists and objects in one another, got more"),
+    ("d.toml", "#" * 100_001, "d.toml: expected a vehicle file of at most 100000 bytes"),
+    ("d.toml", b"\xff", "d.toml"),
+    ("d.json", "{", "d.json"),
+    ("d.json", "[3]", "d.json: expected fields with values, got [3]"),
+    ("d.json", '{"altitude": 1e999}', "d.json: altitude: expected a number"),
+    ("d.ini", "", "vehicle: expected one of ideal, multirotor, fixed-wing, rover, or a file .toml or .json, got 'd.ini'"),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "said"), BAD)
+def test_bad_vehicle_files_are_one_sentence(name, content, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    assert run(["search", "square:100", "--vehicle", name]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith(f"shoal: {said}")
+    assert captured.err.count("\n") == 1
+    assert not captured.out
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ("multirotr", "did you mean 'multirotor'"),
+        ("multirotor,cruise_speed", "expected field=value after the preset or file, got 'cruise_speed'"),
+        ("multirotor,cruise_speed=fast", "vehicle: cruise_speed: expected a number"),
+        ("none.toml", "none.toml: expected a vehicle file, got no such file"),
+        (3, "vehicle: expected a preset, a file or fields, got 3"),
+        ("", "vehicle: expected a preset, a file or fields, got ''"),
+    ],
+)
+def test_bad_descriptions(value, said):
+    with pytest.raises(InvalidInputError, match=said.replace("(", r"\(")):
+        vehicle_of(value)
+
+
+def test_ground_speed_is_that_of_the_wind_triangle():
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        wind, wind_from, bearing = rng.uniform(0, 11.9), rng.uniform(0, 360), rng.uniform(0, 360)
+        vehicle = Vehicle(cruise_speed=12.0, wind_speed=wind, wind_from=wind_from)
+        way = (math.sin(math.radians(bearing)), math.cos(math.radians(bearing)))
+        assert vehicle.ground_speed([way])[0] == pytest.approx(ground_speed(bearing, 12.0, wind, wind_from))
+
+
+def test_a_camera():
+    vehicle = vehicle_of(
+        "multirotor,altitude=100,sensor_width=36,sensor_height=24,focal_length=50,side_overlap=0.25,front_overlap=0.8,"
+        "image_width=6000,image_height=4000"
+    )
+    assert vehicle.image_size == (72.0, 48.0)
+    assert vehicle.row_spacing == 48.0  # 54 m, but for the length of an image
+    assert vehicle.trigger_distance == 9.6
+    assert vehicle.ground_sample == pytest.approx(0.012)
+    assert SearchProblem("square:300", vehicle=vehicle).chosen_footprint == 48.0
+    assert SearchProblem("square:300", vehicle=vehicle, footprint=20).chosen_footprint == 20.0
+    assert SearchProblem("square:300", vehicle="rover,detector_width=4").chosen_footprint == 4.0
+    assert SearchProblem("square:300").chosen_footprint == 10.0
+
+
+def test_where_a_vehicle_is_when():
+    vehicle = Vehicle(cruise_speed=10.0, climb_speed=2.0, sink_speed=4.0, turn_time=6.0, wind_speed=5.0, wind_from=270.0)
+    flown = trajectory([(0, 0, 0), (0, 0, 20), (150, 0, 20), (150, 0, 20), (300, 0, 60), (0, 0, 60), (0, 0, 0)], vehicle)
+    # 3 s to start, 10 up, a turn, 10 with the wind, no turn where it goes straight on, 20 up, a turn, 60 against the wind, ...
+    assert flown.duration == pytest.approx(3 + 10 + 6 + 10 + 20 + 6 + 60 + 6 + 15 + 3)
+    assert flown.at([0.0, 8.0, 16.0, 29.0]).tolist() == [[0, 0, 0], [0, 0, 10], [0, 0, 20], [150, 0, 20]]
+    assert (np.diff(flown.times) >= 0).all()
+    slow = trajectory([(0, 0, 0), (100, 0, 0)], Vehicle(cruise_speed=10.0, turn_time=0.0), rate=0.5)
+    assert slow.duration == 20
+
+
+def test_a_rate_below_the_wind_is_refused():
+    with pytest.raises(InvalidInputError, match="wind_speed: expected less than the cruise_speed of 5 m/s"):
+        Flight(Vehicle(cruise_speed=10.0, wind_speed=5.0), np.zeros(2), rate=0.5)
+
+
+def test_planners_reckon_with_the_vehicle():
+    """The cost of turns, the time of a cell and the battery, in cells."""
+    vehicle = vehicle_of("multirotor,cruise_speed=8,turn_time=5,endurance=20,reserve=0.25,climb_speed=3,sink_speed=1,recharge=4")
+    problem = SearchProblem("square:200", robots=2, footprint=20, vehicle=vehicle)
+    plan = plan_search(problem)
+    assert plan.tour_cost.turn_cost == turn_cells(vehicle, 20.0) == 2.0
+    assert plan.cell_seconds == 2.5
+    assert working_seconds(vehicle) == 15 * 60 - 10 - 30
+    episode = run_search(problem)
+    assert episode.scenario.brief.energy == 860 / 2.5
+    assert episode.scenario.brief.recharge == (4 * 60 + 40) / 2.5  # down, and up again
+    assert episode.makespan == pytest.approx(10 + 2.5 * episode.trace.covered_at)
+    windy = plan_search(problem.replaced(vehicle=vehicle.replaced(wind_speed=4.0, wind_from=90.0)))
+    assert windy.cell_seconds == pytest.approx(20 * (1 / 12 + 1 / 4) / 2)
