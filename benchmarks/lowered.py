@@ -32,6 +32,7 @@ COMMANDS = {
     ],
     "search": [
         "search rectangle:60x40 --robots 3 --footprint 5",
+        "search circle:40 --robots 2 --footprint 6 --angle auto",
         *(f"tour {name} cave:20x15" for name in ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree")),
         "tour hilbert 3x3x3",
     ],

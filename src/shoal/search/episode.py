@@ -18,6 +18,7 @@ from shoal.episode import Episode, Status, Verification
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.files import write_json
 from shoal.search.allocation.plan import SearchPlan, plan_search
+from shoal.search.cells.bends import bends
 from shoal.search.cells.routing import Route
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Liar
@@ -215,7 +216,6 @@ class SearchEpisode(Episode):
 
     def _route(self, robot: int) -> dict[str, Any]:
         log, route = self.trace.robots[robot], self.routes[robot]
-        ways = np.diff(route.waypoints(), axis=0)
         return {
             "robot": robot + 1,
             "start": self.plan.places[robot].tolist(),
@@ -224,7 +224,7 @@ class SearchEpisode(Episode):
             "cells": len(log.cells) if self.plan.widths[robot] == 1 else len(np.unique(np.concatenate([*self.seen[robot], []]))),
             "stops": len(log.cells),
             "length_m": route.length,
-            "turns": max(len(ways) - 1, 0),
+            "turns": int(bends(route.points).sum()),
             "status": log.status,
         }
 

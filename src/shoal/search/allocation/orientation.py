@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 
 from shoal.dataclass import dataclass
+from shoal.search.cells.bends import bends
 from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.routing import RegionPaths
+from shoal.search.cells.straightening import straightened
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, make_tour
 
 ON_ROWS = ("boustrophedon",)
-"""Tours that follow rows: with them, cells on the border are seen from the middle lines of rows."""
+"""Tours that follow rows: with them, cells on the border are seen from places on a way that bends seldom."""
 
 TURN = 1.0
 """Cells: what a turn counts for, when orientations are compared, in a search where turns cost nothing."""
@@ -23,7 +25,7 @@ TURN = 1.0
 _STEP = 10.0  # degrees between angles that are compared, besides those of the outline's long sides
 _SIDES = 3
 _SHIFTS = (0.0, 0.25, 0.5, 0.75)  # of a row
-_TRIED = 6  # orientations that are planned in full
+_TRIED = 4  # orientations that are planned in full
 _WORK = 200_000  # cells that are planned in full, of all orientations together
 _ROWS = 120  # at most so many rows are looked at for an estimate
 
@@ -46,7 +48,7 @@ class GridTour:
     def once_round(self, turn_cost: float) -> float:
         """Return what it costs to go once round, in cells: the way, and each of its bends."""
         route = self.paths.route(np.concatenate([self.tour.cells, self.tour.cells[:1]]))
-        return route.length / self.grid.size + turn_cost * max(len(route.waypoints()) - 1, 0)
+        return route.length / self.grid.size + turn_cost * int(bends(route.points).sum())
 
 
 def grid_tour(
@@ -56,6 +58,7 @@ def grid_tour(
     *,
     angle: float,
     offset: float = 0.0,
+    turn_cost: float = 0.0,
     stepwise: bool = False,
     transit: bool = False,
 ) -> GridTour:
@@ -72,6 +75,8 @@ def grid_tour(
         Of the rows, degrees counter-clockwise from the x axis.
     offset : float
         By how much of a row the rows are shifted across.
+    turn_cost : float
+        Of a turn, in cells; 0 counts as `TURN`.
     stepwise : bool
         Whether robots go from cell to cell: then each cell is seen from inside of it.
     transit : bool
@@ -83,8 +88,12 @@ def grid_tour(
     >>> grid_tour(open_region("rectangle:40x20"), 10, "boustrophedon", angle=90).grid
     <CellGrid 4x2, 8 cells of 10 m, 8 viewpoints>
     """
-    grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=tour in ON_ROWS and not stepwise)
-    return GridTour(grid, make_tour(tour, grid.mask), RegionPaths(grid, transit=transit))
+    on_rows = tour in ON_ROWS and not stepwise
+    grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=on_rows)
+    made = make_tour(tour, grid.mask)
+    if on_rows:
+        grid = straightened(grid, made.cells, turn_cost or TURN)
+    return GridTour(grid, made, RegionPaths(grid, transit=transit))
 
 
 def best_grid_tour(
@@ -109,7 +118,7 @@ def best_grid_tour(
     turn = turn_cost or TURN
     tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
     chosen = _estimated(region.area, size, turn)[:tried]
-    given = {"stepwise": stepwise, "transit": transit}
+    given: dict[str, Any] = {"stepwise": stepwise, "transit": transit, "turn_cost": turn}
     found = (grid_tour(region, size, tour, angle=angle, offset=offset, **given) for angle, offset in chosen for tour in tours)
     return min(found, key=lambda laid: laid.once_round(turn))
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
+from shoal.search.cells.bends import BEND
 from shoal.search.cells.distances import CellDistances, Distances
 from shoal.search.cells.footprint import Footprint, MaskFootprint, Numbers
 from shoal.search.kernels.shares import TourArrays
@@ -38,6 +39,9 @@ class TourCost:
         How far it is between any two cells; straight if not given.
     footprint : Footprint, optional
         What is seen from a cell with a footprint of several cells; all that is not behind what is no cell if not given.
+    turns : array_like of float64, shape (N,), optional
+        How often a robot changes its direction in each cell and on the way from there to the next; if not given, whether it does so
+        by more than a degree in the cell.
     reckoned : bool
         Whether `allocate` asks the ways for the lengths of all that it compares; straight ones do otherwise.
 
@@ -52,6 +56,7 @@ class TourCost:
     steps: Floats = None  # type: ignore[assignment]  # settled below
     distances: Distances | None = None
     footprint: Footprint = None  # type: ignore[assignment]  # settled below
+    turns: Floats = None  # type: ignore[assignment]  # settled below
     reckoned: bool = False
 
     def __post_init__(self) -> None:
@@ -67,11 +72,15 @@ class TourCost:
         steps = np.linalg.norm(np.roll(given, -1, axis=0) - given, axis=1) if self.steps is None else np.asarray(self.steps)
         if steps.shape != (len(cells),) or not (steps >= 0).all():
             raise InvalidInputError(f"steps: expected {len(cells)} lengths, 0 or more, got shape {steps.shape}")
+        turns = _turns(given) if self.turns is None else np.asarray(self.turns, dtype=np.float64)
+        if turns.shape != (len(cells),) or not (turns >= 0).all():
+            raise InvalidInputError(f"turns: expected {len(cells)} numbers, 0 or more, got shape {turns.shape}")
         if self.stepwise:
             steps = np.maximum(steps, self._lengths())
         if self.footprint is None:
             object.__setattr__(self, "footprint", MaskFootprint(self.tour))
         object.__setattr__(self, "points", given)
+        object.__setattr__(self, "turns", turns)
         object.__setattr__(self, "steps", steps.astype(np.float64))
 
     def _lengths(self) -> Floats:
@@ -87,13 +96,6 @@ class TourCost:
     def n(self) -> int:
         """How many cells there are."""
         return len(self.tour)
-
-    @cached_property
-    def turns(self) -> Floats:
-        """By how many changes of direction a robot pays at each cell: 0 or 1; float64, shape (N,)."""
-        distances = np.roll(self.points, -1, axis=0) - self.points
-        distances /= np.maximum(np.linalg.norm(distances, axis=1), 1e-12)[:, None]
-        return np.asarray(np.linalg.norm(distances - np.roll(distances, 1, axis=0), axis=1) > 1e-9, dtype=np.float64)
 
     @cached_property
     def costs(self) -> Floats:
@@ -214,3 +216,14 @@ class TourCost:
     def between(self, one: int, other: int) -> float:
         """Return the straight distance between two cells given by their numbers on the tour, in sides of a cell."""
         return dist(self._places[one], self._places[other])
+
+
+def _turns(points: Floats) -> Floats:
+    """Return whether a robot changes its direction at each of some points round a tour: 0 or 1; float64, shape (N,)."""
+    steps = np.roll(points, -1, axis=0) - points
+    lengths = np.linalg.norm(steps, axis=1)
+    moves = np.flatnonzero(lengths > 1e-9)
+    ways = steps[moves] / lengths[moves, None]
+    turns = np.zeros(len(points))
+    turns[moves] = np.linalg.norm(ways - np.roll(ways, 1, axis=0), axis=1) > 2 * np.sin(np.radians(BEND) / 2)
+    return turns

@@ -2,6 +2,7 @@
 
 A *run* is a row's cells between two gaps; ``ends`` (R, 2, 2) are the row and column of its first and its last cell. A closed tour
 is an ``order`` (R) of the runs, and for each run whether it is driven from its last cell to its first: ``backwards`` (R), 0 or 1.
+Link k leads from the run at place k - 1 of the order to that at place k.
 """
 
 from __future__ import annotations
@@ -12,6 +13,9 @@ from shoal.jit import in_place_kernel, kernel
 
 _LESS = 1e-9
 _LONGEST = 3  # runs that are moved together
+_SPAN = 50  # places of the order among which a disturbance exchanges two parts
+_DISTURBANCES = 300
+_LINKS = 50_000  # disturbances times runs
 
 
 @in_place_kernel
@@ -40,62 +44,123 @@ def reverse(order, backwards, begin, end):
 
 
 @in_place_kernel
-def exchange_links(ends, order, backwards):
-    """Replace two links by two shorter ones wherever that helps (2-opt); return whether anything was replaced."""
-    n, found = len(order), False
-    for i in range(n - 1):
-        for j in range(i + 1, n):
-            if i == 0 and j == n - 1:
-                continue
-            before, first, last, after = order[i - 1], order[i], order[j], order[(j + 1) % n]
-            now = link(ends, backwards, before, first) + link(ends, backwards, last, after)
-            then = step(ends, before, 1 - backwards[before], last, 1 - backwards[last])
-            then += step(ends, first, backwards[first], after, backwards[after])
-            if then < now - _LESS:
-                reverse(order, backwards, i, j)
-                found = True
-    return found
+def exchange_link(ends, order, backwards, active, k):
+    """Replace link k and another one by two shorter ones if that helps (2-opt); return whether it did."""
+    n = len(order)
+    best, other = -_LESS, -1
+    for j in range(n):
+        if j == k:
+            continue
+        low, high = min(j, k), max(j, k)
+        before, first, last, after = order[low - 1], order[low], order[high - 1], order[high]
+        if before == last:
+            continue
+        now = link(ends, backwards, before, first) + link(ends, backwards, last, after)
+        then = step(ends, before, 1 - backwards[before], last, 1 - backwards[last])
+        then += step(ends, first, backwards[first], after, backwards[after])
+        if then - now < best:
+            best, other = then - now, j
+    if other < 0:
+        return False
+    low, high = min(other, k), max(other, k)
+    for place in (low - 1, low, high - 1, high):
+        active[order[place]] = True
+    reverse(order, backwards, low, high - 1)
+    return True
+
+
+@in_place_kernel
+def move_runs(ends, order, backwards, active, rest, i, count):
+    """Move so many runs from place i on to where they make the tour shorter (Or-opt); return whether they were moved."""
+    n = len(order)
+    first, last = order[i], order[(i + count - 1) % n]
+    before, after = order[i - 1], order[(i + count) % n]
+    saved = link(ends, backwards, before, first) + link(ends, backwards, last, after) - link(ends, backwards, before, after)
+    best, place, turned = _LESS, -1, False
+    for k in range(n - count - 1):
+        one, other = order[(i + count + k) % n], order[(i + count + k + 1) % n]
+        out, into = 1 - backwards[one], backwards[other]
+        there = link(ends, backwards, one, other)
+        ahead = step(ends, one, out, first, backwards[first]) + step(ends, last, 1 - backwards[last], other, into)
+        back = step(ends, one, out, last, 1 - backwards[last]) + step(ends, first, backwards[first], other, into)
+        if saved + there - min(ahead, back) > best:
+            best, place, turned = saved + there - min(ahead, back), k, back < ahead
+    if place < 0:
+        return False
+    for k in range(n):
+        rest[k] = order[(i + k) % n]
+    for run in (before, after, first, last, rest[count + place], rest[count + place + 1]):
+        active[run] = True
+    for k in range(n):
+        order[k] = rest[count + k] if k <= place else rest[k - place - 1] if k <= place + count else rest[k]
+    if turned:
+        reverse(order, backwards, place + 1, place + count)
+    return True
 
 
 @kernel
-def move_runs(ends, order, backwards, count):
-    """Move so many runs that follow each other to where they make the tour shorter (Or-opt); return whether any were moved."""
-    n, found = len(order), False
-    rest = np.empty(n - count, dtype=np.int64)
-    moved = np.empty(count, dtype=np.int64)
-    for i in range(n):
-        for k in range(n):
-            run = order[(i + k) % n]
-            if k < count:
-                moved[k] = run
-            else:
-                rest[k - count] = run
-        before, first, last, after = rest[-1], moved[0], moved[-1], rest[0]
-        saved = link(ends, backwards, before, first) + link(ends, backwards, last, after) - link(ends, backwards, before, after)
-        best, place, turned = _LESS, -1, False
-        for k in range(n - count - 1):
-            one, other = rest[k], rest[k + 1]
-            out, into = 1 - backwards[one], backwards[other]
-            there = link(ends, backwards, one, other)
-            ahead = step(ends, one, out, first, backwards[first]) + step(ends, last, 1 - backwards[last], other, into)
-            back = step(ends, one, out, last, 1 - backwards[last]) + step(ends, first, backwards[first], other, into)
-            if saved + there - min(ahead, back) > best:
-                best, place, turned = saved + there - min(ahead, back), k, back < ahead
-        if place < 0:
-            continue
-        found = True
-        for k in range(n):
-            order[k] = rest[k] if k <= place else moved[k - place - 1] if k <= place + count else rest[k - count]
-        if turned:
-            reverse(order, backwards, place + 1, place + count)
-    return found
+def exchange(ends, order, backwards, active, rest):
+    """Make a closed tour of runs shorter until no exchange at an active run helps; then none is active."""
+    n, helped = len(order), True
+    while helped:
+        helped = False
+        for run in range(n):
+            if not active[run]:
+                continue
+            active[run] = False
+            i = 0
+            while order[i] != run:
+                i += 1
+            found = exchange_link(ends, order, backwards, active, i) or exchange_link(ends, order, backwards, active, (i + 1) % n)
+            for count in range(1, _LONGEST + 1):
+                for back in (0, count - 1):
+                    if not found:
+                        found = move_runs(ends, order, backwards, active, rest, (i - back) % n, count)
+            if found:
+                active[run], helped = True, True
+
+
+@in_place_kernel
+def length(ends, order, backwards):
+    """Return how long all links are."""
+    total = 0.0
+    for k in range(len(order)):
+        total += link(ends, backwards, order[k - 1], order[k])
+    return total
 
 
 @kernel
 def shorten(ends, order, backwards):
-    """Make a closed tour of runs shorter until no exchange helps."""
-    helped = len(order) > _LONGEST + 2
-    while helped:
-        helped = exchange_links(ends, order, backwards)
-        for count in range(1, _LONGEST + 1):
-            helped = move_runs(ends, order, backwards, count) or helped
+    """Make a closed tour of runs shorter until no exchange helps, nor any of many random ones of two parts with what follows."""
+    n = len(order)
+    if n <= _LONGEST + 2:
+        return
+    active, rest = np.ones(n, dtype=np.bool_), np.empty(n, dtype=np.int64)
+    exchange(ends, order, backwards, active, rest)
+    best = length(ends, order, backwards)
+    kept, kept_backwards = order.copy(), backwards.copy()
+    state, span = np.uint64(1), min(n - 1, _SPAN)
+    drawn = np.empty(3, dtype=np.int64)
+    for _ in range(min(_DISTURBANCES, _LINKS // n)):
+        for k in range(3):  # G. Marsaglia, "Xorshift RNGs", 2003
+            state ^= state << np.uint64(13)
+            state ^= state >> np.uint64(7)
+            state ^= state << np.uint64(17)
+            drawn[k] = np.int64((state >> np.uint64(33)) % np.uint64(n if k == 0 else span))
+        i, part, parts = drawn[0], min(drawn[1], drawn[2]), max(drawn[1], drawn[2]) + 1
+        if part == 0:
+            continue
+        for k in range(parts):
+            order[(i + k) % n] = kept[(i + (k + part) % parts) % n]
+        if state & np.uint64(1):
+            for k in range(parts - part):
+                backwards[order[(i + k) % n]] = 1 - backwards[order[(i + k) % n]]
+        for k in (-1, 0, parts - part - 1, parts - part, parts - 1, parts):
+            active[order[(i + k) % n]] = True
+        exchange(ends, order, backwards, active, rest)
+        found = length(ends, order, backwards)
+        if found < best - _LESS:
+            best = found
+            kept[:], kept_backwards[:] = order, backwards
+        else:
+            order[:], backwards[:] = kept, kept_backwards

@@ -1,0 +1,69 @@
+"""The way of fewest bends through windows: straight links from place to place that cross all windows between, in their order."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shoal.jit import in_place_kernel, kernel
+
+_HAIR = 1e-6
+
+
+@in_place_kernel
+def clip(from_x, from_y, step_x, step_y, boxes, k):
+    """Return between which shares of a step it is in a box; (1, 0) if nowhere."""
+    low, high = 0.0, 1.0
+    for axis in range(2):
+        start, step = (from_x, step_x) if axis == 0 else (from_y, step_y)
+        least, most = boxes[k, axis] - _HAIR, boxes[k, axis + 2] + _HAIR
+        if abs(step) < 1e-12:
+            if start < least or start > most:
+                return 1.0, 0.0
+            continue
+        one, other = (least - start) / step, (most - start) / step
+        if one > other:
+            one, other = other, one
+        low, high = max(low, one), min(high, other)
+        if low > high:
+            return 1.0, 0.0
+    return low, high
+
+
+@kernel
+def fewest_links(points, starts, boxes, turn, reach, banned, before):
+    """Write for each place the one from which a link leads to it: the least of lengths and ``turn`` for each link.
+
+    ``points`` (K, 2) are the places, those of window k from ``starts[k]`` to ``starts[k + 1]``; ``boxes`` (M, 4) are the windows:
+    left, low, right, high. A link passes over fewer than ``reach`` windows. ``banned`` are links, from * K + to, rising. The first
+    window has one place, the last too.
+    """
+    count, windows = len(points), len(boxes)
+    cost = np.full(count, np.inf)
+    cost[0] = 0.0
+    before[:] = -1
+    for i in range(windows - 1):
+        last = min(windows - 1, i + reach)
+        for p in range(starts[i], starts[i + 1]):
+            if cost[p] == np.inf:
+                continue
+            for j in range(i + 1, last + 1):
+                for q in range(starts[j], starts[j + 1]):
+                    step_x, step_y = points[q, 0] - points[p, 0], points[q, 1] - points[p, 1]
+                    total = cost[p] + np.sqrt(step_x * step_x + step_y * step_y) + turn
+                    if total >= cost[q]:
+                        continue
+                    at, good = 0.0, True
+                    for k in range(i + 1, j):
+                        low, high = clip(points[p, 0], points[p, 1], step_x, step_y, boxes, k)
+                        at = max(at, low)
+                        if at > high:
+                            good = False
+                            break
+                    if not good:
+                        continue
+                    code = p * count + q
+                    place = np.searchsorted(banned, code)
+                    if place < len(banned) and banned[place] == code:
+                        continue
+                    cost[q] = total
+                    before[q] = p
