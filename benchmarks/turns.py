@@ -20,10 +20,11 @@ from shapely.affinity import scale
 from tests.reference.regions import COUNTIES, county
 
 from shoal.search import SearchProblem, SearchRegion, coverage_check, make_tour, plan_search, region_of
-from shoal.search.cells.bends import bends
 from shoal.search.cells.clipping import clip_to_cells, lattice_over, rotated_shape
+from shoal.search.flight.timing import turns_of
 
 AREA = 9e6  # square metres
+VEHICLE = "ideal,cruise_speed=5,turn_time=8"  # a turn takes as long as 40 m
 
 
 def own_outlines() -> dict[str, Any]:
@@ -78,7 +79,7 @@ def around_blocks(region: SearchRegion, size: float) -> tuple[int, float, float]
     blocks, mask = best
     cells = np.kron(mask, np.ones((2, 2), dtype=bool))
     tours = [make_tour("spanning-tree", side) for side in (cells, np.ascontiguousarray(cells.T))]
-    turns = min(int(bends(np.vstack([tour.cells, tour.cells[:2]])).sum()) for tour in tours)
+    turns = min(int(turns_of(np.vstack([tour.cells, tour.cells[:2]])).sum()) for tour in tours)
     return turns, 4 * blocks * size, float(4 * blocks * size**2 / region.area_m2)
 
 
@@ -86,7 +87,7 @@ def over_bound(region: SearchRegion, size: float) -> float:
     """Return the planned time of six robots over its bound, turns in both; mean of three starts."""
     ratios = []
     for seed in range(3):
-        plan = plan_search(SearchProblem(region, robots=6, footprint=size, angle="auto", turn_cost=1.0), seed=seed)
+        plan = plan_search(SearchProblem(region, robots=6, footprint=size, angle="auto", vehicle=VEHICLE), seed=seed)
         cost = plan.tour_cost
         ratios.append(plan.allocation.makespan / ((len(cost) + cost.turn_cost * cost.turns.sum()) / 6))
     return float(np.mean(ratios))
@@ -105,7 +106,7 @@ def main() -> None:
         route = plan.paths.route(np.concatenate([plan.tour.cells, plan.tour.cells[:1]]))
         seen = coverage_check(region, [route.points], options.footprint, angle=plan.grid.angle)
         turns, length, share = around_blocks(region, options.footprint)
-        ours = int(bends(np.concatenate([route.points, route.points[1:2]])).sum())
+        ours = int(turns_of(np.concatenate([route.points, route.points[1:2]])).sum())
         ratios.append((ours / turns, route.length / length))
         over.append(over_bound(region, options.footprint))
         print(

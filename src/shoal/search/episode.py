@@ -18,8 +18,8 @@ from shoal.episode import Episode, Status, Verification
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.files import write_json
 from shoal.search.allocation.plan import SearchPlan, plan_search
-from shoal.search.cells.bends import bends
 from shoal.search.cells.routing import Route
+from shoal.search.flight.timing import turns_of
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Liar
 from shoal.search.regions.coverage import AreaCoverage, coverage_check
@@ -224,7 +224,7 @@ class SearchEpisode(Episode):
             "cells": len(log.cells) if self.plan.widths[robot] == 1 else len(np.unique(np.concatenate([*self.seen[robot], []]))),
             "stops": len(log.cells),
             "length_m": route.length,
-            "turns": int(bends(route.points).sum()),
+            "turns": int(turns_of(route.points).sum()),
             "status": log.status,
         }
 

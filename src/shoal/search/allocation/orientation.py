@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from shoal.dataclass import dataclass
-from shoal.search.cells.bends import bends
 from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.routing import RegionPaths
 from shoal.search.cells.straightening import straightened
+from shoal.search.flight.timing import turns_of
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, make_tour
 
@@ -48,7 +48,7 @@ class GridTour:
     def once_round(self, turn_cost: float) -> float:
         """Return what it costs to go once round, in cells: the way, and each of its bends."""
         route = self.paths.route(np.concatenate([self.tour.cells, self.tour.cells[:1]]))
-        return route.length / self.grid.size + turn_cost * int(bends(route.points).sum())
+        return route.length / self.grid.size + turn_cost * int(turns_of(route.points).sum())
 
 
 def grid_tour(

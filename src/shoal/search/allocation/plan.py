@@ -19,13 +19,13 @@ from shoal.search.allocation.orientation import GridTour, best_grid_tour, grid_t
 from shoal.search.allocation.partition import in_passes
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.allocation.viewpoint_selection import select_viewpoints
-from shoal.search.cells.bends import bends
 from shoal.search.cells.distances import CellDistances, Distances, RegionDistances
 from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
 from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.transits import Transits
 from shoal.search.flight.pace import turn_cells
+from shoal.search.flight.timing import turns_of
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.coverage import check_footprints
@@ -221,9 +221,8 @@ def _tour_cost(tour: Tour, paths: RegionPaths, turn_cost: float, *, stepwise: bo
     far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(whole.points, axis=0).T))])[whole.stops]
     begins = np.concatenate([[0], np.cumsum(np.diff(grid.viewpoint_starts)[index])])
     steps = np.diff(far[begins])
-    bent = bends(np.concatenate([whole.points, whole.points[1:2]]))[:-1]
-    bent[0] = bent[-1]
-    turns = np.diff(np.concatenate([[0], np.cumsum(bent)])[whole.stops[begins]])
+    bent = turns_of(np.concatenate([whole.points, whole.points[1:2]]))  # from the second point on to the first again
+    turns = np.diff(np.cumsum(np.concatenate([[0], bent[-1:], bent]))[whole.stops[begins]])
     distances: Distances | None = None
     if stepwise or not _is_convex(grid.region.free):
         cellwise = CellDistances(tour, doors_east=grid.doors_east, doors_south=grid.doors_south, steps=steps / grid.size)

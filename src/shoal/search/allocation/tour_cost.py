@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
-from shoal.search.cells.bends import BEND
 from shoal.search.cells.distances import CellDistances, Distances
 from shoal.search.cells.footprint import Footprint, MaskFootprint, Numbers
+from shoal.search.flight.timing import STRAIGHT
 from shoal.search.kernels.shares import TourArrays
 from shoal.search.tours import Tour
 
@@ -225,5 +225,5 @@ def _turns(points: Floats) -> Floats:
     moves = np.flatnonzero(lengths > 1e-9)
     ways = steps[moves] / lengths[moves, None]
     turns = np.zeros(len(points))
-    turns[moves] = np.linalg.norm(ways - np.roll(ways, 1, axis=0), axis=1) > 2 * np.sin(np.radians(BEND) / 2)
+    turns[moves] = np.linalg.norm(ways - np.roll(ways, 1, axis=0), axis=1) > STRAIGHT
     return turns

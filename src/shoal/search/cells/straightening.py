@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.visibility_graph import inside
 from shoal.search.regions.outline_checks import Points
 
 Numbers = NDArray[np.int64]
+
 _HAIR = 1e-9  # of a footprint: rounding
 _COARSE = 0.02  # of a footprint: corners of windows that are nearer to each other are one
 _REACH = 24  # windows that a link passes over at the most
@@ -74,8 +76,10 @@ def _windows(grid: CellGrid, cells: Numbers, index: Numbers) -> dict[int, Any]:
     away = shapely.distance(parts, shapely.point_on_surface(pieces)[of])
     order = np.lexsort((away, of))
     room = parts[order[np.searchsorted(of[order], np.arange(len(free)))]]
-    found = zip(free.tolist(), shapely.intersection(room, boxes), strict=True)
-    return {k: shape for k, shape in found if shape.geom_type == "Polygon" and not shape.is_empty}
+    shapes = shapely.intersection(room, boxes)
+    if grid.region.margin:
+        shapes = shapely.intersection(shapes, rotated_shape(grid.region.free, -grid.angle))
+    return {k: shape for k, shape in zip(free.tolist(), shapes, strict=True) if shape.geom_type == "Polygon" and not shape.is_empty}
 
 
 def _around(grid: CellGrid, rows: Numbers, cols: Numbers) -> Any:

@@ -12,7 +12,7 @@ from shoal.dataclass import dataclass
 from shoal.search.flight.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
-_STRAIGHT = 2.0 * sin(radians(0.5))  # how far apart unit vectors are whose directions differ by a degree
+STRAIGHT = 2.0 * sin(radians(0.5))  # how far apart unit vectors are whose directions differ by a degree
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +99,6 @@ def turns_of(points: Floats) -> NDArray[np.bool_]:
     headings = legs[:, :2] / np.where(lengths > 0, lengths, 1.0)[:, None]
     here = np.flatnonzero(np.abs(legs).max(axis=1) > 0)  # a leg of no length has no direction
     found = np.zeros(len(points) - 2, dtype=np.bool_)
-    apart = np.hypot(*np.diff(headings[here], axis=0).T) > _STRAIGHT
+    apart = np.hypot(*np.diff(headings[here], axis=0).T) > STRAIGHT
     found[here[1:][apart] - 1] = True
     return found
