@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from collections.abc import Iterable
 from decimal import Decimal
 from math import inf, isfinite
@@ -24,6 +25,9 @@ LARGEST_TEXT = 200_000_000
 
 FARTHEST = 1e100
 """The largest coordinate: areas, too, are numbers then."""
+
+LARGEST_WKT = 20_000_000
+"""Characters of well-known text."""
 
 DEEPEST = 50
 """Lists and objects in one another in a JSON or TOML file."""
@@ -217,6 +221,25 @@ def parse_json(text: str, *, where: str) -> Any:
         raise InvalidInputError(f"{where}: expected JSON of modest depth and numbers, got one that {why}") from None
     check_depth(found, where=where)
     return found
+
+
+def read_wkt(text: str, *, where: str) -> Any:
+    """Return the geometry that well-known text of a polygon or multipolygon says; others could be nested until the stack ends.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    import shapely
+
+    why = f"{text.strip()[:20]!r}"
+    if len(text) <= LARGEST_WKT and re.match(r"\s*(MULTI)?POLYGON\b", text, re.IGNORECASE):
+        try:
+            with np.errstate(all="ignore"):  # 1e400 is refused as any coordinate that is too large
+                return shapely.from_wkt(text.strip())
+        except (shapely.errors.ShapelyError, TypeError, UnicodeError) as error:
+            why = str(error).strip()[:120]
+    raise InvalidInputError(f"{where}: expected well-known text of a polygon, got something else: {why}")
 
 
 def check_depth(data: Any, *, where: str) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import time
 from contextlib import contextmanager
@@ -32,14 +33,16 @@ def begin() -> None:
     if _begun or threading.current_thread() is not threading.main_thread():
         return
     _begun.append(True)
-    for name, before in (("SIGINT", signal.default_int_handler), ("SIGTERM", signal.SIG_DFL), ("SIGHUP", signal.SIG_DFL)):
-        number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) is before:  # else somebody wants it ignored, as nohup
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    for number in numbers:
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):  # else somebody wants it ignored, as nohup
             signal.signal(number, _answer)
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)  # the thread keeps that: what the main one blocks, waits
     threading.Thread(target=_wait, args=(reading,), daemon=True).start()
+    signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
@@ -84,7 +87,10 @@ def interruption_held() -> Iterator[None]:
 
 
 def end(text: str = "shoal: interrupted\n") -> None:
-    """End the process now, with exit code 130 and one line; remove what is half-written."""
+    """End the process and its workers now, with exit code 130 and one line; remove what is half-written."""
+    workers = sys.modules.get("multiprocessing")
+    for worker in workers.active_children() if workers else ():
+        worker.terminate()
     for path in list(half_written):
         try:
             path.unlink(missing_ok=True)

@@ -44,10 +44,10 @@ def interrupted(words: list[str], out: Path, after: float, number: int) -> list[
     took = time.monotonic() - sent
     left = sorted(path.name for path in out.rglob("*") if path.name.startswith("."))
     ours = [line for line in said.splitlines() if line.startswith("shoal: ")]
-    wrong = [f"{took:.1f} s"] if process.returncode and took > 1 else []
-    if process.returncode not in (130, 0, -number):  # the last while Python itself begins or ends: shells tell it as 130, too
+    wrong = [f"{took:.1f} s"] if process.returncode not in (0, 1) and took > 1 else []
+    if process.returncode not in (130, 0, 1, -number):  # the last while Python itself begins or ends: shells tell it as 130, too
         wrong.append(f"exit code {process.returncode}: {said[-1500:]}")
-    if len(ours) > 1 or "Traceback" in said or "Exception" in said:
+    if (len(ours) > 1 and process.returncode == 130) or "Traceback" in said or "Exception" in said:
         wrong.append(said)
     try:
         os.killpg(process.pid, 0)
@@ -67,6 +67,7 @@ def main() -> int:
     parser.add_argument("--signal", default="SIGINT")
     parser.add_argument("--only", default="", help="commands that begin so")
     options = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it, and so would the commands
     chance = random.Random(1)
     failures = 0
     with tempfile.TemporaryDirectory() as name:

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import sqlite3
+import struct
+from contextlib import closing
+from pathlib import Path
+
 import pytest
 from tests.hostile.__main__ import play
+from tests.hostile.corpus import CONTENTS, PLACES
 from tests.hostile.samples import faults, lay_out, samples
 from tests.hostile.watch import watched
 
+from shoal.errors import InvalidInputError
 from shoal.search.missions.files import FORMATS as MISSIONS
 from shoal.search.regions.formats import _LAYERED, _READERS
 from shoal.steering.workspaces.formats import SUFFIXES
@@ -47,3 +54,29 @@ def test_the_watch_sees_what_it_is_to_see(tmp_path):
         wrong = faults(lambda _path: __import__("stranger_of_the_tests"), tmp_path)
     assert [text.split()[0] for text in seen] == ["open", "import"]
     assert "ModuleNotFoundError" in wrong[0]
+
+
+def test_every_kind_of_hostile_file(every, tmp_path):
+    for name, (read, (files, *_)) in every.items():
+        first, content = next(iter(files.items()))
+        for number, (kind, change) in enumerate((CONTENTS | PLACES).items()):
+            path = lay_out(files, tmp_path / f"{name} {number}")
+            path.write_bytes(CONTENTS[kind](content)) if kind in CONTENTS else change(path)
+            with watched(tmp_path) as seen:
+                wrong = faults(read, path)
+            assert not wrong, (name, kind)
+            assert not seen, (name, kind)
+            assert path.name == Path(first).name
+
+
+def test_geometries_nested_until_the_stack_would_end(every, tmp_path):
+    read, (files, *_) = every["region gpkg"]
+    path = lay_out(files, tmp_path)
+    deep = b"".join(struct.pack("<BII", 1, kind, 1) for kind in (6, 7) * 20_000)
+    with closing(sqlite3.connect(path)) as database:
+        for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'").fetchall():
+            database.execute(f'DROP TRIGGER "{name}"')  # they need functions of GeoPackages
+        database.execute("UPDATE a SET geom = ?", (b"GP\0\1" + bytes(4) + deep,))
+        database.commit()
+    with pytest.raises(InvalidInputError, match=r"feature 1: expected a geometry of straight lines, got a damaged one"):
+        read(path)

@@ -74,7 +74,11 @@ class Processes:
     def __post_init__(self) -> None:
         if self.workers < 1:
             raise InvalidInputError(f"workers: expected 1 or more, got {self.workers}")
-        check_versions(self.submit(worker_versions).result(), worker="of this machine")
+        try:
+            check_versions(self.submit(worker_versions).result(), worker="of this machine")
+        except BaseException:
+            self.close(at_once=True)
+            raise
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """Let a worker call a function."""

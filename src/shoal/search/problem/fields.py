@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from shoal.checks import check_integer, check_number, check_points, check_text, shortened
+from shoal.checks import check_integer, check_number, check_points, check_text, read_wkt, shortened
 from shoal.errors import InvalidInputError
 from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.problem.faults import Fault, fault_text
 from shoal.search.problem.network import network_of
-from shoal.search.regions.limits import LARGEST_FILE, check_count
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion, region_of
 
 AUTO = "auto"
-_POLYGON = re.compile(r"\s*(MULTI)?POLYGON\b", re.IGNORECASE)
 
 
 def check_region(value: Any) -> str | SearchRegion:
@@ -48,25 +45,11 @@ def _region_from(data: dict[str, Any]) -> SearchRegion:
     frame = data["frame"]
     if frame is not None and (not isinstance(frame, list | tuple) or len(frame) != 2):
         raise InvalidInputError(f"region: frame: expected longitude and latitude, got {shortened(frame)}")
-    area, no_go = (_polygon_from(check_text(data[name], what=f"region: {name}"), f"region: {name}") for name in ("area", "no_go"))
+    area, no_go = (read_wkt(check_text(data[name], what=f"region: {name}"), where=f"region: {name}") for name in ("area", "no_go"))
     count = check_integer(data["no_go_zones"], what="region: no_go_zones", least=0)
     name, place = check_text(data["name"], what="region: name"), None if frame is None else LocalFrame(*frame)
     zones = SearchRegion(no_go, place, no_go, name) if no_go.is_empty else region_of(no_go, frame=place, name=name)
     return replace(region_of(area, frame=place, name=name), no_go=zones.area, no_go_zones=count)
-
-
-def _polygon_from(text: str, what: str) -> Any:
-    """Return the polygon of a well-known text, which can have no levels but those of polygons."""
-    import shapely
-
-    check_count(len(text), LARGEST_FILE, where=what, what="characters")
-    if _POLYGON.match(text):
-        try:
-            with np.errstate(all="ignore"):  # 1e400 is refused as any coordinate that is too large
-                return shapely.from_wkt(text)
-        except (shapely.errors.ShapelyError, UnicodeError):
-            pass
-    raise InvalidInputError(f"{what}: expected well-known text of a polygon, got something else")
 
 
 def dump_region(value: str | SearchRegion) -> Any:
@@ -95,7 +78,7 @@ def _check_zone(zone: Any, number: int) -> Any:
     if hasattr(zone, "geom_type"):
         return zone
     if isinstance(zone, dict) and set(zone) == {"wkt"}:
-        return _polygon_from(check_text(zone["wkt"], what=what), what)
+        return read_wkt(check_text(zone["wkt"], what=what), where=what)
     if isinstance(zone, str | os.PathLike):
         return check_path(zone, what, "a file")
     try:

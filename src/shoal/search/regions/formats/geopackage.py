@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import struct
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -18,6 +19,8 @@ from shoal.search.regions.outline_checks import RegionOutlines
 
 _STEPS = 50_000_000  # of SQLite's machine: a table of so many polygons needs a hundredth of that
 _AT_ONCE = 10_000
+_POINT, _LINE, _POLYGON = 1, 2, 3  # of well-known binary
+_DEEPEST = 10
 _ENVELOPES = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}  # bytes before the geometry, by what the flags say
 _LAYERS = """
     SELECT c.table_name, g.column_name, s.organization, s.organization_coordsys_id, s.definition
@@ -102,9 +105,37 @@ def _shape(blob: Any, where: str) -> Any:
     try:
         if data[:2] != b"GP" or len(data) < 8:
             raise ValueError
-        return shapely.force_2d(shapely.from_wkb(data[8 + _ENVELOPES[data[3] >> 1 & 7] :]))  # after its header
-    except (shapely.errors.ShapelyError, KeyError, ValueError):
+        body = data[8 + _ENVELOPES[data[3] >> 1 & 7] :]  # after its header
+        _check_depth(body)
+        return shapely.force_2d(shapely.from_wkb(body))
+    except (shapely.errors.ShapelyError, KeyError, ValueError, struct.error):
         raise InvalidInputError(f"{where}: expected a geometry of straight lines, got a damaged one or another kind") from None
+
+
+def _check_depth(data: bytes) -> None:
+    """Refuse geometries deep within each other, by ValueError: GEOS would use up the stack, and with it the process."""
+    at, open_ones = 0, [1]
+    while open_ones:
+        if not open_ones[-1]:
+            open_ones.pop()
+            continue
+        open_ones[-1] -= 1
+        order = "<" if data[at : at + 1] == b"\x01" else ">"
+        code, count = struct.unpack_from(f"{order}II", data, at + 1)
+        kind, size = (code & 0xFFFF) % 1000, 8 * (2 + bool(code & 0x80000000) + bool(code & 0x40000000))
+        size += 8 * {0: 0, 1: 1, 2: 1, 3: 2}.get((code & 0xFFFF) // 1000, 0)
+        if kind == _POINT:
+            at += 5 + size
+        elif kind in (_LINE, _POLYGON):
+            at += 9
+            for _ in range(count if kind == _POLYGON else 0):
+                at += 4 + size * int(struct.unpack_from(f"{order}I", data, at)[0])
+            at += size * count if kind == _LINE else 0
+        else:
+            at += 9
+            open_ones.append(count)
+        if len(open_ones) > _DEEPEST:
+            raise ValueError("nested too deeply")
 
 
 def _quoted(name: Any) -> str:

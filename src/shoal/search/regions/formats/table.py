@@ -53,7 +53,10 @@ def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -
         if not line.strip(" ,;\t"):
             rows.append(None)
             continue
-        words = [word.strip() for word in next(csv.reader([line], delimiter="," if "," in line else ";"))]
+        try:
+            words = [word.strip() for word in next(csv.reader([line], delimiter="," if "," in line else ";"))]
+        except csv.Error as error:
+            raise InvalidInputError(f"{path}: line {number}: expected {columns}, got something else: {error}") from None
         if wide is None and (named := _named(words)) is not None:
             order, label, degrees, wide = *named, len(words)
             continue
