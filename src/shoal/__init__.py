@@ -18,7 +18,7 @@ if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
     # `python -m shoal` puts the current folder first: a file in it would be taken for a module of Python's own.
     del sys.path[0]
 if sys.argv and (sys.argv[0] == "-m" or sys.argv[0].endswith("/shoal")):  # a command: from here on it can be interrupted
-    import _signal  # signal itself takes some milliseconds, in which an interruption would be told as a traceback
+    import _signal  # type: ignore[import-not-found]  # signal takes some milliseconds, in which Ctrl-C would be told as a traceback
 
     if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
         _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
