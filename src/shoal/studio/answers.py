@@ -118,7 +118,10 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         mask = found.mask
         told |= {"confidence": found.confidence, "warning": found.warning, "bright": found.bright}
     else:
-        mask = finder_of(problem.map, **fields).mask(**thresholds)
+        finder = finder_of(problem.map, **fields)
+        rows, columns = finder.shape
+        step = -(-max(rows, columns) // LARGEST_SHOWN)
+        mask = finder.mask(**thresholds, shape=(-(-rows // step), -(-columns // step)))
     told["share"] = float(mask.mean())
     return told | {"mask": _mask_picture(_shrunk(mask))}
 

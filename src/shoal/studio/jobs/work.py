@@ -55,8 +55,8 @@ def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
         episode = shoal.run(problem, seed=seed)
     suffix = ".npz" if problem.part == "swarm" else ".episode.json"
     what = str(getattr(episode, "policy", getattr(episode, "planner", getattr(episode, "allocation", ""))))
-    stem = f"{Path(str(spec['problem'].get(next(iter(problem.declarations())), ''))).name}-{what}-seed{seed}"
-    name = folder.new_name(stem.partition(":")[0] if len(stem) > 60 else stem, suffix)
+    place = Path(str(spec["problem"].get(next(iter(problem.declarations())), ""))).name
+    name = folder.new_name(f"{place[:30]}-{what.partition(':')[0]}-seed{seed}", suffix)
     episode.save(folder.path(name))
     return {"file": name, "sentence": episode.sentence, "report": episode.report()}
 

@@ -340,7 +340,7 @@ const TOOLS = [
 /** The tools beside the map: what the pointer does, how wide, undo, and painting by numbers. */
 export function toolbar(editor) {
   const buttons = TOOLS.map(([name, words, path, help]) => el("button.tool", {
-    type: "button", title: help, "aria-label": help, "aria-pressed": String(name === LOOK), onclick: () => pick(name),
+    type: "button", title: help, "aria-pressed": String(name === LOOK), onclick: () => pick(name),
   }, symbol(path), el("span", {}, words)));
   function pick(name) {
     editor.tool = name;

@@ -51,7 +51,7 @@ export const guarded = (work) => async (...given) => {
 export function openSheet(title, ...children) {
   const sheet = document.getElementById("sheet");
   sheet.replaceChildren(
-    el("header", {}, el("h2", { id: "sheetTitle" }, title),
+    el("div.sheetHead", {}, el("h2", { id: "sheetTitle" }, title),
       el("button.quiet.icon", { type: "button", "aria-label": "Close", onclick: () => sheet.close() }, "×")),
     ...children,
   );
@@ -60,9 +60,9 @@ export function openSheet(title, ...children) {
 }
 
 /** Tabs over panels: one of several buttons is chosen. */
-export function tabs(label, choices, choose) {
+export function tabs(label, choices, choose, panel = null) {
   const buttons = choices.map(([name, words]) => el("button", {
-    type: "button", role: "tab", id: `tab-${name}`, "aria-selected": "false", "aria-controls": `panel-${name}`, onclick: () => pick(name),
+    type: "button", role: "tab", id: `tab-${name}`, "aria-selected": "false", "aria-controls": panel ?? `panel-${name}`, onclick: () => pick(name),
   }, words));
   const list = el("div.tabs", { role: "tablist", "aria-label": label }, buttons);
   list.addEventListener("keydown", (event) => {

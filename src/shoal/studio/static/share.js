@@ -21,8 +21,8 @@ export const showCopies = guarded(async (problem, seed) => {
     shown = name;
     text.textContent = copies[name];
     how.textContent = HOW[name];
-  });
-  openSheet("The same result elsewhere", choice.list, how, text, el("div.actions", {},
+  }, "panel-copies");
+  openSheet("The same result elsewhere", choice.list, el("div", { id: "panel-copies", role: "tabpanel" }, how, text), el("div.actions", {},
     el("button.main", { type: "button", onclick: guarded(async () => { await copy(copies[shown]); say("Copied."); }) }, "Copy"),
     el("button.second", {
       type: "button",

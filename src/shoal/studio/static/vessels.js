@@ -124,6 +124,10 @@ export function vessels({ remember }) {
     if (view !== "photo") setView("photo");
     try {
       if (photograph?.file !== problem.map) photograph = { file: problem.map, image: await imageOf((await ask("photograph", { file: problem.map })).picture, "jpeg") };
+      if (editor.photograph !== photograph.image) {
+        editor.setPhotograph(photograph.image, null);
+        facts.textContent = "looking for vessels …";
+      }
       await drawVessels(false);
       clearTimeout(exact);
       exact = setTimeout(guarded(() => drawVessels(true)), 700);
@@ -301,7 +305,7 @@ export function vessels({ remember }) {
     race: el("div.panel", { id: "panel-race", role: "tabpanel", "aria-labelledby": "tab-race" }, driving(context)),
     compare: el("div.panel.scrolls", { id: "panel-compare", role: "tabpanel", "aria-labelledby": "tab-compare" }, comparison(context)),
   };
-  const stages = tabs("Vessels", [["map", "Map"], ["run", "Run"], ["race", "Drive it yourself"], ["compare", "Compare"]], (name) => {
+  const stages = tabs("Vessels", [["map", "Map"], ["run", "Run"], ["race", "Drive"], ["compare", "Compare"]], (name) => {
     for (const [other, panel] of Object.entries(panels)) panel.hidden = other !== name;
     if (name === "map") editor.resize();
   });

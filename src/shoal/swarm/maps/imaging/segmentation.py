@@ -126,12 +126,13 @@ class VesselFinder:
             f"(confidence {first:.2f}, at least {LEAST_CONFIDENCE} is needed)"
         )
 
-    def mask(self, *, low: float, high: float) -> Mask:
-        """Return what the thresholds make of the lines that `find` chose last: soon, and with no confidence."""
+    def mask(self, *, low: float, high: float, shape: tuple[int, int]) -> Mask:
+        """Return what the thresholds make of the lines that `find` chose last, in ``shape``: soon, and with no confidence."""
         _check_thresholds(low, high)
         if self._clearest is None:
-            return self.find(low=low, high=high).mask
-        return self._clearest.mask(low, high, self.shape)
+            self.find(low=low, high=high)
+        assert self._clearest is not None
+        return self._clearest.mask(low, high, shape)
 
     def _clearest_at(self, levels: int, low: float, high: float) -> tuple[float, bool, _Filtered]:
         """Return the more confident one of bright and dark lines on so many sizes of the picture."""

@@ -70,7 +70,7 @@
           const at = Math.min(player.move, ghost.timeline.done);
           ghost.timeline.seek(ghost.swarm, ghost.at, at);
           ghost.at = at;
-          picture.pen.globalAlpha = 0.38;
+          picture.pen.globalAlpha = 0.55;
           const disc = picture.palette.particle;
           picture.palette.particle = GHOST;
           const discs = picture.discs;

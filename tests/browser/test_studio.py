@@ -1,0 +1,267 @@
+"""The studio, used as people use it: each flow ends in a file, or in numbers that the library gives, too."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page
+from tests.browser.waiting import until
+
+import shoal
+from shoal.steering import SteeringProblem
+from shoal.swarm import SwarmProblem
+
+pytestmark = pytest.mark.browser
+HOSTILE = "<img src=x onerror=alert(1)>"
+
+
+class Studio:
+    """A server of a folder, and a browser on it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.begin()
+
+    def begin(self) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "shoal", "studio", str(self.folder), "--no-browser"], stderr=subprocess.PIPE, text=True
+        )
+        assert self.process.stderr is not None
+        found = re.search(r"http://127\.0\.0\.1:(\d+)/\?token=\S+", self.process.stderr.readline())
+        assert found is not None
+        self.address, self.root = found[0], f"http://127.0.0.1:{found[1]}/"
+
+    def end(self, how: int = signal.SIGINT) -> None:
+        self.process.send_signal(how)
+        self.process.wait(20)
+        assert self.process.stderr is not None
+        self.process.stderr.close()
+
+    def open(self, page: Page, place: str = "", given: dict[str, Any] | None = None) -> None:
+        page.goto("about:blank")
+        page.goto(self.root + (f"#{place}?{quote(json.dumps(given))}" if place else ""))
+        page.wait_for_selector("body[data-ready]")
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
+    folder = tmp_path_factory.mktemp("studio")
+    (folder / f"{HOSTILE}.txt").write_text("..#\n...\n")
+    made = Studio(folder)
+    yield made
+    made.end()
+
+
+@pytest.fixture(scope="module")
+def page(studio: Studio, chromium: Browser) -> Iterator[Page]:
+    context = chromium.new_context(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
+    opened = context.new_page()
+    opened.set_default_timeout(30_000)
+    said: list[str] = []
+    opened.on("console", lambda message: "status of 422" in message.text or said.append(message.text))  # a refusal is shown
+    opened.on("pageerror", lambda error: said.append(str(error)))
+    opened.on("dialog", lambda dialog: said.append(dialog.message))
+    asked: list[str] = []
+    opened.on("request", lambda request: asked.append(request.url))
+    opened.goto(studio.address)
+    opened.wait_for_selector("body[data-ready]")
+    yield opened
+    context.close()
+    assert said == []
+    assert [url for url in asked if not url.startswith((studio.root, "data:", "blob:"))] == []
+
+
+def tab(page: Page, name: str) -> None:
+    page.get_by_role("tab", name=name, exact=True).click()
+
+
+def run_and_load(page: Page, studio: Studio, button: str = "Run") -> Any:
+    before = set(studio.folder.iterdir())
+    page.get_by_role("button", name=button, exact=True).click()
+    page.wait_for_selector(".panel:not([hidden]) .exports")
+    (new,) = [path for path in set(studio.folder.iterdir()) - before if path.suffix in (".npz", ".json")]
+    return shoal.load(new)
+
+
+def test_the_address_opens_the_page_and_keeps_no_secret(page: Page, studio: Studio) -> None:
+    assert "token" not in page.url
+    assert page.locator("#folder").inner_text() == studio.folder.name
+
+
+def test_a_run_is_played_and_is_the_episode_of_the_library(page: Page, studio: Studio) -> None:
+    given = {"map": "maze:9x7", "particles": 4, "policy": "closest-frontier"}
+    studio.open(page, "vessels", {"problem": given, "seed": 3})
+    episode = run_and_load(page, studio)
+    expected = shoal.run(SwarmProblem(**given), seed=3)
+    assert (episode.problem, episode.commands) == (expected.problem, expected.commands)
+    frame = page.frame_locator(".panel:not([hidden]) iframe:not([hidden])")
+    assert frame.locator("#of").inner_text() == f"of {expected.moves}"
+    assert frame.locator("#share").inner_text() == "100 %"
+    for name in ("PNG", "HTML"):
+        page.locator(".panel:not([hidden]) .exports").get_by_text(name, exact=True).click()
+        page.get_by_text(f".{name.lower()}", exact=False).first.wait_for()
+    assert {path.suffix for path in studio.folder.iterdir()} >= {".png", ".html", ".npz"}
+
+
+def test_noise_is_shown_at_the_end(page: Page, studio: Studio) -> None:
+    given = {"map": "maze:9x7", "particles": 4, "policy": "closest-frontier", "slip": 0.1}
+    studio.open(page, "vessels", {"problem": given, "seed": 1})
+    assert run_and_load(page, studio).commands == shoal.run(SwarmProblem(**given), seed=1).commands
+
+
+def test_cells_painted_by_numbers_are_undone_and_kept(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": {"map": "rectangle:6x8", "particles": 3}, "seed": 0})
+    page.get_by_text("By numbers").click()
+    page.get_by_label("What to paint").select_option("wall")
+    for name, value in (("row", 1), ("column", 2), ("rows", 2), ("columns", 3)):
+        page.locator(f".numbers input[name={name}]").fill(str(value))
+    page.get_by_role("button", name="Apply").click()
+    assert "42 free" in page.locator(".underStage .facts").inner_text()
+    page.get_by_role("button", name="Undo").click()
+    assert "48 free" in page.locator(".underStage .facts").inner_text()
+    page.get_by_role("button", name="Redo").click()
+    episode = run_and_load(page, studio)
+    free = np.ones((6, 8), dtype=bool)
+    free[1:3, 2:5] = False
+    assert np.array_equal(episode.workspace.free, free)
+    assert episode.problem.map == "rectangle-painted.png"
+
+
+def test_an_inlet_is_where_particles_start(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": {"map": "rectangle:6x8", "particles": 4, "policy": "closest-frontier"}, "seed": 0})
+    page.get_by_text("By numbers").click()
+    page.get_by_label("What to paint").select_option("inlet")
+    for name, value in (("row", 0), ("column", 0), ("rows", 2), ("columns", 2)):
+        page.locator(f".numbers input[name={name}]").fill(str(value))
+    page.get_by_role("button", name="Apply").click()
+    assert run_and_load(page, studio).start.tolist() == [[0, 0], [0, 1], [1, 0], [1, 1]]
+
+
+def test_a_race_driven_by_keys_is_kept(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": {"map": "line:4", "particles": 1}, "seed": 1})
+    start = shoal.run(SwarmProblem("line:4", particles=1), seed=1).start[0, 1]
+    tab(page, "Drive")
+    page.get_by_role("button", name="Start the race").click()
+    page.wait_for_selector(".pad:not([hidden])")
+    for key in ["ArrowLeft"] * (int(start) + 1) + ["ArrowRight"] * 4 + ["ArrowUp", "ArrowDown"] + ["ArrowUp", "ArrowLeft"] * 3:
+        page.keyboard.press(key)
+    for key in ["ArrowDown", "ArrowUp", "ArrowLeft"] * 4 + ["ArrowDown", "ArrowUp", "ArrowRight"] * 4:
+        page.keyboard.press(key)
+    page.wait_for_selector(".race .exports")
+    assert "Done in" in page.locator(".race .verdict").inner_text()
+    kept = [shoal.load(path) for path in studio.folder.glob("line-4-manual*.npz")]
+    assert [bool(episode) for episode in kept] == [True]
+    assert kept[0].start.tolist() == [[0, start]]
+
+
+def test_policies_are_compared_from_the_same_starts(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": {"map": "maze:9x7", "particles": 3}, "seed": 2})
+    tab(page, "Compare")
+    page.locator("#compareTrials").fill("4")
+    page.get_by_role("button", name="Compare", exact=True).click()
+    page.wait_for_selector(".quad iframe:not([hidden])", timeout=60_000)
+    cells = page.locator(".compare tbody tr").all()
+    for row, policy in zip(cells, ("best", "closest-frontier"), strict=True):
+        episodes = [shoal.run(SwarmProblem("maze:9x7", particles=3, policy=policy), seed=2, trial=trial) for trial in range(4)]
+        assert row.locator("td").first.inner_text() == f"{np.mean([one.moves for one in episodes]):.4g}"
+
+
+def test_names_are_text(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": {"map": f"{HOSTILE}.txt", "particles": 1, "policy": "<b>x"}, "seed": 0})
+    page.wait_for_timeout(300)
+    studio.open(page, "vessels", {"problem": {"map": f"{HOSTILE}.txt", "particles": 1}, "seed": 0})
+    until(page, "document.querySelector('.source').textContent.includes('<img')")
+    assert page.locator("img[src=x]").count() == 0
+
+
+def test_a_script_from_the_page_is_that_of_the_library(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": {"map": "maze:9x7", "particles": 4}, "seed": 5})
+    page.get_by_role("button", name="As Python").click()
+    page.wait_for_selector(".sheet[open]")
+    names: dict[str, Any] = {}
+    exec(page.locator(".code").inner_text(), names)
+    page.get_by_role("tab", name="As command").click()
+    assert page.locator(".code").inner_text() == "shoal map maze:9x7 --particles=4 --seed=5"
+    page.keyboard.press("Escape")
+    assert names["episode"].commands == shoal.run(SwarmProblem("maze:9x7", particles=4), seed=5).commands
+
+
+def test_particles_are_steered_by_keys_and_the_plan_is_the_librarys(page: Page, studio: Studio) -> None:
+    given = {"workspace": "square", "start": [[0.2, 0.3], [0.5, 0.35]], "goal": [[0.8, 0.2], [0.3, 0.75]]}
+    studio.open(page, "steering", {"problem": given, "seed": 0})
+    page.get_by_role("button", name="Particle 1 at").press("ArrowUp")
+    moved = given | {"start": [[0.2, 0.31], [0.5, 0.35]], "planner": "greedy"}
+    expected = shoal.run(SteeringProblem(**moved))
+    until(page, f"document.querySelector('.plan span').textContent.startsWith('{expected.moves} moves')")
+    until(page, "document.querySelectorAll('.reach').length === 2")
+    episode = run_and_load(page, studio, "Play")
+    assert np.array_equal(episode.inputs, expected.inputs)
+    page.wait_for_selector(".panel:not([hidden]) iframe:not([hidden])")
+
+
+@pytest.mark.parametrize("place", ["vessels", "steering"])
+def test_a_narrow_screen_scrolls_one_way_only(page: Page, studio: Studio, place: str) -> None:
+    page.set_viewport_size({"width": 390, "height": 844})
+    studio.open(page, place, {})
+    assert page.evaluate("document.querySelector('.place').scrollWidth") <= 390
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.set_viewport_size({"width": 1280, "height": 800})
+
+
+def test_jobs_of_a_killed_server_are_found_again_and_no_process_is_left(page: Page, studio: Studio) -> None:
+    ask = """async (seed) => (await fetch('/api/jobs', seed === null ? {} : {
+      method: 'POST', headers: {'content-type': 'application/json'},
+      body: JSON.stringify({kind: 'play', spec: {problem: {kind: 'swarm', map: 'maze:301x301', particles: 40}, seed}}),
+    })).json()"""
+    numbers = [page.evaluate(ask, seed)["id"] for seed in (1, 2, 3)]
+    until(page, "document.getElementById('jobsWord').textContent.startsWith('3')")
+    time.sleep(0.3)
+    below = descendants(studio.process.pid)
+    page.goto("about:blank")
+    studio.end(signal.SIGKILL)
+    assert below
+    gone_by = time.monotonic() + 5
+    while (left := [pid for pid in below if os.path.exists(f"/proc/{pid}") and not zombie(pid)]) and time.monotonic() < gone_by:
+        time.sleep(0.02)
+    assert left == []
+    studio.begin()
+    page.goto(studio.address)
+    page.wait_for_selector("body[data-ready]")
+    states = {job["id"]: job["state"] for job in page.evaluate(ask, None)["jobs"]}
+    assert all(states[number] in ("queued", "running", "done") for number in numbers)
+    for number in numbers:
+        page.evaluate(f"fetch('/api/jobs/{number}', {{method: 'DELETE'}})")
+    until(page, "document.getElementById('jobsWord').textContent === 'Jobs'")
+
+
+def descendants(pid: int) -> list[int]:
+    parents = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                parents[int(entry.name)] = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+            except (FileNotFoundError, ProcessLookupError):
+                continue
+    found = [pid]
+    for one in found:
+        found += [child for child, parent in parents.items() if parent == one]
+    return found[1:]
+
+
+def zombie(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return True

@@ -1,0 +1,30 @@
+"""What processes of the studio do in tests."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+
+def eat_memory(connection):
+    """Ask for more than there may be."""
+    try:
+        bytearray(4 * 2**30)
+    except MemoryError:
+        connection.send("refused")
+
+
+def crash(connection):
+    """End without a word."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def wait_with_child(connection):
+    """Start a process of its own, and wait."""
+    child = os.fork()
+    if child == 0:
+        time.sleep(60)
+        os._exit(0)
+    connection.send(child)
+    time.sleep(60)

@@ -1,0 +1,80 @@
+"""Jobs are found again, and processes end with what they started."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import time
+
+import pytest
+from tests import studio_work
+
+from shoal.errors import InvalidInputError
+from shoal.studio.jobs.processes import Worker
+from shoal.studio.jobs.store import JobStore
+
+
+def test_a_job_that_was_cut_off_is_begun_again_and_then_marked(tmp_path):
+    store = JobStore(tmp_path)
+    first, second = store.add("play", {"seed": 1}), store.add("play", {"seed": 2}, urgent=True)
+    assert store.begin_next()["id"] == second
+    store.close()  # a server that is killed says no more
+    store = JobStore(tmp_path)
+    assert [store.job(number)["state"] for number in (first, second)] == ["queued", "queued"]
+    assert store.begin_next()["id"] == second
+    store.close()
+    store = JobStore(tmp_path)
+    assert store.job(second)["state"] == "interrupted"
+    assert store.begin_next()["id"] == first
+    store.end(first, "done", {"file": "x.npz"})
+    store.close()
+    store = JobStore(tmp_path)
+    assert store.job(first)["result"] == {"file": "x.npz"}
+    assert store.begin_next() is None
+    store.close()
+
+
+def test_five_hundred_jobs_wait_in_order(tmp_path):
+    store = JobStore(tmp_path)
+    numbers = [store.add("play", {"seed": seed}) for seed in range(500)]
+    assert store.counts() == {"queued": 500}
+    assert store.cancel_queued(numbers[0])
+    assert not store.cancel_queued(numbers[0])
+    assert [store.begin_next()["id"] for _ in range(3)] == numbers[1:4]
+    store.close()
+
+
+def test_another_database_is_left_alone(tmp_path):
+    with sqlite3.connect(tmp_path / ".studio.sqlite") as other:
+        other.execute("CREATE TABLE notes (text)")
+    with pytest.raises(InvalidInputError, match="got another SQLite database"):
+        JobStore(tmp_path)
+
+
+def gone(pid):
+    until = time.monotonic() + 5
+    while time.monotonic() < until:
+        try:
+            os.kill(pid, 0)
+            with open(f"/proc/{pid}/stat") as stat:
+                if stat.read().rpartition(")")[2].split()[0] == "Z":
+                    return True
+        except (ProcessLookupError, FileNotFoundError):
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def test_processes_have_a_limit_of_memory_and_end_with_what_they_started():
+    eater, crasher, parent = (Worker(work) for work in (studio_work.eat_memory, studio_work.crash, studio_work.wait_with_child))
+    try:
+        assert eater.connection.recv() == "refused"
+        with pytest.raises(EOFError):
+            crasher.connection.recv()
+        child = parent.connection.recv()
+    finally:
+        for worker in (eater, crasher, parent):
+            worker.kill()
+            worker.end()
+    assert gone(child)
+    assert not parent.alive
