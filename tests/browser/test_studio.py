@@ -111,7 +111,7 @@ def test_a_run_is_played_and_is_the_episode_of_the_library(page: Page, studio: S
     assert frame.locator("#share").inner_text() == "100 %"
     for name in ("PNG", "HTML"):
         page.locator(".panel:not([hidden]) .exports").get_by_text(name, exact=True).click()
-        page.get_by_text(f".{name.lower()}", exact=False).first.wait_for()
+        page.locator(".note", has_text=f".{name.lower()}").wait_for()
     assert {path.suffix for path in studio.folder.iterdir()} >= {".png", ".html", ".npz"}
 
 

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.swarm.maps.generators import generate
-from shoal.swarm.maps.imaging import find_vessels, segment_vessels
+from shoal.swarm.maps.imaging import VesselFinder, find_vessels, segment_vessels
 
 pytest.importorskip("skimage")  # an extra
 
@@ -237,3 +237,14 @@ def test_without_scikit_image_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "skimage.filters", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'shoal\[imaging\]'"):
         segment_vessels(bars())
+
+
+def test_a_finder_answers_for_one_pair_of_thresholds_after_the_other():
+    picture = np.random.default_rng(0).normal(0, 0.05, (200, 240)) + ndimage.gaussian_filter(bars(), 1)
+    finder = VesselFinder(picture)
+    for low, high in ((0.6, 1.2), (0.9, 1.3)):
+        found, expected = finder.find(low=low, high=high), find_vessels(picture, low=low, high=high)
+        assert np.array_equal(found.mask, expected.mask)
+        assert (found.confidence, found.bright) == (expected.confidence, expected.bright)
+        assert np.array_equal(finder.mask(low=low, high=high, shape=(200, 240)), expected.mask)
+    assert finder.mask(low=0.9, high=1.3, shape=(100, 120)).shape == (100, 120)
