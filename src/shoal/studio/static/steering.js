@@ -24,7 +24,7 @@ export function steering({ remember }) {
   const warning = el("p.warning", { role: "status", hidden: true });
   const room = svg("svg", { class: "room", role: "group", "aria-label": "The workspace: particles are squares, goals are rings. Tab to one and move it with the arrow keys." });
   const space = svg("svg", { class: "room", role: "img", "aria-label": "The Δ configuration space" });
-  const table = el("div.plans", { role: "radiogroup", "aria-label": "Plans" }), reachWord = el("p.facts", {});
+  const table = el("div.plans", { role: "radiogroup", "aria-label": "Plans" }), reachWord = el("p.reached", {});
   const seedInput = el("input.short", { type: "number", min: 0, value: 0, id: "steeringSeed", onchange: () => { seed = Number(seedInput.value) || 0; redo(); } });
 
   const fields = () => ({ kind: "steering", ...problem });
@@ -104,7 +104,7 @@ export function steering({ remember }) {
   function drawRoom() {
     if (!place) return;
     const focused = document.activeElement?.dataset?.handle;
-    frame = frameOf(corners && corners.length ? [[[0, 0], [1, 1]], corners] : place.rings);
+    frame = frameOf(corners ? [[[0, 0], [1, 1]]] : place.rings);
     room.setAttribute("viewBox", `-8 -8 ${frame.width + 16} ${frame.height + 16}`);
     const { at } = frame;
     if (corners) {
@@ -220,7 +220,7 @@ export function steering({ remember }) {
   const sketch = el("button.second", { type: "button", "aria-pressed": "false", onclick: () => (corners ? endSketch() : beginSketch()) }, "Draw one");
   function beginSketch() {
     corners = [];
-    sketch.textContent = "Close the outline";
+    sketch.textContent = "Close it";
     sketch.setAttribute("aria-pressed", "true");
     stages.pick("plan");
     drawRoom();

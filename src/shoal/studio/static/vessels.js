@@ -185,7 +185,7 @@ export function vessels({ remember }) {
   const choices = el("select", { id: "vesselsFile", onchange: guarded(() => choices.value && choose(choices.value)) });
   function listFiles() {
     const maps = state.files.filter((file) => file.kind === "map"), kept = choices.value;
-    choices.replaceChildren(el("option", { value: "" }, maps.length ? "a file of the folder" : "no picture or map yet"), ...maps.map((file) => el("option", { value: file.name }, file.name)));
+    choices.replaceChildren(el("option", { value: "" }, maps.length ? "from the folder" : "no file yet"), ...maps.map((file) => el("option", { value: file.name }, file.name)));
     choices.value = kept;
     shownEpisodes();
   }
@@ -203,7 +203,7 @@ export function vessels({ remember }) {
   // ---- run ----
 
   const frame = new PlayerFrame("swarm", { title: "The episode as it is played" });
-  const volumeFrame = new PlayerFrame("swarm", { title: "The map" });
+  const volumeFrame = new PlayerFrame("swarm", { title: "The map", bare: "driven" });
   const runWord = el("p.soft", { role: "status" }), runBar = el("progress", { max: 1, value: 0, hidden: true, "aria-label": "Played" });
   const result = el("div.result", {});
   const go = el("button.main", { type: "button", onclick: guarded(() => play()) }, "Run");

@@ -1,0 +1,104 @@
+"""Take the pictures of the studio for the documentation: python docs/make_studio_images.py [FOLDER].
+
+With a folder every page is also taken there, light and dark, wide and narrow, to be looked at. Needs Chromium.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import Page, sync_playwright
+
+IMAGES = Path(__file__).parent / "images"
+COLOURS = 128  # of the pictures kept: what is on the pages has few
+
+
+def vessels(page: Page) -> None:
+    page.get_by_role("link", name="Vessels").click()
+    page.locator(".underStage .facts:has-text('free')").wait_for()
+
+
+def run(page: Page) -> None:
+    vessels(page)
+    page.get_by_role("button", name="Run", exact=True).click()
+    page.locator(".panel:not([hidden]) .exports").wait_for()
+
+
+def race(page: Page) -> None:
+    page.get_by_role("tab", name="Drive").click()
+    page.get_by_role("button", name="Start the race").click()
+    page.wait_for_selector(".pad:not([hidden])")
+    for key in ["ArrowLeft", "ArrowDown", "ArrowRight", "ArrowUp"] * 6:
+        page.keyboard.press(key)
+
+
+def compare(page: Page) -> None:
+    page.get_by_role("tab", name="Compare").click()
+    page.locator("#compareTrials").fill("8")
+    page.locator(".compare").get_by_role("button", name="Compare").click()
+    page.wait_for_selector(".quad iframe:not([hidden])", timeout=90_000)
+
+
+def steering(page: Page) -> None:
+    page.get_by_role("link", name="Steering").click()
+    page.wait_for_selector(".reach", state="attached")
+    page.locator(".plan:has-text('fewest-moves'):not(:has-text('planning'))").wait_for()
+
+
+def play(page: Page) -> None:
+    page.get_by_role("button", name="Play", exact=True).click()
+    page.locator(".panel:not([hidden]) .exports").wait_for()
+
+
+PAGES: dict[str, Callable[[Page], None]] = {
+    "vessels": vessels, "run": run, "race": race, "compare": compare, "steering": steering, "play": play,
+}  # fmt: skip
+KEPT = ("vessels", "compare", "steering")
+FORMS = [(theme, *size) for theme in ("light", "dark") for size in ((1280, 800), (390, 844))]
+
+
+def main(folder: Path | None) -> None:
+    with tempfile.TemporaryDirectory() as place:
+        server = subprocess.Popen(
+            [sys.executable, "-m", "shoal", "studio", place, "--no-browser"], stderr=subprocess.PIPE, text=True
+        )
+        assert server.stderr is not None
+        address = re.search(r"http://\S+", server.stderr.readline())
+        assert address is not None
+        try:
+            with sync_playwright() as playwright:
+                browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+                for theme, width, height in FORMS if folder else FORMS[:1]:
+                    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
+                    page = context.new_page()
+                    page.goto(address[0])
+                    page.wait_for_selector("body[data-ready]")
+                    for name, show in PAGES.items():
+                        show(page)
+                        page.wait_for_timeout(800)
+                        if folder:
+                            page.screenshot(path=folder / f"{name}-{theme}-{width}.png")
+                        if name in KEPT and (theme, width) == ("light", 1280):
+                            keep(page, IMAGES / f"studio-{name}.png")
+                    context.close()
+                browser.close()
+        finally:
+            server.send_signal(signal.SIGINT)
+            server.wait()
+
+
+def keep(page: Page, path: Path) -> None:
+    page.screenshot(path=path)
+    Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
