@@ -84,10 +84,11 @@ def narrow_turns(way, radius):
     for bend, (one, two) in zip(bends, pairwise(legs), strict=True):
         assert bend <= 30.1 + math.degrees(ROUNDING / one[2] + ROUNDING / two[2]), "no bend is a corner"
     needs = [0.0, *(radius * math.tan(math.radians(bend) / 2) for bend in bends), 0.0]
+    turned = [0.0, *(radius * ROUNDING / length for _, _, length in legs), 0.0]  # what rounding may turn each leg by, as a need
     return [
         (bearing, length, one + two)
-        for (bearing, _, length), one, two in zip(legs, needs[:-1], needs[1:], strict=True)
-        if one + two > length + ROUNDING * (1 + radius / length)
+        for number, ((bearing, _, length), one, two) in enumerate(zip(legs, needs[:-1], needs[1:], strict=True), start=1)
+        if one + two > length + ROUNDING + turned[number] + (turned[number - 1] + turned[number + 1]) / 2
     ]
 
 

@@ -12,7 +12,7 @@ from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.flight.terrain import Floats, Profile, Terrain, followed, profile_of
 from shoal.search.flight.timing import Trajectory, trajectory
-from shoal.search.flight.turning import turned_way
+from shoal.search.flight.turning import NEAR, KnownCurves, turned_way
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.outline_checks import Points, text_of
 from shoal.search.regions.projection import LocalFrame
@@ -71,6 +71,10 @@ class Flight:
         if self.altitude_frame == "ground" and self.flies and self.terrain is None:
             raise InvalidInputError("altitude_frame: expected home or sea without a terrain, which has the heights of the ground")
 
+    @cached_property
+    def _known(self) -> KnownCurves:
+        return KnownCurves()
+
     @property
     def flies(self) -> bool:
         """Whether the vehicle leaves the ground."""
@@ -93,14 +97,16 @@ class Flight:
         """
         whole = np.vstack([self.home, way, self.home])
         if self.vehicle.radius:
-            turned = turned_way(whole, _WIDER * self.vehicle.ground_radius, link=self.link, blocked=self.blocked)
-            whole = turned if len(turned) > 2 else whole
+            turned = turned_way(whole, _WIDER * self.vehicle.ground_radius, link=self.link, blocked=self.blocked, known=self._known)
+            first, last = (np.hypot(*(way[[0, -1]] - self.home).T) <= NEAR).astype(int).tolist()  # then home is a waypoint, too
+            whole = np.vstack([turned[:first], turned, turned[len(turned) - last :]])
         if not self.flies or self.terrain is None:
             return self._level(whole[1:-1])
         profile = profile_of(self.terrain, whole, self.frame, error=self.terrain_error)
         base = float(self.elevation or 0.0)
         if self.altitude_frame == "ground":
-            return followed(profile, self.vehicle.height, self.terrain_error) - (0.0, 0.0, base)
+            over = followed(profile, self.vehicle.height, self.terrain_error) - (0.0, 0.0, base)
+            return np.asarray(over[np.concatenate([[True], np.diff(over[:, :2], axis=0).any(axis=1)])])
         over = self._level(whole[1:-1])
         self._check_clear(profile, base if self.altitude_frame == "home" else 0.0)
         return over

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import field
 from math import pi
 from typing import Any
 
@@ -12,9 +13,13 @@ from shoal.errors import InvalidInputError
 from shoal.search.flight.dubins import WORDS, Floats, dubins_parts, dubins_way
 from shoal.search.regions.outline_checks import text_of
 
-HEADINGS = 12  # at a point that may be passed in any direction
+NEAR = 0.05
+"""Metres: points that are nearer to each other are passed as one."""
+
+HEADINGS = 13  # at a point that may be passed in any direction: every 30 degrees from the leg after it, and along the leg before
+LINK = 1.5  # footprints: ways between rows, which need not be flown straight
 _AT_ONCE = 1000  # links whose curves are reckoned at once
-_NEAR = 0.05  # metres: points that are no nearer to each other are passed one by one
+_TOUCH = 0.005  # metres by which a curve may cross what is blocked: rounding
 _SAME = 1e-6  # metres, and radians
 
 
@@ -22,20 +27,38 @@ _SAME = 1e-6  # metres, and radians
 class _Poses:
     """Places in order, the headings in which each may be passed, and whether the way to the next is a straight leg.
 
-    ``headings`` has shape (n, `HEADINGS`) with not-a-number for those that there are not.
+    ``headings`` has shape (n, `HEADINGS`) with not-a-number for those that there are not; ``vertices`` are those of the way.
     """
 
     points: Floats
     headings: Floats
     straight: list[bool]
+    vertices: list[int]
 
 
-def turned_way(way: Floats, radius: float, *, link: float = 0.0, blocked: Any = None) -> Floats:
+@dataclass
+class KnownCurves:
+    """What is known of curves between places already, so that it is found once for all sorties that are tried.
+
+    Parameters
+    ----------
+    costs : dict
+        Lengths and words of the curves of a link that cross nothing, by its places and headings.
+    loose : set
+        Places at which straight legs had to be left.
+    """
+
+    costs: dict[bytes, tuple[Floats, Any]] = field(default_factory=dict)
+    loose: set[bytes] = field(default_factory=set)
+
+
+def turned_way(way: Floats, radius: float, *, link: float = 0.0, blocked: Any = None, known: KnownCurves | None = None) -> Floats:
     """Return a way along the legs of another one whose turns are as wide as a radius, outside of the legs.
 
     All vertices are passed. Legs longer than ``link``, but for the first and the last, are flown straight from end to end; all
     others may be left for a curve between their ends. Of all headings, `HEADINGS` where one is free, and all curves, those are
-    taken that are shortest together.
+    taken that are shortest together. Where all curves from the end of a leg are blocked, so that nothing could turn there, the end
+    of the leg is passed point by point instead, no farther apart than a footprint, in whatever direction there is room for.
 
     Parameters
     ----------
@@ -44,9 +67,11 @@ def turned_way(way: Floats, radius: float, *, link: float = 0.0, blocked: Any = 
     radius : float
         Metres.
     link : float
-        Metres.
+        Metres: `LINK` footprints.
     blocked : Shapely geometry, optional
         What no curve crosses.
+    known : KnownCurves, optional
+        What was found for other ways with the same radius, link and blocked, and is then added to.
 
     Raises
     ------
@@ -60,81 +85,116 @@ def turned_way(way: Floats, radius: float, *, link: float = 0.0, blocked: Any = 
     >>> bool((flown[:, 0].max() > 450.0) & (len(flown) > 12))
     True
     """
-    kept = np.concatenate([[True], np.hypot(*np.diff(way, axis=0).T) > _NEAR])
-    points = way[kept]
+    moves = np.hypot(*np.diff(way, axis=0).T) > NEAR
+    points = np.asarray(way[np.concatenate([[True], moves])])
     if len(points) < 3:
-        return np.asarray(points)
-    poses = _poses(points, link)
+        return points
+    straight = np.hypot(*np.diff(points, axis=0).T) > max(link, _SAME)
+    straight[[0, -1]] &= ~moves[[0, -1]]  # where the way begins with its second point, its first leg is of no length
+    closed = None if blocked is None or blocked.is_empty else blocked.buffer(-_TOUCH)
+    memory = KnownCurves() if known is None else known
+    loosen = [vertex for vertex, point in enumerate(points) if point.tobytes() in memory.loose]
+    while True:
+        for vertex in reversed(loosen):
+            points, straight = _loosened(points, straight, vertex, 3 * radius, max(link / LINK, radius / 8))
+        found = _along(_poses(points, straight), radius, closed, memory)
+        if not isinstance(found, list):
+            return found
+        if not any(straight[max(vertex - 1, 0) : vertex + 1].any() for vertex in found):
+            raise InvalidInputError(
+                f"turn_radius: expected room for turns of {radius:.4g} m outside the no-go zones, got none at "
+                f"{text_of(points[found[0]])}: keep a margin to them"
+            )
+        memory.loose.update(points[vertex].tobytes() for vertex in found)
+        loosen = found
+
+
+def _loosened(points: Floats, straight: Any, vertex: int, reach: float, step: float) -> tuple[Floats, Any]:
+    """Return a way on which the straight legs at a vertex end before it, and their rest is passed point by point."""
+    for leg in (vertex, vertex - 1):  # the later one first, as numbers change after it
+        if not (0 <= leg < len(straight)) or not straight[leg]:
+            continue
+        along = points[leg + 1] - points[leg]
+        length = float(np.hypot(*along))
+        far = np.arange(step, min(reach, length) - step / 4, step) / length
+        shares = far if leg == vertex else 1.0 - far[::-1]
+        left = np.zeros(len(shares) + 1, dtype=np.bool_)
+        left[-1 if leg == vertex else 0] = length - reach > step
+        points = np.insert(points, leg + 1, points[leg] + shares[:, None] * along, axis=0)
+        straight = np.concatenate([straight[:leg], left, straight[leg + 1 :]])
+    return points, straight
+
+
+def _along(poses: _Poses, radius: float, closed: Any, known: KnownCurves) -> Floats | list[int]:
+    """Return the shortest way through poses; the vertices at which there is none, rising, if there is none."""
     links = np.flatnonzero(~np.array(poses.straight))
     lengths, words = _costs(poses, links, radius)
-    open_links: set[int] = set()
+    looked: set[int] = set()
     while True:
         chosen = _cheapest(poses, links, lengths)
         if chosen is None:
-            at = text_of(poses.points[links[min(open_links)]])
-            raise InvalidInputError(
-                f"turn_radius: expected room for turns of {radius:.4g} m outside the no-go zones, got none from {at} on"
-            )
+            stuck = [number for number in looked if not np.isfinite(lengths[number]).any()] or looked
+            ends = (poses.vertices[links[number] + end] for number in stuck for end in (0, 1))
+            return sorted({int(vertex) for vertex in ends})
         curves = _curves(poses, links, words, chosen, radius)
-        closed = [number for number in _crossing(curves, blocked) if number not in open_links]
-        if not closed:
+        crossing = [number for number in _crossing(curves, closed) if number not in looked]
+        if not crossing:
             return _joined(poses, links, curves)
-        for number in closed:  # all curves of these are looked at, once
-            open_links.add(number)
-            lengths[number], words[number] = _free_costs(poses, int(links[number]), radius, blocked)
+        for number in crossing:  # all curves of these are looked at, once
+            looked.add(number)
+            lengths[number], words[number] = _free_costs(poses, int(links[number]), radius, closed, known)
 
 
-def _poses(points: Floats, link: float) -> _Poses:
+def _poses(points: Floats, far: Any) -> _Poses:
     """Return the places to pass: both ends of each straight leg with its heading, else a place with free headings."""
     legs = np.diff(points, axis=0)
-    far = np.hypot(*legs.T) > max(link, _SAME)
-    far[[0, -1]] = False
-    free = np.arange(HEADINGS) * (2 * pi / HEADINGS)
-    places: list[Floats] = []
+    courses = np.arctan2(legs[:, 1], legs[:, 0])
+    free = np.arange(HEADINGS - 1) * (2 * pi / (HEADINGS - 1))
+    vertices: list[int] = []
     headings: list[Floats] = []
     straight: list[bool] = []
-    for index, point in enumerate(points):
+    for index in range(len(points)):
         before, after = index > 0 and far[index - 1], index < len(legs) and far[index]
         directions = [legs[leg] for leg, there in ((index - 1, before), (index, after)) if there]
         for number, direction in enumerate(directions or [None]):
             allowed = np.full(HEADINGS, np.nan)
             if direction is None:
-                allowed[:] = free + _course(points, index)
+                allowed[:-1], allowed[-1] = free + courses[min(index, len(legs) - 1)], courses[max(index - 1, 0)]
             else:
                 allowed[0] = np.arctan2(direction[1], direction[0])
-            places.append(point)
+            vertices.append(index)
             headings.append(allowed)
             straight.append(bool(after) and number == len(directions) - 1)
-    return _Poses(np.array(places), np.array(headings), straight[:-1])
-
-
-def _course(points: Floats, index: int) -> float:
-    """Return the direction from the point before to the one after."""
-    east, north = points[min(index + 1, len(points) - 1)] - points[max(index - 1, 0)]
-    return float(np.arctan2(north, east))
+    return _Poses(points[vertices], np.array(headings), straight[:-1], vertices)
 
 
 def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
     """Return for each link and pair of headings the length of the shortest curve, and its word."""
     lengths, words = np.full((len(links), HEADINGS, HEADINGS), np.inf), np.zeros((len(links), HEADINGS, HEADINGS), dtype=np.int8)
-    for begin in range(0, len(links), _AT_ONCE):
-        some = slice(begin, begin + _AT_ONCE)
-        every = _parts(poses, links[some], radius).sum(axis=-1)
-        lengths[some], words[some] = every.min(axis=-1), every.argmin(axis=-1)
+    only = np.isnan(poses.headings[:, 1])
+    fixed = only[links] & only[links + 1]
+    for some, count in ((np.flatnonzero(fixed), 1), (np.flatnonzero(~fixed), HEADINGS)):
+        for begin in range(0, len(some), _AT_ONCE):
+            chunk = some[begin : begin + _AT_ONCE]
+            every = _parts(poses, links[chunk], radius, count).sum(axis=-1)
+            lengths[chunk, :count, :count], words[chunk, :count, :count] = every.min(axis=-1), every.argmin(axis=-1)
     return lengths, words
 
 
-def _parts(poses: _Poses, links: Any, radius: float) -> Floats:
-    """Return the parts of all curves of links, shape (n, HEADINGS, HEADINGS, 6, 3); infinite for headings that there are not."""
+def _parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> Floats:
+    """Return the parts of all curves of links, shape (n, count, count, 6, 3); infinite for headings that there are not."""
     ends = []
     for some in (links, links + 1):
-        place = np.broadcast_to(poses.points[some][:, None, :], (len(some), HEADINGS, 2))
-        ends.append(np.concatenate([place, poses.headings[some][:, :, None]], axis=-1))
+        place = np.broadcast_to(poses.points[some][:, None, :], (len(some), count, 2))
+        ends.append(np.concatenate([place, poses.headings[some][:, :count, None]], axis=-1))
     return dubins_parts(ends[0][:, :, None, :], ends[1][:, None, :, :], radius)
 
 
-def _free_costs(poses: _Poses, link: int, radius: float, blocked: Any) -> tuple[Floats, Any]:
+def _free_costs(poses: _Poses, link: int, radius: float, blocked: Any, known: KnownCurves) -> tuple[Floats, Any]:
     """Return the lengths of the shortest curves of one link that cross nothing, and their words."""
+    key = poses.points[link : link + 2].tobytes() + poses.headings[link : link + 2].tobytes()
+    if key in known.costs:
+        return known.costs[key]
     parts = _parts(poses, np.array([link]), radius)[0]
     lengths = parts.sum(axis=-1)
     there = np.argwhere(np.isfinite(lengths))
@@ -144,7 +204,8 @@ def _free_costs(poses: _Poses, link: int, radius: float, blocked: Any) -> tuple[
     ]
     for number in _crossing(ways, blocked):
         lengths[tuple(there[number])] = np.inf
-    return lengths.min(axis=-1), lengths.argmin(axis=-1)
+    known.costs[key] = lengths.min(axis=-1), lengths.argmin(axis=-1)
+    return known.costs[key]
 
 
 def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | None:
@@ -183,7 +244,7 @@ def _curves(poses: _Poses, links: Any, words: Any, chosen: list[int], radius: fl
 
 def _crossing(curves: list[Floats], blocked: Any) -> list[int]:
     """Return the numbers of curves that cross what is blocked."""
-    if blocked is None or blocked.is_empty or not curves:
+    if blocked is None or not curves:
         return []
     import shapely
 
@@ -193,15 +254,22 @@ def _crossing(curves: list[Floats], blocked: Any) -> list[int]:
 
 
 def _joined(poses: _Poses, links: Any, curves: list[Floats]) -> Floats:
-    """Return the whole way, without points on straight stretches: ends of rows lie on the first legs of curves."""
-    pieces = [poses.points[:1]]
+    """Return the whole way, without points on straight stretches but the second and the last but one of those to pass.
+
+    Ends of rows lie on the first legs of curves. Between the two that are kept lies what a mission sees.
+    """
     number = dict(zip(links.tolist(), curves, strict=True))
-    pieces += [
-        number[place][1:] if place in number else poses.points[place + 1 : place + 2] for place in range(len(poses.straight))
-    ]
-    way = np.vstack(pieces)
-    way = way[np.concatenate([[True], np.hypot(*np.diff(way, axis=0).T) > _SAME])]
+    pieces, always = [poses.points[:1]], [True]
+    last = max(poses.vertices)
+    for place in range(len(poses.straight)):
+        piece = number[place][1:] if place in number else poses.points[place + 1 : place + 2]
+        pieces.append(piece)
+        always += [*[False] * (len(piece) - 1), poses.vertices[place + 1] in (1, last - 1, last)]
+    way, kept = np.vstack(pieces), np.array(always)
+    apart = np.concatenate([[True], np.hypot(*np.diff(way, axis=0).T) > _SAME])
+    kept[:-1] |= kept[1:] & ~apart[1:]  # of two at one place the first one stays
+    way, kept = way[apart], kept[apart]
     legs = np.diff(way, axis=0)
     legs /= np.hypot(*legs.T)[:, None]
-    bends = np.hypot(*np.diff(legs, axis=0).T) > _SAME
-    return np.asarray(way[np.concatenate([[True], bends, [True]])])
+    kept[1:-1] |= np.hypot(*np.diff(legs, axis=0).T) > _SAME
+    return np.asarray(way[kept])
