@@ -1,0 +1,310 @@
+"""Separation: how near two vehicles in flight come to each other, exactly, whatever each is late by, and which delays keep them apart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.dataclass import dataclass
+from shoal.search.flight.timing import Floats, Trajectory
+
+LEVEL = 1e-3  # metres: who is so near to the vertical separation has it
+_HAIR = 1e-9  # of a leg's duration
+_HIGHEST = 1e6  # metres: a vertical separation that is larger is as good as none
+_FIRST = 64  # pairs of legs that are looked at before all others
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """The nearest approach of two vehicles.
+
+    Parameters
+    ----------
+    horizontal : float
+        Metres between them, seen from above, at moments at which they are nearer in height than the vertical separation.
+    vertical : float
+        Metres between their heights then.
+    times : tuple of float
+        Seconds since each began to move.
+    places : ndarray of float64, shape (2, 3)
+        Where each is then; metres.
+    """
+
+    horizontal: float
+    vertical: float
+    times: tuple[float, float]
+    places: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Legs:
+    """The legs of a trajectory that take time: when each begins, how long it takes, where it begins and how it moves."""
+
+    begins: Floats
+    lasts: Floats
+    points: Floats
+    velocities: Floats
+
+    @classmethod
+    def of(cls, flown: Trajectory) -> _Legs:
+        lasts = np.diff(flown.times)
+        there = lasts > 0
+        velocities = np.diff(flown.points, axis=0)[there] / lasts[there, None]
+        return cls(flown.times[:-1][there], lasts[there], flown.points[:-1][there], velocities)
+
+    def __getitem__(self, index: NDArray[np.int64]) -> _Legs:
+        return _Legs(self.begins[index], self.lasts[index], self.points[index], self.velocities[index])
+
+    def bounds(self) -> tuple[Floats, Floats]:
+        ends = self.points + self.velocities * self.lasts[:, None]
+        return np.minimum(self.points, ends), np.maximum(self.points, ends)
+
+
+def nearest_approach(
+    one: Trajectory, other: Trajectory, *, vertical: float, later: float = 0.0, tolerance: float = 0.0
+) -> Approach | None:
+    """Return the nearest approach of two vehicles in flight, or None if they are never so near in height.
+
+    Both are in flight from the beginning to the end of their trajectories. Distances of legs are convex, so that the least one of
+    two legs is found in closed form, over all moments and all delays at once.
+
+    Parameters
+    ----------
+    one, other : Trajectory
+    vertical : float
+        Metres: moments at which they differ more in height do not count.
+    later : float
+        By how many seconds the other one begins later.
+    tolerance : float
+        Seconds by which each may be late, independently.
+
+    Examples
+    --------
+    >>> there = Trajectory(np.array([0.0, 10.0]), np.array([(0.0, 0.0, 30.0), (100.0, 0.0, 30.0)]))
+    >>> back = Trajectory(np.array([0.0, 10.0]), np.array([(100.0, 8.0, 33.0), (0.0, 8.0, 33.0)]))
+    >>> met = nearest_approach(there, back, vertical=5.0)
+    >>> met.horizontal, met.times, nearest_approach(there, back, vertical=2.0)
+    (8.0, (5.0, 5.0), None)
+    """
+    mine, theirs = _Legs.of(one), _Legs.of(other)
+    first, second = _together(mine, theirs, later, tolerance)
+    level = min(vertical, _HIGHEST) - LEVEL
+    gaps = _gaps(mine, theirs, first, second)
+    near = np.flatnonzero(gaps[:, 2] <= level)
+    if not len(near):
+        return None
+    apart = np.hypot(gaps[near, 0], gaps[near, 1])
+    order = near[np.argsort(apart, kind="stable")]
+    best: tuple[float, Any] = (np.inf, None)
+    for part in (order[:_FIRST], order[_FIRST:]):
+        part = part[np.hypot(gaps[part, 0], gaps[part, 1]) < best[0]]
+        if len(part):
+            best = min(best, _least(mine[first[part]], theirs[second[part]], level, (later, tolerance)), key=lambda found: found[0])
+    if best[1] is None:
+        return None
+    times, places = best[1]
+    return Approach(best[0], float(abs(places[0, 2] - places[1, 2])), times, places)
+
+
+def _together(mine: _Legs, theirs: _Legs, later: float, tolerance: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the pairs of legs that may be flown at one time."""
+    low = np.searchsorted(theirs.begins + theirs.lasts, mine.begins - later - tolerance, side="left")
+    high = np.searchsorted(theirs.begins, mine.begins + mine.lasts - later + tolerance, side="right")
+    counts = np.maximum(high - low, 0)
+    first = np.repeat(np.arange(len(mine.begins)), counts)
+    offsets = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
+    return first, np.repeat(low, counts) + offsets
+
+
+def _gaps(mine: _Legs, theirs: _Legs, first: NDArray[np.int64], second: NDArray[np.int64]) -> Floats:
+    """Return by how much the boxes around legs are apart, along each axis; shape (n, 3)."""
+    (low, high), (below, above) = mine.bounds(), theirs.bounds()
+    return np.maximum(np.maximum(low[first] - above[second], below[second] - high[first]), 0.0)
+
+
+def _planes(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float] | None) -> tuple[Floats, Floats]:
+    """Return what the times since the beginnings of two legs must meet: normals @ times <= limits.
+
+    Shapes (n, k, 2) and (n, k). The legs last; heights differ by ``level`` at most; and with ``shift``, the other's start and the
+    tolerance, both are flown at once.
+    """
+    n, zero, one = len(mine.begins), np.zeros(len(mine.begins)), np.ones(len(mine.begins))
+    up, rise, fall = mine.points[:, 2] - theirs.points[:, 2], mine.velocities[:, 2], theirs.velocities[:, 2]
+    rows = [
+        (-one, zero, zero), (one, zero, mine.lasts), (zero, -one, zero), (zero, one, theirs.lasts),
+        (rise, -fall, level - up), (-rise, fall, level + up),
+    ]  # fmt: skip
+    if shift is not None:
+        ahead = mine.begins - theirs.begins
+        rows += [(one, -one, shift[0] + shift[1] - ahead), (-one, one, shift[1] - shift[0] + ahead)]
+    table = np.array([[*row] for row in rows])
+    assert table.shape[2] == n
+    return np.moveaxis(table[:, :2], 2, 0), table[:, 2].T
+
+
+def _clipped(normals: Floats, limits: Floats, edge: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return a point and the direction of an edge's line, and from where to where along it all limits hold; empty if it falls."""
+    normal = normals[:, edge]
+    square = (normal**2).sum(axis=1)
+    there = square > 0
+    point = normal * (limits[:, edge] / np.where(there, square, 1.0))[:, None]
+    along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    low, high = np.full(len(point), -np.inf), np.full(len(point), np.inf)
+    low[~there] = np.inf
+    for other in range(normals.shape[1]):
+        if other == edge:
+            continue
+        slope = (normals[:, other] * along).sum(axis=1)
+        room = limits[:, other] - (normals[:, other] * point).sum(axis=1)
+        flat = np.abs(slope) <= _HAIR * np.sqrt(square * (normals[:, other] ** 2).sum(axis=1))
+        reach = room / np.where(flat, 1.0, slope)
+        high = np.where(~flat & (slope > 0), np.minimum(high, reach), high)
+        low = np.where(~flat & (slope < 0), np.maximum(low, reach), low)
+        low = np.where(flat & (room < -_HAIR * (1.0 + np.abs(limits[:, other]))), np.inf, low)
+    empty = np.isfinite(low) & np.isfinite(high) & (high < low)
+    bottom = np.where(empty, low, 0.0)
+    touching = empty & (bottom - np.where(empty, high, 0.0) <= _HAIR * (1.0 + np.abs(bottom)))
+    return point, along, low, np.where(touching, low, high)
+
+
+def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]) -> tuple[float, Any]:
+    """Return the least horizontal distance of pairs of legs, with the times and places of it."""
+    normals, limits = _planes(mine, theirs, level, shift)
+    start = mine.points[:, :2] - theirs.points[:, :2]
+    found = [_crossing(start, mine.velocities, theirs.velocities, normals, limits)]
+    for edge in range(normals.shape[1]):
+        point, along, low, high = _clipped(normals, limits, edge)
+        base = start + point[:, :1] * mine.velocities[:, :2] - point[:, 1:] * theirs.velocities[:, :2]
+        change = along[:, :1] * mine.velocities[:, :2] - along[:, 1:] * theirs.velocities[:, :2]
+        square = (change**2).sum(axis=1)
+        best = -(base * change).sum(axis=1) / np.where(square > 0, square, 1.0)
+        there = (low <= high) & np.isfinite(low) & np.isfinite(high)
+        at = np.clip(best, np.where(there, low, 0.0), np.where(there, high, 0.0))
+        apart = np.hypot(*(base + at[:, None] * change).T)
+        found.append((np.where(there, apart, np.inf), point + at[:, None] * along))
+    apart = np.array([one for one, _ in found])
+    which, k = np.unravel_index(int(np.argmin(apart)), apart.shape)
+    if not np.isfinite(apart[which, k]):
+        return np.inf, None
+    since = found[which][1][k]
+    times = (float(mine.begins[k] + since[0]), float(theirs.begins[k] + since[1]))
+    places = np.stack([mine.points[k] + since[0] * mine.velocities[k], theirs.points[k] + since[1] * theirs.velocities[k]])
+    return float(apart[which, k]), (times, places)
+
+
+def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return the times since the beginnings of two legs at which their lines cross, seen from above, and where there are any."""
+    cross = mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0]
+    scale = np.hypot(*mine[:, :2].T) * np.hypot(*theirs[:, :2].T)
+    there = np.abs(cross) > _HAIR * scale
+    divisor = np.where(there, cross, 1.0)
+    first = (theirs[:, 0] * start[:, 1] - theirs[:, 1] * start[:, 0]) / divisor
+    second = (mine[:, 0] * start[:, 1] - mine[:, 1] * start[:, 0]) / divisor
+    return np.stack([first, second], axis=1), there
+
+
+def _crossing(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats) -> tuple[Floats, Floats]:
+    """Return the distance 0 where two legs cross within the limits, else infinity; and when."""
+    times, there = _solved(start, mine, theirs)
+    good = there & _within(times, normals, limits)
+    return np.where(good, 0.0, np.inf), times
+
+
+def _within(times: Floats, normals: Floats, limits: Floats) -> NDArray[np.bool_]:
+    room = limits - (normals * times[:, None]).sum(axis=2)
+    return np.asarray((room >= -_HAIR * (1.0 + np.abs(limits))).all(axis=1))
+
+
+def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical: float) -> Floats:
+    """Return the differences of times at which two vehicles in flight would be too near; float64, shape (k, 2), merged, rising.
+
+    Each row are bounds of the time since the first began to move, less that since the other did: where it is in no row, both keep
+    one of the two separations.
+
+    Parameters
+    ----------
+    one, other : Trajectory
+    horizontal, vertical : float
+        Metres.
+
+    Examples
+    --------
+    >>> there = Trajectory(np.array([0.0, 10.0]), np.array([(0.0, 0.0, 30.0), (100.0, 0.0, 30.0)]))
+    >>> across = Trajectory(np.array([0.0, 10.0]), np.array([(50.0, -50.0, 30.0), (50.0, 50.0, 30.0)]))
+    >>> conflicts(there, across, horizontal=10.0, vertical=5.0).round(3).tolist()
+    [[-1.414, 1.414]]
+    """
+    import shapely
+
+    mine, theirs = _Legs.of(one), _Legs.of(other)
+    (low, high), (below, above) = mine.bounds(), theirs.bounds()
+    boxes = shapely.box(*(below[:, :2] - horizontal).T, *(above[:, :2] + horizontal).T)
+    first, second = shapely.STRtree(boxes).query(shapely.box(*low[:, :2].T, *high[:, :2].T))
+    near = _gaps(mine, theirs, first, second)[:, 2] <= vertical - LEVEL
+    if not near.any():
+        return np.zeros((0, 2))
+    a, b = mine[first[near]], theirs[second[near]]
+    normals, limits = _planes(a, b, min(vertical, _HIGHEST) - LEVEL, None)
+    start = a.points[:, :2] - b.points[:, :2]
+    begins = a.begins - b.begins
+    found = [_tangents(start, a.velocities, b.velocities, normals, limits, horizontal)]
+    for edge in range(normals.shape[1]):
+        point, along, least, most = _clipped(normals, limits, edge)
+        base = start + point[:, :1] * a.velocities[:, :2] - point[:, 1:] * b.velocities[:, :2]
+        change = along[:, :1] * a.velocities[:, :2] - along[:, 1:] * b.velocities[:, :2]
+        least, most = _near(base, change, horizontal, least, most)
+        there = (least <= most) & np.isfinite(least) & np.isfinite(most)
+        ends = np.where(there[:, None], np.stack([least, most], axis=1), 0.0)
+        shifts = (point[:, 0] - point[:, 1])[:, None] + ends * (along[:, 0] - along[:, 1])[:, None]
+        found.append(np.where(there[:, None], np.sort(shifts, axis=1), [np.inf, -np.inf]))
+    every = np.array(found)
+    return merged_intervals(np.stack([every[..., 0].min(axis=0) + begins, every[..., 1].max(axis=0) + begins], axis=1))
+
+
+def _near(base: Floats, change: Floats, horizontal: float, least: Floats, most: Floats) -> tuple[Floats, Floats]:
+    """Return from where to where along a line two vehicles are horizontally too near, within bounds."""
+    square, half = (change**2).sum(axis=1), (base * change).sum(axis=1)
+    rest = (base**2).sum(axis=1) - horizontal**2
+    still = square <= _HAIR**2
+    root = half**2 - square * rest
+    width = np.sqrt(np.maximum(root, 0.0)) / np.where(still, 1.0, square)
+    middle = -half / np.where(still, 1.0, square)
+    least = np.where(still, least, np.maximum(least, middle - width))
+    most = np.where(still, np.where(rest <= 0, most, -np.inf), np.minimum(most, middle + width))
+    return least, np.where(~still & (root < 0), -np.inf, most)
+
+
+def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats, horizontal: float) -> Floats:
+    """Return the extreme differences of times at which two lines are too near, where that is within the limits; else none."""
+    middle, there = _solved(start, mine, theirs)
+    # |M x| <= horizontal with M = [mine, -theirs]: the extremes of x0 - x1 are where M^-T (1, -1) points.
+    cross = np.where(there, mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0], 1.0)
+    # The inverse of M has the rows (theirs_y, -theirs_x) / cross and (mine_y, -mine_x) / cross.
+    rows = np.stack([theirs[:, [1, 0]] * [1, -1], mine[:, [1, 0]] * [1, -1]], axis=1) / cross[:, None, None]
+    way = rows[:, 0] - rows[:, 1]
+    way /= np.maximum(np.hypot(*way.T), np.finfo(float).tiny)[:, None]
+    found = np.full((2, len(start)), np.inf)
+    for k, sign in enumerate((-1.0, 1.0)):
+        times = middle + sign * horizontal * (rows * way[:, None]).sum(axis=2)
+        good = there & _within(times, normals, limits)
+        found[k] = np.where(good, times[:, 0] - times[:, 1], -sign * np.inf)
+    return np.stack([found[0], found[1]], axis=1)
+
+
+def merged_intervals(intervals: Floats) -> Floats:
+    """Return intervals that overlap as one; those whose end is before their beginning are none. Rising; shape (k, 2).
+
+    Examples
+    --------
+    >>> merged_intervals(np.array([(3.0, 4.0), (0.0, 2.0), (1.0, 2.5), (9.0, 8.0)])).tolist()
+    [[0.0, 2.5], [3.0, 4.0]]
+    """
+    kept = intervals[intervals[:, 0] <= intervals[:, 1]]
+    kept = kept[np.argsort(kept[:, 0], kind="stable")]
+    if not len(kept):
+        return np.zeros((0, 2))
+    ends = np.maximum.accumulate(kept[:, 1])
+    new = np.concatenate([[True], kept[1:, 0] > ends[:-1]])
+    return np.stack([kept[new, 0], ends[np.concatenate([np.flatnonzero(new)[1:] - 1, [len(kept) - 1]])]], axis=1)
