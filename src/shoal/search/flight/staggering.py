@@ -1,0 +1,110 @@
+"""Staggering: the altitude layers and the delayed starts with which vehicles keep their separation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.dataclass import dataclass
+from shoal.search.flight.separation import conflicts, merged_intervals
+from shoal.search.flight.timing import Floats, Trajectory
+
+HORIZONTAL, VERTICAL, DELAY = 10.0, 5.0, 10.0
+"""Metres and seconds: the separation, and how late each vehicle may be, unless given."""
+
+_WORTH = 0.05  # of the longest flight: what a layer more must save
+_AFTER = 0.01  # seconds: how far from a conflict delays keep, against rounding of files
+
+Flights = Callable[[int], Sequence[Trajectory]]
+
+
+@dataclass(frozen=True)
+class Separation:
+    """How far apart vehicles in flight must be: horizontally or vertically.
+
+    Parameters
+    ----------
+    horizontal, vertical : float
+        Metres.
+    delay : float
+        Seconds by which each may be late, independently of the others.
+    """
+
+    horizontal: float = HORIZONTAL
+    vertical: float = VERTICAL
+    delay: float = DELAY
+
+
+def staggered(
+    flights: Sequence[Flights], separation: Separation, layers: Sequence[int] | None = None
+) -> tuple[NDArray[np.int64], Floats]:
+    """Return layers and delays with which no two vehicles in flight come nearer than the separation.
+
+    The longest flight goes first, at once and in the lowest layer. Each other one takes the layer in which it ends first; a new
+    layer is opened only where that saves a twentieth of the longest flight: layers cost altitude.
+
+    Parameters
+    ----------
+    flights : sequence of callable
+        By vehicle: takes a layer, from 0, and returns how it would fly in it, in one or several ways of reckoning its times; the
+        separation is kept in each of them. One without flights stays on the ground.
+    separation : Separation
+    layers : sequence of int, optional
+        The layers, if they are settled: only delays are looked for.
+
+    Returns
+    -------
+    layers : ndarray of int64, shape (m,)
+    delays : ndarray of float64, shape (m,)
+        Seconds.
+
+    Examples
+    --------
+    >>> way = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 30.0), (100.0, 0.0, 30.0), (0.0, 0.0, 30.0), (0.0, 0.0, 0.0)])
+    >>> flight = Trajectory(np.array([0.0, 10.0, 30.0, 50.0, 60.0]), way)
+    >>> layers, delays = staggered([lambda layer: [flight]] * 2, Separation())
+    >>> layers.tolist(), delays.round(1).tolist()
+    ([0, 0], [0.0, 70.0])
+    """
+    flown = [cache(flight) for flight in flights]
+    lasting = np.array([max((one.duration for one in flight(0)), default=0.0) for flight in flown])
+    chosen, delays = np.zeros(len(flights), dtype=np.int64), np.zeros(len(flights))
+    settled: list[int] = []
+    end, opened = float(lasting.max(initial=0.0)), 1
+    for vehicle in np.argsort(-lasting, kind="stable").tolist():
+        if not flown[vehicle](0):
+            continue
+        options = range(opened + 1) if layers is None else [layers[vehicle]]
+        found: list[tuple[float, int]] = []
+        for layer in options:
+            before = [(flown[one](int(chosen[one])), float(delays[one])) for one in settled]
+            delay = _earliest(flown[vehicle](layer), before, separation)
+            new = layer == opened and layers is None
+            found.append((max(delay + lasting[vehicle], end) + (_WORTH * float(lasting.max()) if new else 0.0), layer))
+            delays[vehicle] = delay
+            if found[-1][0] <= end:
+                break
+        _, chosen[vehicle] = min(found)
+        before = [(flown[one](int(chosen[one])), float(delays[one])) for one in settled]
+        delays[vehicle] = _earliest(flown[vehicle](int(chosen[vehicle])), before, separation)
+        end, opened = max(end, float(delays[vehicle] + lasting[vehicle])), max(opened, int(chosen[vehicle]) + 1)
+        settled.append(vehicle)
+    return chosen, delays
+
+
+def _earliest(mine: Sequence[Trajectory], others: list[tuple[Sequence[Trajectory], float]], separation: Separation) -> float:
+    """Return the least delay with which a vehicle keeps its separation from others whose delays are settled."""
+    barred = [np.zeros((0, 2))]
+    for theirs, started in others:
+        for one, other in zip(mine, theirs, strict=True):
+            apart = conflicts(one, other, horizontal=separation.horizontal, vertical=separation.vertical)
+            # Both late by up to a delay: mine begins later by delay - started, give or take that.
+            barred.append(started - apart[:, ::-1] + separation.delay * np.array([-1.0, 1.0]))
+    delay = 0.0
+    for low, high in merged_intervals(np.concatenate(barred)).tolist():
+        if low - _AFTER < delay < high + _AFTER:
+            delay = high + _AFTER
+    return delay
