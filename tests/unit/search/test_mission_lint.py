@@ -257,7 +257,7 @@ PLANTS = [
     ("outside-region", ".plan", instead(waypoints=[*LANES, (8.5043, 47.4003)]), "item 7", ("transit",)),
     ("no-go", ".plan", instead(waypoints=[*LANES[:1], (8.502, 47.401)]), "item 4", ()),
     ("no-go", ".gpx", instead(waypoints=[(8.5003, 47.401), (8.5037, 47.401)]), "line 7", ()),
-    ("leg-outside", ".plan", rover(home=(8.4999, 47.4001)), "item 2", ()),
+    ("leg-outside", ".plan", rover(waypoints=[LANES[0], (8.4999, 47.4001), *LANES[1:]]), "item 3", ("outside-region",)),
     ("formats-differ", ".plan", other_speed, "", ()),
     ("formats-differ", ".plan", other_place, "", ()),
     ("formats-differ", ".kml", other_autopilot, "", ("firmware-mixed", "firmware")),

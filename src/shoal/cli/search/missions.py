@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,6 +13,10 @@ from shoal.checks import check_number
 from shoal.cli import options
 from shoal.cli.options import help_of, parsed
 from shoal.cli.output import check_folder, print_json, print_table, say
+from shoal.errors import InvalidInputError
+from shoal.search.flight.staggering import DELAY as _DELAY
+from shoal.search.flight.staggering import HORIZONTAL, VERTICAL, Separation
+from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.problem import SearchProblem
 
 if TYPE_CHECKING:
@@ -67,6 +71,27 @@ Cap = Annotated[
     ),
 ]
 Autopilot = Annotated[str | None, typer.Option("--autopilot", help="px4 or ardupilot: which one it has to be.", show_default=False)]
+SEPARATION, DELAY = f"{HORIZONTAL:g},{VERTICAL:g}", _DELAY
+Separated = Annotated[
+    str,
+    typer.Option(
+        "--separation",
+        metavar="HORIZONTAL[,VERTICAL]",
+        help="Metres of which vehicles in flight keep one at least; 0 for none.",
+    ),
+]
+Late = Annotated[
+    float, typer.Option("--delay-tolerance", metavar="SECONDS", help="How late each vehicle may be, independently of the others.")
+]
+FlownBy = Annotated[
+    str | None,
+    typer.Option(
+        "--vehicle",
+        metavar="NAME|FILE[,FIELD=VALUE...]",
+        help="How fast vehicles climb and turn, for the nearest approach; default: all at the speed in the file.",
+        show_default=False,
+    ),
+]
 Seed = Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")]
 Out = Annotated[
     Path | None,
@@ -90,6 +115,9 @@ def check(
     margin: Margin = 0.0,
     cap: Cap = None,
     autopilot: Autopilot = None,
+    separation: Separated = SEPARATION,
+    delay_tolerance: Late = DELAY,
+    vehicle: FlownBy = None,
     seed: Seed = 0,
     out: Out = None,
     json_: options.Json = False,
@@ -100,6 +128,7 @@ def check(
     """
     from shoal.search import open_region
     from shoal.search.missions import check_missions
+    from shoal.search.missions.rules import ROUNDING
     from shoal.search.regions.margin import with_margin
 
     check_number(least, what="--least", least=0, most=1)
@@ -107,16 +136,23 @@ def check(
         check_folder(out)
     sides = None if footprint is None else parsed(_FIELDS["footprint"], footprint)
     searched = open_region(region, no_go=no_go or None, layer=layer, inner=inner, across_zones=across_zones)
+    kept = parse_separation(separation, delay_tolerance)
+    flown = None if vehicle is None else vehicle_of(vehicle)
     searched = with_margin(searched, check_number(margin, what="--margin", least=0))
-    result = check_missions(folder, searched, sides, angle=angle, format=format_, cap=cap, autopilot=autopilot)
+    result = check_missions(
+        folder, searched, sides, angle=angle, format=format_, cap=cap, autopilot=autopilot, separation=kept, vehicle=flown
+    )
     written = [] if out is None else _write(result, out)
     if json_:
         print_json(result.report())
     else:
         _print(result, written)
+    near = result.approach
     faults = [f"{len(distinct(result.errors))} mistakes in the mission files"] if result.errors else []
     if result.coverage is not None and result.coverage.covered_fraction < least:
         faults.append(f"{100 * result.coverage.covered_fraction:.5g} % of the region is seen, less than {100 * least:g} %")
+    if kept is not None and near is not None and near.horizontal < kept.horizontal - ROUNDING:
+        faults.append(f"robots {near.robots[0]} and {near.robots[1]} come within {near.horizontal:.3g} m")
     if faults:
         say(f"shoal: {' and '.join(faults)}")
         raise typer.Exit(1)
@@ -147,6 +183,9 @@ def _print(result: MissionCheck, written: list[Path]) -> None:
             ("not seen", area_text(seen.uncovered_m2)),
             ("outside", f"{seen.outside_m:.6g} m of {seen.length_m:.6g} m"),
         ]
+    if result.separation is not None:
+        told = None if result.approach is None else result.approach.report(region.frame)
+        rows.append(("nearest", approach_text(told, result.separation.horizontal, result.separation.vertical)))
     errors, warnings = (len(distinct(some)) for some in (result.errors, tuple({*result.diagnostics} - {*result.errors})))
     rows.append(("mistakes", f"{errors}, and {warnings} warnings"))
     rows += [(diagnostic.severity, text) for diagnostic, text in _shown(result.diagnostics)]
@@ -167,6 +206,39 @@ def zones_text(count: int) -> str:
 def margin_text(margin: float, unseen: float) -> str:
     """Return the margin and what nobody sees who keeps it, as the description of a region goes on; nothing if there is none."""
     return f"; {area_text(unseen)} cannot be seen with the margin of {margin:g} m" if margin else ""
+
+
+def parse_separation(text: str, delay: float) -> Separation | None:
+    """Return the separation that a text of the command line says; None for 0."""
+    words = text.split(",")
+    try:
+        numbers = [float(word) for word in words]
+        if len(numbers) > 2:
+            raise ValueError
+    except ValueError:
+        raise InvalidInputError(f"--separation: expected HORIZONTAL or HORIZONTAL,VERTICAL in metres, got {text[:40]!r}") from None
+    for number in numbers:
+        check_number(number, what="--separation", least=0)
+    check_number(delay, what="--delay-tolerance", least=0)
+    if not numbers[0]:
+        return None
+    vertical = check_number(numbers[1], what="--separation, vertically", least=0.1) if len(numbers) > 1 else VERTICAL
+    return Separation(numbers[0], vertical, delay)
+
+
+def approach_text(near: dict[str, Any] | None, horizontal: float, vertical: float) -> str:
+    """Return the nearest approach for people."""
+    if near is None:
+        return f"no two vehicles in flight are nearer than {vertical:g} m in height"
+    one, other = near["robots"]
+    place = (
+        f"({near['x']:.6g}, {near['y']:.6g}) m" if "latitude" not in near else f"{near['latitude']:.6f}, {near['longitude']:.6f}"
+    )
+    sortie = f" of sortie {near['sortie']}" if near["sortie"] > 1 else ""
+    return (
+        f"{near['horizontal_m']:.4g} m, and {near['vertical_m']:.3g} m in height: robots {one} and {other} "
+        f"after {near['time_s']:.0f} s{sortie} at {place}; at least {horizontal:g} m or {vertical:g} m are asked for"
+    )
 
 
 def _footprint(sides: float | tuple[float, ...] | None) -> str:

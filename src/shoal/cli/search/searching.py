@@ -13,18 +13,29 @@ from shoal.checks import check_choice, check_number
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, say, write_films
-from shoal.cli.search.missions import area_text, margin_text, zones_text
+from shoal.cli.search.missions import (
+    DELAY,
+    SEPARATION,
+    Late,
+    Separated,
+    approach_text,
+    area_text,
+    margin_text,
+    parse_separation,
+    zones_text,
+)
 from shoal.errors import InvalidInputError
+from shoal.search.flight.staggering import Separation
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash
 
 if TYPE_CHECKING:
     from shoal.search import SearchEpisode
     from shoal.search.missions import Mission
+    from shoal.search.missions.fleet import FleetApproach
 
 SEARCH_EXAMPLE = "Example: shoal search ring:200x150 --robots 6 --footprint 10 --loss 0.3 --faults crash:2@20 --out found"
 _ROWS = 12
-_LINK = 1.5  # footprints: ways between rows, which a fixed wing need not fly straight
 
 
 @takes_problem(SearchProblem, from_file=True)
@@ -56,6 +67,14 @@ def search(
             "--terrain-error", metavar="METRES", help="By how much the height above ground may differ, between waypoints, too."
         ),
     ] = 2.0,
+    separation: Separated = SEPARATION,
+    delay_tolerance: Late = DELAY,
+    rally: Annotated[
+        Path | None,
+        typer.Option(
+            "--rally", metavar="FILE", help="Points where vehicles may come down in need: CSV or GeoJSON.", show_default=False
+        ),
+    ] = None,
     cap: Annotated[int | None, typer.Option("--cap", help="Mission items that the autopilot stores.", show_default=False)] = None,
     seed: options.Seed = 0,
     out: Annotated[
@@ -88,16 +107,25 @@ def search(
     if missions is not None and problem.vehicle is None:
         problem = problem.replaced(vehicle="multirotor").at_place(problem.place)
     ground: dict[str, Any] = {"altitude_frame": altitude_frame, "terrain": terrain, "terrain_error": terrain_error}
+    ground |= {"separation": parse_separation(separation, delay_tolerance), "rally": rally}
     writer = None if missions is None else MissionWriter(missions, problem, format_, autopilot, cap, **ground)
     check_outputs(out, film)
     with nullcontext() if problem.live is None else patience("searching with one process a robot ..."):
         episode = run(problem, seed=seed)
-    finish(episode, [] if writer is None else writer.write(episode), out, film, json_=json_)
+    finish(episode, [] if writer is None else writer.write(episode), out, film, json_=json_, writer=writer)
 
 
-def finish(episode: SearchEpisode, written: list[Path], out: Path | None, film: list[Path] | None, *, json_: bool) -> None:
+def finish(
+    episode: SearchEpisode,
+    written: list[Path],
+    out: Path | None,
+    film: list[Path] | None,
+    *,
+    json_: bool,
+    writer: MissionWriter | None = None,
+) -> None:
     """Write and print what came of a search; exit code 1 if it was not completed."""
-    result = episode.report()
+    result = episode.report() | ({} if writer is None else {"missions": writer.report(episode)})
     written = written + write_outputs(episode, result, out, film)
     if json_:
         print_json(result)
@@ -128,12 +156,16 @@ class MissionWriter:
         altitude_frame: str = "home",
         terrain: Path | None = None,
         terrain_error: float = 2.0,
+        separation: Separation | None = None,
+        rally: Path | None = None,
     ) -> None:
         from shoal.search.flight.flight import FRAMES
         from shoal.search.flight.terrain_files import open_terrain
         from shoal.search.missions import CAPS, FORMATS
 
-        self.folder = folder
+        self.folder, self.separation, self.rally = folder, separation, rally
+        self.missions: tuple[Mission, ...] = ()
+        self.approach: FleetApproach | None = None
         self.formats = [name.strip() for name in formats.split(",") if name.strip()]
         for name in self.formats:
             FORMATS.get(name)
@@ -156,27 +188,32 @@ class MissionWriter:
 
     def write(self, episode: SearchEpisode) -> list[Path]:
         """Write them; return the files."""
-        from shoal.search.missions import missions_of, write_missions
+        from shoal.search.missions import write_missions
+        from shoal.search.missions.fleet import fleet_approach, fleet_missions
+        from shoal.search.regions.places import read_points
 
-        plan = episode.plan
-        found: list[Mission] = []
-        for robot in range(len(plan.places)):
-            stops = plan.stops(robot)
-            if not len(stops):
-                continue  # in reserve
-            found += missions_of(
-                plan.route(robot, stops).points,
-                plan.grid.region.frame,
-                robot=robot + 1,
-                home=plan.places[robot],
-                vehicle=plan.vehicle,
-                rate=float(plan.rates[robot]),
-                link=float(plan.footprints[robot]) * _LINK,
-                blocked=plan.grid.region.no_go,
-                ways=plan.leg,
-                **self.options,
-            )
-        return write_missions(found, self.folder, formats=self.formats or None)
+        region = episode.plan.grid.region
+        rally = None if self.rally is None else read_points(self.rally, region, what="rally points")
+        self.missions = fleet_missions(episode.plan, separation=self.separation, rally=rally, **self.options)
+        if self.separation is not None:
+            vehicle = episode.plan.vehicle
+            self.approach = fleet_approach(self.missions, self.separation, region.frame, vehicle=vehicle)
+        return write_missions(self.missions, self.folder, formats=self.formats or None)
+
+    def report(self, episode: SearchEpisode) -> dict[str, Any]:
+        """Return what was written for JSON."""
+        kept, near = self.separation, self.approach
+        frame = episode.plan.grid.region.frame
+        return {
+            "sorties": len(self.missions),
+            "separation_m": None if kept is None else [kept.horizontal, kept.vertical],
+            "delay_tolerance_s": None if kept is None else kept.delay,
+            "nearest_approach": None if near is None else near.report(frame),
+            "starts": [
+                {"robot": one.robot, "sortie": one.sortie, "delay_s": one.delay, "altitude_m": one.altitude}
+                for one in self.missions
+            ],
+        }
 
 
 def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
@@ -229,6 +266,13 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
         ("found", f"at {place_text(finding)}, sure to {100 * finding['confidence']:.1f} %")
         for finding in result["findings"][:_ROWS]
     ]
+    if "missions" in result:
+        told = result["missions"]
+        waits = max((start["delay_s"] for start in told["starts"]), default=0.0)
+        heights = sorted({start["altitude_m"] for start in told["starts"]})
+        rows.append(("starts", f"within {waits:g} s, in layers at {', '.join(f'{height:g}' for height in heights)} m"))
+        if told["separation_m"] is not None:
+            rows.append(("nearest", approach_text(told["nearest_approach"], *told["separation_m"])))
     rows += [*more, *(("written", text) for text in files_text(written))]
     print_table(rows, title=f"{result['allocation']} along {result['tour']}")
 
@@ -297,7 +341,7 @@ def demo_search(out: Path, *, seed: int, json_: bool) -> None:
     )
     episode = run(problem, seed=seed)
     result = episode.report()
-    written = MissionWriter(out / "missions", problem, "plan,kml").write(episode)
+    written = MissionWriter(out / "missions", problem, "plan,kml", separation=Separation()).write(episode)
     written += write_outputs(episode, result, out, [out / "search.html"])
     if json_:
         print_json(result | {"files": [str(path) for path in written]})

@@ -47,6 +47,8 @@ class Flight:
         Metres: fixed wings need not fly straight what is no longer.
     blocked : Shapely geometry, optional
         What no turn crosses.
+    landing : ndarray of float64, shape (2,), optional
+        Where it comes down, metres; home if not given.
 
     Raises
     ------
@@ -62,6 +64,7 @@ class Flight:
     rate: float = 1.0
     link: float = 0.0
     blocked: Any = None
+    landing: Points | None = None
 
     def __post_init__(self) -> None:
         check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
@@ -74,6 +77,11 @@ class Flight:
     @cached_property
     def _known(self) -> KnownCurves:
         return KnownCurves()
+
+    @property
+    def end(self) -> Points:
+        """Where it comes down, metres."""
+        return self.home if self.landing is None else self.landing
 
     @property
     def flies(self) -> bool:
@@ -95,7 +103,7 @@ class Flight:
         way : ndarray of float64, shape (k, 2)
             Metres, without home.
         """
-        whole = np.vstack([self.home, way, self.home])
+        whole = np.vstack([self.home, way, self.end])
         if self.vehicle.radius:
             turned = turned_way(whole, _WIDER * self.vehicle.ground_radius, link=self.link, blocked=self.blocked, known=self._known)
             first, last = (np.hypot(*(way[[0, -1]] - self.home).T) <= NEAR).astype(int).tolist()  # then home is a waypoint, too
@@ -127,12 +135,12 @@ class Flight:
             )
 
     def flown(self, waypoints: Floats) -> Trajectory:
-        """Return when the vehicle is where, from the ground at home along waypoints to the ground at home."""
-        return trajectory(whole_way(self.home, waypoints), self.vehicle, rate=self.rate)
+        """Return when the vehicle is where, from the ground at home along waypoints to the ground at its end."""
+        return trajectory(whole_way(self.home, waypoints, self.landing), self.vehicle, rate=self.rate)
 
 
-def whole_way(home: Points, waypoints: Floats) -> Floats:
-    """Return a way from the ground at home up, along waypoints, and down to it again; heights above home.
+def whole_way(home: Points, waypoints: Floats, landing: Points | None = None) -> Floats:
+    """Return a way from the ground at home up, along waypoints, and down to it again, or elsewhere; heights above home.
 
     Up over home to the height of the first waypoint, and down from that of the last.
 
@@ -141,5 +149,5 @@ def whole_way(home: Points, waypoints: Floats) -> Floats:
     >>> whole_way(np.zeros(2), np.array([(40.0, 0.0, 30.0)])).tolist()
     [[0.0, 0.0, 0.0], [0.0, 0.0, 30.0], [40.0, 0.0, 30.0], [0.0, 0.0, 30.0], [0.0, 0.0, 0.0]]
     """
-    ground = np.append(home, 0.0)
-    return np.vstack([ground, [*home, waypoints[0, 2]], waypoints, [*home, waypoints[-1, 2]], ground])
+    end = home if landing is None else landing
+    return np.vstack([[*home, 0.0], [*home, waypoints[0, 2]], waypoints, [*end, waypoints[-1, 2]], [*end, 0.0]])

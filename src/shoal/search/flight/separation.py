@@ -1,4 +1,4 @@
-"""Separation: how near two vehicles in flight come to each other, exactly, whatever each is late by, and which delays keep them apart."""
+"""Separation: how near two vehicles in flight come to each other, exactly, however late each is; which delays keep them apart."""
 
 from __future__ import annotations
 
@@ -98,8 +98,8 @@ def nearest_approach(
     apart = np.hypot(gaps[near, 0], gaps[near, 1])
     order = near[np.argsort(apart, kind="stable")]
     best: tuple[float, Any] = (np.inf, None)
-    for part in (order[:_FIRST], order[_FIRST:]):
-        part = part[np.hypot(gaps[part, 0], gaps[part, 1]) < best[0]]
+    for some in (order[:_FIRST], order[_FIRST:]):
+        part = some[np.hypot(gaps[some, 0], gaps[some, 1]) < best[0]]
         if len(part):
             best = min(best, _least(mine[first[part]], theirs[second[part]], level, (later, tolerance)), key=lambda found: found[0])
     if best[1] is None:

@@ -16,7 +16,7 @@ HORIZONTAL, VERTICAL, DELAY = 10.0, 5.0, 10.0
 """Metres and seconds: the separation, and how late each vehicle may be, unless given."""
 
 _WORTH = 0.05  # of the longest flight: what a layer more must save
-_AFTER = 0.01  # seconds: how far from a conflict delays keep, against rounding of files
+_AFTER = 1.0  # seconds: how far from a conflict delays keep, so that they can be whole seconds
 
 Flights = Callable[[int], Sequence[Trajectory]]
 
@@ -59,7 +59,7 @@ def staggered(
     -------
     layers : ndarray of int64, shape (m,)
     delays : ndarray of float64, shape (m,)
-        Seconds.
+        Whole seconds.
 
     Examples
     --------
@@ -107,4 +107,4 @@ def _earliest(mine: Sequence[Trajectory], others: list[tuple[Sequence[Trajectory
     for low, high in merged_intervals(np.concatenate(barred)).tolist():
         if low - _AFTER < delay < high + _AFTER:
             delay = high + _AFTER
-    return delay
+    return float(np.ceil(delay))

@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.files import write_json
+from shoal.search.flight.staggering import Separation
+from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
-from shoal.search.missions.files import FORMATS, format_of
+from shoal.search.missions.files import FORMATS, format_of, mission_of
+from shoal.search.missions.fleet import FleetApproach, fleet_approach
 from shoal.search.missions.lint import examine
-from shoal.search.missions.rules import ROUNDING, metres_of
+from shoal.search.missions.mission import Mission
+from shoal.search.missions.rules import ROUNDING, metres_of, searching
 from shoal.search.regions.coverage import AreaCoverage, coverage_check
 from shoal.search.regions.margin import visible_region
 from shoal.search.regions.region import SearchRegion
@@ -43,6 +47,12 @@ class MissionCheck:
     n_waypoints : int
     footprint : float, tuple of float or None
         Metres; of all, or of each robot.
+    missions : tuple of Mission
+        Those that were flown and that hold heights.
+    separation : Separation or None
+        What vehicles in flight are to keep.
+    approach : FleetApproach or None
+        The nearest approach; None if no two are ever nearer in height than the separation, or none was asked for.
     """
 
     region: SearchRegion
@@ -52,6 +62,9 @@ class MissionCheck:
     coverage: AreaCoverage | None
     n_waypoints: int
     footprint: float | tuple[float, ...] | None
+    missions: tuple[Mission, ...] = ()
+    separation: Separation | None = None
+    approach: FleetApproach | None = None
 
     @property
     def errors(self) -> tuple[Diagnostic, ...]:
@@ -75,6 +88,9 @@ class MissionCheck:
             "covered_fraction": None if seen is None else seen.covered_fraction,
             "uncovered_m2": None if seen is None else seen.uncovered_m2,
             "outside_m": None if seen is None else seen.outside_m,
+            "separation_m": None if self.separation is None else [self.separation.horizontal, self.separation.vertical],
+            "delay_tolerance_s": None if self.separation is None else self.separation.delay,
+            "nearest_approach": None if self.approach is None else self.approach.report(self.region.frame),
             "errors": len(self.errors),
             "warnings": len(self.diagnostics) - len(self.errors),
             "diagnostics": [diagnostic.report() for diagnostic in self.diagnostics],
@@ -113,6 +129,8 @@ def check_missions(
     format: str | None = None,  # noqa: A002  # what it is called everywhere else
     cap: int | None = None,
     autopilot: str | None = None,
+    separation: Separation | None = None,
+    vehicle: Vehicle | None = None,
 ) -> MissionCheck:
     """Read mission files back and measure what vehicles that follow them see of a region.
 
@@ -132,6 +150,10 @@ def check_missions(
         Whose files are flown; the first of ``FORMATS`` that is in the folder if not given.
     cap, autopilot : optional
         As for `lint`.
+    separation : Separation, optional
+        What vehicles in flight are to keep: if given, the nearest approach is found.
+    vehicle : Vehicle, optional
+        How fast vehicles climb and turn for that; all is done at the speed in the file if not given.
 
     Raises
     ------
@@ -153,13 +175,18 @@ def check_missions(
     flown = [sheet for sheet, name in zip(sheets, present, strict=True) if name == chosen and sheet.readable]
     coverage = None
     if footprint is not None:
-        ways = [metres_of(sheet, region)[1:] for sheet in flown]
+        ways = [_searching_way(sheet, region) for sheet in flown]
         ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region, and among the diagnostics
         turned_by = angle_of(ways) if angle is None else angle
         sides = _footprints(flown, footprint)
         region = visible_region(region, float(np.min(sides)), turned_by)
         coverage = coverage_check(region, ways, sides, tolerance=ROUNDING, angle=turned_by)
+    missions = tuple(mission_of(sheet, sheet.file) for sheet in flown if sheet.altitude_frame != "ground")
+    near = None if separation is None else fleet_approach(missions, separation, region.frame, vehicle=vehicle)
     return MissionCheck(
+        missions=missions,
+        separation=separation,
+        approach=near,
         region=region,
         format=chosen,
         files=tuple(sheet.file for sheet in flown),
@@ -168,6 +195,30 @@ def check_missions(
         n_waypoints=sum(len(sheet.points) for sheet in flown),
         footprint=tuple(footprint) if isinstance(footprint, Sequence) else footprint,
     )
+
+
+def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
+    """Return the waypoints of a mission in metres; of ways from a home outside and to an end outside only the stretch inside."""
+    way = metres_of(sheet, region)
+    near = np.asarray(np.isfinite(way).all(axis=1))
+    inside = near & region.contains(np.where(near[:, None], way, 0.0))
+    here = searching(inside)
+    kept = [way[1:-1][here]]
+    if not inside[0] and inside[here.start + 1] and near[here.start]:
+        kept.insert(0, _inner(region, way[here.start + 1], way[here.start])[::-1])
+    if not inside[-1] and inside[here.stop] and near[here.stop + 1]:
+        kept.append(_inner(region, way[here.stop], way[here.stop + 1]))
+    return np.concatenate(kept)
+
+
+def _inner(region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far a leg from inside goes until it first leaves the region; shape (1, 2)."""
+    import shapely
+
+    pieces = shapely.get_parts(shapely.intersection(shapely.linestrings([here, there]), region.reach))
+    nearest = pieces[int(np.argmin(shapely.distance(pieces, shapely.points(here))))]
+    ends = shapely.get_coordinates(nearest)
+    return np.asarray(ends[[int(np.argmax(np.hypot(*(ends - here).T)))]])
 
 
 def angle_of(ways: Sequence[NDArray[np.float64]]) -> float:

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from shoal.dataclass import dataclass
+from shoal.search.missions.fence import Fence
 from shoal.search.regions.formats.xml_tree import Element, XmlError, parse_xml
 from shoal.search.regions.outline_checks import Points
 
@@ -48,7 +49,7 @@ RULES: dict[str, Rule] = {
     "do-jump-id": Rule("error", "`doJumpId` not counting from 1"),
     "frame": Rule("error", "an altitude from neither home nor the sea, or not as the first one, or another item with one"),
     "take-off": Rule("error", "what flies without a take-off before its first waypoint, or a rover with one"),
-    "no-return": Rule("error", "the last item is neither a return nor a landing"),
+    "no-return": Rule("error", "the last item is neither a return nor a landing nor, of a rover, a hold"),
     "autocontinue": Rule("warning", "an item at which the vehicle stops and waits"),
     "current": Rule("warning", "another item than the first is marked as current"),
     "unknown-command": Rule("warning", "a command that a search does not need; it is passed over"),
@@ -68,6 +69,8 @@ RULES: dict[str, Rule] = {
     "duplicate": Rule("warning", "a waypoint where the one before is"),
     "outside-region": Rule("error", "a waypoint outside the region, but of a fixed wing that turns there"),
     "no-go": Rule("error", "a waypoint in a no-go zone, or a leg through one"),
+    "beside": Rule("error", "a file of the fence or of rally points beside `.waypoints` that cannot be read"),
+    "fence": Rule("error", "a way that leaves the fence, or enters a zone that it keeps out of"),
     "leg-outside": Rule("error", "a rover's leg that leaves the region, from home and back included"),
     "transit": Rule("warning", "a leg that leaves the region, of what flies"),
     "formats-differ": Rule("error", "two files of one sortie that say different things"),
@@ -128,6 +131,10 @@ class Sheet:
     places: list[str] = field(default_factory=list)
     altitudes: list[float] = field(default_factory=list)
     home: tuple[float, float] | None = None
+    landing: tuple[float, float] | None = None
+    delay: float = 0.0
+    fence: Fence | None = None
+    rally: tuple[tuple[float, float], ...] = ()
     robot: int | None = None
     sortie: int | None = None
     kind: str | None = None

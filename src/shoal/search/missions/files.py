@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shoal.checks import parse_json
+from shoal.checks import parse_json, read_text
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.files import atomic, write_json
@@ -18,6 +18,7 @@ from shoal.registry import Registry
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.diagnostics import RULES, Sheet
 from shoal.search.missions.formats import geojson, gpx, kml, plan, table, wpl
+from shoal.search.missions.formats.fences import FENCE, RALLY, fence_text, rally_text, read_fence, read_rally
 from shoal.search.missions.mission import KINDS, Mission
 from shoal.search.missions.rules import check_coordinates
 from shoal.search.regions.limits import LARGEST_FILE
@@ -105,13 +106,39 @@ def write_missions(
             if path in texts:
                 raise InvalidInputError(f"missions: expected each robot and sortie once, got {mission.name} again")
             texts[path] = form.write(mission)
+    named = list(texts)
+    if "wpl" in formats:
+        texts |= {Path(folder) / name: text for name, text in _beside(missions).items()}
     with ExitStack() as stack:
         for path, text in texts.items():
             stack.enter_context(atomic(path)).write_text(text, encoding="utf-8", newline="\n")
     for name in _listed(folder) - {path.name for path in texts}:
         (Path(folder) / name).unlink(missing_ok=True)
     write_json(Path(folder) / MANIFEST, {"files": sorted(path.name for path in texts)})
-    return list(texts)
+    return [*named, *(path for path in texts if path not in named)]
+
+
+def _beside(missions: Sequence[Mission]) -> dict[str, str]:
+    """Return the files of fence and rally points, which are those of all missions, by name."""
+    first = missions[0]
+    found = {} if first.fence is None else {FENCE: fence_text(first.fence)}
+    return found | ({RALLY: rally_text(first.rally, min(one.altitude for one in missions))} if first.rally else {})
+
+
+def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None:
+    """Give to the sheets of WPL files the fence and the rally points in the files beside them; note what is wrong with those."""
+    for name, reader, field in ((FENCE, read_fence, "fence"), (RALLY, read_rally, "rally")):
+        path = Path(folder) / name
+        ours = [sheet for sheet in sheets if Path(sheet.file).suffix.lower() == wpl.SUFFIX]
+        if not ours or not path.is_file():
+            continue
+        try:
+            found = reader(read_text(path, what=f"{field} file", most=LARGEST_FILE), name)
+        except InvalidInputError as error:
+            ours[0].add("beside", "", str(error))
+            continue
+        for sheet in ours:
+            setattr(sheet, field, found)
 
 
 def _listed(folder: str | os.PathLike[str]) -> set[str]:
@@ -123,7 +150,8 @@ def _listed(folder: str | os.PathLike[str]) -> set[str]:
         return set()
     suffixes = {FORMATS.get(name).suffix for name in FORMATS}
     paths = {Path(name) for name in names if Path(name).name == name}
-    return {path.name for path in paths if _NAME.fullmatch(path.stem) and path.suffix in suffixes}
+    ours = {path.name for path in paths if _NAME.fullmatch(path.stem) and path.suffix in suffixes}
+    return ours | {name for name in (FENCE, RALLY) if name in names}
 
 
 def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
@@ -201,7 +229,16 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     InvalidInputError
         In one sentence, with the place in the file.
     """
-    sheet = open_sheet(path)
+    return mission_of(open_sheet(path), path)
+
+
+def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
+    """Return the mission that a sheet describes.
+
+    Raises
+    ------
+    InvalidInputError
+    """
     for diagnostic in sheet.diagnostics:
         if RULES[diagnostic.rule].fatal:
             raise InvalidInputError(f"{path}{', ' * bool(diagnostic.place)}{diagnostic.place}: {diagnostic.sentence}")
@@ -210,7 +247,7 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     usual = Vehicle(preset=kind)
     base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
     varied = sheet.altitude_frame != "ground" and len({*sheet.altitudes}) > 1
-    camera = ("trigger_distance", "gimbal_pitch", "yaw", "acceptance_radius", "elevation")
+    told = ("landing", "delay", "fence", "rally", "trigger_distance", "gimbal_pitch", "yaw", "acceptance_radius", "elevation")
     try:
         return Mission(
             sheet.points,
@@ -224,7 +261,7 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
             geographic=sheet.geographic,
             altitude_frame=sheet.altitude_frame or "home",
             heights=np.array(sheet.altitudes) - base if varied else None,
-            **{name: getattr(sheet, name) for name in camera},
+            **{name: getattr(sheet, name) for name in told},
         )
     except InvalidInputError as error:
         raise InvalidInputError(f"{path}: {error}") from None

@@ -12,7 +12,7 @@ import numpy as np
 from shoal.checks import check_choice, check_integer
 from shoal.errors import InvalidInputError
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
-from shoal.search.missions.files import mission_files, open_sheet
+from shoal.search.missions.files import mission_files, open_sheet, take_beside
 from shoal.search.missions.mission import CAPS
 from shoal.search.missions.rules import check_elsewhere, check_place, check_sense
 from shoal.search.regions.region import SearchRegion
@@ -67,6 +67,8 @@ def examine(
     if not paths:
         raise InvalidInputError(f"{source}: expected a folder with mission files, got one without")
     sheets = [open_sheet(path) for path in paths]
+    if folder:
+        take_beside(source, sheets)
     for sheet in sheets:
         if sheet.readable:
             check_sense(sheet, cap=cap, autopilot=autopilot)
@@ -140,7 +142,7 @@ def _difference(one: Sheet, other: Sheet) -> str:
         return "another home"
     if (apart > same).any():
         return f"another place at {other.places[int(np.argmax(apart > same))]}"
-    for name in ("autopilot", "kind", "speed"):
+    for name in ("autopilot", "kind", "delay", "speed"):
         mine, theirs = getattr(one, name), getattr(other, name)
         if None not in (mine, theirs) and mine != theirs:
             return f"{theirs!r} as {name} instead of {mine!r}"

@@ -13,6 +13,7 @@ from shoal.errors import InvalidInputError
 from shoal.search.flight.flight import FRAMES, TERRAIN_ERROR, Flight, whole_way
 from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.vehicle import Vehicle, vehicle_of
+from shoal.search.missions.fence import Fence
 from shoal.search.missions.merging import merged
 from shoal.search.missions.splitting import Ways, sorties
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
@@ -63,6 +64,13 @@ class Mission:
         Degrees clockwise from north; where the vehicle goes if not given.
     acceptance_radius : float, optional
         Metres; as the autopilot is set if not given.
+    landing : tuple of float, optional
+        Where the vehicle ends, in the same units; if not given the autopilot returns home in its own way.
+    delay : float
+        Seconds that the vehicle waits before it sets out.
+    fence : Fence, optional
+    rally : tuple of tuple of float
+        Where the vehicle may come down if it cannot go on, in the same units.
 
     Raises
     ------
@@ -91,6 +99,10 @@ class Mission:
     gimbal_pitch: float | None = None
     yaw: float | None = None
     acceptance_radius: float | None = None
+    landing: tuple[float, float] | None = None
+    delay: float = 0.0
+    fence: Fence | None = None
+    rally: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         points = check_plane_points(self.waypoints, what="mission waypoints").copy()
@@ -100,8 +112,12 @@ class Mission:
         home = check_plane_points([self.home], what="mission home")[0]
         object.__setattr__(self, "waypoints", points)
         object.__setattr__(self, "home", (float(home[0]), float(home[1])))
+        if self.landing is not None:
+            landing = check_plane_points([self.landing], what="mission landing")[0]
+            object.__setattr__(self, "landing", (float(landing[0]), float(landing[1])))
+        check_number(self.delay, what="mission: delay", least=0)
         if self.geographic:
-            _check_degrees(np.vstack([home, points]))
+            _check_degrees(np.vstack([home, self.end, points]))
         for name in ("robot", "sortie"):
             object.__setattr__(self, name, check_integer(getattr(self, name), what=f"mission: {name}", least=1))
         check_choice(self.kind, what="kind", choices=KINDS)
@@ -123,12 +139,18 @@ class Mission:
     @property
     def n_items(self) -> int:
         """Mission items in an autopilot: home, take-off (if it flies), speed, what the camera needs, waypoints, return."""
-        return len(self.waypoints) + OVERHEAD[self.kind] + sum(n for name, n in _EXTRA.items() if getattr(self, name) is not None)
+        extra = sum(n for name, n in _EXTRA.items() if getattr(self, name) is not None)
+        return len(self.waypoints) + OVERHEAD[self.kind] + extra + (self.delay > 0)
+
+    @property
+    def end(self) -> tuple[float, float]:
+        """Where the vehicle ends, in the units of its waypoints."""
+        return self.home if self.landing is None else self.landing
 
     @property
     def length(self) -> float:
-        """Metres along the ground from home through all waypoints and home again; on the ellipsoid if geographic."""
-        way = np.vstack([self.home, self.waypoints, self.home])
+        """Metres along the ground from home through all waypoints to its end; on the ellipsoid if geographic."""
+        way = np.vstack([self.home, self.waypoints, self.end])
         if not self.geographic:
             return float(np.hypot(*np.diff(way, axis=0).T).sum())
         from pyproj import Geod
@@ -156,11 +178,14 @@ class Mission:
     @property
     def way(self) -> NDArray[np.float64]:
         """Metres east, north and up from home: from the ground up, along all waypoints and down again; float64, shape (n, 3)."""
-        home = np.array([self.home])
-        points = self.waypoints - home
-        if self.geographic:
-            points = LocalFrame(*self.home).to_metres(self.waypoints)
-        return whole_way(np.zeros(2), np.column_stack([points, self.heights_above_home]))
+        way = self.way_in(LocalFrame(*self.home) if self.geographic else None)
+        return np.asarray(way - [*way[0, :2], 0.0])
+
+    def way_in(self, frame: LocalFrame | None) -> NDArray[np.float64]:
+        """Return `way` in the metres of a frame, or in its own metres; heights are above home."""
+        points = np.vstack([self.home, self.end, self.waypoints])
+        points = points if frame is None else frame.to_metres(points)
+        return whole_way(points[0], np.column_stack([points[2:], self.heights_above_home]), points[1])
 
 
 def missions_of(
@@ -180,6 +205,7 @@ def missions_of(
     link: float = 0.0,
     blocked: Any = None,
     ways: Ways | None = None,
+    landing: ArrayLike | None = None,
 ) -> tuple[Mission, ...]:
     """Return the missions that take a robot along a route, one a sortie.
 
@@ -211,6 +237,8 @@ def missions_of(
     ways : callable, optional
         ``ways(start, end)`` returns the way between home and a point of the route, shape (n, 2), both included, such as
         `shoal.search.RegionPaths.leg`; its bends become waypoints. Straight if not given.
+    landing : array_like of float, shape (2,), optional
+        Where the last sortie ends, metres; if not given the autopilot returns home in its own way.
 
     Raises
     ------
@@ -232,7 +260,8 @@ def missions_of(
     if len(points) == 0:
         return ()
     base = points[0] if home is None else check_plane_points([home], what="home")[0]
-    flight = Flight(kept, base, frame, altitude_frame, terrain, terrain_error, rate, link, blocked)
+    end = None if landing is None else check_plane_points([landing], what="landing")[0]
+    flight = Flight(kept, base, frame, altitude_frame, terrain, terrain_error, rate, link, blocked, end)
     told = _told(kept)
     beside = OVERHEAD[kept.kind] + sum(count for name, count in _EXTRA.items() if told[name] is not None)
     most = CAPS[autopilot] if cap is None else cap
@@ -241,17 +270,18 @@ def missions_of(
     parts = sorties(way, flight, room=room, ways=ways, robot=robot)
     placed = (lambda array: array) if frame is None else frame.to_degrees
     x, y = placed(base[None])[0].tolist()
+    ends = [None if end is None else (x, y)] * (len(parts) - 1) + [None if end is None else tuple(placed(end[None])[0].tolist())]
     speed = kept.cruise * flight.rate
     return tuple(
         Mission(
             placed(part[:, :2]), (x, y), robot, number, kept.kind, autopilot, kept.height, speed, frame is not None, altitude_frame,  # type: ignore[arg-type]
-            part[:, 2] if np.ptp(part[:, 2]) else None, flight.elevation, **told,
+            part[:, 2] if np.ptp(part[:, 2]) else None, flight.elevation, landing=ends[number - 1], **told,
         )
         for number, part in enumerate(parts, start=1)
     )  # fmt: skip
 
 
-def _told(vehicle: Vehicle) -> dict[str, float | None]:
+def _told(vehicle: Vehicle) -> dict[str, Any]:
     """Return what a mission tells of its vehicle beside its speed."""
     flies = vehicle.kind != "rover"
     pitch = vehicle.gimbal_pitch if vehicle.image_size is None or vehicle.gimbal_pitch is not None else -90.0

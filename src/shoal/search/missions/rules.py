@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from shoal.errors import InvalidInputError
 from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.mission import CAPS, OVERHEAD
+from shoal.search.regions.margin import grown
 from shoal.search.regions.outline_checks import Points, text_of
-from shoal.search.regions.projection import REACH
+from shoal.search.regions.projection import REACH, LocalFrame
 from shoal.search.regions.region import SearchRegion
 
 ROUNDING = 0.005  # metres by which a waypoint may lie beside where it was planned: 8 decimals are 1.1 mm
@@ -89,6 +90,7 @@ def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None =
     _check_cap(sheet, cap, autopilot)
     _check_altitude(sheet)
     _check_acceptance(sheet)
+    _check_fence(sheet)
     if sheet.speed is not None and not 0 < sheet.speed <= _FASTEST:
         sheet.add("speed", "", f"expected a speed above 0 and at most {_FASTEST:g} m/s, got {sheet.speed:g}")
     if sheet.geographic and sheet.decimals is not None and sheet.decimals < 7:
@@ -143,6 +145,27 @@ def _check_acceptance(sheet: Sheet) -> None:
         sheet.add("acceptance", place, f"expected a radius below {length:.3g} m, the way to the next waypoint, got {radius:g} m")
 
 
+def _check_fence(sheet: Sheet) -> None:
+    """Note ways that leave the fence, home and landing included."""
+    if sheet.fence is None:
+        return
+    import shapely
+
+    assert sheet.home is not None
+    frame = LocalFrame(*sheet.home) if sheet.geographic else None
+    way = np.vstack([sheet.home, sheet.points, sheet.landing or sheet.home])
+    try:
+        way, area = way if frame is None else frame.to_metres(way), sheet.fence.area(frame).buffer(ROUNDING)
+    except InvalidInputError:
+        return  # too far from one another: home-far
+    shapely.prepare(area)
+    lines = shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1))
+    names = ["from home", *(f"to {place}" for place in sheet.places[1:]), "to its end"]
+    for index in np.flatnonzero(~shapely.covers(area, lines)).tolist():
+        said = f"expected ways inside the fence, got one that leaves it or enters a zone, {names[index]}"
+        sheet.add("fence", sheet.places[min(index, len(sheet.places) - 1)], said)
+
+
 def _distances(sheet: Sheet, place: tuple[float, float]) -> NDArray[np.float64]:
     """Return the metres from a place to each waypoint."""
     if not sheet.geographic:
@@ -161,14 +184,14 @@ def _metres_between(one: Any, other: Any) -> float:
 
 
 def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
-    """Return home and the waypoints in the metres of a region; what is too far for its frame stands at infinity.
+    """Return home, the waypoints and the end in the metres of a region; what is too far for its frame stands at infinity.
 
     Raises
     ------
     InvalidInputError
         If one is in degrees and the other is not.
     """
-    way = np.vstack([np.array([sheet.home]), sheet.points])
+    way = np.vstack([np.array([sheet.home]), sheet.points, np.array([sheet.landing or sheet.home])])
     if sheet.geographic != (region.frame is not None):
         units = ["metres", "degrees"]
         raise InvalidInputError(
@@ -184,8 +207,24 @@ def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
     return metres
 
 
+def searching(inside: NDArray[np.bool_]) -> slice:
+    """Return which waypoints are those of the search, given which of home, waypoints and end are in the region.
+
+    From a home outside all up to the first one inside are on the way out; the same holds for the way to an end outside.
+
+    Examples
+    --------
+    >>> searching(np.array([False, False, True, False, True, False]))
+    slice(1, 4, None)
+    """
+    there = np.flatnonzero(inside[1:-1])
+    if not len(there):
+        return slice(0, len(inside) - 2)
+    return slice(0 if inside[0] else int(there[0]), len(inside) - 2 if inside[-1] else int(there[-1]) + 1)
+
+
 def check_place(sheet: Sheet, region: SearchRegion) -> None:
-    """Note waypoints and legs outside of a region."""
+    """Note waypoints and legs outside of a region, but for ways from a home outside and to an end outside."""
     way = metres_of(sheet, region)
     if region.frame is not None:
         check_elsewhere(sheet, sheet.points[0], (region.frame.longitude, region.frame.latitude), "the region", sheet.places[0])
@@ -194,27 +233,32 @@ def check_place(sheet: Sheet, region: SearchRegion) -> None:
     import shapely
 
     near = np.asarray(np.isfinite(way).all(axis=1))
-    allowed = region.area.buffer(ROUNDING)
-    forbidden = region.no_go.buffer(-ROUNDING)
+    allowed = region.free.buffer(ROUNDING)
+    forbidden = grown(region.no_go, region.margin).buffer(-ROUNDING)
     shapely.prepare(allowed)
     shapely.prepare(forbidden)
     inside = near & np.asarray(shapely.intersects_xy(allowed, *np.where(near[:, None], way, 0).T))
     barred = near & np.asarray(shapely.intersects_xy(forbidden, *np.where(near[:, None], way, 0).T))
-    for index in np.flatnonzero(~inside[1:] | barred[1:]).tolist():
+    here = searching(inside)
+    stray = ~inside[1:-1]
+    stray[: here.start] = stray[here.stop :] = False
+    for index in np.flatnonzero(stray | barred[1:-1]).tolist():
         point, place = text_of(sheet.points[index]), sheet.places[index]
         if barred[index + 1]:
             sheet.add("no-go", place, f"expected a waypoint outside the no-go zones, got {point}")
         else:
             if sheet.kind == "fixed-wing":
                 continue  # it turns there: its legs are noted
-            away = float(shapely.distance(region.area, shapely.points(way[index + 1]))) if near[index + 1] else math.inf
+            away = float(shapely.distance(region.free, shapely.points(way[index + 1]))) if near[index + 1] else math.inf
             sheet.add(
-                "outside-region", place, f"expected a waypoint in the region {region.name!r}, got {point}, {away:.3g} m outside"
+                "outside-region",
+                place,
+                f"expected a waypoint in the region {region.name!r}{region.margin_text}, got {point}, {away:.3g} m outside",
             )
-    _check_legs(sheet, np.vstack([way, way[:1]]), allowed, forbidden)
+    _check_legs(sheet, way, here, allowed, forbidden)
 
 
-def _check_legs(sheet: Sheet, way: Points, allowed: Any, forbidden: Any) -> None:
+def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any) -> None:
     """Note legs that leave what is allowed; the ways from home and back count for rovers, and in no-go zones for all."""
     import shapely
 
@@ -223,6 +267,10 @@ def _check_legs(sheet: Sheet, way: Points, allowed: Any, forbidden: Any) -> None
     lines = shapely.linestrings(np.where(usable[:, None, None], np.stack([way[:-1], way[1:]], axis=1), 0.0))
     outside = usable & ~np.asarray(shapely.covers(allowed, lines))
     through = usable & np.asarray(shapely.intersects(forbidden, lines))
+    if here.start or not shapely.intersects_xy(allowed, *way[0]):
+        outside[: here.start + 1] = False
+    if here.stop < len(sheet.points) or not shapely.intersects_xy(allowed, *way[-1]):
+        outside[here.stop :] = False
     if sheet.kind == "fixed-wing" and (outside[1:-1] & ~through[1:-1]).any():
         away = float(shapely.distance(allowed, shapely.points(way[finite])).max())
         sheet.add("transit", "", f"expected turns inside the region, got some up to {away:.3g} m outside")

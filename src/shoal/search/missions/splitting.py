@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,6 +51,7 @@ class _Splitter:
     def __init__(self, way: Points, flight: Flight, room: int, ways: Ways | None, robot: int) -> None:
         self.way, self.flight, self.room, self.ways, self.robot = way, flight, room, ways, robot
         self.home, self.limit = flight.home, (1 - _FLAT) * flight.vehicle.usable_seconds - _ROUNDING
+        self.returning = replace(flight, landing=None)
         self.at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
 
     def parts(self) -> list[NDArray[np.float64]]:
@@ -88,12 +90,17 @@ class _Splitter:
 
     def _fits(self, begin: float, until: float) -> bool:
         waypoints = self._sortie(begin, until)
-        return len(waypoints) <= self.room and self.flight.flown(waypoints).duration <= self.limit
+        return len(waypoints) <= self.room and self._flight(until).flown(waypoints).duration <= self.limit
 
     def _sortie(self, begin: float, until: float) -> NDArray[np.float64]:
         """Return the waypoints that lead from home along a stretch of the way and home."""
-        out, back = self._way_home(begin)[::-1], self._way_home(until)
-        return self.flight.waypoints(np.vstack([out[1:-1], self._between(begin, until), back[1:-1]]))
+        flight = self._flight(until)
+        out, back = self._way_to(self.home, begin)[::-1], self._way_to(flight.end, until)
+        return flight.waypoints(np.vstack([out[1:-1], self._between(begin, until), back[1:-1]]))
+
+    def _flight(self, until: float) -> Flight:
+        """Return how a sortie goes: only the last one ends where the robot lands, the others end at home."""
+        return self.flight if until >= float(self.at[-1]) else self.returning
 
     def _point(self, at: float) -> Points:
         """Return the point of the way at a distance along it."""
@@ -105,13 +112,13 @@ class _Splitter:
         share = (at - self.at[leg]) / (self.at[leg + 1] - self.at[leg])
         return np.asarray(self.way[leg] + share * (self.way[leg + 1] - self.way[leg]))
 
-    def _way_home(self, at: float) -> Points:
-        """Return the way from a point of the route to home, both included."""
+    def _way_to(self, end: Points, at: float) -> Points:
+        """Return the way from a point of the route to home, or to where the robot lands, both included."""
         point = self._point(at)
-        if self.ways is None or np.array_equal(point, self.home):
-            return np.array([point, self.home])
-        way = check_plane_points(self.ways(point, self.home), what="way home")
-        return way if len(way) >= 2 else np.array([point, self.home])
+        if self.ways is None or np.array_equal(point, end):
+            return np.array([point, end])
+        way = check_plane_points(self.ways(point, end), what="way home")
+        return way if len(way) >= 2 else np.array([point, end])
 
     def _between(self, begin: float, until: float) -> Points:
         """Return the waypoints from one distance along the way to another."""

@@ -12,10 +12,15 @@ from shoal.search.missions.mission import CAPS, KINDS, Mission
 
 NAMES = ("robot", "sortie", "autopilot", "kind", "altitude_m", "altitude_frame", "speed_m_s")
 
+MORE = ("delay_s", "landing_x", "landing_y")
+"""Those that a file may lack: a mission of no delay that ends by a return home."""
+
 
 def attributes_of(mission: Mission) -> dict[str, str | int | float]:
-    """Return the attributes of a mission, in the order of `NAMES`."""
-    return {name: getattr(mission, name.removesuffix("_m_s").removesuffix("_m")) for name in NAMES}
+    """Return the attributes of a mission, in the order of `NAMES` and, as far as it has them, `MORE`."""
+    named = {name: getattr(mission, name.removesuffix("_m_s").removesuffix("_m")) for name in NAMES}
+    more: list[float | None] = [mission.delay or None, *(mission.landing or (None, None))]
+    return named | {name: value for name, value in zip(MORE, more, strict=True) if value is not None}
 
 
 def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
@@ -36,6 +41,11 @@ def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
             setattr(sheet, name, found[name])
         else:
             sheet.add("wrong-value", place, f"expected {' or '.join(map(repr, known))} as {name!r}, got {_short(found[name])}")
+    more = {name: found[name] for name in MORE if name in found}
+    if "delay_s" in more:
+        sheet.delay = _real(sheet, place, "delay_s", more)
+    if "landing_x" in more and "landing_y" in more:
+        sheet.landing = (_real(sheet, place, "landing_x", more), _real(sheet, place, "landing_y", more))
     sheet.altitudes = [_real(sheet, place, "altitude_m", found)]
     sheet.speed = _real(sheet, place, "speed_m_s", found)
 

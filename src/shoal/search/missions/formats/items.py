@@ -11,10 +11,11 @@ from shoal.dataclass import dataclass
 from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.mission import Mission
 
-WAYPOINT, RETURN, LAND, TAKE_OFF, SPEED, GIMBAL, TRIGGER = 16, 20, 21, 22, 178, 205, 206  # MAV_CMD
+WAYPOINT, HOLD, RETURN, LAND, TAKE_OFF, DELAY, SPEED, GIMBAL, TRIGGER = 16, 17, 20, 21, 22, 93, 178, 205, 206  # MAV_CMD
 WITHOUT_PLACE = 2  # MAV_FRAME: MISSION
-_PLACED = {WAYPOINT, LAND, TAKE_OFF}
-_KNOWN = {*_PLACED, RETURN, SPEED, GIMBAL, TRIGGER}
+_PLACED = {WAYPOINT, HOLD, LAND, TAKE_OFF}
+_KNOWN = {*_PLACED, RETURN, DELAY, SPEED, GIMBAL, TRIGGER}
+_ENDS = {"rover": HOLD}  # by kind: how a mission ends at a place of its own; others land
 _WRITTEN = {"home": 3, "ground": 3, "sea": 0}  # MAV_FRAME: GLOBAL_RELATIVE_ALT and GLOBAL
 _READ = {3: "home", 6: "home", 0: "sea", 5: "sea"}  # 6 and 5 are 3 and 0 with integers on the wire
 _BY_ANGLES = 2.0  # MAV_MOUNT_MODE_MAVLINK_TARGETING
@@ -37,8 +38,8 @@ class Item:
 def items_of(mission: Mission) -> list[Item]:
     """Return the items of a mission, without home.
 
-    Take-off comes first, for autopilots begin with it; the speed then holds until the end. Images are taken from the first
-    waypoint to the last.
+    A wait and take-off come first, for autopilots begin with them; the speed then holds until the end. Images are taken from the
+    first waypoint to the last.
     """
     frame, wing = _WRITTEN[mission.altitude_frame], mission.kind == "fixed-wing"
     heights = mission.heights_above_home + ((mission.elevation or 0.0) if frame == 0 else 0.0)
@@ -54,7 +55,12 @@ def items_of(mission: Mission) -> list[Item]:
         points[1:1] = [_placeless(TRIGGER, mission.trigger_distance, 0.0, 1.0)]  # the first image at once
         points.append(_placeless(TRIGGER))
     take_off = [Item(TAKE_OFF, frame, start)] if mission.kind != "rover" else []
-    return [*take_off, *items, *points, _placeless(RETURN)]
+    wait = [_placeless(DELAY, mission.delay, -1.0, -1.0, -1.0)] if mission.delay else []
+    end = _placeless(RETURN)
+    if mission.landing is not None:
+        down = (mission.elevation or 0.0) if frame == 0 else 0.0
+        end = Item(_ENDS.get(mission.kind, LAND), frame, (0.0, 0.0, 0.0, mission.yaw, *mission.landing[::-1], down))
+    return [*wait, *take_off, *items, *points, end]
 
 
 def _placeless(command: int, *params: float) -> Item:
@@ -72,7 +78,15 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         first = waypoints[0]
         sheet.altitude_frame, sheet.yaw = _READ.get(first.frame), first.params[3] or None
         sheet.acceptance_radius = first.params[1] or None
-    for command, name, parameter in ((SPEED, "speed", 1), (GIMBAL, "gimbal_pitch", 0), (TRIGGER, "trigger_distance", 0)):
+    if items and items[-1].command in (HOLD, LAND) and any(items[-1].params[4:6]):
+        latitude, longitude = _number(*items[-1].params[4:6])
+        sheet.landing = (longitude, latitude)
+    for command, name, parameter in (
+        (DELAY, "delay", 0),
+        (SPEED, "speed", 1),
+        (GIMBAL, "gimbal_pitch", 0),
+        (TRIGGER, "trigger_distance", 0),
+    ):
         value = next((_number(item.params[parameter])[0] for item in items if item.command == command), None)
         if value is not None:
             setattr(sheet, name, value)
@@ -82,7 +96,7 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
             known = ", ".join(map(str, sorted(_KNOWN)))
             sheet.add("unknown-command", item.place, f"expected one of the commands {known}, got {item.command}")
     _check_camera(sheet, items)
-    if items and items[-1].command not in (RETURN, LAND):
+    if items and items[-1].command not in (RETURN, LAND, HOLD):
         last = items[-1]
         sheet.add("no-return", last.place, f"expected a return (20) or a landing (21) at the end, got command {last.command}")
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, ValidationError
 
 from shoal.search.missions.diagnostics import Sheet
+from shoal.search.missions.fence import Fence
+from shoal.search.missions.formats.fences import plan_fence, plan_rally
 from shoal.search.missions.formats.items import Item, check_take_off, items_of, read_items
 from shoal.search.missions.formats.numbers import Number, degrees, dump_json, load_json, raw
 from shoal.search.missions.mission import Mission
@@ -51,19 +54,31 @@ class MissionForm(_Form):
     items: list[ItemForm]
 
 
+_Latitude = Annotated[float, Field(strict=True, ge=-90, le=90)]
+_Longitude = Annotated[float, Field(strict=True, ge=-180, le=180)]
+
+
+class PolygonForm(_Form):
+    """A polygon of the fence in the file."""
+
+    version: Literal[1]
+    inclusion: StrictBool
+    polygon: Annotated[list[tuple[_Latitude, _Longitude]], Field(min_length=3)]
+
+
 class FenceForm(_Form):
     """The fence in the file."""
 
     version: Literal[2]
     circles: list[Any]
-    polygons: list[Any]
+    polygons: list[PolygonForm]
 
 
 class RallyForm(_Form):
     """The rally points in the file."""
 
     version: Literal[2]
-    points: list[Any]
+    points: list[tuple[_Latitude, _Longitude, _Numbers]]
 
 
 class PlanForm(_Form):
@@ -97,8 +112,8 @@ def write(mission: Mission) -> str:
                     "plannedHomePosition": [raw(degrees(latitude)), raw(degrees(longitude)), mission.elevation or 0],
                     "items": items,
                 },
-                "geoFence": {"version": 2, "circles": [], "polygons": []},
-                "rallyPoints": {"version": 2, "points": []},
+                "geoFence": plan_fence(mission.fence),
+                "rallyPoints": plan_rally(mission.rally, mission.altitude),
             }
         )
         + "\n"
@@ -147,6 +162,11 @@ def scan(text: str, sheet: Sheet) -> None:
     sheet.home = (longitude, latitude)
     sheet.elevation = mission.home[2] or None  # 0 stands for what is not known
     sheet.decimals = _decimals(data)
+    rings = [(np.array(one.polygon)[:, ::-1], one.inclusion) for one in form.fence.polygons]
+    inside = [ring for ring, kept in rings if kept]
+    if len(inside) == 1:  # what several mean together depends on the autopilot
+        sheet.fence = Fence(inside[0], tuple(ring for ring, kept in rings if not kept))
+    sheet.rally = tuple((longitude, latitude) for latitude, longitude, _ in form.rally.points)
     items = [Item(item.command, item.frame, tuple(item.params), f"item {k}") for k, item in enumerate(mission.items, start=1)]
     read_items(sheet, items)
     check_take_off(sheet, items)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from shoal.search.missions.diagnostics import Sheet, decimals_of
-from shoal.search.missions.formats.attributes import NAMES, attributes_of, take_attributes
+from shoal.search.missions.formats.attributes import MORE, NAMES, attributes_of, take_attributes
 from shoal.search.missions.formats.numbers import degrees, plain
 from shoal.search.missions.mission import Mission
 
@@ -19,9 +19,10 @@ _METRES = ("x_m", "y_m")
 
 def write(mission: Mission) -> str:
     """Return a mission as the text of a CSV file: home, the waypoints, and the return home."""
-    columns = ("number", "command", *(_DEGREES if mission.geographic else _METRES), *NAMES)
-    values = [value if isinstance(value, str) else plain(value) for value in attributes_of(mission).values()]
-    stops = [mission.home, *mission.waypoints.tolist(), mission.home]
+    attributes = attributes_of(mission)
+    columns = ("number", "command", *(_DEGREES if mission.geographic else _METRES), *attributes)
+    values = [value if isinstance(value, str) else plain(value) for value in attributes.values()]
+    stops = [mission.home, *mission.waypoints.tolist(), mission.end]
     commands = ["home", *["waypoint"] * len(mission.waypoints), "return"]
     rows = [
         [str(number), command, degrees(x), degrees(y), *values]
@@ -75,11 +76,12 @@ def _items(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
 
 def _attributes(sheet: Sheet, rows: list[tuple[int, dict[str, str]]], n_points: int) -> None:
     """Take the attributes of the first line, which all others repeat."""
-    first = {name: rows[0][1][name] for name in NAMES}
+    names = [name for name in (*NAMES, *MORE) if name in rows[0][1]]
+    first = {name: rows[0][1][name] for name in names}
     take_attributes(sheet, f"line {rows[0][0]}", first)
     sheet.altitudes *= n_points
     for line, row in rows[1:]:
-        for name in NAMES:
+        for name in names:
             if row[name] != first[name]:
                 sheet.add("wrong-value", f"line {line}", f"expected {first[name]!r} as {name!r}, as above, got {row[name][:40]!r}")
 

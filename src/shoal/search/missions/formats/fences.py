@@ -1,0 +1,124 @@
+"""Fence and rally points: as `QGC WPL 110` files beside missions for ArduPilot, and in the ground station's `.plan`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from shoal.errors import InvalidInputError
+from shoal.search.missions.fence import Fence
+from shoal.search.missions.formats.numbers import degrees, plain, raw
+
+FENCE, RALLY = "fence.txt", "rally.txt"
+"""The files beside ``.waypoints``, of all vehicles."""
+
+HEADER = "QGC WPL 110"
+_INSIDE, _OUTSIDE, _RALLY_POINT = 5001, 5002, 5100  # MAV_CMD
+_GLOBAL, _RELATIVE = 0, 3  # MAV_FRAME
+_FIELDS = 12
+
+Places = tuple[tuple[float, float], ...]
+
+
+def fence_text(fence: Fence) -> str:
+    """Return a fence as a table of mission items, each corner with the count of its polygon."""
+    rows = [
+        (_GLOBAL, _OUTSIDE if number else _INSIDE, float(len(ring)), x, y, 0.0)
+        for number, ring in enumerate(fence.rings)
+        for x, y in ring.tolist()
+    ]
+    return _table(rows)
+
+
+def rally_text(points: Places, altitude: float) -> str:
+    """Return rally points as a table of mission items, at a height above home."""
+    return _table([(_RELATIVE, _RALLY_POINT, 0.0, x, y, altitude) for x, y in points])
+
+
+def _table(rows: Sequence[tuple[int, int, float, float, float, float]]) -> str:
+    lines = [
+        "\t".join(
+            [str(number), "0", str(frame), str(command), plain(first), "0", "0", "0", degrees(y), degrees(x), degrees(z), "1"]
+        )
+        for number, (frame, command, first, x, y, z) in enumerate(rows)
+    ]
+    return "\n".join([HEADER, *lines, ""])
+
+
+def read_fence(text: str, where: str) -> Fence:
+    """Return the fence that a table describes.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    rings: list[tuple[int, list[tuple[float, float]]]] = []
+    missing = 0
+    for line, command, first, place in _rows(text, where):
+        if command not in (_INSIDE, _OUTSIDE) or not 3 <= first < 1e6:
+            raise InvalidInputError(
+                f"{where}: line {line}: expected command 5001 or 5002 with a count of 3 corners or more, got {command}"
+            )
+        if not missing:
+            rings.append((command, []))
+            missing = int(first)
+        elif command != rings[-1][0]:
+            raise InvalidInputError(f"{where}: line {line}: expected {missing} more corners of the polygon before, got another one")
+        rings[-1][1].append(place)
+        missing -= 1
+    inside = [np.array(ring) for command, ring in rings if command == _INSIDE]
+    if missing or len(inside) != 1:
+        raise InvalidInputError(f"{where}: expected one whole polygon to stay in, got {len(inside)}")
+    return Fence(inside[0], tuple(np.array(ring) for command, ring in rings if command == _OUTSIDE))
+
+
+def read_rally(text: str, where: str) -> Places:
+    """Return the rally points that a table describes.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    rows = _rows(text, where)
+    for line, command, _, _ in rows:
+        if command != _RALLY_POINT:
+            raise InvalidInputError(f"{where}: line {line}: expected command 5100, got {command}")
+    return tuple(place for _, _, _, place in rows)
+
+
+def _rows(text: str, where: str) -> list[tuple[int, int, float, tuple[float, float]]]:
+    """Return line, command, first parameter, and longitude and latitude of each item."""
+    lines = text.splitlines()
+    if not lines or lines[0].strip() != HEADER:
+        raise InvalidInputError(f"{where}: line 1: expected {HEADER!r}, got {lines[0][:40] if lines else 'an empty file'!r}")
+    found = []
+    for number, line in enumerate(lines[1:], start=2):
+        fields = line.split()
+        if not fields:
+            continue
+        try:
+            if len(fields) != _FIELDS:
+                raise ValueError
+            command, first, latitude, longitude = int(fields[3]), *(float(fields[k]) for k in (4, 8, 9))
+            if not (abs(longitude) <= 180 and abs(latitude) <= 90):
+                raise ValueError
+        except ValueError:
+            raise InvalidInputError(f"{where}: line {number}: expected 12 numbers of a mission item, got {line[:60]!r}") from None
+        found.append((number, command, first, (longitude, latitude)))
+    return found
+
+
+def plan_fence(fence: Fence | None) -> dict[str, Any]:
+    """Return a fence as a ``.plan`` holds it."""
+    polygons = [
+        {"inclusion": not number, "polygon": [[raw(degrees(y)), raw(degrees(x))] for x, y in ring.tolist()], "version": 1}
+        for number, ring in enumerate(() if fence is None else fence.rings)
+    ]
+    return {"version": 2, "circles": [], "polygons": polygons}
+
+
+def plan_rally(points: Places, altitude: float) -> dict[str, Any]:
+    """Return rally points as a ``.plan`` holds them."""
+    return {"version": 2, "points": [[raw(degrees(y)), raw(degrees(x)), altitude] for x, y in points]}
