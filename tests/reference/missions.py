@@ -21,8 +21,15 @@ def read_plan(path):
     data = json.loads(path.read_text(), parse_constant=lambda name: 1 / 0)
     assert set(data) == {"fileType", "version", "groundStation", "mission", "geoFence", "rallyPoints"}
     assert (data["fileType"], data["version"], data["groundStation"]) == ("Plan", 1, "QGroundControl")
-    assert data["geoFence"] == {"version": 2, "circles": [], "polygons": []}
-    assert data["rallyPoints"] == {"version": 2, "points": []}
+    assert data["geoFence"].keys() == {"version", "circles", "polygons"}
+    assert (data["geoFence"]["version"], data["geoFence"]["circles"]) == (2, [])
+    for polygon in data["geoFence"]["polygons"]:
+        assert polygon.keys() == {"version", "inclusion", "polygon"}
+        assert (polygon["version"], type(polygon["inclusion"])) == (1, bool)
+        assert all(len(corner) == 2 and abs(corner[0]) <= 90 for corner in polygon["polygon"])
+    assert data["rallyPoints"].keys() == {"version", "points"}
+    assert data["rallyPoints"]["version"] == 2
+    assert all(len(point) == 3 for point in data["rallyPoints"]["points"])
     mission = data["mission"]
     assert set(mission) == {
         "version",
@@ -44,15 +51,28 @@ def read_plan(path):
         assert item["autoContinue"] is True
         assert item["doJumpId"] == number
         assert len(item["params"]) == 7
-        assert item["frame"] == ({1: 3, 2: 0}[mission["globalPlanAltitudeMode"]] if item["command"] in (16, 22) else 2)
+        assert item["frame"] == ({1: 3, 2: 0}[mission["globalPlanAltitudeMode"]] if item["command"] in (16, 21, 22) else 2)
         assert all(value is None or type(value) in (int, float) for value in item["params"])
     commands = [item["command"] for item in mission["items"]]
     camera = [command for command in commands if command in (205, 206)]
     assert camera in ([], [205], [206, 206], [205, 206, 206])
-    begin = [178] if mission["vehicleType"] == 10 else [22, 178]
-    assert [command for command in commands if command not in camera] == [*begin, *[16] * commands.count(16), 20]
+    begin = [93] * commands.count(93) + ([178] if mission["vehicleType"] == 10 else [22, 178])
+    assert commands[-1] in (20, 21)
+    assert [command for command in commands if command not in camera] == [*begin, *[16] * commands.count(16), commands[-1]]
     home = mission["plannedHomePosition"]
     return (home[1], home[0]), [(item["params"][5], item["params"][4]) for item in mission["items"] if item["command"] == 16]
+
+
+def read_beside(path, loader):
+    """Read the fence or the rally points beside a .waypoints file with pymavlink: (command, count, longitude, latitude) each."""
+    from pymavlink import mavutil
+
+    mavutil.set_dialect("ardupilotmega")
+    loader.load(str(path))
+    items = [loader.item(k) for k in range(loader.count())]
+    assert [item.seq for item in items] == list(range(len(items)))
+    assert {item.mission_type for item in items} == {loader.mav_mission_type()}
+    return [(item.command, item.param1, item.y, item.x) for item in items]
 
 
 def read_wpl(path):

@@ -14,6 +14,7 @@ from shoal.cli import run
 from shoal.errors import InvalidInputError
 from shoal.search import open_region
 from shoal.search.missions import FORMATS, RULES, Mission, lint, missions_of, read_mission, write_missions
+from shoal.search.missions.fence import Fence
 
 FIELD = {
     "type": "FeatureCollection",
@@ -28,6 +29,7 @@ FIELD = {
 }
 LANES = [(8.50030017, 47.40030013), (8.50370017, 47.40030013), (8.50370017, 47.40060013), (8.50030017, 47.40060013)]
 HOME = (8.50010011, 47.40010019)
+AROUND = [(8.5000, 47.4000), (8.5038, 47.4000), (8.5038, 47.4007), (8.5000, 47.4007)]
 
 
 @pytest.fixture(scope="module")
@@ -135,6 +137,12 @@ def every_axis(folder, suffix):
     """Swap all axes of a file, home too: only where the mission should be tells."""
     points = [point[::-1] for point in LANES]
     instead(waypoints=points, home=HOME[::-1])(folder, suffix)
+
+
+def cut_fence(folder, suffix):
+    """Take the last corner out of the file of the fence."""
+    instead(fence=Fence(np.array(AROUND)))(folder, suffix)
+    edit(folder / "fence.txt", lambda before: before.rsplit("\n", 2)[0])
 
 
 def other_speed(folder, _suffix):
@@ -258,6 +266,9 @@ PLANTS = [
     ("no-go", ".plan", instead(waypoints=[*LANES[:1], (8.502, 47.401)]), "item 4", ()),
     ("no-go", ".gpx", instead(waypoints=[(8.5003, 47.401), (8.5037, 47.401)]), "line 7", ()),
     ("leg-outside", ".plan", rover(waypoints=[LANES[0], (8.4999, 47.4001), *LANES[1:]]), "item 3", ("outside-region",)),
+    ("fence", ".plan", instead(fence=Fence(np.add(AROUND, [-0.0002, 0.0]))), "item 4", ()),
+    ("fence", ".waypoints", instead(fence=Fence(np.array(AROUND), (np.add(AROUND, [0.002, 0.0001]),))), "line 6", ()),
+    ("beside", ".waypoints", cut_fence, "fence.txt", ()),
     ("formats-differ", ".plan", other_speed, "", ()),
     ("formats-differ", ".plan", other_place, "", ()),
     ("formats-differ", ".kml", other_autopilot, "", ("firmware-mixed", "firmware")),

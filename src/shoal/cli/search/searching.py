@@ -32,7 +32,7 @@ from shoal.search.problem.faults import Crash
 if TYPE_CHECKING:
     from shoal.search import SearchEpisode
     from shoal.search.missions import Mission
-    from shoal.search.missions.fleet import FleetApproach
+    from shoal.search.missions.deconfliction import MissionApproach
 
 SEARCH_EXAMPLE = "Example: shoal search ring:200x150 --robots 6 --footprint 10 --loss 0.3 --faults crash:2@20 --out found"
 _ROWS = 12
@@ -165,7 +165,7 @@ class MissionWriter:
 
         self.folder, self.separation, self.rally = folder, separation, rally
         self.missions: tuple[Mission, ...] = ()
-        self.approach: FleetApproach | None = None
+        self.approach: MissionApproach | None = None
         self.formats = [name.strip() for name in formats.split(",") if name.strip()]
         for name in self.formats:
             FORMATS.get(name)
@@ -189,15 +189,15 @@ class MissionWriter:
     def write(self, episode: SearchEpisode) -> list[Path]:
         """Write them; return the files."""
         from shoal.search.missions import write_missions
-        from shoal.search.missions.fleet import fleet_approach, fleet_missions
+        from shoal.search.missions.deconfliction import missions_approach, plan_missions
         from shoal.search.regions.places import read_points
 
         region = episode.plan.grid.region
         rally = None if self.rally is None else read_points(self.rally, region, what="rally points")
-        self.missions = fleet_missions(episode.plan, separation=self.separation, rally=rally, **self.options)
+        self.missions = plan_missions(episode.plan, separation=self.separation, rally=rally, **self.options)
         if self.separation is not None:
             vehicle = episode.plan.vehicle
-            self.approach = fleet_approach(self.missions, self.separation, region.frame, vehicle=vehicle)
+            self.approach = missions_approach(self.missions, self.separation, region.frame, vehicle=vehicle)
         return write_missions(self.missions, self.folder, formats=self.formats or None)
 
     def report(self, episode: SearchEpisode) -> dict[str, Any]:

@@ -16,12 +16,12 @@ from shoal.errors import InvalidInputError
 from shoal.files import write_json
 from shoal.search.flight.staggering import Separation
 from shoal.search.flight.vehicle import Vehicle
+from shoal.search.missions.deconfliction import MissionApproach, missions_approach
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import FORMATS, format_of, mission_of
-from shoal.search.missions.fleet import FleetApproach, fleet_approach
 from shoal.search.missions.lint import examine
 from shoal.search.missions.mission import Mission
-from shoal.search.missions.rules import ROUNDING, metres_of, searching
+from shoal.search.missions.rules import ROUNDING, inside_of, metres_of, searching
 from shoal.search.regions.coverage import AreaCoverage, coverage_check
 from shoal.search.regions.margin import visible_region
 from shoal.search.regions.region import SearchRegion
@@ -51,7 +51,7 @@ class MissionCheck:
         Those that were flown and that hold heights.
     separation : Separation or None
         What vehicles in flight are to keep.
-    approach : FleetApproach or None
+    approach : MissionApproach or None
         The nearest approach; None if no two are ever nearer in height than the separation, or none was asked for.
     """
 
@@ -64,7 +64,7 @@ class MissionCheck:
     footprint: float | tuple[float, ...] | None
     missions: tuple[Mission, ...] = ()
     separation: Separation | None = None
-    approach: FleetApproach | None = None
+    approach: MissionApproach | None = None
 
     @property
     def errors(self) -> tuple[Diagnostic, ...]:
@@ -182,7 +182,7 @@ def check_missions(
         region = visible_region(region, float(np.min(sides)), turned_by)
         coverage = coverage_check(region, ways, sides, tolerance=ROUNDING, angle=turned_by)
     missions = tuple(mission_of(sheet, sheet.file) for sheet in flown if sheet.altitude_frame != "ground")
-    near = None if separation is None else fleet_approach(missions, separation, region.frame, vehicle=vehicle)
+    near = None if separation is None else missions_approach(missions, separation, region.frame, vehicle=vehicle)
     return MissionCheck(
         missions=missions,
         separation=separation,
@@ -201,12 +201,12 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
     """Return the waypoints of a mission in metres; of ways from a home outside and to an end outside only the stretch inside."""
     way = metres_of(sheet, region)
     near = np.asarray(np.isfinite(way).all(axis=1))
-    inside = near & region.contains(np.where(near[:, None], way, 0.0))
+    inside = inside_of(region, way)
     here = searching(inside)
     kept = [way[1:-1][here]]
-    if not inside[0] and inside[here.start + 1] and near[here.start]:
+    if here.start > 0 and inside[here.start + 1] and near[here.start]:
         kept.insert(0, _inner(region, way[here.start + 1], way[here.start])[::-1])
-    if not inside[-1] and inside[here.stop] and near[here.stop + 1]:
+    if here.stop < len(way) - 2 and inside[here.stop] and near[here.stop + 1]:
         kept.append(_inner(region, way[here.stop], way[here.stop + 1]))
     return np.concatenate(kept)
 
@@ -215,7 +215,7 @@ def _inner(region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.fl
     """Return how far a leg from inside goes until it first leaves the region; shape (1, 2)."""
     import shapely
 
-    pieces = shapely.get_parts(shapely.intersection(shapely.linestrings([here, there]), region.reach))
+    pieces = shapely.get_parts(shapely.intersection(shapely.linestrings([here, there]), region.free.buffer(ROUNDING)))
     nearest = pieces[int(np.argmin(shapely.distance(pieces, shapely.points(here))))]
     ends = shapely.get_coordinates(nearest)
     return np.asarray(ends[[int(np.argmax(np.hypot(*(ends - here).T)))]])

@@ -135,7 +135,8 @@ def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None
         try:
             found = reader(read_text(path, what=f"{field} file", most=LARGEST_FILE), name)
         except InvalidInputError as error:
-            ours[0].add("beside", "", str(error))
+            place, _, said = str(error).rpartition(": expected")
+            ours[0].add("beside", place, f"expected{said}")
             continue
         for sheet in ours:
             setattr(sheet, field, found)

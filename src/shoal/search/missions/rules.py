@@ -207,6 +207,16 @@ def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
     return metres
 
 
+def inside_of(region: SearchRegion, way: Points) -> NDArray[np.bool_]:
+    """Tell which points of a way are where robots may be in a region, but for rounding; bool, shape (n,)."""
+    import shapely
+
+    near = np.asarray(np.isfinite(way).all(axis=1))
+    allowed = region.free.buffer(ROUNDING)
+    shapely.prepare(allowed)
+    return np.asarray(near & shapely.intersects_xy(allowed, *np.where(near[:, None], way, 0.0).T))
+
+
 def searching(inside: NDArray[np.bool_]) -> slice:
     """Return which waypoints are those of the search, given which of home, waypoints and end are in the region.
 
@@ -235,9 +245,8 @@ def check_place(sheet: Sheet, region: SearchRegion) -> None:
     near = np.asarray(np.isfinite(way).all(axis=1))
     allowed = region.free.buffer(ROUNDING)
     forbidden = grown(region.no_go, region.margin).buffer(-ROUNDING)
-    shapely.prepare(allowed)
     shapely.prepare(forbidden)
-    inside = near & np.asarray(shapely.intersects_xy(allowed, *np.where(near[:, None], way, 0).T))
+    inside = inside_of(region, way)
     barred = near & np.asarray(shapely.intersects_xy(forbidden, *np.where(near[:, None], way, 0).T))
     here = searching(inside)
     stray = ~inside[1:-1]

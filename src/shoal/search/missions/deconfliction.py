@@ -1,4 +1,4 @@
-"""Fleets: the missions of all robots of a plan, kept apart by altitude layers and staggered starts, with fence and rally points."""
+"""Deconfliction: missions of all robots of a plan, kept apart by altitude layers and staggered starts; fence and rally points."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LINK = 1.5  # footprints: ways between rows, which a fixed wing need not fly st
 Sorties = tuple[Mission, ...]
 
 
-def fleet_missions(
+def plan_missions(
     plan: SearchPlan, *, separation: Separation | None = None, rally: Points | None = None, **options: Any
 ) -> tuple[Mission, ...]:
     """Return the missions of all robots of a plan: what each does if nothing goes wrong.
@@ -151,8 +151,8 @@ def _fenced(missions: Sequence[Mission], plan: SearchPlan, rally: Points) -> tup
 
 
 @dataclass(frozen=True, eq=False)
-class FleetApproach:
-    """The nearest approach of any two vehicles of a fleet.
+class MissionApproach:
+    """The nearest approach of any two vehicles.
 
     Parameters
     ----------
@@ -185,9 +185,9 @@ class FleetApproach:
         return told | dict(zip(("longitude", "latitude"), frame.to_degrees(self.place[None, :2])[0].tolist(), strict=True))
 
 
-def fleet_approach(
+def missions_approach(
     missions: Sequence[Mission], separation: Separation, frame: LocalFrame | None, *, vehicle: Vehicle | None = None
-) -> FleetApproach | None:
+) -> MissionApproach | None:
     """Return the nearest approach of two vehicles in flight that follow missions, each late by up to the delay of the separation.
 
     Parameters
@@ -203,7 +203,7 @@ def fleet_approach(
 
     Returns
     -------
-    FleetApproach or None
+    MissionApproach or None
         None if no two are ever so near in height.
     """
     flown: dict[tuple[int, int], tuple[Mission, Trajectory]] = {}
@@ -211,7 +211,7 @@ def fleet_approach(
         kept = constant_speed(mission) if vehicle is None else vehicle
         rate = 1.0 if vehicle is None else mission.speed / vehicle.cruise
         flown[mission.sortie, mission.robot] = mission, trajectory(_common_way(mission, frame), kept, rate=rate)
-    best: FleetApproach | None = None
+    best: MissionApproach | None = None
     for (sortie, one), (other_sortie, other) in combinations(sorted(flown), 2):
         if sortie != other_sortie:
             continue
@@ -220,5 +220,5 @@ def fleet_approach(
         found = nearest_approach(there, here, vertical=separation.vertical, later=later, tolerance=separation.delay)
         if found is not None and (best is None or found.horizontal < best.horizontal):
             time = mine.delay + found.times[0]
-            best = FleetApproach((one, other), sortie, found.horizontal, found.vertical, time, found.places[0])
+            best = MissionApproach((one, other), sortie, found.horizontal, found.vertical, time, found.places[0])
     return best

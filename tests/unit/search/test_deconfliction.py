@@ -1,0 +1,250 @@
+"""Deconfliction: separation of vehicles in flight, landings, delays, fence and rally points, as other programs read them."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from tests.reference.missions import read_beside, read_plan
+
+from shoal.cli import run as command
+from shoal.errors import InvalidInputError
+from shoal.search import open_region
+from shoal.search.allocation.plan import plan_search
+from shoal.search.flight.separation import conflicts, nearest_approach
+from shoal.search.flight.staggering import Separation, staggered
+from shoal.search.flight.timing import Trajectory
+from shoal.search.missions import Mission, check_missions, lint, read_mission, write_missions
+from shoal.search.missions.deconfliction import missions_approach, plan_missions
+from shoal.search.problem import SearchProblem
+
+OUTLINE = [[8.5, 47.4], [8.504, 47.4], [8.504, 47.402], [8.5, 47.402], [8.5, 47.4]]
+ZONE = [[8.501, 47.4008], [8.5016, 47.4008], [8.5016, 47.4012], [8.501, 47.4012], [8.501, 47.4008]]
+
+
+def random_flight(rng, legs=6):
+    """Return a flight with hovering, on a few levels, of which some legs are on one line with those of others."""
+    points = np.column_stack([20.0 * rng.integers(0, 4, (legs, 2)) + rng.choice([0.0, 3.0]), rng.choice([28.0, 30, 33, 36], legs)])
+    still = rng.random(legs - 1) < 0.2
+    for leg in np.flatnonzero(still):
+        points[leg + 1] = points[leg]
+    return Trajectory(np.concatenate([[0.0], np.cumsum(rng.uniform(1, 12, legs - 1))]), points)
+
+
+def sampled(one, other, later, late, vertical):
+    """Return the least horizontal distance at many moments."""
+    times = np.linspace(0, one.duration, 300)
+    theirs = times - later - late
+    both = (theirs >= 0) & (theirs <= other.duration)
+    apart = np.abs(one.at(times) - other.at(theirs))
+    both &= apart[:, 2] < vertical - 0.01
+    return np.hypot(*apart[both, :2].T).min(initial=np.inf)
+
+
+def test_the_nearest_approach_is_at_most_that_of_any_sample_and_is_one():
+    rng = np.random.default_rng(5)
+    for _ in range(40):
+        one, other, later = random_flight(rng), random_flight(rng), rng.uniform(-15, 15)
+        found = nearest_approach(one, other, vertical=5.0, later=later, tolerance=4.0)
+        least = min(sampled(one, other, later, late, 5.0) for late in np.linspace(-4, 4, 17))
+        if found is None:
+            assert least == np.inf
+            continue
+        assert found.horizontal <= least + 1e-9
+        assert found.horizontal > least - 4  # nothing that no sample is near
+        places = np.stack([one.at(found.times[0]), other.at(found.times[1])])
+        assert np.allclose(places, found.places, atol=1e-6)
+        assert np.hypot(*(places[0] - places[1])[:2]) == pytest.approx(found.horizontal, abs=1e-6)
+        assert abs(places[0, 2] - places[1, 2]) == pytest.approx(found.vertical, abs=1e-6)
+        assert abs(found.times[0] - found.times[1] - later) <= 4 + 1e-6
+
+
+def test_conflicts_are_the_delays_at_which_two_vehicles_are_too_near():
+    rng = np.random.default_rng(6)
+    met = 0
+    for _ in range(30):
+        one, other = random_flight(rng), random_flight(rng)
+        barred = conflicts(one, other, horizontal=8.0, vertical=5.0)
+        for later in rng.uniform(-40, 40, 8):
+            found = nearest_approach(one, other, vertical=5.0, later=later)
+            near = found is not None and found.horizontal < 8.0 - 1e-6
+            edge = np.abs(barred - later).min(initial=np.inf) < 1e-3
+            assert edge or near == ((barred[:, 0] < later) & (later < barred[:, 1])).any()
+            met += near
+    assert met > 20
+
+
+@pytest.fixture(scope="module")
+def region(tmp_path_factory):
+    path = tmp_path_factory.mktemp("field") / "field.json"
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [OUTLINE]}))
+    return open_region(path, no_go=[np.array(ZONE)])
+
+
+@pytest.fixture(scope="module")
+def team(region):
+    """A plan of five robots from one launch point outside, its missions with a rally point, and their separation."""
+    problem = SearchProblem(region, robots=5, footprint=20, margin=4, launch=[(-200, 0)], vehicle="multirotor")
+    plan = plan_search(problem, seed=3)
+    separation = Separation()
+    return plan, plan_missions(plan, separation=separation, rally=np.array([(-220.0, 40.0)])), separation
+
+
+def simulated(missions, frame, late, climb):
+    """Return the least distances of vehicles that follow missions at constant speed, by small steps: (both, least)."""
+    flown = []
+    for mission, wait in zip(missions, late, strict=True):
+        home, *way = frame.to_metres(np.vstack([mission.home, mission.waypoints, mission.landing]))
+        high = mission.altitude
+        points = np.array([[*home, 0.0], [*home, high], *([*point, high] for point in way), [*way[-1], 0.0]])
+        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        rises = np.abs(np.diff(points[:, 2])) > 0
+        times = mission.delay + wait + np.concatenate([[0.0], np.cumsum(lengths / np.where(rises, climb, mission.speed))])
+        flown.append((times, points))
+    clock = np.arange(0.0, max(times[-1] for times, _ in flown), 0.25)
+    places = [np.stack([np.interp(clock, times, points[:, axis]) for axis in range(3)], axis=1) for times, points in flown]
+    aloft = [(times[0] <= clock) & (clock <= times[-1]) for times, _ in flown]
+    worst = np.inf
+    for k in range(len(flown)):
+        for j in range(k):
+            apart = np.abs(places[k] - places[j])[aloft[k] & aloft[j]]
+            low = apart[:, 2] < 5 - 1e-3
+            worst = min(worst, np.hypot(*apart[low, :2].T).min(initial=np.inf))
+    return worst
+
+
+def test_vehicles_keep_apart_in_a_simulation_of_their_files_with_random_delays(team, region, tmp_path):
+    plan, missions, separation = team
+    assert len(missions) == 5
+    paths = [path for path in write_missions(missions, tmp_path, formats=["plan"]) if path.suffix == ".plan"]
+    read = [read_mission(path) for path in paths]
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        assert simulated(read, region.frame, rng.uniform(0, 10, 5) * rng.integers(0, 2, 5), 5.0) > 10 - 0.05
+    near = missions_approach(read, separation, region.frame)
+    assert near.horizontal >= 10 - 0.005
+    assert missions_approach(read, separation, region.frame, vehicle=plan.vehicle).horizontal >= 10 - 0.005
+    at_once = [replace(mission, delay=0.0) for mission in read]
+    assert missions_approach(at_once, separation, region.frame).horizontal < 1  # they all climb at one place
+
+
+def test_a_planted_conflict_is_found_with_its_time_place_and_robots(region, tmp_path):
+    home, other = (8.5005, 47.4003), (8.5035, 47.4003)
+    lanes = [home, other]
+    there = Mission(lanes, home, robot=1, landing=home)
+    back = Mission(lanes[::-1], other, robot=4, landing=other, altitude=33.0)
+    write_missions([there, back], tmp_path, formats=["plan"])
+    separation = Separation(10.0, 5.0, 0.0)
+    near = check_missions(tmp_path, region, None, separation=separation).approach
+    assert near.robots == (1, 4)
+    assert near.horizontal < 0.01
+    assert near.vertical == pytest.approx(3.0)
+    length = np.hypot(*np.diff(region.frame.to_metres(np.array(lanes)), axis=0)[0])
+    assert near.time == pytest.approx(30 / 5 + length / 2 / 5, abs=1.0)
+    assert np.allclose(region.frame.to_degrees(near.place[None, :2]), [(8.502, 47.4003)], atol=1e-4)
+    write_missions([there, replace(back, altitude=35.0)], tmp_path, formats=["plan"])
+    apart = check_missions(tmp_path, region, None, separation=separation).approach
+    assert apart is None or apart.horizontal > 10  # a layer more
+    write_missions([there, replace(back, delay=400.0)], tmp_path, formats=["plan"])
+    assert check_missions(tmp_path, region, None, separation=separation).approach is None
+
+
+def test_few_layers_and_layers_that_are_settled():
+    def flight(x):
+        points = np.array([(0, 0, 0), (0, 0, 30), (x, 400, 30), (x, 0, 30), (0, 0, 30), (0, 0, 0)], dtype=float)
+        times = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1) / 5)])
+        return lambda layer: [Trajectory(times, points + np.array([0, 0, 5.0 * layer]) * (points[:, 2:] > 0))]
+
+    flights = [flight(100.0 * k) for k in range(4)]
+    layers, delays = staggered(flights, Separation())
+    assert layers.max() <= 1
+    assert len({*delays}) == 4
+    again, waits = staggered([*flights, lambda layer: []], Separation(), [0, 1, 2, 3, 0])
+    assert again.tolist() == [0, 1, 2, 3, 0]
+    assert waits[4] == 0
+    for found, starts in ((layers, delays), (again, waits)):
+        for k in range(4):
+            for j in range(k):
+                one, other = flights[k](found[k])[0], flights[j](found[j])[0]
+                near = nearest_approach(one, other, vertical=5.0, later=starts[j] - starts[k], tolerance=10.0)
+                assert near is None or near.horizontal >= 10
+
+
+def test_fence_and_rally_points_are_read_by_other_programs(team, region, tmp_path, monkeypatch):
+    monkeypatch.setitem(os.environ, "MAVLINK20", "1")
+    from pymavlink import mavutil, mavwp
+
+    _, missions, _ = team
+    written = write_missions(missions, tmp_path, formats=["plan", "wpl"])
+    assert {"fence.txt", "rally.txt"} <= {path.name for path in written}
+    fence = missions[0].fence
+    ways = [mission.way_in(region.frame)[:, :2] for mission in missions]
+    area = fence.area(region.frame)
+    assert all(area.buffer(0.01).covers(shapely.linestrings(way)) for way in ways)
+    assert area.intersection(region.no_go).area < 1
+    assert [len(ring) for ring in fence.exclusions] == [4]
+    data = json.loads((tmp_path / "robot-01.plan").read_text())
+    read_plan(tmp_path / "robot-01.plan")
+    polygons = data["geoFence"]["polygons"]
+    assert [polygon["inclusion"] for polygon in polygons] == [True, False]
+    assert np.allclose(np.array(polygons[0]["polygon"])[:, ::-1], fence.inclusion, atol=1e-8)
+    (point,) = data["rallyPoints"]["points"]
+    assert np.allclose(region.frame.to_metres([point[1::-1]]), (-220, 40), atol=0.01)
+    if mavutil.mavlink20():
+        items = read_beside(tmp_path / "fence.txt", mavwp.MissionItemProtocol_Fence())
+        assert [item[0] for item in items] == [5001] * len(fence.inclusion) + [5002] * 4
+        assert [item[1] for item in items] == [len(fence.inclusion)] * len(fence.inclusion) + [4] * 4
+        assert np.allclose([item[2:] for item in items], np.vstack(fence.rings), atol=1e-5)
+        (rally,) = read_beside(tmp_path / "rally.txt", mavwp.MissionItemProtocol_Rally())
+        assert rally[0] == 5100
+    assert lint(tmp_path, region) == []
+    write_missions([replace(one, fence=None, rally=()) for one in missions], tmp_path, formats=["wpl"])
+    assert not (tmp_path / "fence.txt").exists()
+
+
+@pytest.mark.parametrize("suffix", [".plan", ".waypoints", ".geojson", ".kml", ".gpx", ".csv"])
+@pytest.mark.parametrize("kind", ["multirotor", "rover"])
+def test_every_format_holds_delay_and_landing(suffix, kind, tmp_path):
+    altitude = 30.0 if kind == "multirotor" else 0.0
+    mission = Mission(
+        [(8.5, 47.4), (8.501, 47.4)], (8.499, 47.4), kind=kind, altitude=altitude, landing=(8.502, 47.401), delay=37.0, robot=2
+    )
+    write_missions([mission], tmp_path)
+    read = read_mission(tmp_path / f"robot-02{suffix}")
+    assert read.delay == 37.0
+    assert read.home == (8.499, 47.4)
+    assert read.landing == pytest.approx((8.502, 47.401))
+    assert len(read.waypoints) == 2
+    assert lint(tmp_path) == []
+
+
+def test_the_command_writes_and_checks_it_all(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "field.json").write_text(json.dumps({"type": "Polygon", "coordinates": [OUTLINE]}))
+    (tmp_path / "rally.csv").write_text("longitude,latitude\n8.499,47.399\n")
+    search = "search field.json --robots 3 --footprint 40 --launch 8.499,47.401 --land 8.505,47.401 --missions m --format plan"
+    assert command([*search.split(), "--rally", "rally.csv", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["missions"]
+    assert told["nearest_approach"] is None or told["nearest_approach"]["horizontal_m"] >= 10
+    assert len({start["delay_s"] for start in told["starts"]} | {start["altitude_m"] for start in told["starts"]}) > 1
+    assert command(["missions", "check", "m", "field.json", "--footprint", "40", "--json"]) == 0
+    seen = json.loads(capsys.readouterr().out)
+    assert seen["covered_fraction"] > 0.999
+    assert seen["errors"] == 0
+    assert command([*search.split(), "--separation", "0"]) == 0
+    capsys.readouterr()
+    assert command(["missions", "check", "m", "field.json", "--footprint", "40"]) == 1
+    assert "come within" in capsys.readouterr().err
+    for words, said in (("--separation 1,2,3", "--separation: expected HORIZONTAL"), ("--delay-tolerance -1", "expected")):
+        assert command([*search.split(), *words.split()]) == 2
+        assert said in capsys.readouterr().err
+
+
+def test_a_rally_point_in_a_no_go_zone_is_refused(team, region):
+    inside = region.frame.to_metres([(8.5013, 47.401)])
+    with pytest.raises(InvalidInputError, match="rally: expected points outside of no-go zones"):
+        plan_missions(team[0], rally=inside)
