@@ -51,7 +51,7 @@ class Checker:
         self._check_beliefs(world, number)
         if vehicle.alive and vehicle.energy < -1e-6:
             self._fail(world, number, "has moved further than its energy lets it")
-        if world.lost > world.sent:
+        if world.air.lost > world.air.sent:
             self._fail(world, number, "has lost more messages than were sent")
 
     def _check_beliefs(self, world: SearchWorld, number: int) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.cells.distances import CellDistances
 from shoal.search.problem.faults import Battery, Crash, Fault, Liar, Pause, Slow, WrongPosition
-from shoal.search.problem.network import RadioNetwork, network_of
+from shoal.search.problem.network import Forgeries, RadioNetwork, Replays, network_of
 from shoal.search.protocol.robot import Brief
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours import make_tour
@@ -49,18 +49,22 @@ def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
         recharge=float(rng.integers(0, 5)),
     )
     starts = _starts(rng, n, m)
+    air = np.random.default_rng([seed, 2])
+    signed, packet = air.random() < 0.2, int(air.choice([0, 0, 0, 0, 64, 100, 1200]))
     rates = (1.0,) * m if rng.random() < 0.6 else tuple(float(rate) for rate in rng.uniform(0.5, 2.0, size=m))
     return Scenario(
         brief,
         starts,
         rates,
-        network=random_network(rng, whole),
+        network=attacked(random_network(rng, whole), air, signed=signed),
         faults=random_faults(rng, m, whole, liars=multiplicity - 1, energy=energy, lost=distances is None),
         targets=tuple(int(cell) for cell in rng.integers(0, n, size=rng.integers(0, 4))),
         detection=float(rng.choice([1.0, 0.8])),
         false_alarm=float(rng.choice([0.0, 0.02])),
         obstacles=() if distances is None else random_obstacles(rng, n, starts),
         widths=tuple(int(width) for width in np.random.default_rng([seed, 1]).choice([1, 1, 3, 5], size=m)) if wide else (),
+        signed=signed,
+        packet=packet,
         seed=seed,
     )
 
@@ -102,6 +106,13 @@ def random_network(rng: Generator, whole: float) -> RadioNetwork:
     return network_of(",".join(rng.choice(models, size=rng.integers(1, 4), replace=False)))
 
 
+def attacked(network: RadioNetwork, rng: Generator, *, signed: bool) -> RadioNetwork:
+    """Return a network with somebody in it who sends what he has recorded, and forges, if messages are signed."""
+    attacks = [Replays(float(rng.random()))] if rng.random() < (0.5 if signed else 0.05) else []
+    forged = [Forgeries(float(rng.random()))] if signed and rng.random() < 0.5 else []
+    return RadioNetwork((*attacks, *forged, *network.media))
+
+
 def random_obstacles(rng: Generator, n: int, starts: tuple[int, ...]) -> tuple[int, ...]:
     """Return cells that cannot be entered: none to two fifths of all, but no starts."""
     drawn = rng.permutation(n)[: int(rng.uniform(0, 0.4) * n)]
@@ -122,8 +133,8 @@ def random_faults(rng: Generator, robots: int, whole: float, *, liars: int, ener
             found.append(Crash(number, time))
         elif kind == 2:
             found.append(Pause(number, time, time + float(rng.random() * whole)))
-        elif kind == 3:
-            found.append(Slow(number, float(rng.uniform(1.5, 5)), time))
+        elif kind in (3, 7):
+            found.append(Slow(number, float(rng.uniform(1.5, 5 if kind == 3 else 40)), time))
         elif kind == 4:
             found.append(Battery(number, float(rng.random()) * min(energy, whole)))
         elif kind == 5 and lost:

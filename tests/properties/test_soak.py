@@ -6,6 +6,7 @@ The number of searches is 2000, or that of the environment variable SHOAL_SOAK.
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from math import inf
 
 import pytest
@@ -14,6 +15,7 @@ from tests.properties.search_invariants import Checker, InvariantError, check_ou
 from tests.properties.search_scenarios import random_scenario
 
 from shoal.search.problem.faults import Crash, Liar, Pause
+from shoal.search.protocol import envelope
 from shoal.search.protocol import robot as robots
 from shoal.search.simulation import world as worlds
 from shoal.search.simulation.world import SearchWorld
@@ -53,7 +55,8 @@ def test_scenarios_are_of_all_kinds():
     kinds = {type(fault).__name__ for scenario in scenarios for fault in scenario.faults}
     media = {type(medium).__name__ for scenario in scenarios for medium in scenario.network.media}
     assert kinds == {"Crash", "Pause", "Slow", "Battery", "WrongPosition", "Liar"}
-    assert media == {"Loss", "Bursts", "Range", "Partition", "Delay", "Duplicates", "Corruption"}
+    assert media == {"Loss", "Bursts", "Range", "Partition", "Delay", "Duplicates", "Corruption", "Replays", "Forgeries"}
+    assert {scenario.packet for scenario in scenarios if scenario.signed} == {0, 64, 100, 1200}
     assert {len(scenario.starts) for scenario in scenarios} >= {1, 2, 5, 10}
     assert any(not scenario.network.media for scenario in scenarios)
     assert any(scenario.brief.energy < inf for scenario in scenarios)
@@ -129,6 +132,23 @@ def test_bug_5_an_empty_battery_goes_on(monkeypatch):
 def test_bug_6_waits_for_ever_for_a_live_robot(monkeypatch):
     monkeypatch.setattr(robots, "cost_of_all", lambda tour_cost, wanted, here, fresh, closed=0: -inf)
     assert found_within(200)
+
+
+def test_bug_7_signatures_are_not_checked(monkeypatch):
+    monkeypatch.setattr(envelope, "_seal", lambda key, message: bytes(8))
+    assert found_within(400)
+
+
+def test_bug_8_a_beacon_tells_what_is_on_the_way(monkeypatch):
+    true = robots.with_beacon
+
+    def with_beacon(robot, time):
+        robot, beacon = true(robot, time)
+        place = beacon.heartbeats[0].place
+        return robot, replace(beacon, searched=(*beacon.searched, (robot.number, 1 << place)))
+
+    monkeypatch.setattr(robots, "with_beacon", with_beacon)
+    assert found_within(60)
 
 
 def test_liars_are_outvoted():

@@ -9,6 +9,7 @@ from shoal.errors import InvalidInputError
 from shoal.search.allocation.plan import plan_search
 from shoal.search.episode import SearchEpisode
 from shoal.search.problem import SearchProblem
+from shoal.search.problem.keys import read_key
 from shoal.search.simulation.live.trace import live_trace
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
@@ -39,12 +40,13 @@ def run(problem: SearchProblem, *, seed: int = 0) -> SearchEpisode:
     (<Status.COMPLETE: 'complete'>, 1.0)
     """
     began = time.perf_counter()
+    key = b"" if problem.key is None else read_key(problem.key)
     plan = plan_search(problem, seed=seed)
     scenario = scenario_of(problem, plan, seed)
     cells, robots = len(plan.tour_cost), problem.robots
     simulated = problem.live is None and (cells * robots <= SIMULATED if problem.simulate is None else problem.simulate)
     if problem.live is not None:
-        scenario, trace = live_trace(scenario, live=problem.live, loss=problem.loss)
+        scenario, trace = live_trace(scenario, live=problem.live, loss=problem.loss, key=key)
     elif simulated:
         trace = simulated_trace(plan, scenario)
     elif needs := _simulated_only(scenario):
@@ -75,6 +77,8 @@ def _simulated_only(scenario: Scenario) -> list[str]:
     there = {
         "faults": bool(scenario.faults),
         "loss or a network": bool(scenario.network.media),
+        "a key": scenario.signed,
+        "packet": scenario.packet > 0,
         "multiplicity": brief.multiplicity > 1,
         "endurance": brief.energy < inf,
         "obstacles": brief.tour_cost.stepwise,

@@ -11,13 +11,11 @@ from tests.properties.search_scenarios import random_scenario
 from tests.search_episodes import planned, search
 
 from shoal.cli import run
-from shoal.errors import InvalidInputError
 from shoal.search import SearchEpisode, TourCost, cells_of, coverage_check, make_tour, open_region
 from shoal.search.allocation.viewpoint_selection import gain_of, select_viewpoints
 from shoal.search.cells.footprint import MaskFootprint, RegionFootprint, cell_side, widths_of
 from shoal.search.missions import check_missions
 from shoal.search.problem.faults import Crash, Liar
-from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
 from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.bitset import at_least, bitset_of
 
@@ -122,14 +120,6 @@ def test_gains(tour):
     stops, cost = select_viewpoints(tour_cost, 5, np.arange(200))
     assert set(range(200)) <= {int(cell) for stop in stops for cell in tour_cost.seen(int(stop), 5)}
     assert cost < 120
-
-
-def test_beacons_tell_the_width_if_there_is_one():
-    wide = Beacon(1, (Heartbeat(1, 0, 5, 1.0, "searching", 3), Heartbeat(2, 0, 5, 1.0, "searching")), ())
-    assert decode_beacon(encode_beacon(wide)) == wide
-    assert encode_beacon(wide).count(b"width") == 1
-    with pytest.raises(InvalidInputError, match="expected a beacon of version 1"):
-        decode_beacon(encode_beacon(Beacon(1, (Heartbeat(1, 0, 5, 1.0, "searching", 4),), ())))
 
 
 def test_missions_are_checked_with_each_robots_own_footprint(tmp_path, monkeypatch, capsys):

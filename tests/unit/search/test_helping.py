@@ -58,7 +58,7 @@ def test_the_last_robot_alive_ends_however_slow_it_is(healthy):
 @pytest.mark.parametrize("loss", [0.0, 0.4, 0.8])
 def test_nobody_helps_where_all_are_well(loss, monkeypatch):
     """Who is well is never late: without that rule the search is the same."""
-    options = {"robots": 5, "footprint": 10, "loss": loss, "turn_cost": 0.5, "rates": [1, 2, 1, 0.5, 1], "seed": 2}
+    options = {"robots": 5, "footprint": 10, "loss": loss, "rates": [1, 2, 1, 0.5, 1], "seed": 2}
     with_rule = search("ring:80x50", **options)
     monkeypatch.setattr(inference, "is_late", lambda robot, number, time: False)
     monkeypatch.setattr(helping, "is_late", lambda robot, number, time: False)

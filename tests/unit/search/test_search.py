@@ -19,7 +19,7 @@ from shoal.search.cells.distances import CellDistances
 from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, check_faults
 from shoal.search.problem.network import RadioNetwork, network_of
 from shoal.search.protocol.events import Begin, Blocked, Declare, Go, Heard, Send, Sensed, Wake, WakeAt
-from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
+from shoal.search.protocol.messages import Beacon, Heartbeat
 from shoal.search.protocol.robot import Brief, Robot, advance
 from shoal.search.simulation.live.trace import takeovers_of
 from shoal.search.simulation.trace import RobotLog
@@ -189,19 +189,6 @@ def test_bits_against_sets():
         for arc in (Arc(first, max(count, 1)), Arc(first, max(count, 1), -1)):
             way = [(first + arc.step * k) % n for k in range(arc.count)]
             assert arc.next_of(bits, n) == next((cell for cell in way if cell in cells), None)
-
-
-def test_messages_come_back_and_damage_is_noticed():
-    beacon = Beacon(
-        3, (Heartbeat(3, 9, 4, 1.5, "waiting"), Heartbeat(1, 2, 7, 1.0, "searching")), ((3, 0b1011), (1, 1 << 200)), ((5, 2),)
-    )
-    data = encode_beacon(beacon)
-    assert decode_beacon(data) == beacon
-    for place in range(len(data)):
-        with pytest.raises(InvalidInputError, match="beacon: expected"):
-            decode_beacon(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
-    with pytest.raises(InvalidInputError):
-        decode_beacon(b"")
 
 
 def test_a_robot_alone_searches_everything_in_the_time_of_one_round():

@@ -71,7 +71,7 @@ def test_faults_are_spelled(fault):
         ({"crashes": 5}, "crashes: expected at most 4, one a robot, got 5"),
         ({"network": "wifi"}, "network: expected perfect or some of"),
         ({"live": 20, "network": "delay:1"}, "live: expected no network but a share of lost messages, got 'delay:1'"),
-        ({"live": 20, "faults": "liar:1"}, "live: expected no fault but crashes"),
+        ({"live": 20, "faults": "liar:1"}, "live: expected no faults but crashes and slow robots"),
         ({"multiplicity": 0}, "multiplicity: expected a whole number, 1 or more, got 0"),
         ({"loss": 1.5}, "loss: expected a number from 0 to 1, got 1.5"),
         ({"region": 7}, "region: expected a name, the path of a file or a SearchRegion, got 7"),

@@ -17,6 +17,7 @@ from shoal.search.problem.fields import (
     check_footprint,
     check_network,
     check_no_go,
+    check_path,
     check_places,
     check_positive,
     check_region,
@@ -42,7 +43,7 @@ AUTO_TOURS = ("boustrophedon", "spanning-tree")
 FOOTPRINT = 10.0
 """Metres: the side of what a robot sees of which nothing is said."""
 
-LIVE_FAULTS = ("crash",)
+LIVE_FAULTS = ("crash", "slow")
 
 TOURS = ("spanning-tree", "boustrophedon", "comb", "hilbert-rectangle", "hilbert", "moore", "open-hilbert")
 ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
@@ -144,8 +145,18 @@ class SearchProblem(Problem):
     loss: float = option(0.0, help="Probability that a message is lost.", least=0, most=1)
     network: str = option(
         "perfect",
-        help="perfect, loss:P, bursts:WORSEN:MEND, range:CELLS, partition:SINCE:UNTIL, delay:MEAN, duplicates:P, corruption:P.",
+        help="perfect, loss:P, bursts:WORSEN:MEND, range:CELLS, partition:SINCE:UNTIL, delay:MEAN, duplicates:P, corruption:P, "
+        "replays:P, forgeries:P (with --key).",
         metavar="MODEL,...", check=check_network,
+    )  # fmt: skip
+    key: str | None = option(
+        None, help="File with the secret by which robots sign their messages, at least 16 bytes that only its owner can read; "
+        "messages that are not signed so, and those that were heard before, are refused.", metavar="FILE",
+        check=lambda value: check_path(value, "key", "the path of a file"),
+    )  # fmt: skip
+    packet: int | None = option(
+        None, help="How long a message may be; longer ones go in several, each of use without the others.", unit="bytes", least=64,
+        most=65_507,
     )  # fmt: skip
     faults: tuple[Fault, ...] = option(
         (), help="Robot faults: crash:R@TIME, pause:R@TIME:UNTIL, slow:R@TIME:FACTOR, battery:R:ENERGY, "
@@ -197,7 +208,7 @@ class SearchProblem(Problem):
             if self.network != "perfect":
                 raise InvalidInputError(f"live: expected no network but a share of lost messages, got {self.network!r}")
             if any(not fault_text(fault).startswith(LIVE_FAULTS) for fault in self.faults):
-                raise InvalidInputError("live: expected no fault but crashes")
+                raise InvalidInputError("live: expected no faults but crashes and slow robots")
 
     @property
     def chosen_tour(self) -> str:

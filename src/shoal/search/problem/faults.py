@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import asdict, fields
 from math import inf
 from typing import Any, cast
@@ -139,3 +140,17 @@ def _checked(fault: Any) -> Fault:
         else:
             check_number(value, what=what, least=0)
     return cast("Fault", fault)
+
+
+def true_rate(rate: float, faults: Iterable[Fault], robot: int, time: float) -> float:
+    """Return how fast a robot is that says it is as fast as ``rate``.
+
+    Examples
+    --------
+    >>> true_rate(2.0, [Slow(1, 4.0, time=10.0)], 1, 9.0), true_rate(2.0, [Slow(1, 4.0, time=10.0)], 1, 10.0)
+    (2.0, 0.5)
+    """
+    for fault in faults:
+        if isinstance(fault, Slow) and fault.robot == robot and time >= fault.time:
+            rate /= fault.factor
+    return rate

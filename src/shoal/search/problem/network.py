@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from math import inf
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.random import Generator
@@ -17,10 +17,11 @@ from shoal.errors import InvalidInputError
 
 @dataclass(frozen=True, slots=True)
 class Copy:
-    """One copy of a message on its way: how long it takes, and whether it is damaged."""
+    """One copy of a message on its way: how long it takes, whether it is damaged, and what another message comes in its place."""
 
     delay: float = 0.0
     damaged: bool = False
+    other: Literal["", "replay", "forgery"] = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +107,7 @@ class Delay:
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
         """Return the copies that go on."""
-        return [Copy(copy.delay + 2 * self.mean * float(rng.random()), copy.damaged) for copy in copies]
+        return [replace(copy, delay=copy.delay + 2 * self.mean * float(rng.random())) for copy in copies]
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ class Duplicates:
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
         """Return the copies that go on."""
-        again = [Copy(copy.delay + float(rng.random()), copy.damaged) for copy in copies if rng.random() < self.probability]
+        again = [replace(copy, delay=copy.delay + float(rng.random())) for copy in copies if rng.random() < self.probability]
         return copies + again
 
 
@@ -129,7 +130,29 @@ class Corruption:
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
         """Return the copies that go on."""
-        return [Copy(copy.delay, copy.damaged or rng.random() < self.probability) for copy in copies]
+        return [replace(copy, damaged=copy.damaged or rng.random() < self.probability) for copy in copies]
+
+
+@dataclass(frozen=True)
+class Replays:
+    """With a probability, somebody sends a message again that he has recorded before, of any robot."""
+
+    probability: float
+
+    def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
+        """Return the copies that go on."""
+        return [*copies, Copy(other="replay")] if rng.random() < self.probability else copies
+
+
+@dataclass(frozen=True)
+class Forgeries:
+    """With a probability, somebody without the key sends a message under a robot's number: that all is searched."""
+
+    probability: float
+
+    def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
+        """Return the copies that go on."""
+        return [*copies, Copy(other="forgery")] if rng.random() < self.probability else copies
 
 
 @dataclass(frozen=True)
@@ -164,6 +187,8 @@ _KINDS: dict[str, tuple[Callable[..., Medium], str, Sequence[tuple[float, float]
     "delay": (Delay, "MEAN", [(0, inf)]),
     "duplicates": (Duplicates, "P", [(0, 1)]),
     "corruption": (Corruption, "P", [(0, 1)]),
+    "replays": (Replays, "P", [(0, 1)]),
+    "forgeries": (Forgeries, "P", [(0, 1)]),
 }
 
 
@@ -173,8 +198,8 @@ def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
     Parameters
     ----------
     text : str
-        ``loss:P``, ``bursts:WORSEN:MEND``, ``range:CELLS``, ``partition:SINCE:UNTIL``, ``delay:MEAN``, ``duplicates:P`` and
-        ``corruption:P``; times in those of a cell. "" or "perfect": all arrives at once.
+        ``loss:P``, ``bursts:WORSEN:MEND``, ``range:CELLS``, ``partition:SINCE:UNTIL``, ``delay:MEAN``, ``duplicates:P``,
+        ``corruption:P``, ``replays:P`` and ``forgeries:P``; times in those of a cell. "" or "perfect": all arrives at once.
     loss : float
         Probability that a message is lost, besides.
 

@@ -1,19 +1,26 @@
-"""What robots tell one another, and how it looks on the wire: JSON with a version and a checksum."""
+"""What robots tell one another, and how it looks on the wire: numbers of variable length, sets of cells as intervals of the tour.
+
+Every message holds whole facts, each of which is true for itself: a beacon that is too long for one message goes in several, of
+which any may be lost, doubled or overtaken.
+"""
 
 from __future__ import annotations
 
-import json
-import re
-from typing import Any, Literal, get_args
-from zlib import crc32
+import struct
+from collections.abc import Iterable, Iterator
+from typing import Literal, get_args
 
-from shoal.checks import check_integer, shortened
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.cells.footprint import WIDEST
+from shoal.search.tours.bitset import bits_of_intervals, intervals
 
-VERSION: Literal[1] = 1
 Status = Literal["listening", "searching", "waiting", "complete"]
+LONGEST = 1200  # bytes of a message unless another length is asked for: it passes every network in one piece
+SHORTEST = 64  # bytes that a message may have at the least
+MOST_CELLS = 1 << 26  # of a tour that messages speak of
+MOST_ROBOTS = 1 << 16
+LAG_UNIT = 1 / 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,100 +43,177 @@ class Heartbeat:
 
 @dataclass(frozen=True, slots=True)
 class Beacon:
-    """All that a robot knows, told again and again, so that no single message matters.
+    """What a robot tells, again and again, so that no single message matters.
 
     Parameters
     ----------
     sender : int
     heartbeats : tuple of Heartbeat
-        Of the sender, first, and of all others that it has heard of, from themselves or from others.
+        Of the sender, first, and of others that it has heard of, from themselves or from others.
     searched : tuple of (int, int)
-        By robot, the cells that it says it has searched, as bits.
+        By robot, cells that it says it has searched, as bits.
     found : tuple of (int, int)
-        By cell, the robots that have found something there, as bits.
+        By cell, robots that have found something there, as bits.
     closed : tuple of (int, int)
-        By robot, the cells that it says cannot be entered, as bits.
+        By robot, cells that it says cannot be entered, as bits.
     """
 
     sender: int
     heartbeats: tuple[Heartbeat, ...]
-    searched: tuple[tuple[int, int], ...]
+    searched: tuple[tuple[int, int], ...] = ()
     found: tuple[tuple[int, int], ...] = ()
     closed: tuple[tuple[int, int], ...] = ()
 
 
-def encode_beacon(beacon: Beacon) -> bytes:
-    """Return a beacon as bytes: eight hexadecimal digits, the checksum (CRC-32), then JSON.
+_STATUSES: tuple[Status, ...] = get_args(Status)
+_FASTEST, _LATEST = 1e9, 1 << 40
+_WIDTHS = range(1, WIDEST + 1, 2)
+_HEARTBEAT, _SEARCHED, _FOUND, _CLOSED = range(4)  # kinds of facts
+_RATED, _WIDE = 4, 8  # flags beside the status
+
+
+def encode_beacon(beacon: Beacon, most: int = LONGEST) -> list[bytes]:
+    r"""Return the bodies of the messages that tell a beacon, each of so many bytes at most.
+
+    Parameters
+    ----------
+    beacon : Beacon
+    most : int
+        At least 40.
 
     Examples
     --------
-    >>> decode_beacon(encode_beacon(Beacon(1, (Heartbeat(1, 0, 5, 1.0, "listening"),), ((1, 0b100000),)))).searched
-    ((1, 32),)
+    >>> beacon = Beacon(1, (Heartbeat(1, 0, 5, 1.0, "listening"),), ((1, 0b111100000),))
+    >>> encode_beacon(beacon)
+    [b'\x00\x01\x00\x00\x05\x00\x00\x01\x01\x01\x05\x04']
+    >>> decode_beacon(1, encode_beacon(beacon)[0]) == beacon
+    True
     """
-    body: dict[str, Any] = {
-        "version": VERSION,
-        "sender": beacon.sender,
-        "heartbeats": [_told(heartbeat) for heartbeat in beacon.heartbeats],
-        "searched": {robot: f"{bits:x}" for robot, bits in beacon.searched},
-        "found": {cell: f"{bits:x}" for cell, bits in beacon.found},
-    }
-    if beacon.closed:
-        body["closed"] = {robot: f"{bits:x}" for robot, bits in beacon.closed}
-    text = json.dumps(body, separators=(",", ":")).encode()
-    return f"{crc32(text):08x}".encode() + text
+    bodies, body = [], bytearray()
+    for fact in _facts(beacon):
+        if len(body) + len(fact) > most and body:
+            bodies.append(bytes(body))
+            body = bytearray()
+        body += fact
+    return [*bodies, bytes(body)]
 
 
-def _told(heartbeat: Heartbeat) -> dict[str, Any]:
-    told = {name: getattr(heartbeat, name) for name in Heartbeat.__slots__}
-    if heartbeat.width == 1:
-        del told["width"]
-    return told
+def _facts(beacon: Beacon) -> Iterator[bytes]:
+    """Yield all that a beacon tells in pieces that stand for themselves."""
+    for heartbeat in beacon.heartbeats:
+        yield _told(heartbeat)
+    for kind, sets in ((_SEARCHED, beacon.searched), (_FOUND, beacon.found), (_CLOSED, beacon.closed)):
+        for number, bits in sets:
+            yield from _pieces(_numbers(kind, number), intervals(bits))
 
 
-def decode_beacon(data: bytes) -> Beacon:
-    """Return the beacon that bytes hold.
+def _told(heartbeat: Heartbeat) -> bytes:
+    flags = _STATUSES.index(heartbeat.status) | _RATED * (heartbeat.rate != 1.0) | _WIDE * (heartbeat.width > 1)
+    lag = round(heartbeat.lag / LAG_UNIT)
+    told = _numbers(_HEARTBEAT, heartbeat.robot, heartbeat.count, flags, heartbeat.start, heartbeat.place, lag)
+    if heartbeat.rate != 1.0:
+        told += struct.pack("<d", heartbeat.rate)
+    return told + _numbers(heartbeat.width) if heartbeat.width > 1 else told
+
+
+_PIECE = 32  # bytes of intervals: a piece with the numbers before it fits into the shortest message
+
+
+def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
+    """Yield some intervals, each as its distance from the end of the one before and its length, in short pieces."""
+    body, count, end = bytearray(), 0, 0
+    for first, length in found:
+        if len(body) > _PIECE - 10:
+            yield head + _numbers(count) + bytes(body)
+            body, count, end = bytearray(), 0, 0
+        body += _numbers(first - end, length)
+        count, end = count + 1, first + length
+    yield head + _numbers(count) + bytes(body)
+
+
+def _numbers(*numbers: int) -> bytes:
+    """Return whole numbers, 0 or more, in seven bits a byte, the lowest first; all but the last byte of each have the high bit."""
+    body = bytearray()
+    for number in numbers:
+        rest = number
+        while rest > 0x7F:
+            body.append(rest & 0x7F | 0x80)
+            rest >>= 7
+        body.append(rest)
+    return bytes(body)
+
+
+def decode_beacon(sender: int, body: bytes, *, cells: int = MOST_CELLS, robots: int = MOST_ROBOTS) -> Beacon:
+    """Return the beacon, or the part of one, that the body of a message tells.
+
+    Parameters
+    ----------
+    sender : int
+    body : bytes
+    cells : int
+        Of the tour: numbers of cells are less.
+    robots : int
+        Numbers of robots are less.
 
     Raises
     ------
     InvalidInputError
-        If the checksum is wrong or it is no beacon of this version.
+        If it tells what cannot be.
     """
-    if len(data) < 8 or f"{crc32(data[8:]):08x}".encode() != data[:8]:
-        raise InvalidInputError(f"beacon: expected a checksum and what it fits, got {len(data)} damaged bytes")
-    try:
-        body = json.loads(data[8:])
-        if not isinstance(body, dict) or body.keys() - {"closed"} != _FIELDS or body["version"] != VERSION:
-            raise InvalidInputError(f"expected the fields {', '.join(sorted(_FIELDS))} of version {VERSION}")
-        heartbeats = tuple(_heartbeat(told) for told in body["heartbeats"])
-        sender = check_integer(body["sender"], what="sender", least=0)
-        return Beacon(sender, heartbeats, *(_sets(body.get(name, {})) for name in ("searched", "found", "closed")))
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise InvalidInputError(f"beacon: expected a beacon of version {VERSION}, got another: {shortened(str(error))}") from None
+    reader, heartbeats = _Reader(body), []
+    sets: dict[int, dict[int, int]] = {_SEARCHED: {}, _FOUND: {}, _CLOSED: {}}
+    while reader.at < len(body):
+        kind = reader.number(_CLOSED)
+        if kind == _HEARTBEAT:
+            heartbeats.append(_heartbeat(reader, cells, robots))
+            continue
+        keys, members = (cells, robots) if kind == _FOUND else (robots, cells)
+        number = reader.number(keys - 1)
+        bits = bits_of_intervals(reader.intervals(members))
+        sets[kind][number] = sets[kind].get(number, 0) | bits
+    return Beacon(sender, tuple(heartbeats), *(tuple(sets[kind].items()) for kind in (_SEARCHED, _FOUND, _CLOSED)))
 
 
-_FIELDS = {"version", "sender", "heartbeats", "searched", "found"}
-_HEX = re.compile("[0-9a-f]+")
-_STATUSES = frozenset(get_args(Status))
-_FASTEST = 1e9
-_WIDTHS = range(1, WIDEST + 1, 2)
+def _heartbeat(reader: _Reader, cells: int, robots: int) -> Heartbeat:
+    robot, count, flags = reader.number(robots - 1), reader.number(_LATEST), reader.number(15)
+    start, place, lag = reader.number(cells - 1), reader.number(cells - 1), reader.number(_LATEST) * LAG_UNIT
+    rate = reader.real() if flags & _RATED else 1.0
+    width = reader.number(WIDEST) if flags & _WIDE else 1
+    if not 0 < rate <= _FASTEST or width not in _WIDTHS:
+        raise InvalidInputError(f"beacon: expected a rate above 0, at most {_FASTEST:g}, and an odd width, got {rate} and {width}")
+    return Heartbeat(robot, count, start, rate, _STATUSES[flags & 3], width, place, lag)
 
 
-def _heartbeat(told: Any) -> Heartbeat:
-    """Return a heartbeat from the wire; TypeError for missing and unknown fields. Quick, as every message has many."""
-    heartbeat = Heartbeat(**told)
-    numbers = (heartbeat.robot, heartbeat.count, heartbeat.start, heartbeat.width)
-    if any(type(number) is not int or number < 0 for number in numbers) or heartbeat.status not in _STATUSES:
-        raise InvalidInputError(f"expected numbers of 0 or more and a status, got {told}")
-    if heartbeat.width not in _WIDTHS or type(heartbeat.rate) not in (int, float) or not 0 < heartbeat.rate <= _FASTEST:
-        raise InvalidInputError(f"expected a rate above 0, at most {_FASTEST:g}, and an odd width up to {WIDEST}, got {told}")
-    return heartbeat
+class _Reader:
+    """Reads a body from its beginning to its end."""
 
+    def __init__(self, body: bytes) -> None:
+        self.body, self.at = body, 0
 
-def _sets(told: Any) -> tuple[tuple[int, int], ...]:
-    """Return sets from the wire, where they are hexadecimal."""
-    found = []
-    for number, bits in told.items():
-        if not number.isdecimal() or _HEX.fullmatch(bits) is None:
-            raise InvalidInputError(f"expected numbers with hexadecimal digits, got {number!r}: {bits!r}")
-        found.append((int(number), int(bits, 16)))
-    return tuple(found)
+    def number(self, most: int) -> int:
+        number, shift = 0, 0
+        for byte in self.body[self.at : self.at + 10]:
+            number |= (byte & 0x7F) << shift
+            shift, self.at = shift + 7, self.at + 1
+            if byte < 0x80:
+                if number > most:
+                    raise InvalidInputError(f"beacon: expected a number of at most {most}, got {number}")
+                return number
+        raise InvalidInputError(f"beacon: expected a number at byte {self.at}, got an end")
+
+    def real(self) -> float:
+        if len(self.body) < self.at + 8:
+            raise InvalidInputError("beacon: expected a rate, got an end")
+        self.at += 8
+        return float(struct.unpack_from("<d", self.body, self.at - 8)[0])
+
+    def intervals(self, most: int) -> list[tuple[int, int]]:
+        """Return intervals of numbers less than ``most``."""
+        found, end = [], 0
+        for _ in range(self.number(len(self.body))):
+            first = end + self.number(most - 1)
+            end = first + self.number(most)
+            if end > most:
+                raise InvalidInputError(f"beacon: expected numbers less than {most}, got {end - 1}")
+            found.append((first, end - first))
+        return found

@@ -38,8 +38,9 @@ from shoal.search.protocol.events import (
 )
 from shoal.search.protocol.helping import cell_to_help, is_taken, leaves_to_others
 from shoal.search.protocol.inference import MARK, known_free, obstacles, reachable, settled, silence_limit, step_cost
-from shoal.search.protocol.messages import Beacon, Heartbeat
+from shoal.search.protocol.messages import Beacon
 from shoal.search.protocol.state import Brief, Peer, Robot
+from shoal.search.protocol.telling import with_beacon
 from shoal.search.protocol.transitions import LOOK, blocked, obstructed, sensed
 from shoal.search.tours.bitset import bits_to_array, bitset_of, next_in
 
@@ -108,11 +109,8 @@ def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
     robot = robot.but(count=robot.count + 1, next_beat=time + pause)
     if robot.status == "complete":
         robot = robot.but(lingering=robot.lingering - 1)
-    place = robot.cell if robot.target is None or robot.target < 0 else robot.target
-    own = Heartbeat(robot.number, robot.count, robot.start, robot.rate, robot.status, robot.width, place, robot.lag_at(time))
-    heartbeats = (own, *(peer.heartbeat for peer in robot.peers.values()))
-    closed = tuple(robot.closed.items())
-    actions.append(Send(Beacon(robot.number, heartbeats, tuple(robot.searched.items()), tuple(robot.found.items()), closed)))
+    robot, beacon = with_beacon(robot, time)
+    actions.append(Send(beacon))
     return robot
 
 

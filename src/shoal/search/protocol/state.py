@@ -123,6 +123,10 @@ class Robot:
         How much longer than it takes by its rate it has needed for all its ways until then.
     lost, got : int
         Messages that it knows to have missed, and others.
+    told : tuple of tuple of mapping
+        What it had searched, found and met when it sent its latest beacons.
+    window : int
+        The cell from which on its next beacon tells what is not new.
     lingering : int
         How many beacons it will still send when all is done.
     """
@@ -159,6 +163,8 @@ class Robot:
     lag: float = 0.0
     lost: int = 0
     got: int = 0
+    told: tuple[tuple[Mapping[int, int], ...], ...] = ()
+    window: int = 0
     lingering: int = _LINGER
 
     @property

@@ -21,7 +21,7 @@ from shoal.search.cells.footprint import check_widths
 from shoal.search.flight.pace import climbing_seconds, working_seconds
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash, Fault, WrongPosition
-from shoal.search.problem.network import RadioNetwork, network_of
+from shoal.search.problem.network import Forgeries, RadioNetwork, network_of
 from shoal.search.protocol.robot import Brief
 from shoal.search.regions.places import read_points
 from shoal.search.tours.bitset import bitset_of
@@ -61,6 +61,10 @@ class Scenario:
         Cells that cannot be entered, which robots find out when they come to them; on tours with ways from cell to cell.
     widths : tuple of int
         How many cells wide the footprint of each robot is, odd.
+    signed : bool
+        Whether robots sign their messages by a key that nobody else has.
+    packet : int
+        Bytes that a message may have at the most; 0: beacons go as they are, in one piece each.
     seed : int
     """
 
@@ -74,6 +78,8 @@ class Scenario:
     false_alarm: float = 0.0
     obstacles: tuple[int, ...] = ()
     widths: tuple[int, ...] = ()
+    signed: bool = False
+    packet: int = 0
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -90,6 +96,10 @@ class Scenario:
         for fault in self.faults:
             if not 1 <= fault.robot <= m:
                 raise InvalidInputError(f"fault: expected a robot from 1 to {m}, got {fault}")
+        if not self.signed and any(isinstance(medium, Forgeries) for medium in self.network.media):
+            raise InvalidInputError(
+                "network: expected a key where messages are forged, got none, with which forged ones are believed"
+            )
         self._check_obstacles(n)
 
     def _check_obstacles(self, n: int) -> None:
@@ -155,6 +165,8 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
         false_alarm=problem.false_alarm,
         obstacles=_cells_of(plan, problem.obstacles, "obstacles", np.setdiff1d(cells, plan.starts), [seed, 2]),
         widths=tuple(plan.widths.tolist()),
+        signed=problem.key is not None,
+        packet=problem.packet or 0,
         seed=seed,
     )
 

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from shoal.errors import InvalidInputError
-from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
-from shoal.search.problem.network import Link, damage
+from shoal.search.problem.faults import Battery, Crash, Liar, Pause, WrongPosition, true_rate
+from shoal.search.problem.network import Link
 from shoal.search.protocol.events import (
     Action,
     Begin,
@@ -31,8 +30,9 @@ from shoal.search.protocol.events import (
     WakeAt,
 )
 from shoal.search.protocol.inference import is_live, step_cost
-from shoal.search.protocol.messages import Beacon, decode_beacon, encode_beacon
+from shoal.search.protocol.messages import Beacon
 from shoal.search.protocol.robot import LOOK, Decision, Robot, advance
+from shoal.search.simulation.air import Air
 from shoal.search.simulation.outcome import SimulatedRobot, SimulationOutcome
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours.bitset import members
@@ -68,7 +68,8 @@ class SearchWorld:
         self.searched: dict[int, int] = {}  # by robot, what it has searched in truth
         self.covered_at = inf
         self.declared: dict[int, float] = {}
-        self.sent = self.lost = self.takeovers = 0
+        self.takeovers = 0
+        self.air = Air(scenario, self.rng)
         self.lines: list[bytes] = []
         self._queue: list[tuple[float, int, int, str, Any]] = []
         self._number = 0
@@ -129,8 +130,8 @@ class SearchWorld:
             self.covered_at,
             self.declared,
             self.vehicles,
-            self.sent,
-            self.lost,
+            self.air.sent,
+            self.air.lost,
             self.takeovers,
             self.time,
             b"".join(self.lines),
@@ -173,12 +174,9 @@ class SearchWorld:
             self._do_event(vehicle, Wake(self.time))
 
     def _do_heard(self, vehicle: SimulatedRobot, message: Beacon | bytes) -> None:
-        if isinstance(message, bytes):
-            try:
-                message = decode_beacon(message)
-            except InvalidInputError:
-                return
-        self._do_event(vehicle, Heard(self.time, message))
+        beacon = self.air.open(vehicle.robot.number, message, self.time)
+        if beacon is not None:
+            self._do_event(vehicle, Heard(self.time, beacon))
 
     def _do_enter(self, vehicle: SimulatedRobot, cell: int) -> None:
         """Come into a cell to search it, if nobody is in there."""
@@ -315,29 +313,14 @@ class SearchWorld:
         return min([self.scenario.brief.energy, *limits])
 
     def _rate(self, vehicle: SimulatedRobot) -> float:
-        rate = vehicle.true_rate
-        for fault in self.scenario.faults:
-            if isinstance(fault, Slow) and fault.robot == vehicle.robot.number and self.time >= fault.time:
-                rate /= fault.factor
-        return rate
+        return true_rate(vehicle.true_rate, self.scenario.faults, vehicle.robot.number, self.time)
 
     def _broadcast(self, sender: SimulatedRobot, beacon: Beacon) -> None:
         tour_cost, number = self.scenario.brief.tour_cost, sender.robot.number
-        network, data = self.scenario.network, b""
+        messages = self.air.messages(number, beacon, self.time)
         for other, receiver in self.vehicles.items():
-            if other == number:
-                continue
-            self.sent += 1
-            if not receiver.alive:
-                self.lost += 1
-                continue
-            if not network.media:
-                self._post(self.time, other, "heard", beacon)
-                continue
-            link = Link(number, other, self.time, tour_cost.between(sender.place, receiver.place))
-            arrived = network.send(link, self.rng)
-            self.lost += all(copy.damaged for copy in arrived)
-            for copy in arrived:
-                data = data or (encode_beacon(beacon) if copy.damaged else b"")
-                message = damage(data, self.rng) if copy.damaged else beacon
-                self._post(self.time + copy.delay, other, "heard", message)
+            if other != number:
+                link = Link(number, other, self.time, tour_cost.between(sender.place, receiver.place))
+                for message in messages:
+                    for delay, arrived in self.air.carried(message, link, reaches=receiver.alive):
+                        self._post(self.time + delay, other, "heard", arrived)

@@ -141,3 +141,42 @@ def at_least(sets: list[int], k: int) -> int:
             levels[j] |= levels[j - 1] & one
         levels[0] |= one
     return levels[k - 1] if k else -1
+
+
+_FEW = 16  # intervals: for more of them arrays are quicker
+
+
+def intervals(bits: int) -> list[tuple[int, int]]:
+    """Return the stretches of a set, as first number and length, in rising order.
+
+    Examples
+    --------
+    >>> intervals(0b11011)
+    [(0, 2), (3, 2)]
+    """
+    if (bits & ~(bits << 1)).bit_count() <= _FEW:
+        return list(runs(bits, 0, bits.bit_length())) if bits else []
+    inside = np.zeros(bits.bit_length() + 2, dtype=np.int8)
+    inside[1:-1] = bits_to_array(bits, bits.bit_length())
+    edges = np.diff(inside)
+    first = np.flatnonzero(edges > 0)
+    return list(zip(first.tolist(), (np.flatnonzero(edges < 0) - first).tolist(), strict=True))
+
+
+def bits_of_intervals(found: list[tuple[int, int]]) -> int:
+    """Return the set of the numbers of some stretches.
+
+    Examples
+    --------
+    >>> bin(bits_of_intervals([(0, 2), (3, 2)]))
+    '0b11011'
+    """
+    if len(found) <= _FEW:
+        bits = 0
+        for first, length in found:
+            bits |= ((1 << length) - 1) << first
+        return bits
+    inside = np.zeros(max(first + length for first, length in found), dtype=np.bool_)
+    for first, length in found:
+        inside[first : first + length] = True
+    return array_to_bits(inside)

@@ -12,6 +12,7 @@ from typing import Any
 
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
+from shoal.search.problem.faults import true_rate
 from shoal.search.protocol.events import (
     Action,
     Begin,
@@ -29,7 +30,6 @@ from shoal.search.protocol.events import (
     WakeAt,
 )
 from shoal.search.protocol.inference import step_cost
-from shoal.search.protocol.messages import decode_beacon, encode_beacon
 from shoal.search.protocol.robot import LOOK, Robot, advance
 from shoal.search.simulation.live import cell_locks
 from shoal.search.simulation.live.moving_point import MovingPoint
@@ -106,10 +106,14 @@ class Agent:
         self._feed(Begin(self.now))
         while self.robot.status != "complete" or self.robot.lingering > 0:
             pause = (min(self._wake, self._due()) - self.now) / self.task.speed
+            rest = self.radio.rest_until - time.monotonic()
+            if rest > 0:
+                time.sleep(min(rest, max(pause, 0.0)))
+                pause = 0.0
             ready = {key.data for key, _ in self._selector.select(min(max(pause, 0.0), _LONGEST))}
             if "lifeline" in ready:
                 return False
-            if "radio" in ready:
+            if "radio" in ready and rest <= 0:
                 self._listen()
             self._drive()
             if self._wake <= self.now:
@@ -146,16 +150,15 @@ class Agent:
             case GoHome():
                 self._go_home(action)
             case Send(beacon):
-                self.radio.send(encode_beacon(beacon))
+                self.radio.send(beacon)
             case WakeAt(moment):
                 self._wake = moment
             case Declare():
                 self.report("declared")
 
     def _listen(self) -> None:
-        for message in self.radio.receive():
+        for beacon in self.radio.receive():
             try:
-                beacon = decode_beacon(message)
                 self.task.check(beacon)
             except InvalidInputError:
                 self.radio.dropped += 1
@@ -163,6 +166,10 @@ class Agent:
                 self._feed(Heard(self.now, beacon))
 
     # The vehicle.
+
+    @property
+    def _rate(self) -> float:
+        return true_rate(self.robot.rate, self.task.slow, self.robot.number, self.now)
 
     def _stops_of(self, cell: int) -> tuple[float, ...]:
         return tuple(float(x) for x in self.task.brief.tour_cost.points[cell])
@@ -209,13 +216,13 @@ class Agent:
         """Return when the vehicle is to be looked at again."""
         if self._going is None:
             return inf
-        return max(self._rest, self.vehicle.earliest(rate=self.robot.rate))
+        return max(self._rest, self.vehicle.earliest(rate=self._rate))
 
     def _drive(self) -> None:
         going, now = self._going, self.now
         if going is None or now < self._rest:
             return
-        self.vehicle = self.vehicle.moved(now, rate=self.robot.rate)
+        self.vehicle = self.vehicle.moved(now, rate=self._rate)
         if not self.vehicle.arrived:
             return
         if isinstance(going, GoHome):
@@ -251,7 +258,7 @@ class Agent:
         self._stand_aside()
         if self._tries < _TRIES:
             self._tries += 1
-            self._rest = now + _RETRY / self.robot.rate
+            self._rest = now + _RETRY / self._rate
             return
         if isinstance(self._going, Go):
             self._passed += self._going.through

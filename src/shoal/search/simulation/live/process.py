@@ -15,13 +15,11 @@ import pickle
 import signal
 import sys
 import traceback
-from random import Random
 from typing import Any
 
 from shoal.search.allocation.partition import partition
 from shoal.search.protocol.messages import Beacon, Heartbeat, decode_beacon, encode_beacon
 from shoal.search.simulation.live.agent import Agent
-from shoal.search.simulation.live.radio import Radio
 from shoal.search.simulation.live.task import LiveTask
 
 _STARTER = 0  # standard input
@@ -58,7 +56,7 @@ def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
 def _warm(task: LiveTask) -> None:
     """Do once what takes long the first time."""
     partition(task.brief.tour_cost, task.brief.allocator, ((1, task.starts[0], 1.0, 1),))
-    decode_beacon(encode_beacon(Beacon(1, (Heartbeat(1, 0, 0, 1.0, "listening"),), ())))
+    decode_beacon(1, encode_beacon(Beacon(1, (Heartbeat(1, 0, 0, 1.0, "listening"),)))[0])
 
 
 def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> int:
@@ -68,7 +66,7 @@ def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> 
         os.write(reports, json.dumps(report, separators=(",", ":")).encode() + b"\n")
 
     try:
-        radio = Radio(task.channel, port=task.port, loss=task.loss, random=Random(f"{task.seed} {number}"), key=task.key)
+        radio = task.radio(number)
         tell({"kind": "ready", "port": radio.port, "process": os.getpid()})
         word = _first_line(orders)
         if word is None:

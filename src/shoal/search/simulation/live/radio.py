@@ -1,27 +1,32 @@
 """A robot's radio: UDP on the loopback interface, to a multicast group, or to each robot's port where multicast cannot be had.
 
-Anybody on the machine can send to it. So each message carries a signature (HMAC-SHA-256) by a key that only the robots of one
-search have; what has none is dropped and counted.
+Anybody on the machine can send to it. So each message is signed by a key that only the robots of one search have, and opened once;
+all else is dropped and counted, what is too long without being read.
 """
 
 from __future__ import annotations
 
-import hmac
 import socket
 import struct
 import sys
+import time
 from collections.abc import Sequence
 from contextlib import closing
 from random import Random
 from typing import Literal
 
+from shoal.errors import InvalidInputError
+from shoal.search.protocol.envelope import Receiver, Sender
+from shoal.search.protocol.messages import Beacon
+
 Channel = Literal["multicast", "unicast"]
 GROUP = "239.83.72.76"  # within the block for private use (RFC 2365, section 6.2)
 LOOPBACK = "127.0.0.1"
-SIGNATURE = 32  # bytes before each message
-LARGEST = 65_507 - SIGNATURE  # bytes of a message: what a datagram holds besides
+LARGEST = 65_507  # bytes that a datagram holds
 _WAITING = 1 << 20  # bytes that wait to be heard
 _AT_ONCE = 1000  # messages that are taken before the robot does something else
+_REFUSED = 50  # messages that are refused before the robot does something else; of one source, until it is not read for a while
+_REST, _BANNED = 0.01, 1.0  # seconds without listening after so many, and how long a source is not read
 
 
 def listener(group: str, port: int) -> socket.socket:
@@ -86,6 +91,10 @@ class Radio:
     ----------
     channel : str
         "multicast" or "unicast".
+    sender : Sender
+        Makes its messages.
+    receiver : Receiver
+        Opens those of others.
     group : str
     port : int
         Of the group; with unicast the robot takes a free port of its own.
@@ -93,14 +102,13 @@ class Radio:
         Probability that a message that has come is thrown away unread.
     random : random.Random
         Decides which.
-    key : bytes
-        By which messages are signed.
     """
 
     def __init__(
-        self, channel: Channel, *, group: str = GROUP, port: int = 0, loss: float = 0.0, random: Random, key: bytes = b""
-    ) -> None:
-        self._loss, self._random, self._key = loss, random, key
+        self, channel: Channel, sender: Sender, receiver: Receiver, *, group: str = GROUP, port: int = 0, loss: float = 0.0,
+        random: Random,
+    ) -> None:  # fmt: skip
+        self._sender, self._receiver, self._loss, self._random = sender, receiver, loss, random
         self._mouth = speaker(channel)
         self._ear = listener(group, port) if channel == "multicast" else self._mouth
         self._ear.setblocking(False)
@@ -110,6 +118,8 @@ class Radio:
         self._channel = channel
         self._others: list[tuple[str, int]] = [(group, port)] if channel == "multicast" else []
         self.sent = self.heard = self.lost = self.dropped = 0
+        self._refused: dict[object, int] = {}
+        self._forgiven = self.rest_until = 0.0
 
     def fileno(self) -> int:
         """Return the descriptor on which messages come."""
@@ -120,43 +130,61 @@ class Radio:
         if self._channel == "unicast":
             self._others = [(LOOPBACK, port) for port in ports if port != self.port]
 
-    def send(self, message: bytes) -> None:
+    def send(self, beacon: Beacon) -> None:
         """Broadcast; what the system does not take is lost."""
-        self.sent += 1
-        message = self._signature(message) + message
-        for other in self._others:
-            try:
-                self._mouth.sendto(message, other)
-            except OSError:
-                self.lost += 1
+        for message in self._sender.messages(beacon, _clock()):
+            self.sent += 1
+            for other in self._others:
+                try:
+                    self._mouth.sendto(message, other)
+                except OSError:
+                    self.lost += 1
 
-    def receive(self) -> list[bytes]:
-        """Return the messages that have come from robots of this search and are not lost; drop those of others."""
-        messages: list[bytes] = []
+    def receive(self) -> list[Beacon]:
+        """Return what has come from robots of this search and is not lost; drop all else.
+
+        Strangers get a small share of the time: after some messages that are refused it rests, until ``rest_until``.
+        """
+        beacons: list[Beacon] = []
+        longest, clock, now = self._receiver.most + 1, _clock(), time.monotonic()
+        if now > self._forgiven:
+            self._refused, self._forgiven = {}, now + _BANNED
+        last = self.dropped + _REFUSED
         for _ in range(_AT_ONCE):
+            if self.dropped >= last:
+                self.rest_until = now + _REST
+                break
             try:
-                data, sender = self._ear.recvfrom(SIGNATURE + LARGEST)
+                data, source = self._ear.recvfrom(longest)
             except BlockingIOError:
-                return messages
+                break
             except ConnectionError:  # a system may report here that another robot's port is closed
                 continue
-            if sender == self._own:
+            if source == self._own:
                 continue
-            signature, message = data[:SIGNATURE], data[SIGNATURE:]
-            if not hmac.compare_digest(signature, self._signature(message)):
+            if self._refused.get(source, 0) > _REFUSED:
                 self.dropped += 1
                 continue
+            try:
+                beacon = self._receiver.open(data, clock)
+            except InvalidInputError:
+                self._refused[source] = self._refused.get(source, 0) + 1
+                self.dropped += 1
+                continue
+            self._refused.pop(source, None)
             self.heard += 1
             if self._random.random() < self._loss:
                 self.lost += 1
             else:
-                messages.append(message)
-        return messages
-
-    def _signature(self, message: bytes) -> bytes:
-        return hmac.digest(self._key, message, "sha256")
+                beacons.append(beacon)
+        return beacons
 
     def close(self) -> None:
         """Close the sockets."""
         self._ear.close()
         self._mouth.close()
+
+
+def _clock() -> int:
+    """Return the time of day, milliseconds: it goes on while a robot is switched off."""
+    return time.time_ns() // 1_000_000

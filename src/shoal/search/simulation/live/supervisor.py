@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import hmac
 import os
 import secrets
 import time
@@ -10,11 +12,12 @@ from contextlib import ExitStack
 from math import inf
 from typing import Any, Literal
 
+from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.partition import partition
-from shoal.search.problem.faults import Crash
+from shoal.search.problem.faults import Crash, Slow
 from shoal.search.problem.network import network_of
-from shoal.search.protocol.messages import Beacon, Heartbeat, encode_beacon
+from shoal.search.protocol.messages import LONGEST, SHORTEST
 from shoal.search.protocol.robot import Brief
 from shoal.search.simulation.live.outcome import LiveEvent, LiveOutcome, covered_share
 from shoal.search.simulation.live.process_pool import Member, ProcessPool, Report
@@ -35,12 +38,15 @@ def run_live(
     rates: Sequence[float] | None = None,
     loss: float = 0.0,
     kill: Sequence[Crash] = (),
+    slow: Sequence[Slow] = (),
     targets: Sequence[int] = (),
     obstacles: Sequence[int] = (),
     widths: Sequence[int] = (),
     speed: float = 10.0,
     channel: Literal["auto", "multicast", "unicast"] = "auto",
     port: int = 0,
+    key: bytes = b"",
+    packet: int = LONGEST,
     seed: int = 0,
     timeout: float | None = None,
     on_event: Callable[[LiveEvent], None] | None = None,
@@ -60,6 +66,8 @@ def run_live(
         Probability that a message that has come is thrown away, at each receiver.
     kill : sequence of Crash
         Whose process is killed (SIGKILL), and when, in the time that a robot of speed 1 takes for a cell.
+    slow : sequence of Slow
+        Whose vehicle is slower than its robot knows, and from when on.
     targets : sequence of int
         Cells with something to find.
     obstacles : sequence of int
@@ -72,6 +80,10 @@ def run_live(
         "multicast"; "unicast", to each robot's port; "auto", unicast where multicast cannot be had.
     port : int
         Of the multicast group 239.83.72.76; 0 for a free one.
+    key : bytes
+        By which messages are signed, together with the tour and the starts; a new one of this run if not given.
+    packet : int
+        Bytes that a message may have; longer ones go in several.
     seed : int
         Of the losses. Which message meets which draw depends on the system: two runs are never alike.
     timeout : float, optional
@@ -104,15 +116,16 @@ def run_live(
         tuple(int(start) for start in starts),
         speeds,
         network_of(loss=loss),
-        tuple(kill),
+        (*kill, *slow),
         obstacles=tuple(obstacles),
         widths=tuple(widths),
     )
     _check(brief, speed=speed, kill=kill, targets=targets, port=port)
-    _check_size(scenario, len(targets))
+    check_integer(packet, what="packet", least=SHORTEST, most=LARGEST)
     partition(brief.tour_cost, brief.allocator, ((1, starts[0], 1.0, 1),))  # compiled once, not by each process
     if timeout is None:
-        timeout = _SLACK[0] + _SLACK[1] * brief.tour_cost.whole / min(scenario.rates) / speed
+        slowest = min(scenario.rates) / max([1.0, *(fault.factor for fault in slow)])
+        timeout = _SLACK[0] + _SLACK[1] * brief.tour_cost.whole / slowest / speed
     with ExitStack() as stack:
         used, port = _reserved(channel, port, stack)
         task = LiveTask(
@@ -127,7 +140,9 @@ def run_live(
             frozenset(targets),
             scenario.blocked,
             scenario.widths,
-            secrets.token_bytes(32),
+            _key_of(brief, scenario.starts, key),
+            packet,
+            tuple(slow),
         )
         began = time.monotonic()
         with ProcessPool(task) as pool:
@@ -149,20 +164,11 @@ def _check(brief: Brief, *, speed: float, kill: Sequence[Crash], targets: Sequen
         raise InvalidInputError(f"port: expected a number from 1 to 65535, or 0 for a free one, got {port!r}")
 
 
-def _check_size(scenario: Scenario, targets: int) -> None:
-    """Refuse a search whose beacons would be larger than a datagram."""
-    brief, robots = scenario.brief, len(scenario.starts)
-    cells = len(brief.tour_cost)
-    heartbeats = tuple(
-        Heartbeat(number, 10**9, cells, 1 / 3, "listening", scenario.widths[number - 1]) for number in range(1, robots + 1)
-    )
-    searched = tuple((number, brief.everything) for number in range(1, robots + 1))
-    found = tuple((cells + cell, 2 << robots) for cell in range(targets))
-    size = len(encode_beacon(Beacon(robots, heartbeats, searched, found, searched if scenario.obstacles else ())))
-    if size > LARGEST:
-        raise InvalidInputError(
-            f"live search: expected beacons of at most {LARGEST} bytes, got {size} for {cells} cells and {robots} robots"
-        )
+def _key_of(brief: Brief, starts: Sequence[int], key: bytes) -> bytes:
+    """Return the key of one search: what is signed by it says nothing in another one that has the same file."""
+    told = hashlib.sha256(brief.tour_cost.tour.cells.tobytes())
+    told.update(repr((brief.allocator, brief.multiplicity, tuple(starts))).encode())
+    return hmac.digest(key or secrets.token_bytes(32), told.digest(), "sha256")
 
 
 def _reserved(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:

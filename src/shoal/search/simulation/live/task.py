@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from random import Random
+
 from shoal.checks import shortened
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.cells.distances import CellDistances
-from shoal.search.protocol.messages import Beacon
+from shoal.search.problem.faults import Slow
+from shoal.search.protocol.envelope import Receiver, Sender
+from shoal.search.protocol.messages import LONGEST, Beacon
 from shoal.search.protocol.robot import Brief, Robot
-from shoal.search.simulation.live.radio import Channel
+from shoal.search.simulation.live.radio import Channel, Radio
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,10 @@ class LiveTask:
         Of the footprint of each robot; 1 if there are none.
     key : bytes
         Of this run: messages without its signature come from somebody else.
+    packet : int
+        Bytes that a message may have.
+    slow : tuple of Slow
+        Whose vehicle is slower than its robot knows.
     """
 
     brief: Brief
@@ -50,6 +58,8 @@ class LiveTask:
     blocked: int = 0
     widths: tuple[int, ...] = ()
     key: bytes = b""
+    packet: int = LONGEST
+    slow: tuple[Slow, ...] = ()
 
     def check(self, beacon: Beacon) -> None:
         """Refuse a beacon that no robot of this run can have sent.
@@ -71,6 +81,12 @@ class LiveTask:
 
     def _of(self, number: int) -> tuple[int, float, int]:
         return self.starts[number - 1], self.rates[number - 1], self.widths[number - 1] if self.widths else 1
+
+    def radio(self, number: int) -> Radio:
+        """Return a robot's radio."""
+        receiver = Receiver(self.key, robots=len(self.starts), cells=len(self.brief.tour_cost), most=self.packet)
+        sender, random = Sender(number, self.key, self.packet), Random(f"{self.seed} {number}")
+        return Radio(self.channel, sender, receiver, port=self.port, loss=self.loss, random=random)
 
     def robot(self, number: int) -> Robot:
         """Return a robot as it is switched on."""

@@ -10,7 +10,8 @@ import numpy as np
 
 from shoal.errors import InvalidInputError
 from shoal.search.allocation.partition import partition
-from shoal.search.problem.faults import Crash
+from shoal.search.problem.faults import Crash, Slow
+from shoal.search.protocol.messages import LONGEST
 from shoal.search.simulation.live.outcome import LiveEvent
 from shoal.search.simulation.live.supervisor import run_live
 from shoal.search.simulation.scenario import Scenario
@@ -24,17 +25,18 @@ _STATES = {kind: kind for kind in ("listening", "searching", "waiting", "complet
 }
 
 
-def live_trace(scenario: Scenario, *, live: float, loss: float) -> tuple[Scenario, SearchTrace]:
+def live_trace(scenario: Scenario, *, live: float, loss: float, key: bytes = b"") -> tuple[Scenario, SearchTrace]:
     """Let processes search, ``live`` cells a second; return the scenario with the times that they need, and what they reported.
 
     Raises
     ------
     InvalidInputError
-        For faults but crashes.
+        For faults but crashes and slow robots.
     """
     kill = [fault for fault in scenario.faults if isinstance(fault, Crash)]
-    if len(kill) < len(scenario.faults):
-        raise InvalidInputError("live: expected no fault but crashes")
+    slow = [fault for fault in scenario.faults if isinstance(fault, Slow)]
+    if len(kill) + len(slow) < len(scenario.faults):
+        raise InvalidInputError("live: expected no faults but crashes and slow robots")
     brief = replace(scenario.brief, hello=max(scenario.brief.hello, _HELLO * live), beat=max(scenario.brief.beat, _BEAT * live))
     scenario = replace(scenario, brief=brief)
     outcome = run_live(
@@ -43,10 +45,13 @@ def live_trace(scenario: Scenario, *, live: float, loss: float) -> tuple[Scenari
         rates=scenario.rates,
         loss=loss,
         kill=kill,
+        slow=slow,
         targets=scenario.targets,
         obstacles=scenario.obstacles,
         widths=scenario.widths,
         speed=live,
+        key=key,
+        packet=scenario.packet or LONGEST,
         seed=scenario.seed,
     )
     logs = [_log_of(number, outcome.events) for number in range(1, len(scenario.starts) + 1)]

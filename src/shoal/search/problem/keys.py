@@ -1,0 +1,35 @@
+"""Key files: the secret that all robots of a search share, and by which they sign their messages."""
+
+from __future__ import annotations
+
+import os
+import stat
+
+from shoal.errors import InvalidInputError
+
+_SHORTEST, _LONGEST = 16, 4096  # bytes
+
+
+def read_key(path: str) -> bytes:
+    """Return the key in a file, without the ends of lines around it.
+
+    Raises
+    ------
+    InvalidInputError
+        If it is no file that only its owner can read and write, of 16 to 4096 bytes.
+    """
+    try:
+        with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
+            kind = os.fstat(file.fileno())
+            if not stat.S_ISREG(kind.st_mode):
+                raise InvalidInputError(f"{path}: expected a key in a file, got something else")
+            if os.name == "posix" and kind.st_mode & 0o077:
+                mode = stat.S_IMODE(kind.st_mode)
+                raise InvalidInputError(f"{path}: expected a key that only its owner can read (chmod 600), got mode {mode:o}")
+            key = file.read(_LONGEST + 3).strip(b"\r\n")
+    except OSError as error:
+        raise InvalidInputError(f"{path}: expected a key in a file that can be read, got: {error.strerror}") from None
+    if not _SHORTEST <= len(key) <= _LONGEST:
+        size = f"{len(key)} bytes" if len(key) <= _LONGEST else "more"
+        raise InvalidInputError(f"{path}: expected a key of {_SHORTEST} to {_LONGEST} bytes, got {size}")
+    return key

@@ -1,0 +1,114 @@
+"""The envelope of a message: version, sender, stamp, and at its end a signature by a key, or else a checksum.
+
+A stamp is the sender's clock in milliseconds, and more than that of its message before. Each is opened once; those before the last
+64 of a sender, and those too far from the receiver's own clock, are refused: so are messages that somebody has recorded and sends
+again, also to or from a robot that was switched off in between, as the clock goes on.
+"""
+
+from __future__ import annotations
+
+import hmac
+from zlib import crc32
+
+from shoal.errors import InvalidInputError
+from shoal.search.protocol.messages import LONGEST, Beacon, decode_beacon, encode_beacon
+
+VERSION = 2
+_HEAD = 9  # bytes: version, sender (2), stamp (6)
+_SIGNATURE, _CHECKSUM = 8, 4  # bytes
+_REMEMBERED = 64  # stamps of each sender that messages may have overtaken one another by
+
+
+def _seal(key: bytes, message: bytes) -> bytes:
+    """Return what ends a message: HMAC-SHA-256, shortened, by a key; without one CRC-32, which tells damage only."""
+    return hmac.digest(key, message, "sha256")[:_SIGNATURE] if key else crc32(message).to_bytes(_CHECKSUM, "little")
+
+
+class Sender:
+    """Makes the messages of one robot.
+
+    Parameters
+    ----------
+    number : int
+        Of the robot.
+    key : bytes
+        By which messages are signed; b"" for messages with a checksum.
+    most : int
+        How long messages are at the most, bytes.
+    """
+
+    def __init__(self, number: int, key: bytes = b"", most: int = LONGEST) -> None:
+        self._number, self._key, self._most, self._stamp = number, key, most, -1
+
+    def messages(self, beacon: Beacon, clock: int) -> list[bytes]:
+        """Return the messages that tell a beacon at a time, milliseconds."""
+        room = self._most - _HEAD - (_SIGNATURE if self._key else _CHECKSUM)
+        return [self._message(body, clock) for body in encode_beacon(beacon, room)]
+
+    def _message(self, body: bytes, clock: int) -> bytes:
+        self._stamp = max(self._stamp + 1, clock)
+        message = bytes([VERSION]) + self._number.to_bytes(2, "little") + self._stamp.to_bytes(6, "little") + body
+        return message + _seal(self._key, message)
+
+
+class Receiver:
+    """Opens the messages that one robot gets, the cheapest refusals first.
+
+    Parameters
+    ----------
+    key : bytes
+    robots, cells : int
+        Numbers of robots are from 1 to the first, those of cells less than the second.
+    most : int
+        Longer messages are refused unread, bytes.
+    window : int
+        How far a stamp may be from the receiver's clock, milliseconds.
+    share : int
+        How many messages of one sender are opened in a second.
+    """
+
+    def __init__(
+        self, key: bytes = b"", *, robots: int, cells: int, most: int = LONGEST, window: int = 60_000, share: int = 1000
+    ) -> None:
+        self.most = most
+        self._key, self._robots, self._cells, self._window, self._share = key, robots, cells, window, share
+        self._stamps: dict[int, set[int]] = {}
+        self._floors: dict[int, int] = {}
+        self._counts: dict[int, tuple[int, int]] = {}
+
+    def open(self, message: bytes, clock: int) -> Beacon:
+        """Return what a message tells that comes at a time, milliseconds.
+
+        Raises
+        ------
+        InvalidInputError
+            If it is not of this version and search, damaged, signed by nobody who has the key, or has been opened before.
+        """
+        end = len(message) - (_SIGNATURE if self._key else _CHECKSUM)
+        if not end >= _HEAD or len(message) > self.most or message[0] != VERSION:
+            raise InvalidInputError(f"message: expected version {VERSION}, at most {self.most} bytes, got {len(message)} others")
+        sender, stamp = int.from_bytes(message[1:3], "little"), int.from_bytes(message[3:9], "little")
+        if not 1 <= sender <= self._robots or abs(stamp - clock) > self._window:
+            raise InvalidInputError(f"message: expected robots 1 to {self._robots}, now, got robot {sender} at another time")
+        if stamp <= self._floors.get(sender, -1) or stamp in self._stamps.get(sender, ()):
+            raise InvalidInputError(f"message: expected a new one, got an old one of robot {sender}")
+        if not hmac.compare_digest(message[end:], _seal(self._key, message[:end])):
+            raise InvalidInputError("message: expected a signature by the key of this search, or a checksum that fits, got another")
+        self._count(sender, clock)
+        self._remember(sender, stamp)
+        return decode_beacon(sender, message[_HEAD:end], cells=self._cells, robots=self._robots + 1)
+
+    def _count(self, sender: int, clock: int) -> None:
+        """Refuse what is more than a sender's share of a second."""
+        second, count = self._counts.get(sender, (-1, 0))
+        count = count + 1 if second == clock // 1000 else 1
+        self._counts[sender] = clock // 1000, count
+        if count > self._share:
+            raise InvalidInputError(f"message: expected at most {self._share} of robot {sender} in a second, got more")
+
+    def _remember(self, sender: int, stamp: int) -> None:
+        stamps = self._stamps.setdefault(sender, set())
+        stamps.add(stamp)
+        if len(stamps) > _REMEMBERED:
+            self._floors[sender] = min(stamps)
+            stamps.remove(self._floors[sender])

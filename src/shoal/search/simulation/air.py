@@ -1,0 +1,86 @@
+"""The air of a simulation: which messages come from robot to robot, and what of them can be read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from numpy.random import Generator
+
+from shoal.errors import InvalidInputError
+from shoal.search.problem.network import Link, Replays, damage
+from shoal.search.protocol.envelope import Receiver, Sender
+from shoal.search.protocol.messages import LONGEST, Beacon, Heartbeat
+from shoal.search.simulation.scenario import Scenario
+
+_RECORDED = 1000  # messages that somebody keeps to send them again
+_WINDOW = 100  # cells: how far the stamp of a message may be from the receiver's clock
+_KEY, _OTHER_KEY = b"of the robots", b"of somebody else"
+
+Message = Beacon | bytes
+
+
+class Air:
+    """Carries messages: beacons as they are, and as bytes where they are signed, split, recorded or damaged.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    rng : Generator
+    """
+
+    def __init__(self, scenario: Scenario, rng: Generator) -> None:
+        self.sent = self.lost = 0
+        self._scenario, self._rng = scenario, rng
+        recorded = any(isinstance(medium, Replays) for medium in scenario.network.media)
+        self._split = scenario.signed or scenario.packet > 0 or recorded
+        self._recorded: list[bytes] = []
+        numbers = range(1, len(scenario.starts) + 1)
+        key, most = _KEY if scenario.signed else b"", scenario.packet or LONGEST
+        self._senders = {number: Sender(number, key, most) for number in numbers}
+        options = {"robots": len(numbers), "cells": len(scenario.brief.tour_cost), "most": most, "window": 1000 * _WINDOW}
+        self._receivers = {number: Receiver(key, **options) for number in numbers}
+
+    def messages(self, sender: int, beacon: Beacon, time: float) -> list[Message]:
+        """Return the messages that tell a beacon."""
+        if not self._split:
+            return [beacon]
+        found = self._senders[sender].messages(beacon, _clock(time))
+        self._recorded = (self._recorded + found)[-_RECORDED:]
+        return list(found)
+
+    def carried(self, message: Message, link: Link, *, reaches: bool) -> Iterator[tuple[float, Message]]:
+        """Yield what comes of a message to one receiver, and how much later."""
+        self.sent += 1
+        copies = self._scenario.network.send(link, self._rng) if reaches else []
+        self.lost += all(copy.damaged or copy.other for copy in copies)
+        for copy in copies:
+            come = message
+            if copy.other == "replay" and self._recorded:
+                come = self._recorded[int(self._rng.integers(len(self._recorded)))]
+            elif copy.other == "forgery":
+                come = self._forged(link)
+            if copy.damaged:
+                whole = come if isinstance(come, bytes) else self._senders[link.sender].messages(come, _clock(link.time))[0]
+                come = damage(whole, self._rng)
+            yield copy.delay, come
+
+    def _forged(self, link: Link) -> bytes:
+        """Return a message of somebody without the key: that all robots have searched all."""
+        everything, robots = self._scenario.brief.everything, range(1, len(self._scenario.starts) + 1)
+        heartbeat = Heartbeat(link.sender, 1 << 30, 0, 1.0, "complete")
+        lie = Beacon(link.sender, (heartbeat,), tuple((number, everything) for number in robots))
+        return Sender(link.sender, _OTHER_KEY).messages(lie, _clock(link.time) + 1)[0]
+
+    def open(self, receiver: int, message: Message, time: float) -> Beacon | None:
+        """Return what a robot reads in a message that has come; None if nothing."""
+        if isinstance(message, Beacon):
+            return message
+        try:
+            return self._receivers[receiver].open(message, _clock(time))
+        except InvalidInputError:
+            return None
+
+
+def _clock(time: float) -> int:
+    """Return the time of a cell's thousandths."""
+    return int(1000 * time)
