@@ -211,11 +211,22 @@ def test_particles_are_steered_by_keys_and_the_plan_is_the_librarys(page: Page, 
     page.wait_for_selector(".panel:not([hidden]) iframe:not([hidden])")
 
 
-@pytest.mark.parametrize("place", ["vessels", "steering"])
+def test_a_figure_of_a_paper_is_run_again(page: Page, studio: Studio) -> None:
+    studio.open(page, "papers", {})
+    page.get_by_role("button", name="Run quickly: m-theorem1").click()
+    verdict = page.locator(".verdictChip")
+    verdict.wait_for()
+    summary = json.loads((studio.folder / "papers" / "m-theorem1.json").read_text())
+    assert verdict.inner_text() == summary["verdict"]
+    until(page, "document.querySelector('.paper img').complete && document.querySelector('.paper img').naturalWidth > 100")
+    assert page.locator(".paper tbody tr").count() == len(summary["claims"])
+
+
+@pytest.mark.parametrize("place", ["vessels", "steering", "papers"])
 def test_a_narrow_screen_scrolls_one_way_only(page: Page, studio: Studio, place: str) -> None:
     page.set_viewport_size({"width": 390, "height": 844})
     studio.open(page, place, {})
-    assert page.evaluate("document.querySelector('.place').scrollWidth") <= 390
+    assert page.evaluate("document.querySelector('main').firstElementChild.scrollWidth") <= 390
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     page.set_viewport_size({"width": 1280, "height": 800})
 

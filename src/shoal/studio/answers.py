@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shoal
-from shoal.checks import check_integer
+from shoal.checks import check_integer, parse_json, read_text
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.files import atomic
-from shoal.studio.folder import Folder
+from shoal.problem import LARGEST_PROBLEM
+from shoal.studio.folder import PAPERS, Folder
 from shoal.studio.forms import checked_problem, copies_of
 from shoal.studio.jobs.work import storable
 
@@ -228,6 +229,24 @@ def _rings(outline: Any, turned: NDArray[np.float64]) -> list[Any]:
     return [np.round(np.asarray(piece) @ turned, 5) for piece in pieces]
 
 
+def papers(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the figures of the papers, and of those that were reproduced in this folder what came of it."""
+    from shoal.papers.reproduce import recipes
+
+    told = []
+    for name in recipes():
+        recipe = recipes().get(name)
+        one: dict[str, Any] = {"name": name, "source": recipe.source, "title": recipe.title, "result": None}
+        summary = folder.path(f"{PAPERS}/{name}.json")
+        if summary.is_file():
+            found = parse_json(read_text(summary, what="summary", most=LARGEST_PROBLEM), where=str(summary))
+            if isinstance(found, dict) and found.get("figure") == name:
+                one["result"] = {key: found.get(key) for key in ("verdict", "claims", "sentence", "files")}
+        told.append(one)
+    page_file = folder.path(f"{PAPERS}/index.html")
+    return {"figures": told, "page": f"{PAPERS}/index.html" if page_file.is_file() else None}
+
+
 def _file(folder: Folder, name: str) -> tuple[Path, int]:
     folder.check_fields({"file": name})
     path = folder.path(name)
@@ -269,6 +288,6 @@ def _base64(data: bytes) -> str:
 
 ANSWERS: dict[str, Callable[[Folder, dict[str, Any]], dict[str, Any]]] = {
     "map": map_, "photograph": photograph, "vessels": vessels, "sketch": sketch, "page": page, "copies": copies,
-    "save": save_problem, "steer": steer, "workspace": workspace, "reach": reach,
+    "save": save_problem, "papers": papers, "steer": steer, "workspace": workspace, "reach": reach,
 }  # fmt: skip
 """What may be asked, by name."""

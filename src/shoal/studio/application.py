@@ -25,8 +25,8 @@ from shoal.studio.jobs.queue import JobQueue
 from shoal.studio.preview import Preview
 from shoal.version import __version__
 
-QUESTIONS = ("map", "photograph", "vessels", "sketch", "page", "copies", "save", "steer", "workspace", "reach")
-JOBS = ("play", "compare", "export")
+QUESTIONS = ("map", "photograph", "vessels", "sketch", "page", "copies", "save", "papers", "steer", "workspace", "reach")
+JOBS = ("play", "compare", "export", "reproduce")
 WAITING = 1000
 """Messages that wait for a browser which does not take them; then its socket is closed, and it asks again."""
 

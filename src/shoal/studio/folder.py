@@ -15,6 +15,9 @@ from shoal.files import atomic
 MOST_PIXELS = 50_000_000
 """Pixels of a picture that the studio opens; the command opens larger ones."""
 
+PAPERS = "papers"
+"""Where the figures of the papers are reproduced."""
+
 MOST_LISTED = 2000
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 KINDS = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -12,10 +13,10 @@ from typing import Any
 import numpy as np
 
 import shoal
-from shoal.checks import check_choice, check_integer
+from shoal.checks import check_choice, check_integer, check_text
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.files import write_json
-from shoal.studio.folder import Folder
+from shoal.studio.folder import PAPERS, Folder
 from shoal.studio.forms import checked_problem
 
 MOST_COMPARED = 4
@@ -160,12 +161,38 @@ def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, 
     say("progress", (0.0, f"reading {source.name}"))
     episode = shoal.load(source)
     stem = source.name.removesuffix(".json").removesuffix(".episode").removesuffix(".npz")
-    name = folder.new_name(stem, f".{suffix}")
+    name = folder.new_name(f"{stem}-figure" if suffix in ("png", "svg") else stem, f".{suffix}")
     if suffix in ("png", "svg"):
         save_figure(figure(episode), folder.path(name))
     else:
         film(episode, folder.path(name), on_frame=lambda done, total: say("progress", (done / total, f"frame {done}")))
     return {"file": name}
+
+
+def reproduce_figures(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
+    """Reproduce a figure of the papers, or all of them and the page of results."""
+    from shoal.papers.reproduce import recipes, reproduce, reproduce_all
+
+    name, quick, out = spec.get("name"), spec.get("quick") is not False, folder.path(PAPERS)
+    if name is None:
+        done: list[str] = []
+
+        def on_result(result: Any) -> None:
+            done.append(result.recipe.name)
+            say("progress", (len(done) / (len(list(recipes())) + 1), f"{result.recipe.name} is done"))
+
+        page = reproduce_all(out, quick=quick, workers=1, on_result=on_result)
+        return {"file": f"{PAPERS}/{page.name}"}
+    recipe = recipes().get(check_text(name, what="name"))
+    said = [0.0]
+
+    def on_progress(now: Any) -> None:
+        if time.monotonic() - said[0] > 0.2:
+            said[0] = time.monotonic()
+            say("progress", (now.done / max(1, now.total), f"{now.done} of {now.total} trials"))
+
+    result = reproduce(recipe.name, out, quick=quick, workers=1, on_progress=on_progress)
+    return {"file": f"{PAPERS}/{result.files[0].name}"}
 
 
 def storable(value: Any) -> Any:
@@ -185,4 +212,5 @@ KINDS: dict[str, Callable[[Folder, dict[str, Any], Say], dict[str, Any]]] = {
     "play": play,
     "compare": compare_policies,
     "export": export_episode,
+    "reproduce": reproduce_figures,
 }

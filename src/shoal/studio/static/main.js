@@ -2,10 +2,11 @@
 import { begin, cancelJob, ended, fileAddress, on, state } from "./api.js";
 import { duration, el, guarded, told } from "./page.js";
 import { failure } from "./share.js";
+import { papers } from "./papers.js";
 import { steering } from "./steering.js";
 import { vessels } from "./vessels.js";
 
-const PLACES = { vessels: ["Vessels", vessels], steering: ["Steering", steering] };
+const PLACES = { vessels: ["Vessels", vessels], steering: ["Steering", steering], papers: ["Papers", papers] };
 const opened = new Map();
 const $ = (id) => document.getElementById(id);
 
@@ -55,7 +56,7 @@ const show = guarded(async () => {
 
 // ---- jobs ----
 
-const WORDS = { play: "Episode", compare: "Comparison", export: "Export" };
+const WORDS = { play: "Episode", compare: "Comparison", export: "Export", reproduce: "Figure of a paper" };
 const STATES = { queued: "waits", running: "runs", done: "done", failed: "failed", cancelled: "cancelled", interrupted: "interrupted" };
 
 function drawJobs() {
@@ -67,7 +68,7 @@ function drawJobs() {
 }
 
 function row(job) {
-  const { problem = {} } = job.spec, what = problem.map ?? problem.workspace ?? problem.region ?? job.spec.episode ?? "";
+  const { problem = {} } = job.spec, what = problem.map ?? problem.workspace ?? problem.region ?? job.spec.episode ?? job.spec.name ?? "";
   const facts = [STATES[job.state], job.note, duration(job.left)].filter(Boolean).join(", ");
   return el("li.job", {},
     el("div", {}, el("b", {}, WORDS[job.kind] ?? job.kind), " ", el("span", {}, typeof what === "string" ? what : "")),

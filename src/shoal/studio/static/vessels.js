@@ -184,7 +184,7 @@ export function vessels({ remember }) {
 
   const choices = el("select", { id: "vesselsFile", onchange: guarded(() => choices.value && choose(choices.value)) });
   function listFiles() {
-    const maps = state.files.filter((file) => file.kind === "map"), kept = choices.value;
+    const maps = state.files.filter((file) => file.kind === "map" && !/^papers\/|-figure(-\d+)?\.png$/.test(file.name)), kept = choices.value;
     choices.replaceChildren(el("option", { value: "" }, maps.length ? "from the folder" : "no file yet"), ...maps.map((file) => el("option", { value: file.name }, file.name)));
     choices.value = kept;
     shownEpisodes();

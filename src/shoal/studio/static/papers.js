@@ -1,0 +1,83 @@
+/* Papers: every figure with its data, criterion and verdict, and a button that runs it again. */
+import { ask, cancelJob, fileAddress, run } from "./api.js";
+import { duration, el, guarded, told } from "./page.js";
+import { failure } from "./share.js";
+
+const NAMES = { M: "Mapping and coverage: paper M", W: "Two particles and walls: paper W", H: "Search along a closed curve: paper H" };
+const paperOf = (figure) => figure.source.match(/paper (\w)/)?.[1] ?? "";
+
+export function papers({ remember }) {
+  const rooms = new Map(); // name of a figure: its element
+  const list = el("div", {}), all = el("button.main", { type: "button", onclick: guarded(() => start(all, {})) }, "Run all, quickly");
+  const page = el("span", {});
+  let loaded = false;
+
+  async function load() {
+    const { figures, page: file } = await ask("papers", { slow: true });
+    page.replaceChildren(...(file ? [el("a", { href: fileAddress(file), download: "" }, "The page of results")] : []));
+    if (!loaded) {
+      list.replaceChildren(...Object.entries(NAMES).flatMap(([letter, words]) => [
+        el("h2", {}, words),
+        ...figures.filter((figure) => paperOf(figure) === letter).map((figure) => {
+          const room = el("article.paper", { "aria-label": `${figure.source}: ${figure.title}` });
+          rooms.set(figure.name, room);
+          return room;
+        }),
+      ]));
+      loaded = true;
+    }
+    figures.forEach(draw);
+  }
+
+  function draw(figure) {
+    const { name, source, title, result } = figure, done = result?.files ?? [];
+    const picture = done.find((file) => file.endsWith(".png")), tables = done.filter((file) => file.endsWith(".csv"));
+    const words = result ? "Run again, quickly" : "Run quickly";
+    const quick = el("button.second", { type: "button", "aria-label": `${words}: ${name}` }, words);
+    const whole = el("button.second", { type: "button", "aria-label": `In full: ${name}` }, "In full");
+    quick.addEventListener("click", guarded(() => start(quick, { name, quick: true })));
+    whole.addEventListener("click", guarded(() => start(whole, { name, quick: false })));
+    rooms.get(name).replaceChildren(
+      el("header", {}, el("h3", {}, title, el("span", {}, source)),
+        result ? el(`span.verdictChip.${String(result.verdict).split(" ")[0]}`, {}, result.verdict) : [], quick, whole),
+      ...(result ? [
+        picture ? el("img", { src: `${fileAddress(`papers/${picture}`)}?${Date.now()}`, alt: `${source}: ${title}`, loading: "lazy" }) : [],
+        result.sentence ? el("p", {}, result.sentence) : [],
+        result.claims?.length ? el("div.scroll", { tabIndex: 0, role: "region", "aria-label": `Claims of ${name}` }, el("table", {},
+          el("thead", {}, el("tr", {}, ["What", "Printed", "Ours", "Criterion", "Verdict"].map((words) => el("th", { scope: "col" }, words)))),
+          el("tbody", {}, result.claims.map((claim) => el("tr", {}, ["what", "printed", "ours", "criterion", "verdict"].map((key) => el("td", {}, String(claim[key] ?? "")))))))) : [],
+        el("p.soft", {}, "Data: ", tables.flatMap((file, i) => [i ? ", " : "", el("a", { href: fileAddress(`papers/${file}`), download: "" }, file)])),
+      ].flat() : []));
+  }
+
+  async function start(button, spec) {
+    const words = button.textContent, progress = el("progress", { max: 1, value: 0, "aria-label": "Done" }), note = el("span.soft", {});
+    const stop = el("button.second.small", { type: "button" }, "Cancel"), row = el("div.actions", {}, progress, note, stop);
+    const end = () => {
+      row.remove();
+      button.disabled = false;
+      button.textContent = words;
+    };
+    const job = await run("reproduce", spec, {
+      job: (now) => {
+        progress.value = now.done ?? 0;
+        note.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", ");
+      },
+      done: guarded(async () => { end(); await load(); }),
+      failed: (now) => { end(); if (now.state !== "cancelled") told(new Error(failure(now))); },
+    });
+    button.disabled = true;
+    button.parentElement.after(row);
+    stop.onclick = guarded(() => cancelJob(job.id));
+  }
+
+  return {
+    element: el("div.papers", {}, el("div.lead", {},
+      el("p", {}, "Each figure of the papers, from our own computations: what is printed beside what we find, when the two agree, and the data. Quick runs have fewer trials and coarser maps."), page, all), list),
+    title: "Papers",
+    async open() {
+      remember({});
+      await load();
+    },
+  };
+}
