@@ -182,7 +182,7 @@ def test_people_read_times_places_and_files(tmp_path, capsys):
     out = capsys.readouterr().out
     assert re.search(r"time +0:\d\d:\d\d, that of", out)
     assert re.search(r"found +at 47\.\d{6}° N, 8\.\d{6}° E", out)
-    assert len(re.findall(r"written", out)) == 3  # a line a robot, whatever the formats and sorties, and one for the fence
+    assert len(re.findall(r"written", out)) == 4  # a line a robot, whatever the formats and sorties; the fence and the map
     assert "e-" not in out
     assert run(["missions", "check", str(tmp_path / "m"), str(field), "--footprint", "40"]) == 0
     plan = json.loads((tmp_path / "m" / "robot-01.plan").read_text())

@@ -244,6 +244,25 @@ def test_the_command_writes_and_checks_it_all(tmp_path, monkeypatch, capsys):
         assert said in capsys.readouterr().err
 
 
+def test_the_map_has_what_its_legend_names(team, region):
+    from shoal.views.search.missions import missions_figure
+
+    _, missions, separation = team
+    drawn = missions_figure(missions, region, missions_approach(missions, separation, region.frame))
+    named = [text.get_text() for text in drawn.legends[0].get_texts()]
+    heights = sorted({f"at {mission.altitude:g} m" for mission in missions})
+    assert [name for name in named if name.startswith("at ")] == heights
+    assert {"launch", "rally point", "no-go zone", "fence", "out and home"} <= {*named}
+    (axes,) = drawn.axes
+    written = [text.get_text() for text in axes.texts]
+    assert "1\N{EN DASH}5" in written  # all set out from one place
+    assert any("robots" in text for text in written) == ("nearest approach" in named)
+    low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
+    assert all(
+        ((low < mission.way_in(region.frame)[:, :2]) & (mission.way_in(region.frame)[:, :2] < high)).all() for mission in missions
+    )
+
+
 def test_a_rally_point_in_a_no_go_zone_is_refused(team, region):
     inside = region.frame.to_metres([(8.5013, 47.401)])
     with pytest.raises(InvalidInputError, match="rally: expected points outside of no-go zones"):

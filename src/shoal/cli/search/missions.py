@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 CHECK_EXAMPLE = "Example: shoal missions check missions field.json --footprint 20"
 
+MAP = "map.png"
 _SHOWN = 3  # diagnostics of one kind in one file
 
 Folder = Annotated[
@@ -96,7 +97,10 @@ Seed = Annotated[int, typer.Option("--seed", help="Not used: nothing here is ran
 Out = Annotated[
     Path | None,
     typer.Option(
-        "--out", metavar="FOLDER", help="Write check.json and, with --footprint, uncovered.geojson there.", show_default=False
+        "--out",
+        metavar="FOLDER",
+        help="Write check.json, map.png and, with --footprint, uncovered.geojson there.",
+        show_default=False,
     ),
 ]
 
@@ -167,6 +171,12 @@ def _write(result: MissionCheck, out: Path) -> list[Path]:
     if result.coverage is not None:
         written.append(out / UNCOVERED)
         result.write_uncovered(written[1])
+    if result.missions:
+        from shoal.views.drawing.charts import save_figure
+        from shoal.views.search.missions import missions_figure
+
+        save_figure(missions_figure(result.missions, result.region, result.approach), out / MAP)
+        written.append(out / MAP)
     return written
 
 

@@ -15,6 +15,7 @@ from shoal.cli.options import takes_problem
 from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, print_table, say, write_films
 from shoal.cli.search.missions import (
     DELAY,
+    MAP,
     SEPARATION,
     Late,
     Separated,
@@ -198,7 +199,12 @@ class MissionWriter:
         if self.separation is not None:
             vehicle = episode.plan.vehicle
             self.approach = missions_approach(self.missions, self.separation, region.frame, vehicle=vehicle)
-        return write_missions(self.missions, self.folder, formats=self.formats or None)
+        from shoal.views.drawing.charts import save_figure
+        from shoal.views.search.missions import missions_figure
+
+        written = write_missions(self.missions, self.folder, formats=self.formats or None)
+        save_figure(missions_figure(self.missions, region, self.approach), self.folder / MAP)
+        return [*written, self.folder / MAP]
 
     def report(self, episode: SearchEpisode) -> dict[str, Any]:
         """Return what was written for JSON."""

@@ -215,7 +215,7 @@ def _inner(region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.fl
     """Return how far a leg from inside goes until it first leaves the region; shape (1, 2)."""
     import shapely
 
-    pieces = shapely.get_parts(shapely.intersection(shapely.linestrings([here, there]), region.free.buffer(ROUNDING)))
+    pieces = shapely.get_parts(shapely.intersection(shapely.linestrings([here, there]), region.free.buffer(0.99 * ROUNDING)))
     nearest = pieces[int(np.argmin(shapely.distance(pieces, shapely.points(here))))]
     ends = shapely.get_coordinates(nearest)
     return np.asarray(ends[[int(np.argmax(np.hypot(*(ends - here).T)))]])

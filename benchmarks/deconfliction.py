@@ -1,0 +1,97 @@
+"""Random plans of 2 to 12 vehicles, whose missions are flown with random delays: does the separation hold?
+
+    python -m benchmarks.deconfliction [COUNT] [SEED]
+
+Vehicles set out from one point, from one each or along a line, in or outside of random regions, some with a no-go zone. The judge
+is a simulation by steps of an eighth of a second, at constant speed, that knows the missions only; each vehicle is late by a random
+delay of up to 10 s, in several draws. It prints what came nearest, how many layers there were and how late starts were.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+import numpy as np
+import shapely
+
+from shoal.search.allocation.plan import plan_search
+from shoal.search.flight.staggering import Separation
+from shoal.search.missions import Mission
+from shoal.search.missions.deconfliction import missions_approach, plan_missions
+from shoal.search.problem import SearchProblem
+from shoal.search.regions.region import region_of
+
+_STEP = 0.125  # seconds
+_DRAWS = 4
+
+
+def random_problem(rng: np.random.Generator) -> SearchProblem:
+    """Return a random search of 2 to 12 vehicles with their launch points."""
+    robots, side = int(rng.integers(2, 13)), rng.uniform(150, 400)
+    angles = np.sort(rng.uniform(0, 2 * np.pi, rng.integers(5, 10)))
+    reach = rng.uniform(0.4, 1.0, len(angles))[:, None] * side
+    hull = shapely.Polygon(reach * np.column_stack([np.cos(angles), np.sin(angles)])).convex_hull
+    zone = shapely.Point(rng.uniform(-0.2, 0.2, 2) * side).buffer(0.12 * side, quad_segs=2) if rng.random() < 0.4 else None
+    region = region_of(hull, no_go=zone)
+    base = np.array([rng.choice([-1.3, 1.3]) * side, rng.uniform(-0.5, 0.5) * side])
+    kind = rng.integers(3)
+    launch = [tuple(base)] if kind == 0 else [tuple(base + (0.0, 25.0 * (k - robots / 2))) for k in range(robots)]
+    if kind == 2:
+        launch = [tuple(base + rng.uniform(-60, 60, 2)) for _ in range(robots)]
+    return SearchProblem(
+        region, robots=robots, footprint=float(rng.choice([20, 30])), margin=float(rng.choice([0, 3])), launch=tuple(launch),
+        tour=str(rng.choice(["boustrophedon", "spanning-tree"])), angle=float(rng.choice([0, 30])), vehicle="multirotor",
+    )  # fmt: skip
+
+
+def least_distance(missions: list[Mission], late: Any, vertical: float) -> float:
+    """Return the least horizontal distance of vehicles in flight that are nearer in height, by small steps."""
+    flown = []
+    for mission, wait in zip(missions, late, strict=True):
+        way = [
+            (*mission.home, 0.0),
+            *((x, y, mission.altitude) for x, y in (mission.home, *mission.waypoints.tolist(), mission.end)),
+        ]
+        points = np.array([*way, (*mission.end, 0.0)])
+        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        flown.append((mission.delay + wait + np.concatenate([[0.0], np.cumsum(lengths)]) / mission.speed, points))
+    clock = np.arange(0.0, max(times[-1] for times, _ in flown), _STEP)
+    places = [np.stack([np.interp(clock, times, points[:, k]) for k in range(3)], axis=1) for times, points in flown]
+    aloft = [(times[0] <= clock) & (clock <= times[-1]) for times, _ in flown]
+    least = np.inf
+    for k in range(len(flown)):
+        for j in range(k):
+            apart = np.abs(places[k] - places[j])[aloft[k] & aloft[j]]
+            least = min(least, np.hypot(*apart[apart[:, 2] < vertical - 0.01, :2].T).min(initial=np.inf))
+    return float(least)
+
+
+def main(count: int = 50, seed: int = 0) -> None:
+    """Fly random plans and print what was found."""
+    separation, began = Separation(), time.perf_counter()
+    nearest, exact, layers, waits = np.inf, np.inf, [], []
+    for number in range(count):
+        rng = np.random.default_rng([seed, number])
+        plan = plan_search(random_problem(rng), seed=number)
+        missions = plan_missions(plan, separation=separation)
+        for sortie in sorted({mission.sortie for mission in missions}):
+            now = [mission for mission in missions if mission.sortie == sortie]
+            for _ in range(_DRAWS):
+                late = separation.delay * rng.choice([0.0, 1.0, rng.random()], len(now))
+                nearest = min(nearest, least_distance(now, late, separation.vertical))
+        found = missions_approach(missions, separation, None)
+        exact = min(exact, np.inf if found is None else found.horizontal)
+        layers.append(len({mission.altitude for mission in missions}))
+        waits.append(max(mission.delay for mission in missions))
+        if min(nearest, exact) < separation.horizontal - 0.01:
+            raise SystemExit(f"plan {number} of seed {seed}: {nearest:.3f} m in the simulation, {exact:.3f} m exactly")
+    print(f"{count} plans in {time.perf_counter() - began:.0f} s: nearest {nearest:.2f} m in the simulation, {exact:.2f} m exactly")
+    print(
+        f"layers: mean {np.mean(layers):.2f}, at most {max(layers)}; last start: median {np.median(waits):.0f} s, {max(waits):.0f} s at most"
+    )
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
