@@ -37,7 +37,7 @@ def random_problem(rng: np.random.Generator) -> SearchProblem:
     region = region_of(hull, no_go=zone)
     base = np.array([rng.choice([-1.3, 1.3]) * side, rng.uniform(-0.5, 0.5) * side])
     kind = rng.integers(3)
-    launch = [tuple(base)] if kind == 0 else [tuple(base + (0.0, 25.0 * (k - robots / 2))) for k in range(robots)]
+    launch = [tuple(base)] if kind == 0 else [tuple(base + np.array([0.0, 25.0 * (k - robots / 2)])) for k in range(robots)]
     if kind == 2:
         launch = [tuple(base + rng.uniform(-60, 60, 2)) for _ in range(robots)]
     return SearchProblem(
@@ -88,9 +88,8 @@ def main(count: int = 50, seed: int = 0) -> None:
         if min(nearest, exact) < separation.horizontal - 0.01:
             raise SystemExit(f"plan {number} of seed {seed}: {nearest:.3f} m in the simulation, {exact:.3f} m exactly")
     print(f"{count} plans in {time.perf_counter() - began:.0f} s: nearest {nearest:.2f} m in the simulation, {exact:.2f} m exactly")
-    print(
-        f"layers: mean {np.mean(layers):.2f}, at most {max(layers)}; last start: median {np.median(waits):.0f} s, {max(waits):.0f} s at most"
-    )
+    late = f"last start: median {np.median(waits):.0f} s, {max(waits):.0f} s at most"
+    print(f"layers: mean {np.mean(layers):.2f}, at most {max(layers)}; {late}")
 
 
 if __name__ == "__main__":
