@@ -17,7 +17,8 @@ import sys
 if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
     # `python -m shoal` puts the current folder first: a file in it would be taken for a module of Python's own.
     del sys.path[0]
-if sys.argv and (sys.argv[0] == "-m" or sys.argv[0].endswith("/shoal")):  # a command: from here on it can be interrupted
+# A command, and none of its workers, whose arguments are the same: from here on it can be interrupted.
+if sys.argv and (sys.argv[0] == "-m" or sys.argv[0].endswith("/shoal")) and "multiprocessing" not in sys.modules:
     import _signal  # type: ignore[import-not-found]  # signal takes some milliseconds, in which Ctrl-C would be told as a traceback
 
     if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:

@@ -223,7 +223,7 @@ def parse_json(text: str, *, where: str) -> Any:
     return found
 
 
-def read_wkt(text: str, *, where: str) -> Any:
+def read_polygon(text: str, *, where: str) -> Any:
     """Return the geometry that well-known text of a polygon or multipolygon says; others could be nested until the stack ends.
 
     Raises

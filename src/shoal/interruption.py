@@ -17,6 +17,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:  # this is the first module that a command loads: it waits for no others
     from collections.abc import Iterator
     from pathlib import Path
+    from types import FrameType
 
 GRACE = 0.7
 """Seconds between a signal and the end of a command that has not ended by itself."""
@@ -102,10 +103,19 @@ def end(text: str = "shoal: interrupted\n") -> None:
         os._exit(130)
 
 
-def _answer(_number: int, _frame: object) -> None:
-    if not _running:
+def _answer(_number: int, frame: FrameType | None) -> None:
+    if not _running or ("patient" not in _running and _in_knots(frame)):
         end()
     raise KeyboardInterrupt
+
+
+def _in_knots(frame: FrameType | None) -> bool:
+    """Tell whether a frame lies in an import or in the compiler: they swallow an interruption, or tell it as another error."""
+    while frame is not None:
+        if str(frame.f_globals.get("__name__")).startswith(("importlib._bootstrap", "numba.", "llvmlite.", "shoal.jit.")):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _wait(reading: int) -> None:

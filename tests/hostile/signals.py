@@ -51,9 +51,12 @@ def interrupted(words: list[str], out: Path, after: float, number: int) -> list[
         wrong.append(said)
     try:
         os.killpg(process.pid, 0)
-        time.sleep(1.0)  # workers notice by themselves
+        time.sleep(2.0)  # workers notice by themselves
+        os.killpg(process.pid, 0)
+        there = subprocess.run(["ps", "-eo", "pgid,stat,args"], capture_output=True, text=True, check=True).stdout
+        there = "; ".join(line[:160] for line in there.splitlines() if line.split()[0] == str(process.pid))
         os.killpg(process.pid, signal.SIGKILL)
-        wrong.append("a process is left")
+        wrong.append(f"processes are left: {there}")
     except ProcessLookupError:
         pass
     return wrong + ([f"left behind: {left}"] if left else [])

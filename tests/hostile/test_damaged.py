@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pkgutil
+import re
 import sqlite3
 import struct
 from contextlib import closing
@@ -80,3 +82,11 @@ def test_geometries_nested_until_the_stack_would_end(every, tmp_path):
         database.commit()
     with pytest.raises(InvalidInputError, match=r"feature 1: expected a geometry of straight lines, got a damaged one"):
         read(path)
+
+
+def test_the_page_of_limits_tells_those_that_hold():
+    page = Path(__file__).parents[2] / "docs" / "concepts" / "trust.md"
+    rows = re.findall(r"^\| .* \| ([\d,e]+) \| `([\w.]+)` \|$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    assert len(rows) > 20
+    for number, name in rows:
+        assert float(number.replace(",", "")) == pkgutil.resolve_name(name), name

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import pytest
 
 from shoal.cli import run as command
+from shoal.errors import OutputError
 from shoal.lab import Store, Sweep, run_sweep
 
 
@@ -86,3 +88,60 @@ def test_reading_a_store_never_runs_code_that_it_names(tmp_path, capsys, monkeyp
         out = ["--out", str(tmp_path / "table.csv")] if verb == "export" else []
         assert command(["sweep", verb, str(tmp_path / "s"), *out]) in (0, 1)
     assert not (tmp_path / "ran").exists()
+
+
+def test_stores_are_merged(tmp_path, capsys):
+    def stored(name, *, trials=3, seed=0, fails=()):
+        problem = {"kind": "function", "function": "tests.unit.sweep_functions:number"}
+        run_sweep(Sweep(name="s", problem=problem, trials=trials, seed=seed), tmp_path / name, workers=0)
+        with closing(sqlite3.connect(tmp_path / name)) as connection:
+            for statement in fails:
+                connection.execute(statement)
+            connection.commit()
+        return str(tmp_path / name)
+
+    whole = stored("whole")
+    first = stored("first", fails=["DELETE FROM trials WHERE trial = 1"])
+    second = stored(
+        "second", fails=["DELETE FROM trials WHERE trial = 0", "INSERT INTO failures SELECT id, 0, 7, 1, '' FROM points"]
+    )
+    assert command(["sweep", "merge", first, second, "--out", str(tmp_path / "both"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["sweeps"] == [{"name": "s", "done": 3, "total": 3}]
+    with Store(tmp_path / "both") as merged, Store(whole) as expected:
+        assert [*merged.rows("s")] == [*expected.rows("s")]
+        assert not merged.failures("s")
+    assert command(["sweep", "check", str(tmp_path / "both")]) == 0
+    wrong = stored("wrong", fails=["UPDATE trials SET result = '[99]' WHERE trial = 2"])
+    for others, words in (
+        ([first, wrong], "trial 2: expected what the stores before have, got another result"),
+        ([first, stored("other", seed=1)], "expected it as in the stores before, got changes: seed"),
+        ([first, str(tmp_path / "none")], "expected a store, got nothing there"),
+    ):
+        capsys.readouterr()
+        assert command(["sweep", "merge", *others, "--out", str(tmp_path / "bad")]) == 2
+        assert words in capsys.readouterr().err
+        assert not [path.name for path in tmp_path.iterdir() if "bad" in path.name]
+    assert command(["sweep", "merge", first, "--out", whole]) == 2
+
+
+def test_a_store_beside_a_link_and_one_whose_disk_is_full(tmp_path, monkeypatch):
+    from shoal.lab.storage import schema
+    from shoal.lab.storage.lock import locked
+
+    (tmp_path / "theirs").write_text("kept")
+    (tmp_path / ".s.x.lock").symlink_to(tmp_path / "theirs")
+    with pytest.raises(OutputError, match="symbolic link"), locked(tmp_path / "s", "x"):
+        pass
+    assert (tmp_path / "theirs").read_text() == "kept"
+    monkeypatch.setattr(schema, "TABLES", "CREATE TABLE a (b); PRAGMA page_count; " + "INSERT INTO a VALUES (zeroblob(9999));" * 9)
+    monkeypatch.setattr(schema, "_make_durable", lambda connection: connection.execute("PRAGMA max_page_count = 2"))
+    with pytest.raises(OutputError, match="the disk is full"):
+        Store(tmp_path / "new", write=True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".s.x.lock", "theirs"]
+
+
+def test_coordinators_that_make_one_store_at_once(tmp_path):
+    with ThreadPoolExecutor(8) as pool:
+        for store in pool.map(lambda _: Store(tmp_path / "s", write=True), range(8)):
+            store.close()
+    assert [path.name for path in tmp_path.iterdir()] == ["s"]

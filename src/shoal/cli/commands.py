@@ -38,6 +38,7 @@ COMMANDS = {
     "sweep status": _Entry("sweep.running", "status", "STATUS_EXAMPLE"),
     "sweep summary": _Entry("sweep.results", "summary", "SUMMARY_EXAMPLE"),
     "sweep export": _Entry("sweep.results", "export_", "EXPORT_EXAMPLE"),
+    "sweep merge": _Entry("sweep.results", "merge", "MERGE_EXAMPLE"),
     "sweep check": _Entry("sweep.results", "check", "CHECK_EXAMPLE"),
     "reproduce": _Entry("reproduce", "reproduce"),
     "studio": _Entry("studio", "studio"),

@@ -9,6 +9,7 @@ from shoal.registry import loaded_on_use
 
 if TYPE_CHECKING:
     from shoal.lab.coordinator import run_sweep
+    from shoal.lab.storage.merging import merge_stores
     from shoal.lab.storage.store import Store
     from shoal.lab.sweeps.progress import SweepProgress, SweepStatus
     from shoal.lab.sweeps.sweep import Point, Sweep, sweep_of
@@ -20,11 +21,12 @@ _HOMES = {
     "Sweep": "sweeps.sweep",
     "SweepProgress": "sweeps.progress",
     "SweepStatus": "sweeps.progress",
+    "merge_stores": "storage.merging",
     "run_sweep": "coordinator",
     "sweep_of": "sweeps.sweep",
 }
 
-__all__ = ["Point", "Store", "Sweep", "SweepProgress", "SweepStatus", "run_sweep", "run_trials", "sweep_of"]
+__all__ = ["Point", "Store", "Sweep", "SweepProgress", "SweepStatus", "merge_stores", "run_sweep", "run_trials", "sweep_of"]
 
 
 __getattr__ = loaded_on_use(__name__, _HOMES)

@@ -48,13 +48,14 @@ class Row:
 
     def __str__(self) -> str:
         if not self.counted:
-            return "no trial yet"
+            return f"no trial yet, {self.missing} missing"
+        missing = f", {self.missing} missing" if self.missing else ""
         if self.estimate is None:
-            return f"more than {self.bound:.6g}: 0 of {self.counted} trials completed"
+            return f"more than {self.bound:.6g}: 0 of {self.counted} trials completed{missing}"
         if self.completed is None or self.completed == self.counted:
-            return f"{self.estimate}" + (f" ({self.counted} of {self.counted + self.missing} trials)" if self.missing else "")
+            return f"{self.estimate} ({self.counted} trials{missing})"
         told = f"{self.estimate}" if self.bound is None else f"restricted mean to {self.bound:.6g}: {self.estimate}"
-        return f"{told} ({self.completed} of {self.counted} trials completed)"
+        return f"{told} ({self.completed} of {self.counted} trials completed{missing})"
 
 
 @dataclass(frozen=True)

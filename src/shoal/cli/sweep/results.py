@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 SUMMARY_EXAMPLE = "Example: shoal sweep summary results.sqlite --measure moves --compare policy"
 EXPORT_EXAMPLE = "Example: shoal sweep export results.sqlite --out results.csv"
+MERGE_EXAMPLE = "Example: shoal sweep merge monday.sqlite tuesday.sqlite --out both.sqlite"
 CHECK_EXAMPLE = "Example: shoal sweep check results.sqlite"
 
 StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="The file with the results.", show_default=False)]
@@ -155,6 +156,29 @@ def export_(
         print_json({"sweep": chosen, "rows": count, "out": str(out)})
     else:
         print_table([("rows", str(count)), ("written", str(out))], title=f"sweep {chosen}")
+
+
+def merge(
+    stores: Annotated[list[Path], typer.Argument(metavar="STORES", help="The files with the results.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The new store.", show_default=False)],
+    seed: Unused = 0,
+    json_: options.Json = False,
+) -> None:
+    """Write the results of several stores into a new one: the same sweeps, run in several places.
+
+    A trial that several stores have must have ended in the same way.
+    """
+    from shoal.lab import Store
+    from shoal.lab.storage.merging import merge_stores
+
+    check_folder(out.parent)
+    names = merge_stores(stores, out)
+    with Store(out) as opened:
+        found = [opened.status(name) for name in names]
+    if json_:
+        print_json({"out": str(out), "sweeps": [{"name": one.name, "done": one.done, "total": one.total} for one in found]})
+    else:
+        print_table([(one.name, f"{one.done} of {one.total} trials") for one in found], title=f"merged into {out}")
 
 
 def check(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -65,6 +66,12 @@ class Store:
         """Return what SQLite answers; for reading."""
         with told(self.path):
             return self._connection.execute(query, values).fetchall()
+
+    @contextmanager
+    def writing(self) -> Iterator[Callable[[str, Sequence[Any]], int]]:
+        """Give a function that runs a statement and returns the last row's number; all or nothing of the block is written."""
+        with told(self.path), transaction(self._connection):
+            yield lambda statement, values: self._connection.execute(statement, values).lastrowid or 0
 
     @property
     def names(self) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.checks import check_integer, check_number, check_points, check_text, read_wkt, shortened
+from shoal.checks import check_integer, check_number, check_points, check_text, read_polygon, shortened
 from shoal.errors import InvalidInputError
 from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.problem.faults import Fault, fault_text
@@ -45,7 +45,9 @@ def _region_from(data: dict[str, Any]) -> SearchRegion:
     frame = data["frame"]
     if frame is not None and (not isinstance(frame, list | tuple) or len(frame) != 2):
         raise InvalidInputError(f"region: frame: expected longitude and latitude, got {shortened(frame)}")
-    area, no_go = (read_wkt(check_text(data[name], what=f"region: {name}"), where=f"region: {name}") for name in ("area", "no_go"))
+    area, no_go = (
+        read_polygon(check_text(data[name], what=f"region: {name}"), where=f"region: {name}") for name in ("area", "no_go")
+    )
     count = check_integer(data["no_go_zones"], what="region: no_go_zones", least=0)
     name, place = check_text(data["name"], what="region: name"), None if frame is None else LocalFrame(*frame)
     zones = SearchRegion(no_go, place, no_go, name) if no_go.is_empty else region_of(no_go, frame=place, name=name)
@@ -78,7 +80,7 @@ def _check_zone(zone: Any, number: int) -> Any:
     if hasattr(zone, "geom_type"):
         return zone
     if isinstance(zone, dict) and set(zone) == {"wkt"}:
-        return read_wkt(check_text(zone["wkt"], what=what), where=what)
+        return read_polygon(check_text(zone["wkt"], what=what), where=what)
     if isinstance(zone, str | os.PathLike):
         return check_path(zone, what, "a file")
     try:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.checks import check_choice, parse_json, read_text, read_wkt, shortened, suggestion
+from shoal.checks import check_choice, parse_json, read_polygon, read_text, shortened, suggestion
 from shoal.errors import InvalidInputError, UnknownNameError
 from shoal.steering.workspaces.convex import ConvexWorkspace, cylinder, disk, polygon, prism, regular_polygon
 from shoal.steering.workspaces.region import Region, region
@@ -71,7 +71,7 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
         return workspace_of(source, where="workspace")
     text = os.fspath(source)
     if re.match(r"\s*(multi)?polygon\b", text, flags=re.IGNORECASE):
-        return _from_geometry(read_wkt(text, where="workspace"), where="workspace")
+        return _from_geometry(read_polygon(text, where="workspace"), where="workspace")
     if Path(text).suffix.lower() in SUFFIXES or os.path.exists(text):
         return _read_workspace(Path(text))
     return _named(text)
@@ -100,7 +100,7 @@ def workspace_of(data: Any, *, where: str) -> Workspace:
     if "text" in needed and not isinstance(data["text"], str):
         raise InvalidInputError(f"{where}: text: expected a text, got {shortened(data['text'])}")
     if kind == "wkt":
-        return _from_geometry(read_wkt(data["text"], where=where), where=where)
+        return _from_geometry(read_polygon(data["text"], where=where), where=where)
     if kind == "svg":
         return _from_svg(data["text"], where=where)
     fields = {name: value for name, value in data.items() if name != "type"}
@@ -179,7 +179,7 @@ def _read_workspace(source: Path) -> Workspace:
         raise InvalidInputError(f"{source}: expected a workspace file ({', '.join(SUFFIXES)}), got the suffix {source.suffix!r}")
     text = read_text(source, what="workspace file", most=LARGEST_FILE)
     if suffix == ".wkt":
-        return _from_geometry(read_wkt(text, where=where), where=where)
+        return _from_geometry(read_polygon(text, where=where), where=where)
     if suffix == ".svg":
         return _from_svg(text, where=where)
     data = parse_json(text, where=where)

@@ -1,0 +1,102 @@
+"""Stores into one: the same sweeps, run in several places."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from shoal.errors import InvalidInputError, OutputError
+from shoal.interruption import half_written
+from shoal.lab.storage.store import Store
+from shoal.lab.sweeps.sweep import differences
+
+Write = Callable[[str, Sequence[Any]], int]
+
+
+def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]) -> list[str]:
+    """Write what stores have into a new one; return the names of the sweeps in it.
+
+    Sweeps of one name must be the same one. A trial that several stores have must have ended in the same way.
+
+    Parameters
+    ----------
+    sources : sequence of path
+    out : path
+        Of the new store.
+
+    Raises
+    ------
+    InvalidInputError
+        If sweeps or trials differ, a store is damaged, or ``out`` is there; then nothing is written.
+    OutputError
+    """
+    target = Path(out)
+    if os.path.lexists(target):
+        raise InvalidInputError(f"{target}: expected a new name for the merged store, got one that is taken")
+    temporary = target.with_name(f".{target.name[:40]}-{secrets.token_hex(6)}")
+    made = {temporary.with_name(temporary.name + end) for end in ("", "-wal", "-shm")}
+    half_written.update(made)
+    try:
+        with Store(temporary, write=True) as merged:
+            for source in sources:
+                with Store(source) as opened:
+                    for name in opened.names:
+                        _take(merged, opened, name)
+            names = merged.names
+        os.rename(temporary, target)
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(f"cannot write {target}: {error.strerror or error}") from None
+    finally:
+        for file in made:
+            file.unlink(missing_ok=True)
+        half_written.difference_update(made)
+    return names
+
+
+def _take(merged: Store, opened: Store, name: str) -> None:
+    """Copy a sweep, or the part of it that is not there yet."""
+    stored, where = opened.stored(name), f"{opened.path}: sweep {name}"
+    if name in merged.names:
+        there = merged.stored(name)
+        changed = [*differences(there.spec, stored.spec), *differences(there.inputs, stored.inputs, path="content")]
+        if changed:
+            raise InvalidInputError(f"{where}: expected it as in the stores before, got changes: {'; '.join(changed)}")
+    with merged.writing() as write:
+
+        def copy(table: str, columns: str, old: int, *new: int) -> int:
+            """Copy a row of a store, its first columns changed; return its number."""
+            rows = opened.ask(f"SELECT {columns} FROM {table} WHERE id = ?", old)
+            if not rows:
+                raise InvalidInputError(f"{where}: expected row {old} of the table {table}, which others refer to, got none")
+            return _insert(write, table, "sweep, " * len(new) + columns, (*new, *rows[0]))
+
+        copy("sweeps", "name, spec, inputs, measures, trials, points, created, version", stored.id)
+        new = merged.stored(name).id
+        batches: dict[int, int] = {}
+        for point, key in opened.ask("SELECT id, key FROM points WHERE sweep = ?", stored.id):
+            copy("points", "number, key, axes", point, new)
+            ((place,),) = merged.ask("SELECT id FROM points WHERE sweep = ? AND key = ?", new, key)
+            had = {row[0]: row[1:] for row in merged.ask("SELECT trial, seed, result FROM trials WHERE point = ?", place)}
+            for table, told in (("trials", "result"), ("failures", "error")):
+                for trial, seed, batch, value in opened.ask(
+                    f"SELECT trial, seed, batch, {told} FROM {table} WHERE point = ?", point
+                ):
+                    if table == "trials" and had.get(trial, (seed, value)) != (seed, value):
+                        raise InvalidInputError(f"{where}, trial {trial}: expected what the stores before have, got another result")
+                    if trial in had:
+                        continue
+                    if batch not in batches:
+                        told_of = "spec, seed, version, worker, trials, failures, seconds, finished"
+                        batches[batch] = copy("batches", told_of, batch, new)
+                    _insert(write, table, f"point, trial, seed, batch, {told}", (place, trial, seed, batches[batch], value))
+        write("DELETE FROM failures WHERE (point, trial) IN (SELECT point, trial FROM trials)", ())
+
+
+def _insert(write: Write, table: str, columns: str, values: tuple[Any, ...]) -> int:
+    """Insert a row unless it is there; return its number."""
+    return write(f"INSERT OR IGNORE INTO {table} ({columns}) VALUES ({', '.join('?' * len(values))})", values)
