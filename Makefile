@@ -33,6 +33,7 @@ $(BIN)/python:
 	  $(PYTHON) -m venv $(VENV); }
 
 # --no-compile: what is used is compiled to byte code when first imported; doing it for all takes half of the set-up.
+# The lock holds all that development needs, so nothing has to be resolved for it (`pip check` tells whether it is whole).
 $(VENV)/.run-installed: pyproject.toml requirements.lock | $(BIN)/python
 	@echo 'installing Shoal into $(VENV) ...'
 	@$(PIP) install --no-compile -e '.[imaging,studio]'
@@ -40,7 +41,8 @@ $(VENV)/.run-installed: pyproject.toml requirements.lock | $(BIN)/python
 
 $(VENV)/.dev-installed: pyproject.toml requirements.lock | $(BIN)/python
 	@echo 'installing Shoal and its tools into $(VENV) ...'
-	@$(PIP) install --no-compile -e '.[imaging,dev]'
+	@$(PIP) install --no-compile --no-deps -r requirements.lock
+	@$(PIP) install --no-compile --no-deps --no-build-isolation -e .
 	@touch $@ $(VENV)/.run-installed
 
 install: $(VENV)/.run-installed
@@ -80,6 +82,7 @@ test-wheel: $(VENV)/.dev-installed
 	  environment/bin/python -m pytest -q $(WHEEL_SAMPLE)
 
 lint: $(VENV)/.dev-installed
+	@$(BIN)/python -m pip check -q
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
