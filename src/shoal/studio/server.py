@@ -49,7 +49,7 @@ def serve(root: str | os.PathLike[str], *, port: int | None = None, browser: boo
     Parameters
     ----------
     root : path
-        A folder; its files are all that is kept.
+        A folder, which is made if it is new; its files are all that is kept.
     port : int, optional
     browser : bool
         Whether to open one.
@@ -59,14 +59,16 @@ def serve(root: str | os.PathLike[str], *, port: int | None = None, browser: boo
     Raises
     ------
     InvalidInputError
-        If there is no such folder, or another studio has it open.
+        If it is no folder, or another studio has it open.
     OutputError
         If the port is taken or the folder cannot be written.
     """
     folder = Path(root).resolve()
-    if not folder.is_dir():
-        raise InvalidInputError(f"{root}: expected a folder, got none (make it first)")
-    os.chdir(folder)
+    try:
+        folder.mkdir(exist_ok=True)
+        os.chdir(folder)
+    except OSError as error:
+        raise InvalidInputError(f"{root}: expected a folder, or a new name beside others, got {error.strerror}") from None
     with listening(port) as opened, _alone(folder):
         where = opened.getsockname()[1]
         guard = Guard(application_of(Studio(folder)), where)

@@ -15,6 +15,9 @@ from shoal.studio.jobs.store import ENDED, JobStore
 from shoal.studio.jobs.work import KINDS, work
 
 MOST_QUEUED = 5000
+PAUSE = 5.0
+"""Seconds until a store that could not be written is tried again."""
+
 MOST_PIECES = 50_000_000
 """Characters of an episode that is kept for those who watch it while it is played."""
 
@@ -71,6 +74,13 @@ class JobQueue:
 
     def go_on(self) -> None:
         """Begin the jobs for which there is room."""
+        try:
+            self._begin_those_with_room()
+        except OutputError:  # a full disk; what waits is not lost
+            if not self._closing:
+                asyncio.get_running_loop().call_later(PAUSE, self.go_on)
+
+    def _begin_those_with_room(self) -> None:
         self._save_ends()
         while not self._closing and len(self._running) < default_workers() and (job := self.store.begin_next()) is not None:
             running = self._running[job["id"]] = _Running(job)
