@@ -37,13 +37,15 @@ class Stretch:
 def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None:
     """Return where to help, None if nowhere: a cell that it wants to search, of its own part or that of a dead or late robot."""
     n, parts = len(robot.brief.tour_cost), robot.parts
-    others = [part.robot for part in parts if part.robot != robot.number and can_come(robot, part.robot, own, time)]
-    left = [index for index, part in enumerate(parts) if _is_left(robot, part.robot, others, time)]
     count = min(robot.brief.multiplicity, len(parts))
-    work = {(index + ahead) % len(parts) for index in left for ahead in range(count)}
-    offered = sorted(index for index in work if parts[index].bits & wanted)
+    offered = [
+        index
+        for index, part in enumerate(parts)
+        if part.bits & wanted and any(_is_left(robot, parts[index - back].robot, own, time) for back in range(count))
+    ]
     if not offered:
         return None
+    others = [part.robot for part in parts if part.robot != robot.number and can_come(robot, part.robot, own, time)]
     stretches = [
         stretch for index in offered for arc in parts[index].arcs for stretch in _stretches(robot, arc, wanted, others, time)
     ]
@@ -79,8 +81,8 @@ def leaves_to_others(robot: Robot, own: int, time: float) -> bool:
     )
 
 
-def _is_left(robot: Robot, number: int, others: list[int], time: float) -> bool:
-    return number == robot.number or number not in others or is_late(robot, number, time)
+def _is_left(robot: Robot, number: int, own: int, time: float) -> bool:
+    return number == robot.number or not can_come(robot, number, own, time) or is_late(robot, number, time)
 
 
 def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: float) -> Iterator[Stretch]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import log
 
 from shoal.search.allocation.tour_cost import TourCost
@@ -47,9 +48,14 @@ def reachable(robot: Robot, time: float) -> tuple[int, int]:
 
 def silence_limit(robot: Robot) -> float:
     """Return after how long a silence a robot is taken for dead: longer where many messages are lost."""
-    share = robot.lost / (robot.lost + robot.got) if robot.got else 0.5
+    return robot.brief.beat * _silent_beats(robot.lost, robot.got)
+
+
+@lru_cache(maxsize=1024)
+def _silent_beats(lost: int, got: int) -> float:
+    share = lost / (lost + got) if got else 0.5
     beats = log(_FALSE_POSITIVE_RATE) / log(share) if 0 < share < 1 else 0.0
-    return robot.brief.beat * (min(max(_SILENCE[0], beats), _SILENCE[1]) + 0.5)
+    return min(max(_SILENCE[0], beats), _SILENCE[1]) + 0.5
 
 
 def is_live(robot: Robot, number: int, time: float) -> bool:

@@ -285,5 +285,6 @@ def _left_cell(robot: Robot, wanted: int, own: int, mine: int | None, time: floa
     last = robot.deadline - _alone(robot, wanted, robot.cell, robot.fresh) / robot.rate
     if wanted and time >= last - 1e-9:
         return next_in(wanted, robot.cell, len(robot.brief.tour_cost)) if mine is None else mine, inf
-    silences = [peer.heard + silence_limit(robot) + 1e-6 for peer in robot.peers.values()]
+    limit = silence_limit(robot) + 1e-6
+    silences = [peer.heard + limit for peer in robot.peers.values()]
     return None, min([last if wanted else inf, *(moment for moment in silences if moment > time)], default=inf)
