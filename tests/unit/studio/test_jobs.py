@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
+import signal
 import sqlite3
 import time
 
@@ -10,7 +12,9 @@ import pytest
 from tests import studio_work
 
 from shoal.errors import InvalidInputError
+from shoal.studio.folder import Folder
 from shoal.studio.jobs.processes import Worker
+from shoal.studio.jobs.queue import JobQueue
 from shoal.studio.jobs.store import JobStore
 
 
@@ -78,3 +82,41 @@ def test_processes_have_a_limit_of_memory_and_end_with_what_they_started():
             worker.end()
     assert gone(child)
     assert not parent.alive
+
+
+def test_a_job_that_crashes_fails_alone_and_one_that_is_cancelled_ends(tmp_path):
+    told = []
+
+    def spec(seed, **fields):
+        return {"problem": {"kind": "swarm", "map": "maze:301x301", "particles": 40} | fields, "seed": seed}
+
+    async def until_running(queue, number):
+        while (running := queue._running.get(number)) is None or running.worker is None:
+            await asyncio.sleep(0.01)
+        return running.worker
+
+    async def scenario():
+        queue = JobQueue(Folder(tmp_path), told.append)
+        crashing = queue.add("play", spec(1), urgent=False)["id"]
+        os.kill((await until_running(queue, crashing))._process.pid, signal.SIGKILL)
+        cancelled = queue.add("play", spec(2), urgent=False)["id"]
+        await until_running(queue, cancelled)
+        queue.cancel(cancelled)
+        short = {"map": "maze:9x7", "particles": 4, "policy": "closest-frontier"}
+        good = queue.add("play", spec(3, **short), urgent=True)["id"]
+        bad = queue.add("play", spec(3, map="no-such:9"), urgent=True)["id"]
+        while not all(queue.has_ended(number) for number in (crashing, cancelled, good, bad)):
+            await asyncio.sleep(0.01)
+        found = [queue.told(number) for number in (crashing, cancelled, good, bad)]
+        pieces = [message["piece"] for message in told if message.get("of") == good]
+        await queue.close()
+        return found, pieces
+
+    (crashed, cancelled, good, bad), pieces = asyncio.run(asyncio.wait_for(scenario(), 60))
+    assert (crashed["state"], cancelled["state"], good["state"], bad["state"]) == ("failed", "cancelled", "done", "failed")
+    assert "crashed" in crashed["result"]["error"]
+    assert "no-such" in bad["result"]["error"]
+    assert sorted(path.name for path in tmp_path.glob("*.npz")) == [good["result"]["file"]]
+    assert "begin" in pieces[0]
+    assert pieces[-1]["end"] == "complete"
+    assert len("".join(piece.get("commands", "") for piece in pieces)) == good["result"]["report"]["moves"]
