@@ -25,6 +25,7 @@ GRACE = 0.7
 half_written: set[Path] = set()
 """Files to remove if the command is ended at once."""
 
+_KNOTS = ("importlib._bootstrap", "numba.", "llvmlite.", "shoal.jit.", "weakref")
 _running: list[str] = []  # "command" while one runs, "patient" while it must not be ended at once
 _begun: list[bool] = []
 
@@ -110,9 +111,9 @@ def _answer(_number: int, frame: FrameType | None) -> None:
 
 
 def _in_knots(frame: FrameType | None) -> bool:
-    """Tell whether a frame lies in an import or in the compiler: they swallow an interruption, or tell it as another error."""
+    """Tell whether a frame lies where an interruption is swallowed or told as another error: in imports, compiler, callbacks."""
     while frame is not None:
-        if str(frame.f_globals.get("__name__")).startswith(("importlib._bootstrap", "numba.", "llvmlite.", "shoal.jit.")):
+        if str(frame.f_globals.get("__name__")).startswith(_KNOTS):
             return True
         frame = frame.f_back
     return False

@@ -21,6 +21,8 @@ _FOLDERS: list[str] = []
 """Where modules of the user's own lie, besides those that Python finds by itself."""
 _FROM_FOLDERS: list[str] = []
 """The modules that were found there."""
+_NAMED: set[str] = set()
+"""The modules that were named, wherever they lie."""
 
 
 def look_in(folder: str) -> None:
@@ -43,6 +45,21 @@ def users_modules() -> tuple[list[str], list[str]]:
     return list(_FOLDERS), list(_FROM_FOLDERS)
 
 
+def named_modules() -> dict[str, str]:
+    """Return the files of the modules that ``module:attribute`` named so far and that are none of Python's or of a package."""
+    found = {name: getattr(sys.modules.get(name), "__file__", None) or "" for name in _NAMED}
+    return {name: file for name, file in found.items() if file.endswith(".py") and "site-packages" not in file}
+
+
+def digest_of_module(name: str) -> str:
+    """Return a digest of the source of a module as this process imports it; empty if it does not find it."""
+    import hashlib
+
+    with suppress(Exception, SystemExit), open(_imported(name).__file__ or "", "rb") as file:
+        return hashlib.blake2b(file.read(), digest_size=8).hexdigest()
+    return ""
+
+
 def load_users_modules(folders: list[str], modules: list[str]) -> None:
     """Import in this process what the user named in another; what fails is told when it is used.
 
@@ -60,6 +77,7 @@ def load_users_modules(folders: list[str], modules: list[str]) -> None:
 
 def _imported(name: str) -> ModuleType:
     """Return a module that the user named; the folders of the user's own are on the path only meanwhile."""
+    _NAMED.add(name)
     added = [folder for folder in _FOLDERS if folder not in sys.path]
     sys.path.extend(added)
     importlib.invalidate_caches()

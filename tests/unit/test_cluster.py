@@ -67,6 +67,22 @@ def test_a_cluster_with_a_killed_worker_gives_the_same_rows(cluster, tmp_path):
     assert len(workers) >= 2  # who gets how much is Dask's choice; the one killed may not have given anything yet
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_modules_of_the_user_reach_the_workers(cluster, tmp_path, monkeypatch):
+    (tmp_path / "mine_alone.py").write_text(
+        "def half(*, seed, of):\n    return {'share': of / 2}\n\n\nhalf.measures = ('share',)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    named = Sweep(name="numbers", problem={"kind": "function", "function": "mine_alone:half"}, axes={"of": [1, 3]}, trials=2)
+    status = run_sweep(named, tmp_path / "s", dask=cluster.scheduler_address)
+    assert (status.done, status.failures) == (4, 0)
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / "alone.py").write_text((tmp_path / "mine_alone.py").read_text())
+    named = Sweep(name="other", problem={"kind": "function", "function": "theirs.alone:half"}, axes={"of": [1, 3]}, trials=2)
+    with pytest.raises(InvalidInputError, match=r"expected the module theirs\.alone as it is here, got none; put it on"):
+        run_sweep(named, tmp_path / "s", dask=cluster.scheduler_address)
+
+
 def test_nobody_at_the_address(tmp_path):
     with pytest.raises(InvalidInputError, match="expected a scheduler at"):
         run_sweep(sweep(), tmp_path / "s", dask="nonsense address")

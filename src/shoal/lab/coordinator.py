@@ -20,11 +20,13 @@ from shoal.lab.sweeps.progress import Gap, SweepProgress, SweepStatus
 from shoal.lab.sweeps.sweep import Sweep, digest_of, distinct_places
 from shoal.lab.versions import MixedVersionsWarning, check_versions, mixture
 from shoal.lab.worker_pools import WorkerPool, make_worker_pool
+from shoal.notices import tell_once
 from shoal.swarm.problem import SwarmProblem
 
 BATCH_SECONDS = 0.5
 _LARGEST = 20_000  # trials in a batch
 _PIECES = 2_000  # points in a batch
+_LOOK = 5.0  # seconds between two looks at whether there are workers at all
 _DEATHS = 3  # of workers with the same batch, before it is tried alone
 
 
@@ -210,7 +212,9 @@ class _Run:
                 room -= 1
             if not pending:
                 return suspects
-            ready = wait(pending, return_when=FIRST_COMPLETED).done
+            ready = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED).done
+            if not ready and not self.pool.workers:
+                tell_once(f"shoal: sweep {self.sweep.name}: no workers are left; it goes on when others come")
             for job in self._collect(pending, ready):
                 (suspects if job.deaths >= most else again).append(job)
 

@@ -17,7 +17,7 @@ from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.lab.executors import begin_worker, default_workers, give_up
 from shoal.lab.versions import check_versions, worker_versions
-from shoal.registry import users_modules
+from shoal.registry import digest_of_module, named_modules, users_modules
 
 
 class WorkerPool(Protocol):
@@ -179,6 +179,23 @@ class Cluster:
             if not isinstance(theirs, dict):
                 raise InvalidInputError(f"worker {worker}: expected one that has Shoal, got {' '.join(str(theirs).split())[:200]}")
             check_versions(theirs, worker=worker)
+        for name, file in named_modules().items():
+            self._share(name, file)
+
+    def _share(self, name: str, file: str) -> None:
+        """See that all workers have a module that the sweep names as it is here; send it to them if not."""
+        ours = digest_of_module(name)
+        for attempt in range(2):
+            theirs = self._client.run(digest_of_module, name)
+            wrong = [worker for worker, digest in theirs.items() if digest != ours]
+            if not wrong:
+                return
+            if attempt == 0 and "." not in name:
+                self._client.upload_file(file)
+        got = "another one" if theirs[wrong[0]] else "none"
+        raise InvalidInputError(
+            f"worker {wrong[0]}: expected the module {name} as it is here, got {got}; put it on the workers' PYTHONPATH"
+        )
 
     @property
     def workers(self) -> int:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 SUMMARY_EXAMPLE = "Example: shoal sweep summary results.sqlite --measure moves --compare policy"
 EXPORT_EXAMPLE = "Example: shoal sweep export results.sqlite --out results.csv"
-MERGE_EXAMPLE = "Example: shoal sweep merge monday.sqlite tuesday.sqlite --out both.sqlite"
+MERGE_EXAMPLE = "Example: shoal sweep merge results.sqlite --out merged.sqlite"
 CHECK_EXAMPLE = "Example: shoal sweep check results.sqlite"
 
 StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="The file with the results.", show_default=False)]
