@@ -276,7 +276,7 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
         told = result["missions"]
         waits = max((start["delay_s"] for start in told["starts"]), default=0.0)
         heights = sorted({start["altitude_m"] for start in told["starts"]})
-        rows.append(("starts", f"within {waits:g} s, in layers at {', '.join(f'{height:g}' for height in heights)} m"))
+        rows.append(("starts", f"within {waits:g} s, at {', '.join(f'{height:g}' for height in heights)} m"))
         if told["separation_m"] is not None:
             rows.append(("nearest", approach_text(told["nearest_approach"], *told["separation_m"])))
     rows += [*more, *(("written", text) for text in files_text(written))]

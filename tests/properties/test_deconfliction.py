@@ -1,0 +1,27 @@
+"""Random plans keep their separation in a slow simulation of their missions alone, whatever each vehicle is late by."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from benchmarks.deconfliction import least_distance, random_problem
+
+from shoal.search.allocation.plan import plan_search
+from shoal.search.flight.staggering import Separation
+from shoal.search.missions.deconfliction import plan_missions
+
+
+@pytest.mark.parametrize("number", range(10))
+def test_random_plans_keep_their_separation(number):
+    """A thousand of up to 12 vehicles: python -m benchmarks.deconfliction 1000."""
+    rng = np.random.default_rng([7, number])
+    problem = random_problem(rng)
+    while problem.robots > 5:
+        problem = random_problem(rng)
+    separation = Separation(12.0, 4.0, 8.0) if number % 2 else Separation()
+    missions = plan_missions(plan_search(problem, seed=number), separation=separation)
+    for sortie in {mission.sortie for mission in missions}:
+        now = [mission for mission in missions if mission.sortie == sortie]
+        for late in (0.0, 1.0, *rng.random((3, len(now)))):
+            waits = separation.delay * late * rng.integers(0, 2, len(now))
+            assert least_distance(now, waits, separation.vertical) > separation.horizontal - 0.02
