@@ -498,3 +498,22 @@ def test_it_says_what_is_out_of_reach_and_how_long_a_cell_is(open_player):
     page.mouse.wheel(0, -600)
     until(page, f"document.getElementById('scaleBar').offsetWidth / parseFloat(scaleWord.textContent) > {1.2 * bar / millimetres}")
     assert open_player(pond()).locator("#scaleRow").is_hidden()
+
+
+def test_thousands_of_particles_are_in_the_picture_before_and_after_a_move(open_player):
+    side = 72
+    free = {(r, c) for r in range(side) for c in range(side)}
+    start = [(r, c) for r, c in sorted(free) if c < side - 1]  # all but the last column: more than are drawn one by one
+    page = open_player(episode(free, (side, side), start, "r") | {"playing": False})
+    orange = """() => {
+      const canvas = document.getElementById("picture"), { width, height } = canvas;
+      const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
+      let count = 0;
+      for (let i = 0; i < data.length; i += 4) count += data[i] > 180 && data[i + 1] > 60 && data[i + 1] < 120 && data[i + 2] < 40;
+      return count / shoalPlayer.picture.size ** 2;
+    }"""
+    for move in (0, 1):
+        page.evaluate(f"shoalPlayer.seek({move})")
+        page.wait_for_timeout(100)
+        assert page.evaluate(orange) == pytest.approx(len(start), rel=0.01)
+    assert len(start) > 5000

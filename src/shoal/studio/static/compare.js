@@ -89,7 +89,7 @@ export function comparison({ names, problem, seed }) {
   async function watch(files, policies) {
     frames = files.map((_, i) => new PlayerFrame("swarm", { title: `The first start, by ${policies[i]}`, bare: "bare" }));
     films.replaceChildren(
-      el("div.actions", {}, el("h3", {}, "The first start, side by side"),
+      el("div.actions", {}, el("h2", {}, "The first start, side by side"),
         el("button.second", { type: "button", onclick: () => frames.forEach(({ player }) => { player?.pause(); player?.goTo(0); player?.play(); }) }, "Play all from the start")),
       el("div.quad", {}, frames.map((frame, i) => el("figure", {}, frame.element, el("figcaption", {}, policies[i])))));
     await Promise.all(files.map(async (file, i) => frames[i].open({ ...(await ask("page", { file })).data, playing: false })));

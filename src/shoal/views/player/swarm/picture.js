@@ -7,6 +7,7 @@
 const ShoalPicture = (() => {
   const EXTREME = 12; // maps longer than this many times their width are wrapped like text
   const GAP = 2; // cells between the lines of a wrapped map, or more if there is room
+  const MANY = 5000; // particles beyond which they are pixels of the image: to draw each by itself takes too long
   const DISC_FROM = 6; // the cell size from which particles are discs
   const GRID_FROM = 18; // ... and from which cells get hairlines between them, CSS pixels
   const CLOSEST = 64; // the largest cell when zoomed in, CSS pixels,
@@ -160,19 +161,25 @@ const ShoalPicture = (() => {
     /** Draw move n; `slide` below 1 shows the particles on their way there. */
     draw(n, swarm, slide = 1) {
       const { pen, canvas, layout, size } = this;
-      if (this.painted !== n) this.paint(n);
+      const many = swarm.pos.length > MANY;
+      if (this.painted !== n) this.paint(n, many ? swarm : null);
       pen.clearRect(0, 0, canvas.width, canvas.height);
       pen.imageSmoothingEnabled = size < 1; // else thin walls would drop out
       pen.drawImage(this.image, this.left, this.top, layout.width * size, layout.height * size);
       if (size >= GRID_FROM * this.ratio) this.drawGrid();
       if (this.gutter && this.zoom === 1) this.drawLabels();
-      this.drawParticles(swarm, slide);
+      if (!many) this.drawParticles(swarm, slide);
     }
 
-    paint(n) {
+    /** Write the image; with a swarm its particles, too. */
+    paint(n, swarm = null) {
       const words = new Uint32Array(this.pixels.data.buffer), { timeline, packed, layout, x, y } = this;
       for (let cell = 0; cell < x.length; cell++) {
         words[y[cell] * layout.width + x[cell]] = packed[timeline.shadeOf(cell, n)];
+      }
+      if (swarm) {
+        const [alone, shared] = [this.palette.particle, this.palette.shared].map(packColour), merged = this.world.rule === "merge";
+        for (const cell of swarm.pos) words[y[cell] * layout.width + x[cell]] = merged && swarm.count[cell] > 1 ? shared : alone;
       }
       this.imagePen.putImageData(this.pixels, 0, 0);
       this.painted = n;
