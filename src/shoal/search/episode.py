@@ -196,6 +196,7 @@ class SearchEpisode(Episode):
             "robots": len(trace.robots),
             "tour": self.plan.tour.name,
             "allocation": allocation.allocator,
+            "compared": [candidate.report() for candidate in self.plan.compared],
             "makespan_cells": None if self.makespan is None else trace.covered_at,
             "makespan_s": self.makespan,
             "planned_cells": allocation.makespan,

@@ -16,6 +16,7 @@ FIELDS = [
     "robots",
     "tour",
     "allocation",
+    "compared",
     "makespan_cells",
     "makespan_s",
     "planned_cells",

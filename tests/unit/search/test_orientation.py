@@ -8,16 +8,20 @@ from itertools import product
 import numpy as np
 import pytest
 import shapely
+from tests.reference.regions import county
 
 import shoal
 from shoal.cli import run as command
 from shoal.errors import InvalidInputError
-from shoal.search import SearchProblem, coverage_check, make_tour, open_region
+from shoal.search import SearchProblem, TourCost, coverage_check, make_tour, open_region, plan_search
+from shoal.search.allocation.choice import best_allocation
 from shoal.search.allocation.orientation import best_grid_tour, grid_tour
 from shoal.search.cells.clipping import rotated, rotated_shape
 from shoal.search.cells.grid import cells_of
-from shoal.search.kernels import run_order
+from shoal.search.flight.timing import turns_of
+from shoal.search.kernels import run_order, stabbing
 from shoal.search.missions.checking import angle_of
+from shoal.search.problem import ALLOCATIONS
 from shoal.search.regions.region import region_of
 from shoal.views.search.history import SearchHistory
 
@@ -75,6 +79,64 @@ def test_the_best_angle_is_along_a_long_field():
     )
 
 
+def test_rows_of_a_real_region_bend_about_twice_each():
+    """Places to see cut cells from were chosen one by one: 229 turns in 59 rows, and links between rows 15 cells longer."""
+    region = county("AK", "Sitka", area_m2=9e6)
+    laid = grid_tour(region, 40.0, "boustrophedon", angle=110.0)
+    route = laid.paths.route(np.concatenate([laid.tour.cells, laid.tour.cells[:1]]))
+    assert turns_of(route.points).sum() <= 175
+    assert route.length / 40.0 <= 1.053 * region.area_m2 / 1600
+    seen = coverage_check(region, [route.points], 40.0, angle=110.0)
+    assert (seen.covered_fraction, seen.outside_m) == (1.0, 0.0)
+
+
+def test_each_cut_cell_is_seen_alone_from_its_place():
+    region = blob(2, corners=30)
+    grid = grid_tour(region, 30.0, "boustrophedon", angle=20.0).grid
+    starts, places = grid.viewpoint_starts, grid.lattice.from_region(grid.viewpoints)
+    assert region.contains(grid.viewpoints).all()
+    single = [k for k in range(grid.n_cells) if starts[k + 1] - starts[k] == 1]
+    cut = [k for k in single if not grid.clipped.whole[tuple(grid.cells[k])]]
+    assert len(cut) > 40
+    for k in cut:
+        low, high = np.reshape(grid.clipped.pieces[grid.own[tuple(grid.cells[k])]].bounds, (2, 2))
+        assert (np.maximum(high - places[starts[k]], places[starts[k]] - low) <= 15.0 + 1e-6).all()
+
+
+def test_a_way_of_few_links_crosses_all_windows():
+    """Five windows that one line crosses, beside places that lead up and down."""
+    points = np.array([(0.0, 0), *((x, y) for x in range(1, 6) for y in (-0.4, 0.0, 0.4)), (6.0, 0)])
+    starts = np.array([0, 1, 4, 7, 10, 13, 16, 17])
+    boxes = np.array([(0.0, 0, 0, 0), *((float(x), -0.4, float(x), 0.4) for x in range(1, 6)), (6.0, 0, 6, 0)])
+    before = np.empty(len(points), dtype=np.int64)
+    none = np.zeros(0, dtype=np.int64)
+    stabbing.fewest_links(points, starts, boxes, 1.0, 24, none, before)
+    assert before[-1] == 0
+    boxes[3], points[7:10, 1] = (3.0, 0.3, 3.0, 0.4), (0.3, 0.35, 0.4)
+    stabbing.fewest_links(points, starts, boxes, 1.0, 24, none, before)
+    assert (before[-1], before[7]) == (7, 0)
+    stabbing.fewest_links(points, starts, boxes, 1.0, 24, np.array([7 * 17 + 16]), before)
+    assert (before[-1], before[8]) == (8, 0)
+
+
+def test_the_allocation_is_the_one_done_first_flights_home_included():
+    tour_cost = TourCost(make_tour("moore", (8, 8)))
+    team = {"rates": np.ones(2), "places": tour_cost.points[[0, 30]], "widths": np.ones(2, dtype=np.int64)}
+    given, times = best_allocation(tour_cost, np.array([0, 30]), ALLOCATIONS, **team)
+    assert given.allocator == next(iter(times))
+    assert given.makespan == min(times.values())
+    _, longer = best_allocation(tour_cost, np.array([0, 30]), ALLOCATIONS, **team, energy=25.0, recharge=10.0)
+    assert all(longer[name] >= times[name] + 10.0 for name in times)
+
+
+def test_where_turns_take_time_the_sooner_tour_is_taken_and_said():
+    problem = SearchProblem("rectangle:200x90", robots=2, footprint=15)
+    assert plan_search(problem).tour.name == "spanning-tree"
+    plan = plan_search(problem.replaced(vehicle="ideal,turn_time=30"), seed=1)
+    assert [one.tour for one in plan.compared if one.allocation is None] == ["boustrophedon", "spanning-tree"]
+    assert (plan.tour.name, plan.grid.angle) == ("boustrophedon", 0.0)
+
+
 def test_turns_that_cost_nothing_still_count_when_angles_are_compared():
     region = blob(3)
     free, dear = (best_grid_tour(region, 30.0, ["boustrophedon"], turn_cost=cost) for cost in (0.0, 1.0))
@@ -123,6 +185,16 @@ def test_no_exchange_of_runs_is_left(seed):
     for changed in changed_orders(order, backwards[order]):
         runs, flips = zip(*changed, strict=True)
         assert length_of_runs(ends, runs, flips) >= after - 1e-6
+
+
+def test_random_exchanges_shorten_what_no_exchange_does():
+    """From here exchanges of links and moves of runs lead to 39.82 cells between runs, and no further."""
+    rng = np.random.default_rng(43)
+    ends = rng.integers(0, 12, (24, 2, 2)).astype(float)
+    ends[:, 1, 0] = ends[:, 0, 0]
+    order, backwards = rng.permutation(24), rng.integers(0, 2, 24)
+    run_order.shorten(ends, order, backwards)
+    assert length_of_runs(ends, order, backwards[order]) < 30
 
 
 def test_boustrophedon_turns_twice_a_row():

@@ -421,7 +421,7 @@ def test_no_way_home_leads_through_obstacles(seed):
 
 def test_parts_are_shared_by_the_ways_that_robots_go():
     yard = open_region("rectangle:200x100", no_go=[[(99, 0), (101, 0), (101, 90), (99, 90)]])
-    plan = planned(yard, robots=6, footprint=10, starts="clustered", seed=1)
+    plan = planned(yard, robots=6, footprint=10, allocation="hop", starts="clustered", seed=1)
     straight = TourCost(plan.tour, plan.tour_cost.points, steps=plan.tour_cost.steps, distances=plan.tour_cost.distances)
     found = {}
     for tour_cost in (plan.tour_cost, straight):

@@ -279,8 +279,25 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
         rows.append(("starts", f"within {waits:g} s, at {', '.join(f'{height:g}' for height in heights)} m"))
         if told["separation_m"] is not None:
             rows.append(("nearest", approach_text(told["nearest_approach"], *told["separation_m"])))
+    rows += [("compared", text) for text in compared_texts(result["compared"])]
     rows += [*more, *(("written", text) for text in files_text(written))]
     print_table(rows, title=f"{result['allocation']} along {result['tour']}")
+
+
+def compared_texts(compared: list[dict[str, Any]]) -> list[str]:
+    """Return for people which tours and which allocations were compared, and their times.
+
+    Examples
+    --------
+    >>> told = {"angle_degrees": 0.0, "tour": "comb"}
+    >>> hop, stay = told | {"allocation": "hop", "cells": 30}, told | {"allocation": "stay", "cells": 41}
+    >>> compared_texts([hop, stay])
+    ['time of all in cells: hop 30, stay 41']
+    """
+    tours = [f"{one['tour']} at {one['angle_degrees']:.4g}° {one['cells']:.6g}" for one in compared if "allocation" not in one]
+    shares = [f"{one['allocation']} {one['cells']:.6g}" for one in compared if "allocation" in one]
+    told = {"time once round in cells, turns included": tours, "time of all in cells": shares}
+    return [f"{what}: {', '.join(texts)}" for what, texts in told.items() if texts]
 
 
 def place_text(finding: dict[str, Any]) -> str:

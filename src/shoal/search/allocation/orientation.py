@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from shoal.dataclass import dataclass
 from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.routing import RegionPaths
-from shoal.search.cells.straightening import straightened
+from shoal.search.cells.straightening import with_straight_ways
 from shoal.search.flight.timing import turns_of
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, make_tour
@@ -30,6 +31,31 @@ _WORK = 200_000  # cells that are planned in full, of all orientations together
 _ROWS = 120  # at most so many rows are looked at for an estimate
 
 
+@dataclass(frozen=True)
+class Candidate:
+    """A way to search that was compared with others, and its time.
+
+    Parameters
+    ----------
+    angle : float
+        Of the rows, degrees.
+    tour : str
+    cells : float
+        The time of one robot once round, turns included, or with an allocation that of all robots; in that of a cell.
+    allocation : str, optional
+    """
+
+    angle: float
+    tour: str
+    cells: float
+    allocation: str | None = None
+
+    def report(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        told = {"angle_degrees": self.angle, "tour": self.tour, "cells": self.cells}
+        return told | ({} if self.allocation is None else {"allocation": self.allocation})
+
+
 @dataclass(frozen=True, eq=False)
 class GridTour:
     """A region cut into cells, and the tour through them.
@@ -39,11 +65,14 @@ class GridTour:
     grid : CellGrid
     tour : Tour
     paths : RegionPaths
+    compared : tuple of Candidate
+        What was laid and compared, the best first; empty if nothing was to be chosen.
     """
 
     grid: CellGrid
     tour: Tour
     paths: RegionPaths
+    compared: tuple[Candidate, ...] = ()
 
     def once_round(self, turn_cost: float) -> float:
         """Return what it costs to go once round, in cells: the way, and each of its bends."""
@@ -92,12 +121,19 @@ def grid_tour(
     grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=on_rows)
     made = make_tour(tour, grid.mask)
     if on_rows:
-        grid = straightened(grid, made.cells, turn_cost or TURN)
+        grid = with_straight_ways(grid, made.cells, turn_cost or TURN)
     return GridTour(grid, made, RegionPaths(grid, transit=transit))
 
 
 def best_grid_tour(
-    region: SearchRegion, size: float, tours: Sequence[str], *, turn_cost: float, stepwise: bool = False, transit: bool = False
+    region: SearchRegion,
+    size: float,
+    tours: Sequence[str],
+    *,
+    turn_cost: float,
+    angle: float | None = None,
+    stepwise: bool = False,
+    transit: bool = False,
 ) -> GridTour:
     """Return the cells and the tour for which going once round costs least, over angles, shifts of the rows and tours.
 
@@ -112,15 +148,24 @@ def best_grid_tour(
         Those to choose from.
     turn_cost : float
         Of a turn, in cells; 0 counts as `TURN`.
+    angle : float, optional
+        Of the rows, where only the tour is to be chosen.
     stepwise, transit : bool
         As `grid_tour` takes them.
     """
     turn = turn_cost or TURN
     tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
-    chosen = _estimated(region.area, size, turn)[:tried]
+    chosen = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)[:tried]
     given: dict[str, Any] = {"stepwise": stepwise, "transit": transit, "turn_cost": turn}
-    found = (grid_tour(region, size, tour, angle=angle, offset=offset, **given) for angle, offset in chosen for tour in tours)
-    return min(found, key=lambda laid: laid.once_round(turn))
+    found = [
+        (laid := grid_tour(region, size, tour, angle=way, offset=offset, **given), laid.once_round(turn))
+        for way, offset in chosen
+        for tour in tours
+    ]
+    found.sort(key=lambda one: one[1])
+    best = found[0][0]
+    compared = {laid.tour.name: Candidate(laid.grid.angle, laid.tour.name, cost) for laid, cost in reversed(found)}
+    return replace(best, compared=tuple(sorted(compared.values(), key=lambda one: one.cells)))
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:
@@ -149,17 +194,25 @@ def _long_sides(area: Any) -> list[float]:
 
 
 def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
-    """Return about what it costs to drive all rows, in cells: their lengths, and at the end of each a row's width and two turns."""
+    """Return about what it costs to drive all rows, in cells.
+
+    Their lengths, as far as any of their widths reaches; at the end of each a row's width, more along a slanting border; and two
+    turns.
+    """
     import shapely
 
     left, low, right, high = area.bounds
     count = max(1, int(np.ceil((high - low) / size - 1e-9))) + (shift > 0)
     first = (low + high - count * size) / 2 + ((shift - 0.5) * size if shift > 0 else 0.0)
-    chosen = np.unique(np.linspace(0, count - 1, min(count, _ROWS)).astype(np.int64))
+    looked_at = min(count, _ROWS)
+    chosen = ((np.arange(looked_at) + 0.5) * count / looked_at).astype(np.int64)
     # A row is there if it holds any of the region: looked for in its middle and near both of its sides.
     y = first + (chosen[:, None] + np.array([0.5, 0.02, 0.98])) * size
     ends = np.stack([np.full_like(y, left - 1), y, np.full_like(y, right + 1), y], axis=-1).reshape(*y.shape, 2, 2)
     cut = shapely.intersection(shapely.linestrings(ends.reshape(-1, 2, 2)), area).reshape(y.shape)
     runs = np.where(shapely.is_empty(cut), 0, shapely.get_num_geometries(cut)).max(axis=1)
-    lengths = shapely.length(cut).max(axis=1) / size
-    return float((lengths + runs * (1.0 + 2.0 * turn)).sum() * count / len(chosen))
+    bounds = shapely.bounds(cut)[..., [0, 2]] / size
+    slants = np.nan_to_num(np.abs(bounds[:, 1] - bounds[:, 2]))
+    lengths = shapely.length(cut).max(axis=1) / size + slants.sum(axis=1) / 2
+    links = np.hypot(1.0, slants).mean(axis=1) - 1.0
+    return float((lengths + links + runs * (1.0 + 2.0 * turn)).sum() * count / looked_at)

@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.checks import check_integer
 from shoal.dataclass import dataclass
-from shoal.search.allocation.allocate import Allocation, Arc, allocate
+from shoal.search.allocation.allocate import Allocation, Arc
 from shoal.search.allocation.arcs import numbers_of
-from shoal.search.allocation.orientation import GridTour, best_grid_tour, grid_tour
+from shoal.search.allocation.choice import best_allocation
+from shoal.search.allocation.orientation import Candidate, GridTour, best_grid_tour, grid_tour
 from shoal.search.allocation.partition import in_passes
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.allocation.viewpoint_selection import select_viewpoints
@@ -24,7 +25,7 @@ from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
 from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.transits import Transits
-from shoal.search.flight.pace import turn_cells
+from shoal.search.flight.pace import turn_cells, working_seconds
 from shoal.search.flight.timing import turns_of
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.problem import SearchProblem
@@ -62,6 +63,8 @@ class SearchPlan:
         Where the robots end, metres; where they start if not given.
     vehicle : Vehicle
         What each robot is, but for its speed.
+    compared : tuple of Candidate
+        Tours and then allocations among which the plan was chosen, the best of each first; empty where nothing was to be chosen.
     """
 
     grid: CellGrid
@@ -74,6 +77,7 @@ class SearchPlan:
     transit: bool = False
     landing: Points | None = None
     vehicle: Vehicle = Vehicle(preset="ideal")
+    compared: tuple[Candidate, ...] = ()
 
     @property
     def tour(self) -> Tour:
@@ -193,23 +197,33 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     landing = None if problem.land is None else places_of(problem.land, grid.region, robots, what="land")
     numbers = tour.position[tuple(grid.cell_of(places).T)]
     widths = widths_of(footprints, grid.size)
-    allocator, middles = problem.chosen_allocation, places / grid.size
-    given = allocate(tour_cost, numbers, allocator=allocator, rates=speeds, places=middles, widths=widths)
+    middles, vehicle, cell = places / grid.size, problem.chosen_vehicle, grid.size / problem.chosen_vehicle.mean_speed(grid.angle)
+    given, times = best_allocation(
+        tour_cost,
+        numbers,
+        problem.allocations_to_compare,
+        rates=speeds,
+        places=middles,
+        widths=widths,
+        energy=working_seconds(vehicle) * float(speeds.min()) / cell,
+        recharge=vehicle.recharge_seconds / cell,
+    )
+    shared = [Candidate(grid.angle, tour.name, time, name) for name, time in times.items()]
     if problem.multiplicity > 1:
         team = zip(range(1, robots + 1), numbers.tolist(), speeds.tolist(), widths.tolist(), strict=True)
         given = in_passes(tour_cost, given, tuple(team), middles, problem.multiplicity)
-    plan = (grid, tour_cost, places, numbers, speeds, given, footprints, problem.transit, landing, problem.chosen_vehicle)
-    return SearchPlan(*plan)
+    plan = (grid, tour_cost, places, numbers, speeds, given, footprints, problem.transit, landing, vehicle)
+    return SearchPlan(*plan, compared=laid.compared + tuple(shared if len(shared) > 1 else ()))
 
 
 def _grid_tour(problem: SearchProblem, size: float) -> GridTour:
     """Cut the region into cells and lay a tour through them, at the best angle if that is to be chosen."""
-    given: dict[str, Any] = {"stepwise": problem.stepwise, "transit": problem.transit}
-    if isinstance(problem.angle, str):
-        return best_grid_tour(
-            problem.place, size, problem.tours_to_compare, turn_cost=turn_cells(problem.chosen_vehicle, size), **given
-        )
-    return grid_tour(problem.place, size, problem.chosen_tour, angle=problem.angle, **given)
+    turn_cost = turn_cells(problem.chosen_vehicle, size)
+    given: dict[str, Any] = {"stepwise": problem.stepwise, "transit": problem.transit, "turn_cost": turn_cost}
+    angle, tours = problem.angle, problem.tours_to_compare(turn_cost)
+    if isinstance(angle, str) or len(tours) > 1:
+        return best_grid_tour(problem.place, size, tours, angle=None if isinstance(angle, str) else angle, **given)
+    return grid_tour(problem.place, size, tours[0], angle=angle, **given)
 
 
 def _tour_cost(tour: Tour, paths: RegionPaths, turn_cost: float, *, stepwise: bool) -> TourCost:

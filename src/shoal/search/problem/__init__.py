@@ -34,11 +34,11 @@ from shoal.search.regions.builder import INNER, open_region
 from shoal.search.regions.margin import with_margin
 from shoal.search.regions.region import SearchRegion
 
-AUTO_TOUR, AUTO_ALLOCATION = "spanning-tree", "hop"
-"""What ``auto`` chooses: the tour that exists in every region, and the allocation with the least makespan."""
+AUTO_TOUR = "spanning-tree"
+"""What ``auto`` is where nothing is compared: the tour with the shortest way in every region."""
 
 AUTO_TOURS = ("boustrophedon", "spanning-tree")
-"""What ``auto`` chooses from where it chooses the angle, too."""
+"""What ``auto`` chooses from where turns count, or the angle is chosen."""
 
 FOOTPRINT = 10.0
 """Metres: the side of what a robot sees of which nothing is said."""
@@ -105,16 +105,17 @@ class SearchProblem(Problem):
         check=check_places("land"),
     )
     tour: str = option(
-        "auto", help=f"{', '.join(TOURS)} or MODULE:ATTRIBUTE; auto is "
-        "spanning-tree, which exists in every region.", names=TOURS,
+        "auto", help=f"{', '.join(TOURS)} or MODULE:ATTRIBUTE; auto is spanning-tree, or where turns take time or the angle is "
+        "chosen the sooner one of boustrophedon and spanning-tree.", names=TOURS,
     )  # fmt: skip
     allocation: str = option(
         "auto", help=f"Who searches which part of the tour: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE; "
-        "auto is hop, the quickest.", names=ALLOCATIONS,
+        "auto is the one that is done first, flights home to recharge included; hop for more than 100,000 cells times robots.",
+        names=ALLOCATIONS,
     )  # fmt: skip
     angle: float | str = option(
         0.0, help="Of the rows of cells, counter-clockwise from east. auto takes the angle, the shift of the rows and, where "
-        "--tour is auto, the tour (boustrophedon or spanning-tree) that is soonest once round, turns included; where turns cost "
+        "--tour is auto, the tour that is soonest once round, turns included; where turns cost "
         "nothing, one counts as a cell.", unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
     )  # fmt: skip
     no_go: tuple[Any, ...] = option(
@@ -210,20 +211,16 @@ class SearchProblem(Problem):
             if any(not fault_text(fault).startswith(LIVE_FAULTS) for fault in self.faults):
                 raise InvalidInputError("live: expected no faults but crashes and slow robots")
 
-    @property
-    def chosen_tour(self) -> str:
-        """The tour that was asked for, or what ``auto`` stands for."""
-        return AUTO_TOUR if self.tour == AUTO else self.tour
+    def tours_to_compare(self, turn_cost: float) -> tuple[str, ...]:
+        """Return the tours of which the soonest is taken, where a turn costs so many cells."""
+        if self.tour != AUTO:
+            return (self.tour,)
+        return AUTO_TOURS if turn_cost or isinstance(self.angle, str) else (AUTO_TOUR,)
 
     @property
-    def tours_to_compare(self) -> tuple[str, ...]:
-        """The tours of which the soonest is taken where the angle is chosen."""
-        return AUTO_TOURS if self.tour == AUTO else (self.tour,)
-
-    @property
-    def chosen_allocation(self) -> str:
-        """The allocation that was asked for, or what ``auto`` stands for."""
-        return AUTO_ALLOCATION if self.allocation == AUTO else self.allocation
+    def allocations_to_compare(self) -> tuple[str, ...]:
+        """The allocations of which the soonest is taken, the one first that is it most often."""
+        return ALLOCATIONS if self.allocation == AUTO else (self.allocation,)
 
     @property
     def chosen_vehicle(self) -> Vehicle:

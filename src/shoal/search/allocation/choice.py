@@ -1,0 +1,70 @@
+"""Choice: the allocation with the least planned time, flights home to recharge included."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+
+import numpy as np
+
+from shoal.search.allocation.allocate import Allocation, allocate
+from shoal.search.allocation.allocators import Indices
+from shoal.search.allocation.arcs import numbers_of
+from shoal.search.allocation.tour_cost import Floats, TourCost
+
+_COMPARED = 100_000  # cells times robots: of more, only the first allocation is reckoned
+_WIDE = 10_000  # the same where a robot sees several cells at once
+
+
+def best_allocation(
+    tour_cost: TourCost,
+    starts: Indices,
+    allocators: Sequence[str],
+    *,
+    rates: Floats,
+    places: Floats,
+    widths: Indices,
+    energy: float = inf,
+    recharge: float = 0.0,
+) -> tuple[Allocation, dict[str, float]]:
+    """Return the allocation that is done first, and when each that was compared is done, the best first, in the time of a cell.
+
+    Parameters
+    ----------
+    tour_cost : TourCost
+    starts, rates, places, widths : ndarray
+        As `allocate` takes them.
+    allocators : sequence of str
+        Those to choose from; of equal ones the first is taken.
+    energy : float
+        How long a robot of speed 1 can go before it must be back at its start, in the time of a cell.
+    recharge : float
+        How long recharging takes there.
+
+    Examples
+    --------
+    >>> from shoal.search import make_tour
+    >>> tour_cost = TourCost(make_tour("moore", (8, 8)))
+    >>> team = {"rates": np.ones(2), "places": tour_cost.points[[0, 30]], "widths": np.ones(2, dtype=np.int64)}
+    >>> best_allocation(tour_cost, np.array([0, 30]), ["hop", "stay"], **team)[1]
+    {'hop': 32.0, 'stay': 34.0}
+    """
+    work = len(tour_cost) * len(starts)
+    reckoned = allocators if work <= (_COMPARED if widths.max() == 1 else _WIDE) else allocators[:1]
+    found = [allocate(tour_cost, starts, allocator=name, rates=rates, places=places, widths=widths) for name in reckoned]
+    times = [time_with_sorties(one, tour_cost, places, energy=energy, recharge=recharge) for one in found]
+    order = np.argsort(times, kind="stable")
+    return found[order[0]], {found[k].allocator: times[k] for k in order.tolist()}
+
+
+def time_with_sorties(allocation: Allocation, tour_cost: TourCost, places: Floats, *, energy: float, recharge: float) -> float:
+    """Return when all robots are done, if each flies home to recharge as often as its work needs, about; in the time of a cell."""
+    if energy == inf:
+        return allocation.makespan
+    latest = 0.0
+    for time, arcs, place in zip(allocation.times.tolist(), allocation.arcs, places, strict=True):
+        cells = numbers_of(arcs, len(tour_cost))
+        away = float(np.linalg.norm(tour_cost.points[cells] - place, axis=1).mean()) if len(cells) else 0.0
+        sorties = np.ceil(time / max(energy - 2 * away, 1.0)) - 1 if time + away > energy else 0.0
+        latest = max(latest, time + float(sorties) * (2 * away + recharge))
+    return latest
