@@ -47,7 +47,7 @@ def best_allocation(
     >>> tour_cost = TourCost(make_tour("moore", (8, 8)))
     >>> team = {"rates": np.ones(2), "places": tour_cost.points[[0, 30]], "widths": np.ones(2, dtype=np.int64)}
     >>> best_allocation(tour_cost, np.array([0, 30]), ["hop", "stay"], **team)[1]
-    {'hop': 32.0, 'stay': 34.0}
+    {'hop': 33.0, 'stay': 34.0}
     """
     work = len(tour_cost) * len(starts)
     reckoned = allocators if work <= (_COMPARED if widths.max() == 1 else _WIDE) else allocators[:1]

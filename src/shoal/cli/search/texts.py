@@ -1,0 +1,106 @@
+"""What ``shoal search`` prints for people."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from shoal.cli.output import print_table
+from shoal.cli.search.missions import approach_text, area_text, margin_text, zones_text
+
+if TYPE_CHECKING:
+    from shoal.search import SearchEpisode
+
+_ROWS = 12
+
+
+def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
+    """Print the figures of a search for people."""
+    from shoal.search.episode import duration_text
+
+    region = result["region"]
+    made = result["makespan_cells"]
+    length = (
+        "not all was searched"
+        if made is None
+        else (
+            f"{duration_text(result['makespan_s'])}, that of {made:.6g} cells; planned {result['planned_cells']:.6g}, "
+            f"at least {result['lower_bound_cells']:.6g}"
+        )
+    )
+    rows = [
+        (
+            "region",
+            f"{region['cells']} cells of {region['cell_m']:.4g} m, {region['area_m2']:.6g} m²{zones_text(region['no_go_zones'])}"
+            f"{margin_text(region['margin_m'], region['unseen_m2'])}",
+        ),
+        ("status", f"{result['status']}: {result['reason']}"),
+        ("time", length),
+        ("covered", f"{100 * result['covered_fraction']:.4f} %, {area_text(result['uncovered_m2'])} not seen"),
+        ("messages", f"{result['messages']['sent']} sent, {result['messages']['lost']} lost; {result['takeovers']} takeovers"),
+    ]
+    for route in result["routes"][:_ROWS]:
+        stops = "" if route["stops"] == route["cells"] else f" from {route['stops']} stops with {route['footprint_m']:g} m"
+        told = f"{route['status']}: {route['cells']} cells{stops}, {route['length_m']:.5g} m, {route['turns']} turns"
+        rows.append((f"robot {route['robot']}", told))
+    if len(result["routes"]) > _ROWS:
+        rows.append(("", f"and {len(result['routes']) - _ROWS} more"))
+    rows += [
+        ("found", f"at {place_text(finding)}, sure to {100 * finding['confidence']:.1f} %")
+        for finding in result["findings"][:_ROWS]
+    ]
+    if "missions" in result:
+        told = result["missions"]
+        waits = max((start["delay_s"] for start in told["starts"]), default=0.0)
+        heights = sorted({start["altitude_m"] for start in told["starts"]})
+        rows.append(("starts", f"within {waits:g} s, at {', '.join(f'{height:g}' for height in heights)} m"))
+        if told["separation_m"] is not None:
+            rows.append(("nearest", approach_text(told["nearest_approach"], *told["separation_m"])))
+    rows += [("compared", text) for text in compared_texts(result["compared"])]
+    rows += [*more, *(("written", text) for text in files_text(written))]
+    print_table(rows, title=f"{result['allocation']} along {result['tour']}")
+
+
+def compared_texts(compared: list[dict[str, Any]]) -> list[str]:
+    """Return for people which tours and which allocations were compared, and their times.
+
+    Examples
+    --------
+    >>> told = {"angle_degrees": 0.0, "tour": "comb"}
+    >>> hop, stay = told | {"allocation": "hop", "cells": 30}, told | {"allocation": "stay", "cells": 41}
+    >>> compared_texts([hop, stay])
+    ['time of all in cells: hop 30, stay 41']
+    """
+    tours = [f"{one['tour']} at {one['angle_degrees']:.4g}° {one['cells']:.6g}" for one in compared if "allocation" not in one]
+    shares = [f"{one['allocation']} {one['cells']:.6g}" for one in compared if "allocation" in one]
+    told = {"time once round in cells, turns included": tours, "time of all in cells": shares}
+    return [f"{what}: {', '.join(texts)}" for what, texts in told.items() if texts]
+
+
+def place_text(finding: dict[str, Any]) -> str:
+    """Return where something was found: latitude and longitude, or metres for a region of no place on Earth."""
+    if "latitude" not in finding:
+        return f"({finding['x']:.6g}, {finding['y']:.6g}) m"
+    north, east = finding["latitude"], finding["longitude"]
+    return f"{abs(north):.6f}° {'N' if north >= 0 else 'S'}, {abs(east):.6f}° {'E' if east >= 0 else 'W'}"
+
+
+def files_text(written: list[Path]) -> list[str]:
+    """Return files for people: the missions of one robot, in all formats and sorties, in one line.
+
+    Examples
+    --------
+    >>> files_text([Path("out/map.png"), Path("m/robot-01.plan"), Path("m/robot-01.kml"), Path("m/robot-01-2.plan")])
+    ['out/map.png', 'm/robot-01 .plan .kml, 2 sorties']
+    """
+    lines: dict[str, list[Path]] = {}
+    for path in written:
+        robot = re.fullmatch(r"(robot-\d+)(-\d+)?", path.stem)
+        lines.setdefault(str(path.parent / robot[1]) if robot else str(path), []).append(path)
+    found = []
+    for name, files in lines.items():
+        suffixes, sorties = dict.fromkeys(file.suffix for file in files), len({file.stem for file in files})
+        kinds = "" if files == [Path(name)] else " " + " ".join(suffixes)
+        found.append(f"{name}{kinds}{f', {sorties} sorties' if sorties > 1 else ''}")
+    return found
