@@ -12,7 +12,7 @@ from shoal.dataclass import dataclass
 from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.routing import RegionPaths
-from shoal.search.cells.straightening import with_straight_ways
+from shoal.search.cells.straightening import along_tour
 from shoal.search.flight.timing import turns_of
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, make_tour
@@ -121,7 +121,7 @@ def grid_tour(
     grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=on_rows)
     made = make_tour(tour, grid.mask)
     if on_rows:
-        grid = with_straight_ways(grid, made.cells, turn_cost or TURN)
+        grid = along_tour(grid, made.cells, turn_cost or TURN)
     return GridTour(grid, made, RegionPaths(grid, transit=transit))
 
 

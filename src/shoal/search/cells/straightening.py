@@ -25,7 +25,7 @@ _REACH = 24  # windows that a link passes over at the most
 _ROUNDS = 12
 
 
-def with_straight_ways(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
+def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
     """Return the grid with viewpoints that suit a closed tour.
 
     Every cell is still seen, alone and wholly, from its own viewpoint, which is in the region and not behind a wall.
