@@ -9,6 +9,7 @@ from tests.reference.flight import narrow_turns, seconds_of, usable_seconds, way
 from shoal.errors import InvalidInputError
 from shoal.search import LocalFrame, region_of
 from shoal.search.allocation.plan import plan_search
+from shoal.search.flight.turning import LINK
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.missions import missions_of, write_missions
 from shoal.search.problem import SearchProblem
@@ -68,7 +69,7 @@ def missions_of_plan(plan, **options):
     for robot in range(len(plan.places)):
         found += missions_of(
             plan.route(robot, plan.stops(robot)).points, plan.grid.region.frame, robot=robot + 1, home=plan.places[robot],
-            vehicle=plan.vehicle, link=1.5 * float(plan.footprints[robot]), ways=plan.leg, **options,
+            vehicle=plan.vehicle, link=LINK * float(plan.footprints[robot]), ways=plan.leg, **options,
         )  # fmt: skip
     return found
 

@@ -15,7 +15,7 @@ EARTH = Geod(ellps="WGS84")
 
 
 def way_of_plan(path):
-    """Return (longitude, latitude, metres above home) from the ground at home along all waypoints to the ground at home."""
+    """Return (longitude, latitude, metres above home) from the ground at home along all waypoints to the ground where it ends."""
     mission = json.loads(path.read_text())["mission"]
     south, west, base = mission["plannedHomePosition"]
     relative = {1: True, 2: False}[mission["globalPlanAltitudeMode"]]
@@ -24,10 +24,12 @@ def way_of_plan(path):
         for item in mission["items"]
         if item["command"] == 16
     ]
-    assert mission["items"][-1]["command"] == 20
+    last = mission["items"][-1]
+    assert last["command"] in (20, 21)
+    end = (west, south) if last["command"] == 20 else (last["params"][5], last["params"][4])
     up = [] if mission["vehicleType"] == 10 else [(west, south, points[0][2])]
-    down = [] if mission["vehicleType"] == 10 else [(west, south, points[-1][2])]
-    return [(west, south, 0.0), *up, *points, *down, (west, south, 0.0)]
+    down = [] if mission["vehicleType"] == 10 else [(*end, points[-1][2])]
+    return [(west, south, 0.0), *up, *points, *down, (*end, 0.0)]
 
 
 def legs_of(way):

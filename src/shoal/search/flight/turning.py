@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import field
-from math import pi
+from math import ceil, pi
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ NEAR = 0.05
 """Metres: points that are nearer to each other are passed as one."""
 
 HEADINGS = 13  # at a point that may be passed in any direction: every 30 degrees from the leg after it, and along the leg before
-LINK = 1.5  # footprints: ways between rows, which need not be flown straight
+LINK = 1.001  # footprints: ways of which all is seen from both ends, which need not be flown straight
 _AT_ONCE = 1000  # links whose curves are reckoned at once
 _TOUCH = 0.005  # metres by which a curve may cross what is blocked: rounding
 _SAME = 1e-6  # metres, and radians
@@ -116,10 +116,12 @@ def _loosened(points: Floats, straight: Any, vertex: int, reach: float, step: fl
             continue
         along = points[leg + 1] - points[leg]
         length = float(np.hypot(*along))
-        far = np.arange(step, min(reach, length) - step / 4, step) / length
+        whole = length <= reach + step  # then all of the leg is passed so, else what lies within reach
+        count = ceil(length / step - _SAME) if whole else int(reach / step)
+        far = np.arange(1, count + (not whole)) * (1 / count if whole else step / length)
         shares = far if leg == vertex else 1.0 - far[::-1]
         left = np.zeros(len(shares) + 1, dtype=np.bool_)
-        left[-1 if leg == vertex else 0] = length - reach > step
+        left[-1 if leg == vertex else 0] = not whole
         points = np.insert(points, leg + 1, points[leg] + shares[:, None] * along, axis=0)
         straight = np.concatenate([straight[:leg], left, straight[leg + 1 :]])
     return points, straight

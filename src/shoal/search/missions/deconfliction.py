@@ -15,13 +15,12 @@ from shoal.search.allocation.plan import SearchPlan
 from shoal.search.flight.separation import nearest_approach
 from shoal.search.flight.staggering import Separation, staggered
 from shoal.search.flight.timing import Floats, Trajectory, trajectory
+from shoal.search.flight.turning import LINK
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.fence import fence_of
 from shoal.search.missions.mission import Mission, missions_of
 from shoal.search.regions.outline_checks import Points, text_of
 from shoal.search.regions.projection import LocalFrame
-
-_LINK = 1.5  # footprints: ways between rows, which a fixed wing need not fly straight
 
 Sorties = tuple[Mission, ...]
 
@@ -77,7 +76,7 @@ def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, *, explicit: bool, 
         home=plan.places[robot],
         vehicle=vehicle,
         rate=float(plan.rates[robot]),
-        link=float(plan.footprints[robot]) * _LINK,
+        link=float(plan.footprints[robot]) * LINK,
         blocked=plan.grid.region.no_go,
         ways=plan.leg,
         landing=landing if plan.landing is None else plan.landing[robot],
