@@ -29,7 +29,7 @@ from shoal.views.search.timeline import timeline_figure
 TWO = shapely.MultiPolygon([shapely.box(0, 0, 40, 30), shapely.box(70, 10, 100, 40)])
 CASES = {
     "ring": lambda: search(
-        "ring:60x40", robots=4, footprint=10, loss=0.2, faults=[Crash(2, 9.0), Pause(3, 5, 12)], targets=3, seed=3
+        "ring:60x40", robots=4, footprint=10, allocation="hop", loss=0.2, faults=[Crash(2, 9.0), Pause(3, 5, 12)], targets=3, seed=3
     ),
     "one robot, one cell": lambda: search("square:5", robots=1, footprint=10),
     "reserve": lambda: search("square:20", robots=7, footprint=10, starts="line"),
