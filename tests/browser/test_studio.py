@@ -204,8 +204,8 @@ def test_particles_are_steered_by_keys_and_the_plan_is_the_librarys(page: Page, 
     page.get_by_role("button", name="Particle 1 at").press("ArrowUp")
     moved = given | {"start": [[0.2, 0.31], [0.5, 0.35]], "planner": "greedy"}
     expected = shoal.run(SteeringProblem(**moved))
-    until(page, f"document.querySelector('.plan span').textContent.startsWith('{expected.moves} moves')")
-    until(page, "document.querySelectorAll('.reach').length === 2")
+    page.locator(".plan", has_text="greedy").get_by_text(f"{expected.moves} moves, length {expected.length:.4g}").wait_for()
+    page.locator(".reach").nth(1).wait_for(state="attached")
     episode = run_and_load(page, studio, "Play")
     assert np.array_equal(episode.inputs, expected.inputs)
     page.wait_for_selector(".panel:not([hidden]) iframe:not([hidden])")
