@@ -32,6 +32,7 @@ MECHANISMS = {
     "prediction beyond 12 layers": {"prediction_layers": 12, "joint_chance": 0},
     "joint chance": {"joint_chance": 0},
     "lattices": {"lattices": 0},
+    "learned prior": {"learned": 0},
     "extrapolation": {"future_weight": 0},
     "early cells worth more with surprises": {"surprise_weight": 0},
     "shorter horizon with surprises": {"surprise_shrink": 0},

@@ -41,6 +41,7 @@ VARIANTS = {
     "end-always-in-sight": {"end_surprise": 2},
     "no-extrapolation": {"future_weight": 0},
     "no-lattices": {"lattices": 0},
+    "no-learned-prior": {"learned": 0},
     "narrow-beam": {"beam_width": 4, "beam_depth": 8, "beam_leaves": 3},
     "many-as-few": {"end_frontier": 50, "frontier_worth": 100},  # at n = 4000
     "no-far-sight": {"far_surprise": 0, "prediction_layers": 60},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
 import numpy as np
@@ -19,8 +18,10 @@ from shoal.swarm.kernels.dynamics.bits import has
 from shoal.swarm.kernels.dynamics.moves import LEFT, RIGHT, UP
 from shoal.swarm.kernels.planning import frontier_paths
 from shoal.swarm.kernels.planning.rollout import prepare
-from shoal.swarm.kernels.prediction import forward_model, occupancy_prediction, occupancy_prior
+from shoal.swarm.kernels.prediction import forward_model, learned_prior, occupancy_prediction, occupancy_prior
 from shoal.swarm.kernels.search.frontier_search import ahead, opposite
+from shoal.swarm.policies import BeamRollout
+from shoal.swarm.policies.planners import learned_weights
 from shoal.swarm.policies.planners.state import planner_of
 from shoal.swarm.simulation.compiled import PlannerGame
 
@@ -42,12 +43,14 @@ def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
         after = world.step(state, "lurdio"[command])
         belief = todo.update(belief, "lurdio"[command], state.occupied, after.occupied)
         state = after
-    policy = make_policy("rollout")
+    policy = make_policy("best")
     planner = planner_of(world.layout, belief, rule=rule, mapping=task == "mapping", seed=1, options=policy.settings(len(start)))
     tallies = planner.prior.tallies
     tallies[:, 0] = rng.integers(0, 6, len(tallies))
     tallies[:, 1] = rng.integers(0, 1 + tallies[:, 0])
-    planner.prior.losses[:] = rng.integers(0, 9, occupancy_prior.MODELS)
+    weights = rng.random(occupancy_prior.EXPERTS) * rng.integers(0, 2, occupancy_prior.EXPERTS) + 1e-9
+    weights[occupancy_prior.LEARNED] *= len(shape) == 2  # it has seen maps of two dimensions only
+    planner.prior.weights[:] = weights / weights.sum()
     field = field_of(world.free.words, state, belief)
     prepare(field, task == "mapping", planner)
     return world.layout, planner, field, state, belief, rng
@@ -133,8 +136,8 @@ def test_way_to_the_frontier(shape):
 class Plain:
     """What `experience` learns, by names instead of numbers: {(manner, place, surroundings): [cells, free ones]}."""
 
-    def __init__(self, layout):
-        self.layout, self.tallies, self.losses = layout, {}, [0.0] * occupancy_prior.MODELS
+    def __init__(self, layout, weights):
+        self.layout, self.tallies, self.weights = layout, {}, list(weights)
 
     def surroundings(self, state, row, column, command):
         """Return (behind, beside the neighbour, beside the cell), the last two sorted; `state` tells that of a cell."""
@@ -159,12 +162,14 @@ class Plain:
             likely = (free + 2 * likely) / (cells + 2)
         return likely
 
-    def learn(self, around, row, column, free):
-        """Ask all manners, then count the cell once in every tally that any of them asks."""
+    def learn(self, around, row, column, free, told):
+        """Ask all manners and the learned expert, weigh them, then count the cell once in every tally that any manner asks."""
         chains = [self.chain(manner, around, row, column) for manner in range(occupancy_prior.MODELS)]
-        for manner in range(occupancy_prior.MODELS):
-            likely = self.chance(manner, around, row, column)
-            self.losses[manner] -= math.log(likely if free else 1 - likely)
+        chances = [self.chance(manner, around, row, column) for manner in range(occupancy_prior.MODELS)] + [told]
+        weighed = [weight * (likely if free else 1 - likely) for weight, likely in zip(self.weights, chances, strict=True)]
+        having = sum(weight > 0 for weight in weighed)
+        share = occupancy_prior.DEALT
+        self.weights = [(1 - share) * weight / sum(weighed) + share / having if weight > 0 else 0.0 for weight in weighed]
         for name in {name for chain in chains for name in chain}:
             cells, opened = self.tallies.get(name, (0, 0))
             self.tallies[name] = (cells + 1, opened + free)
@@ -186,28 +191,32 @@ def states(layout, known, opened):
 def test_experience(shape):
     """What is learnt from the moves of an episode is what the plain one learns from the same cells."""
     layout, planner, field, _, _, rng = scene_of(shape, 3, moves=0)
-    learnt, plainly = planner.prior, Plain(layout)
-    learnt.tallies[:], learnt.losses[:] = 0, 0
+    learnt, network = planner.prior, planner.learned
+    learnt.tallies[:], learnt.weights[:] = 0, (0.2, 0.1, 0.0, 0.3, 0.4)
+    if len(shape) == 3:
+        learnt.weights[occupancy_prior.LEARNED] = 0  # it has seen maps of two dimensions only
+    plainly = Plain(layout, learnt.weights)
     for command in rng.integers(0, 2 * len(shape), 12):
         learnt.before[:] = field.known
         state = states(layout, learnt.before, field.open)
         steps.step(field, command, 0, True)
-        occupancy_prior.learn_from_command(field, learnt, command)
+        occupancy_prior.learn_from_command(field, learnt, network, command)
         for i, word in enumerate(field.known & ~learnt.before):
             for bit in range(64):
                 if int(word) >> bit & 1:
                     row, column = i // field.width, 64 * (i % field.width) + bit
                     around = plainly.surroundings(state, row, column, command)
-                    plainly.learn(around, row, column, bool(has(field.open, field.width, row, column)))
-    assert learnt.losses == pytest.approx(plainly.losses)
+                    told = 0.5
+                    if len(shape) == 2:
+                        told = learned_prior.learned_chance(network, field.open, learnt.before, np.int64(64 * i + bit), command)
+                    plainly.learn(around, row, column, bool(has(field.open, field.width, row, column)), told)
+    assert learnt.weights == pytest.approx(plainly.weights)
     assert plainly.tallies["all"][0] > 0
     assert learnt.tallies[0].tolist() == list(plainly.tallies["all"])
     assert sorted(map(tuple, learnt.tallies[learnt.tallies[:, 0] > 0].tolist())) == sorted(map(tuple, plainly.tallies.values()))
-    assert occupancy_prior.best_model(learnt, 3) == np.argmin(learnt.losses)
-    assert occupancy_prior.best_model(learnt, 0) == 0
 
 
-def predicted_plainly(layout, field, learnt, manner, depth, likely, sure):
+def predicted_plainly(layout, field, learnt, network, depth, likely, sure):
     """The rule of `guess`, one cell after the other."""
     known, opened = field.known.copy(), field.open.copy()
     layer = [tuple(cell) for cell in np.argwhere(cells_of(layout, field.frontier).mask.reshape(layout.words[0], -1))]
@@ -218,14 +227,33 @@ def predicted_plainly(layout, field, learnt, manner, depth, likely, sure):
             return False
         return layout.ndim == 2 or 0 < in_layer < layout.layers - 1
 
-    def chances(row, column):
-        """Yield, for each side from which a cell may be entered, how likely it is free and how often the like was seen."""
+    def ways_in(row, column):
+        """Yield the commands that lead into a cell from one taken to be free."""
         for command in range(2 * layout.ndim):
             r, c = ahead(row, column, opposite(command), layout.rows)
             if 0 <= r < layout.words[0] and 0 <= c < layout.columns and has(opened, field.width, r, c):
-                cell, steps = 64 * layout.words[1] * row + column, occupancy_prior.steps_of(layout.rows, layout.words[1], command)
-                number = occupancy_prior.around(opened, known, cell, *steps)
-                yield occupancy_prior.chance(learnt, manner, number, cell), learnt.tallies[1 + number // 6, 0]
+                yield command
+
+    def number_of(row, column):
+        return np.int64(64 * layout.words[1] * row + column)
+
+    def told(row, column):
+        if learnt.weights[occupancy_prior.LEARNED] <= occupancy_prior.LEAST:
+            return 0.5
+        command = next(ways_in(row, column))
+        return learned_prior.learned_chance(network, opened, known, number_of(row, column), np.int64(command))
+
+    def chances(row, column, told):
+        """Yield, for each side from which a cell may be entered, how likely it is free and how often the like was seen."""
+        share = learnt.weights[occupancy_prior.LEARNED]
+        share = 0 if share <= occupancy_prior.LEAST else 1 if share >= 1 - occupancy_prior.LEAST else share
+        having = [m for m in range(occupancy_prior.MODELS) if learnt.weights[m] > occupancy_prior.LEAST]
+        for command in ways_in(row, column):
+            cell, steps = number_of(row, column), occupancy_prior.steps_of(layout.rows, layout.words[1], command)
+            number = occupancy_prior.around(opened, known, cell, *steps)
+            parts = [learnt.weights[m] * occupancy_prior.chance(learnt, m, number, cell) for m in having]
+            counted = sum(parts) / sum(learnt.weights[m] for m in having) if having else 0.5
+            yield share * told + (1 - share) * counted, learnt.tallies[1 + number // 6, 0]
 
     def put(board, cells):
         for row, column in cells:
@@ -233,17 +261,23 @@ def predicted_plainly(layout, field, learnt, manner, depth, likely, sure):
 
     for number in range(depth):
         needed = max(likely, sure ** (1 / (number + 1)))
-        walls = [
+        sure_of_walls = learnt.weights[occupancy_prior.LEARNED] > 0.5
+        walls = [cell for cell in layer if not inside(*cell)]
+        asked = {cell: told(*cell) for cell in layer if inside(*cell)}
+        walls += [
             cell
-            for cell in layer
-            if any(c < occupancy_prediction.UNLIKELY and seen >= occupancy_prediction.FEWEST for c, seen in chances(*cell))
+            for cell, first in asked.items()
+            if any(
+                c < occupancy_prediction.UNLIKELY and (sure_of_walls or seen >= occupancy_prediction.FEWEST)
+                for c, seen in chances(*cell, first)
+            )
         ]
         put(known, walls)
         found = []
-        for row, column in layer:
-            entries = [c > needed for c, _ in chances(row, column)]
-            if (row, column) not in walls and inside(row, column) and entries and all(entries):
-                found.append((row, column))
+        for cell, first in asked.items():
+            again = first if first > needed else told(*cell)
+            if cell not in walls and all(c > needed for c, _ in chances(*cell, again)):
+                found.append(cell)
         if not found:
             break
         put(opened, found)
@@ -257,15 +291,39 @@ def predicted_plainly(layout, field, learnt, manner, depth, likely, sure):
 def test_prediction(shape):
     for seed in range(5):
         layout, planner, field, _, _, _ = scene_of(shape, seed, moves=seed)
-        for manner, (layers, likely, sure) in enumerate(((1, 0.75, 0.0), (12, 0.6, 0.0), (30, 0.5, 0.3), (3, 0.6, 0.5))):
-            occupancy_prediction.predict(field, planner.prior, manner, planner.prediction, layers, likely, sure)
-            expected = predicted_plainly(layout, field, planner.prior, manner, layers, likely, sure)
+        for layers, likely, sure in ((1, 0.75, 0.0), (12, 0.6, 0.0), (30, 0.5, 0.3), (3, 0.6, 0.5)):
+            occupancy_prediction.predict(field, planner.prior, planner.learned, planner.prediction, layers, likely, sure)
+            expected = predicted_plainly(layout, field, planner.prior, planner.learned, layers, likely, sure)
             assert (planner.prediction.open == expected).all()
     assert {"prediction_layers", "free_threshold", "joint_chance"} < set(planner.options.dtype.names)
 
 
+@pytest.mark.parametrize("shape", [shape for shape in SHAPES if len(shape) == 2])
+def test_network(shape):
+    """What is cut out of words of 64 cells and added up is what the same weights tell of a window that NumPy turns."""
+    stored, span = np.load(learned_weights.WEIGHTS), learned_prior.SPAN
+    for seed in range(3):
+        layout, planner, field, _, _, _ = scene_of(shape, seed)
+        known, opened = (cells_of(layout, board).mask for board in (field.known, field.open))
+        inner = np.pad(np.ones(shape, dtype=bool), 1)
+        states = np.where(known | ~inner, np.where(opened, 1, 2), 0)
+        states = np.pad(states, learned_prior.RADIUS, constant_values=2)
+        for row, column in np.argwhere(cells_of(layout, field.frontier).mask)[:20]:
+            for command, turns in enumerate(learned_weights.TURNS):
+                window = np.rot90(states[row : row + span, column : column + span], turns).ravel()
+                seen = np.concatenate([window == 1, window == 2])
+                hidden = np.maximum(seen @ stored["first"].astype(int) + stored["first_bias"], 0)
+                hidden = np.maximum(stored["second"].astype(int) @ hidden + stored["second_bias"], 0) >> learned_prior.SHIFT
+                odds = (learned_prior.ODDS * int(stored["last"] @ hidden + stored["last_bias"][0])) >> (2 * learned_prior.SHIFT)
+                likely = stored["chances"][np.clip(odds + learned_prior.ODDS * learned_prior.MOST_ODDS, 0, 255)] / 65536
+                cell = np.int64(64 * layout.words[1] * row + column)
+                for _ in range(2):  # the second time it is remembered
+                    assert learned_prior.learned_chance(planner.learned, field.open, field.known, cell, np.int64(command)) == likely
+
+
 def test_a_lattice_is_found_out():
-    """In a maze the place of a cell tells more than what is around it; in a cave it does not."""
+    """Among the experts that count, the place of a cell tells more than what is around it in a maze; in a cave it does not."""
+    counting = type("Counting", (BeamRollout,), {"tuning": BeamRollout.tuning._replace(learned=0)})()
     for name, lattice in (("maze:41x31", True), ("cave:40x30", False)):
         workspace = open_map(name)
         start = run(workspace, particles=30).start
@@ -273,6 +331,6 @@ def test_a_lattice_is_found_out():
         state = world.initial(start)
         belief = make_task("mapping").begin(world, state, None)
         rng = np.random.default_rng(1)
-        game = PlannerGame(make_policy("best"), world.free, state, belief, rule="block", mapping=True, rng=rng)
+        game = PlannerGame(counting, world.free, state, belief, rule="block", mapping=True, rng=rng)
         game.play_on(Trace.empty(100), 100)
-        assert (occupancy_prior.best_model(game.planner.prior, 3) > 0) == lattice
+        assert (np.argmax(game.planner.prior.weights[: occupancy_prior.MODELS]) > 0) == lattice

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,10 +17,15 @@ from tests.swarm_runs import run
 from shoal import open_map
 from shoal.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, make_policy
+from shoal.swarm.grid.tasks import make_task
+from shoal.swarm.grid.trace import Trace
+from shoal.swarm.grid.world import GridWorld
+from shoal.swarm.kernels.episodes import planner_episode
 from shoal.swarm.kernels.planning import planner_state
 from shoal.swarm.kernels.records import new_record
 from shoal.swarm.policies import POLICIES, BeamRollout
 from shoal.swarm.policies.planners import state
+from shoal.swarm.simulation.compiled import PlannerGame
 from shoal.swarm.theory.bounds import LowerBound, lower_bound
 from shoal.swarm.theory.optima import SmallWorld, optimum
 
@@ -95,6 +101,27 @@ def test_the_same_step_by_step_and_in_pieces(swarm, policy, merge, cut):
     assert whole.verify()
     assert run(workspace, stepwise=True, **options).commands == whole.commands
     assert run(workspace, **options | {"max_moves": cut}).commands == whole.commands[:cut]
+
+
+@pytest.mark.parametrize("name", ["vessels:300", "maze:15x11", "rectangle:9x12"])
+def test_what_is_unknown_reaches_no_decision(name):
+    """Other cells are put where nobody has been, and the same commands are chosen."""
+    workspace = open_map(name)
+    world, rng = GridWorld(workspace), np.random.default_rng(5)
+    state = world.initial(run(workspace, particles=8).start)
+    belief = make_task("mapping").begin(world, state, None)
+    options = {"rule": "block", "mapping": True}
+    game = PlannerGame(make_policy("best"), world.free, state, belief, rng=rng, **options)
+    for _ in range(12):
+        if game.play_on(Trace.empty(1), 1)[1]:
+            break
+        field, chosen = game.field, set()
+        for _ in range(3):
+            planner, other = copy.deepcopy(game.planner), rng.integers(0, 2**63, game.field.free.size, dtype=np.uint64)
+            exchanged = field._replace(free=(field.free & field.known) | (other & ~field.known))
+            command = int(planner_episode.choose(game.code, exchanged, True, planner))
+            chosen.add((command, *planner.prediction.open))
+        assert len(chosen) == 1
 
 
 @settings(max_examples=25, deadline=None)

@@ -42,7 +42,7 @@ def observe_outcome(field, mapping, planner, command, done):
     memory = planner.memory
     memory.quiet = 0 if done > 0 else memory.quiet + 1
     if mapping and done > 0:
-        learn_from_command(field, planner.prior, command)
+        learn_from_command(field, planner.prior, planner.learned, command)
         measure_surprise(field, planner)
 
 

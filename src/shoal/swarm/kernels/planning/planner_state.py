@@ -12,6 +12,7 @@ from shoal.swarm.kernels.planning.beam import Beam
 from shoal.swarm.kernels.planning.completion import most
 from shoal.swarm.kernels.planning.frontier_paths import path_to_nearest
 from shoal.swarm.kernels.prediction.forward_model import Scene, immediate_gains, take_state
+from shoal.swarm.kernels.prediction.learned_prior import LearnedPrior
 from shoal.swarm.kernels.prediction.occupancy_prediction import OccupancyPrediction
 from shoal.swarm.kernels.prediction.occupancy_prior import OccupancyPrior
 from shoal.swarm.kernels.records import record_type
@@ -47,6 +48,7 @@ class Planner(NamedTuple):
     beam: Beam
     prior: OccupancyPrior
     prediction: OccupancyPrediction
+    learned: LearnedPrior
 
 
 @in_place_kernel

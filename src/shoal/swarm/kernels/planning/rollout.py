@@ -14,7 +14,6 @@ from shoal.swarm.kernels.planning.frontier_paths import NEXT, beside
 from shoal.swarm.kernels.planning.planner_state import WHOLE, draw, force, next_command, take_greedily
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, UNSEEN, advance, copy_state, count, directions, take_state
 from shoal.swarm.kernels.prediction.occupancy_prediction import predict
-from shoal.swarm.kernels.prediction.occupancy_prior import best_model
 
 NOTHING = -1e18  # the value of no plan
 BRIEF = 300.0  # budget below which only the most promising plans are weighed, and not far,
@@ -29,16 +28,10 @@ def prepare(field, mapping, planner):
     """Fill the scene with the predicted world and the root with the state of the episode."""
     if mapping:
         options = planner.options
-        model = best_model(planner.prior, int(options.lattices))
         predict(
-            field,
-            planner.prior,
-            model,
-            planner.prediction,
-            int(options.prediction_layers),
-            options.free_threshold,
-            options.joint_chance,
-        )
+            field, planner.prior, planner.learned, planner.prediction,
+            int(options.prediction_layers), options.free_threshold, options.joint_chance,
+        )  # fmt: skip
     else:
         for i in range(field.open.shape[0]):
             planner.prediction.open[i] = field.open[i]

@@ -1,4 +1,4 @@
-"""What lies behind the frontier: predicted from how free space has gone on so far in this episode, layer by layer."""
+"""What lies behind the frontier: predicted by the experts of `occupancy_prior`, layer by layer."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
-from shoal.swarm.kernels.prediction.occupancy_prior import PAIRS, around, chance, place, steps_of
+from shoal.swarm.kernels.prediction.learned_prior import learned_chance
+from shoal.swarm.kernels.prediction.occupancy_prior import LEARNED, LEAST, MODELS, PAIRS, around, counted_chance, place, steps_of
 
 UNLIKELY = 0.25  # chance below which a cell is taken to be wall before others are looked at
 FEWEST = 4  # cells seen in similar surroundings without which nothing is taken to be wall
@@ -26,6 +27,7 @@ class OccupancyPrediction(NamedTuple):
     cells: NDArray[np.int64]  # the cells of this layer, as 64 * word + bit
     following: NDArray[np.int64]  # those of the next one
     verdicts: NDArray[np.int8]  # on the cells of this layer
+    told: NDArray[np.float64]  # of the cells of this layer: what the learned expert tells
     chances: NDArray[np.float64]  # of each surroundings at each place; NOT_ASKED if nobody has asked yet
     layers: int
     rows: int
@@ -33,8 +35,8 @@ class OccupancyPrediction(NamedTuple):
 
 
 @in_place_kernel
-def predict(field, prior, model, prediction, depth, likely, sure):
-    """Fill ``prediction.open`` with the cells known to be free and those that one model of `prior` predicts so, layer by layer."""
+def predict(field, prior, learned, prediction, depth, likely, sure):
+    """Fill ``prediction.open`` with the cells known to be free and those that the experts predict so, layer by layer."""
     size = np.int64(0)
     prediction.chances[:] = NOT_ASKED
     for i in range(field.open.shape[0]):
@@ -44,8 +46,8 @@ def predict(field, prior, model, prediction, depth, likely, sure):
     for layer in range(depth):
         # All cells on the way have to be free, so the farther, the surer each of them.
         needed = max(likely, sure ** (1.0 / (layer + 1.0)))
-        find_walls(prediction, prior, model, size)
-        if not find_free(prediction, prior, model, size, needed):
+        find_walls(prediction, prior, learned, size)
+        if not find_free(prediction, prior, learned, size, needed):
             return
         size = next_layer(prediction, size)
 
@@ -61,22 +63,42 @@ def list_cells(cells, size, i, word):
 
 
 @in_place_kernel
-def find_walls(prediction, prior, model, size):
+def counted(prediction, prior, cell, number):
+    """Return what `counted_chance` tells, which is asked once for each surroundings at each place."""
+    at, places = place(prior, MODELS - 1, cell)
+    entry = number * places + at
+    if prediction.chances[entry] == NOT_ASKED:
+        prediction.chances[entry] = counted_chance(prior, number, cell)
+    return prediction.chances[entry]
+
+
+@in_place_kernel
+def ask_learned(prediction, learned, cell):
+    """Return what the learned expert tells of a cell, from the first side that it can be entered from."""
+    for command in range(4):
+        if is_open(prediction.open, cell - steps_of(prediction.rows, prediction.width, command)[0]):
+            return learned_chance(learned, prediction.open, prediction.known, cell, command)
+    return 0.5
+
+
+@in_place_kernel
+def find_walls(prediction, prior, learned, size):
     """Take those cells of the layer as known that are hardly ever free, so that the way between two walls is seen as such."""
-    opened, known, chances, seen = prediction.open, prediction.known, prediction.chances, prior.tallies[1:]
+    opened, known, seen, share = prediction.open, prediction.known, prior.tallies[1:], prior.weights[LEARNED]
     directions = 4 if prediction.layers == 1 else 6
     for k in range(size):
         cell = prediction.cells[k]
-        at, places = place(prior, model, cell)
-        prediction.verdicts[k] = UNDECIDED
+        prediction.verdicts[k] = UNDECIDED if is_open(prediction.inner, cell) else WALL
+        if prediction.verdicts[k] == WALL:
+            continue
+        if share > LEAST:
+            prediction.told[k] = ask_learned(prediction, learned, cell)
         for command in range(directions):
             step, side = steps_of(prediction.rows, prediction.width, command)
             if not is_open(opened, cell - step):
                 continue
             number = around(opened, known, cell, step, side)
-            if chances[number * places + at] == NOT_ASKED:
-                chances[number * places + at] = chance(prior, model, number, cell)
-            if chances[number * places + at] < UNLIKELY and seen[number // PAIRS, 0] >= FEWEST:
+            if mixed(prediction, prior, k, number) < UNLIKELY and (share > 0.5 or seen[number // PAIRS, 0] >= FEWEST):
                 prediction.verdicts[k] = WALL
                 break
     for k in range(size):
@@ -85,24 +107,33 @@ def find_walls(prediction, prior, model, size):
 
 
 @in_place_kernel
-def find_free(prediction, prior, model, size, needed):
+def mixed(prediction, prior, k, number):
+    """Return how likely a cell of the layer is to be free, as all experts tell together."""
+    share = prior.weights[LEARNED]
+    if share <= LEAST:
+        return counted(prediction, prior, prediction.cells[k], number)
+    if share >= 1.0 - LEAST:
+        return prediction.told[k]
+    return share * prediction.told[k] + (1.0 - share) * counted(prediction, prior, prediction.cells[k], number)
+
+
+@in_place_kernel
+def find_free(prediction, prior, learned, size, needed):
     """Find the cells of the layer that are taken to be free from every side that they can be entered from; tell if any are."""
-    opened, known, inner, chances = prediction.open, prediction.known, prediction.inner, prediction.chances
+    opened, known, share = prediction.open, prediction.known, prior.weights[LEARNED]
     directions, some = 4 if prediction.layers == 1 else 6, False
     for k in range(size):
         cell = prediction.cells[k]
-        if prediction.verdicts[k] == WALL or not is_open(inner, cell):
+        if prediction.verdicts[k] == WALL:
             continue
-        at, places = place(prior, model, cell)
+        if share > LEAST and prediction.told[k] <= needed:  # the walls just found may tell more
+            prediction.told[k] = ask_learned(prediction, learned, cell)
         for command in range(directions):
             step, side = steps_of(prediction.rows, prediction.width, command)
             if not is_open(opened, cell - step):
                 continue
-            number = around(opened, known, cell, step, side)
-            if chances[number * places + at] == NOT_ASKED:
-                chances[number * places + at] = chance(prior, model, number, cell)
             prediction.verdicts[k] = FREE
-            if not chances[number * places + at] > needed:
+            if not mixed(prediction, prior, k, around(opened, known, cell, step, side)) > needed:
                 prediction.verdicts[k] = UNDECIDED
                 break
         some |= prediction.verdicts[k] == FREE

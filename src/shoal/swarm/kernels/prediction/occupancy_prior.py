@@ -1,17 +1,18 @@
-"""How likely a cell is to be free, learnt from zero in each episode: from what is around it, or from its place in a lattice.
+"""How likely a cell is to be free: experts that are mixed by how well they have foretold this episode so far.
 
-A model of telling is a chain of shares of free cells, from coarse to fine, each smoothed towards the one before. Model 0 looks
+The experts that count are chains of shares of free cells, from coarse to fine, each smoothed towards the one before. Model 0 looks
 at what is known around a cell, seen from the free neighbour from which it is entered: the cell two behind, the two beside that
 neighbour, and the two beside the cell. Model m > 0 looks at the cell's place modulo 2 to the m, too: the corridors of mazes,
-trees and chips often lie on a lattice. Whenever a cell is classified, every model is asked before it learns the answer, and the
-one that has been surprised least so far is best_model (prequential selection).
+trees and chips often lie on a lattice. They start from nothing in each episode. The last expert is a network that has seen maps
+before (`learned_prior`). Whenever a cell is classified, every expert is asked before it learns the answer, and weighs more the
+likelier it had called that; a small share of all weight is dealt out evenly each time, so that another expert may take over.
 
-Source: docs/concepts/planners.md; A. P. Dawid, Statistical theory: the prequential approach, J. R. Stat. Soc. A 147 (1984).
+Sources: docs/concepts/prediction.md; A. P. Dawid, Statistical theory: the prequential approach, J. R. Stat. Soc. A 147 (1984);
+M. Herbster, M. K. Warmuth, Tracking the best expert, Machine Learning 32 (1998).
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -20,20 +21,26 @@ from numpy.typing import NDArray
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
 from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP
+from shoal.swarm.kernels.prediction.learned_prior import learned_chance
 
 MODELS = 4
+LEARNED = MODELS  # the expert behind them
+EXPERTS = MODELS + 1
 STATES, PAIRS = 3, 6  # of a cell: unknown, free, obstacle; unordered pairs of them
 COARSE = STATES * PAIRS  # what is behind the neighbour and beside it
 FINE = COARSE * PAIRS  # and beside the cell
 # The tallies: one of all cells; then, of each model in turn, those of coarse surroundings at each place, those of fine ones.
 WEIGHT = 2.0  # cells that the coarser share counts
+DEALT = 0.002  # share of all weight that is dealt out evenly whenever a cell is classified
+LEAST = 0.01  # weight below which an expert is not asked what is to be expected
 
 
 class OccupancyPrior(NamedTuple):
     """What was learnt so far."""
 
     tallies: NDArray[np.int64]  # (places, 2): cells classified, and found free; the first is of all cells
-    losses: NDArray[np.float64]  # (MODELS,): how much each model was surprised, in nats
+    weights: NDArray[np.float64]  # (EXPERTS,): of sum 1; 0 for an expert that never has a say
+    told: NDArray[np.float64]  # (EXPERTS,): how likely each held the last cell to be free
     before: NDArray[np.uint64]  # a board: what was known before the last command
     layers: int
     rows: int  # of a layer
@@ -117,9 +124,20 @@ def chance(prior, model, number, cell):
 
 
 @in_place_kernel
+def counted_chance(prior, number, cell):
+    """Return how likely a cell is to be free, as the models that count tell together."""
+    some, total = 0.0, 0.0
+    for model in range(MODELS):
+        if prior.weights[model] > LEAST:
+            some += prior.weights[model]
+            total += prior.weights[model] * chance(prior, model, number, cell)
+    return total / some if some > 0.0 else 0.5
+
+
+@in_place_kernel
 def learn(prior, number, cell, free):
     """Ask every model about a cell, as `chance` does, and count it: what a model is asked for, the next one goes on from."""
-    tallies, losses, coarse, first = prior.tallies, prior.losses, number // PAIRS, 1
+    tallies, coarse, first = prior.tallies, number // PAIRS, 1
     likely, one = smoothed(tallies, 0, 0.5), np.int64(1) if free else np.int64(0)
     tallies[0, 0] += 1
     tallies[0, 1] += one
@@ -127,8 +145,7 @@ def learn(prior, number, cell, free):
         at, places = place(prior, model, cell)
         coarsely, finely = first + coarse * places + at, first + (COARSE + number) * places + at
         likely = smoothed(tallies, coarsely, likely)
-        told = smoothed(tallies, finely, likely)
-        losses[model] -= math.log(told if free else 1.0 - told)
+        prior.told[model] = smoothed(tallies, finely, likely)
         for entry in (coarsely, finely):
             tallies[entry, 0] += 1
             tallies[entry, 1] += one
@@ -136,23 +153,29 @@ def learn(prior, number, cell, free):
 
 
 @in_place_kernel
-def learn_from_command(field, prior, command):
+def weigh(prior, free):
+    """Let each expert weigh more the likelier it had called what was found; then deal out a share."""
+    weights, total, having = prior.weights, 0.0, 0
+    for expert in range(EXPERTS):
+        weights[expert] *= prior.told[expert] if free else 1.0 - prior.told[expert]
+        total += weights[expert]
+        having += 1 if weights[expert] > 0.0 else 0
+    for expert in range(EXPERTS):
+        if weights[expert] > 0.0:
+            weights[expert] = (1.0 - DEALT) * weights[expert] / total + DEALT / having
+
+
+@in_place_kernel
+def learn_from_command(field, prior, learned, command):
     """Learn from what the last command has classified."""
     before = prior.before
     step, side = steps_of(prior.rows, prior.width, command)
     for i in range(field.known.shape[0]):
         new = field.known[i] & ~before[i]
         while new != ZERO:
-            cell = 64 * i + lowest(new)
-            learn(prior, around(field.open, before, cell, step, side), cell, field.open[i] & new & (~new + ONE) != ZERO)
+            cell, free = 64 * i + lowest(new), field.open[i] & new & (~new + ONE) != ZERO
+            if prior.weights[LEARNED] > 0.0:
+                prior.told[LEARNED] = learned_chance(learned, field.open, before, cell, command)
+            learn(prior, around(field.open, before, cell, step, side), cell, free)
+            weigh(prior, free)
             new &= new - ONE
-
-
-@in_place_kernel
-def best_model(prior, last):
-    """Return the model, of those up to the last to ask, that was surprised least."""
-    best = 0
-    for model in range(1, last + 1):
-        if prior.losses[model] < prior.losses[best]:
-            best = model
-    return best

@@ -27,11 +27,12 @@ TUNING = Tuning(
     future_weight=1,
     surprise_weight=35,
     surprise_shrink=2,
-    end_surprise=0.4,
+    end_surprise=0.3,
     far_surprise=0.03,
     far_horizon=1000,
     far_discount=0.999,
     lattices=3,
+    learned=1,
 )
 
 

@@ -32,6 +32,7 @@ P1 = Tuning(
     far_horizon=150,
     far_discount=0.99,
     lattices=0,
+    learned=0,
 )
 
 

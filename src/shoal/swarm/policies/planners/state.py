@@ -18,6 +18,7 @@ from shoal.swarm.kernels.planning import beam, frontier_paths, planner_state
 from shoal.swarm.kernels.planning.rollout import SAVINGS
 from shoal.swarm.kernels.prediction import forward_model, occupancy_prediction, occupancy_prior
 from shoal.swarm.kernels.records import new_record, record_type
+from shoal.swarm.policies.planners.learned_weights import learned_prior_of
 from shoal.swarm.policies.planners.tuning import Tuning
 
 OPTIONS = record_type(np.float64, "budget", *Tuning._fields)  # budget: moves that may be simulated for each move sent, on average
@@ -27,11 +28,15 @@ FIRST_RATE = 200.0  # simulated moves a millisecond, while nothing is known of t
 ADVANCE = 10  # moves whose time may be spent before they are sent: most is to be thought about in the first ones
 
 
-def new_prior(layout: GridLayout) -> occupancy_prior.OccupancyPrior:
-    """Return a prior that has learnt nothing yet."""
+def new_prior(layout: GridLayout, *, lattices: int = 0, learned: bool = False) -> occupancy_prior.OccupancyPrior:
+    """Return a prior that has learnt nothing yet, with as many of its models and with the learned expert, or without."""
+    weights = np.zeros(occupancy_prior.EXPERTS)
+    weights[: lattices + 1] = (0.5 if learned else 1.0) / (lattices + 1)
+    weights[occupancy_prior.LEARNED] = 0.5 if learned else 0.0
     return occupancy_prior.OccupancyPrior(
         tallies=np.zeros((occupancy_prior.size_of(layout.layers), 2), dtype=np.int64),
-        losses=np.zeros(occupancy_prior.MODELS),
+        weights=weights,
+        told=np.full(occupancy_prior.EXPERTS, 0.5),
         before=empty_boards(layout, 1)[0],
         layers=layout.layers,
         rows=layout.rows,
@@ -55,16 +60,19 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
         cells=np.zeros(64 * size, dtype=np.int64),
         following=np.zeros(64 * size, dtype=np.int64),
         verdicts=np.zeros(64 * size, dtype=np.int8),
+        told=np.zeros(64 * size),
         chances=np.zeros(occupancy_prior.FINE << ((occupancy_prior.MODELS - 1) * (2 if layout.layers == 1 else 3))),
         **extents,
     )
+    given = dict(zip(OPTIONS.names or (), options, strict=False))
+    learned = mapping and layout.ndim == 2 and given.get("learned", 0) > 0
     memory = new_record(planner_state.MEMORY)
     memory.random = seed
     memory.remaining = len(belief.frontier)
     memory.surprise = planner_state.WHOLE // 4 if mapping else 0  # of a known map nothing is a surprise
     return planner_state.Planner(
         memory=memory,
-        options=new_record(OPTIONS, **dict(zip(OPTIONS.names or (), options, strict=False))),
+        options=new_record(OPTIONS, **given),
         scene=forward_model.Scene(
             ground=foreseen.open,
             tried=boards(),
@@ -88,8 +96,9 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
             marks=np.zeros((2, BEAM_WIDTH), dtype=np.uint64),
             child=boards(forward_model.BOARDS),
         ),
-        prior=new_prior(layout),
+        prior=new_prior(layout, lattices=int(given.get("lattices", 0)), learned=learned),
         prediction=foreseen,
+        learned=learned_prior_of(foreseen.inner, layout.words[1], used=learned),
     )
 
 

@@ -31,3 +31,4 @@ class Tuning(NamedTuple):
     far_horizon: float
     far_discount: float
     lattices: float  # that the free cells may lie on, of periods 2, 4, ...
+    learned: float  # 1: an expert that has seen maps has a say in what is predicted

@@ -1,0 +1,40 @@
+"""The network that has seen maps: its weights, which `python -m benchmarks.learned_prior` trains, as kernels want them."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shoal.swarm.kernels.prediction.learned_prior import SPAN, LearnedPrior
+
+WEIGHTS = Path(__file__).with_name("learned_weights.npz")
+TURNS = (3, 0, 1, 2)  # quarters, against the clock, that bring the way in below, for l, u, r, d
+CHANCES = 2**16  # for certain
+
+
+@cache
+def weights() -> dict[str, Any]:
+    """Return the weights, as they are stored, and where the cells of a window are once it is turned."""
+    cells = np.arange(SPAN * SPAN).reshape(SPAN, SPAN)
+    places = np.array([np.argsort(np.rot90(cells, turns).ravel()) for turns in TURNS])
+    with np.load(WEIGHTS) as stored:
+        arrays = {name: np.ascontiguousarray(stored[name]) for name in stored.files}
+    return arrays | {"places": places, "chances": arrays["chances"] / CHANCES}
+
+
+def learned_prior_of(inner: Any, width: int, *, used: bool) -> LearnedPrior:
+    """Return the network, which has told nothing yet; unless it is used there is nothing to remember what it told."""
+    size = 64 * len(inner) if used else 0
+    return LearnedPrior(
+        **weights(),
+        inner=inner,
+        opened=np.zeros(SPAN, dtype=np.uint64),
+        walls=np.zeros(SPAN, dtype=np.uint64),
+        sums=np.zeros(len(weights()["first_bias"]), dtype=np.int32),
+        marks=np.zeros(size, dtype=np.uint64),
+        told=np.zeros(size, dtype=np.uint8),
+        width=width,
+    )
