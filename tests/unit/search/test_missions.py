@@ -393,7 +393,7 @@ def test_the_command(field, tmp_path, capsys):
     assert run([*arguments[:-1], "16", "--out", str(tmp_path / "out")]) == 1
     captured = capsys.readouterr()
     assert "of the region is seen, less than 99.9 %" in captured.err
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"check.json", "uncovered.geojson"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"check.json", "map.png", "uncovered.geojson"}
     written = json.loads((tmp_path / "out" / "check.json").read_text())
     assert 0.5 < written["covered_fraction"] < 0.95
     assert run([*arguments[:-1], "16", "--least", "0.5"]) == 0
