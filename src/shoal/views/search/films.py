@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.search import SearchEpisode
+from shoal.search.episode import duration_text
 from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.drawing.encoding import LONGEST, Clip
@@ -45,7 +46,7 @@ class SearchFilm:
     def __init__(self, episode: SearchEpisode, *, height: int = 720) -> None:
 
         self.history = SearchHistory(episode)
-        left, right, bottom, top = self.history.extent
+        left, right, bottom, top = self.history.view
         self._unit = unit = max(height / 720, 0.7)
         head, foot, side = 64 * unit, 92 * unit, 32 * unit
         across = float(np.clip((right - left) / (top - bottom), 0.9, 1.9))
@@ -80,15 +81,16 @@ class SearchFilm:
             yield self._canvas.frame()
 
     def _at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        left, _, _, top = self.history.extent
+        left, _, _, top = self.history.view
         return np.asarray((points - (left, top)) * (self._scale, -self._scale) + self._corner)
 
     def _pixels(self) -> NDArray[np.int64]:
         """Return the number of the cell that each pixel lies in, the number of cells for none; int64, shape (height, width)."""
-        grid = self.history.episode.plan.grid
+        grid, (left, _, _, top) = self.history.episode.plan.grid, self.history.extent
+        corner = self._at(np.array([left, top]))
         rows, cols = (
             np.floor((np.arange(length) + 0.5 - first) / (self._scale * grid.size)).astype(np.int64)
-            for length, first in ((self.height, self._corner[1]), (self.width, self._corner[0]))
+            for length, first in ((self.height, corner[1]), (self.width, corner[0]))
         )
         number = self.history.raster(np.arange(self.history.n_cells), self.history.n_cells)
         padded = np.pad(number, 1, constant_values=self.history.n_cells)
@@ -175,7 +177,7 @@ class SearchFilm:
         if 0 < history.n_cells - done < 0.005 * history.n_cells:
             share = f"{history.n_cells - done} cells left"
         width = canvas.text((left, level - 20 * unit), share, INK, 19 * unit, bold=True)
-        clock = f"{time:,.0f} of {history.end:,.0f} cells' time"
+        clock = " of ".join(duration_text(history.episode.plan.seconds(moment)) for moment in (time, history.end))
         canvas.text((left + width + 14 * unit, level - 20 * unit), clock, MUTED, 14 * unit)
         kinds = [activity.kind for activity in now]
         words = [

@@ -61,7 +61,6 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
     visits = sum(len(history.seen_at(robot)) for robot in range(history.n_robots))
     if visits > LARGEST:
         raise InvalidInputError(f"the HTML player: expected at most {LARGEST} visits of cells, got {visits} (use .gif or .mp4)")
-    left, right, bottom, top = history.extent
     times, by = history.first
     order = np.argsort(times, kind="stable")[: int(np.count_nonzero(times < inf))]
     cells = plan.tour.cells[order]
@@ -75,9 +74,11 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         "takeovers": episode.trace.takeovers,
         "cells": history.n_cells,
         "cellTime": episode.cell_time,
+        "climb": plan.seconds(0.0),
         "end": history.end,
         "covered": episode.trace.covered_at if episode.trace.covered_at < inf else None,
-        "box": [left, bottom, right, top],
+        "box": _box(history.extent),
+        "view": _box(history.view),
         "shape": list(plan.grid.shape),
         "size": plan.grid.size,
         "parts": [[np.round(ring, 3).tolist() for ring in rings] for rings in rings_of(plan.grid.area)],
@@ -95,6 +96,11 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
     }
 
 
+def _box(sides: tuple[float, float, float, float]) -> list[float]:
+    left, right, bottom, top = sides
+    return [left, bottom, right, top]
+
+
 def _found_at(history: SearchHistory, finding: Finding) -> float:
     """Return when the first of those that found something searched its cell: others may have passed it before, and missed it."""
     logs, seen = history.episode.trace.robots, history.episode.seen
@@ -108,10 +114,11 @@ def _found_at(history: SearchHistory, finding: Finding) -> float:
 
 
 def _robot(history: SearchHistory, robot: int) -> dict[str, Any]:
-    left, right, bottom, top = history.extent
+    left, right, bottom, top = history.view
     trajectory = simplified(history.trajectories[robot], 1e-4 * history.episode.plan.grid.size)
     places = np.rint((trajectory.points - (left, bottom)) / (right - left, top - bottom) * _STEPS)
-    sides = (history.outline(robot) - (left, top)) / (history.episode.plan.grid.size, -history.episode.plan.grid.size)
+    corner = history.extent[0], history.extent[3]
+    sides = (history.outline(robot) - corner) / (history.episode.plan.grid.size, -history.episode.plan.grid.size)
     return {
         "times": _text(trajectory.times, "<f4"),
         "places": _text(np.clip(places, 0, _STEPS), "<u2"),

@@ -23,7 +23,7 @@
     $("title").textContent = history.title;
     ShoalDesk.showFacts([
       plural(history.cells, "cell"), `tour ${history.tour}`, history.takeovers ? `${history.takeovers} taken over` : "",
-      history.covered == null ? "not searched wholly" : `searched after ${number(Math.round(history.covered))} cells’ time`,
+      history.covered == null ? "not searched wholly" : `searched after ${lasting(history.climb + history.covered * history.cellTime)}`,
     ]);
     $("of").textContent = `of ${plural(history.cells, "cell")}`;
     $("player").style.setProperty("--rows", history.robots.length);
@@ -135,8 +135,8 @@
       const done = history.searchedAt(time);
       $("searched").textContent = number(done);
       $("bar").style.transform = `scaleX(${done / history.cells})`;
-      const seconds = time * history.cellTime;
-      $("clock").textContent = `${number(Math.floor(time))} of ${number(Math.round(history.end))} cells’ time · ${lasting(seconds)}`;
+      const seconds = history.climb + time * history.cellTime;
+      $("clock").textContent = `${lasting(seconds)} of ${lasting(history.climb + history.end * history.cellTime)}`;
       const found = `${number(history.foundAt(time))} of ${number(history.findings.length)}`, cell = $("details").querySelector("dd");
       if (cell.textContent !== found) cell.textContent = found;
       $("scrub").value = Math.round(1000 * time);
@@ -167,7 +167,7 @@
 
     function caption(x = null, y = 0) {
       if (x === null) {
-        $("hover").textContent = history.covered == null ? "" : `all searched at ${number(Math.round(history.covered))}`;
+        $("hover").textContent = history.covered == null ? "" : `all searched at ${lasting(history.climb + history.covered * history.cellTime)}`;
         return;
       }
       const at = rows.timeAt(x), k = rows.rowAt(y), robot = history.robots[k];

@@ -64,7 +64,7 @@ const ShoalSearch = (() => {
       this.by = numbers(data.by, "u2");
       this.where = numbers(data.where, "u4");
       this.taken = numbers(data.taken, "u1");
-      this.robots = data.robots.map((told) => new Robot(told, data.box));
+      this.robots = data.robots.map((told) => new Robot(told, data.view));
     }
 
     searchedAt(time) {
@@ -88,7 +88,7 @@ const ShoalSearch = (() => {
       this.canvas = canvas;
       this.pen = canvas.getContext("2d");
       this.history = history;
-      const [left, bottom, right, top] = history.box;
+      const [left, bottom, right, top] = history.view;
       this.view = new ShoalViews.Plane({ rings: [[[left, bottom], [right, bottom], [right, top], [left, top]]] });
       this.cells = document.createElement("canvas"); // a pixel a cell
       [this.cells.height, this.cells.width] = history.shape;
