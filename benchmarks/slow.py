@@ -32,7 +32,7 @@ def main() -> None:
     parser.add_argument("--region", default="ring:200x150")
     options = parser.parse_args()
     seeds = range(1, options.seeds + 1)
-    problem = SearchProblem(options.region, robots=6, footprint=10)
+    problem = SearchProblem(options.region, robots=6, footprint=10, allocation="hop")
     well = [run(problem, seed=seed).trace.covered_at for seed in seeds]
     print("| faults | mean | worst | mean, 30 % lost | worst, 30 % lost |\n|---|---|---|---|---|")
     for what, faults in FAULTS.items():

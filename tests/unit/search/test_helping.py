@@ -36,13 +36,13 @@ def healthy():
 @pytest.mark.parametrize(
     ("faults", "most"),
     [
-        ([Slow(2, 5.0)], 1.5),
+        ([Slow(2, 5.0)], 1.55),
         ([Slow(2, 50.0)], 1.8),
         ([Slow(2, 10.0, 30.0)], 1.5),
         ([Slow(2, 10.0, 60.0)], 1.6),  # late: it has nearly done its part
         ([Slow(2, 5.0), Slow(3, 5.0)], 1.9),
         ([Slow(2, 5.0), Crash(3, 20.0)], 1.9),
-        ([Pause(2, 15.0, 70.0)], 1.5),
+        ([Pause(2, 15.0, 70.0)], 1.55),
         ([Crash(2, 15.0)], 1.6),
     ],
 )

@@ -75,9 +75,10 @@ def is_taken(robot: Robot, cell: int, time: float) -> bool:
 
 
 def leaves_to_others(robot: Robot, own: int, time: float) -> bool:
-    """Tell whether it is late itself, and another robot lives that is not: then it goes on where it is, but nowhere else."""
+    """Tell whether it is late itself, and another robot is free that is not: then it goes on where it is, but nowhere else."""
     return is_late(robot, robot.number, time) and any(
-        not is_late(robot, number, time) and can_come(robot, number, own, time) for number in robot.peers
+        peer.heartbeat.status == "waiting" and not is_late(robot, number, time) and can_come(robot, number, own, time)
+        for number, peer in robot.peers.items()
     )
 
 
@@ -94,8 +95,10 @@ def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: flo
         heartbeat = robot.peers[number].heartbeat
         ahead = (heartbeat.place - arc.first) * arc.step % n
         if heartbeat.status == "searching" and ahead < arc.count:
-            cell = Arc(heartbeat.place % n, arc.count - ahead, arc.step).next_of(left, n)
-            if cell is not None:
+            cell, own = heartbeat.place % n, robot.searched.get(number, 0) & ~left
+            while own >> cell & 1:  # what it has searched since it told of its place
+                own, cell = own & ~(1 << cell), (cell + arc.step) % n
+            if left >> cell & 1:
                 fronts[cell] = max(fronts.get(cell, 0.0), speed_of(robot, number, time)[1])
     for first, length in arc.stretches(left, n):
         stretch = Stretch(first, length, arc.step)
