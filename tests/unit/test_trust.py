@@ -132,6 +132,10 @@ def test_logs_of_drives(mark, tmp_path):
         read_log(tmp_path / "log.jsonl")
     assert not mark.exists()
     assert read_log(tmp_path / "log.jsonl", trust=True)
+    assert command(["replay", str(tmp_path / "log.jsonl")]) == 2
+    assert not mark.exists()
+    command(["replay", str(tmp_path / "log.jsonl"), "--trust"])
+    assert mark.exists()
 
 
 @pytest.mark.parametrize(

@@ -199,7 +199,7 @@ def replay_drive(log: Path, seed: int | None, out: Path | None, film: list[Path]
 
     rig = read_log(log, trust=trust)
     check_seed(log, seed, rig.seed)
-    result, verified = replay_log(log)
+    result, verified = replay_log(log, trust=trust)
     shown = (out, film) if verified else (None, None)
     _report(result, rig, None, None, *shown, json_, seed=rig.seed, verified=verified)
     if not verified:

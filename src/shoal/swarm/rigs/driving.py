@@ -216,8 +216,14 @@ class _RecordedRuns:
         return True
 
 
-def replay_log(path: str | os.PathLike[str]) -> tuple[Drive, Verification]:
+def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Drive, Verification]:
     """Drive a recorded rig with the commands that were sent to it; tell whether map and status are those of the log.
+
+    Parameters
+    ----------
+    path : path
+    trust : bool
+        Whether a task of somebody's code, which the log names, may run.
 
     Raises
     ------
@@ -226,7 +232,7 @@ def replay_log(path: str | os.PathLike[str]) -> tuple[Drive, Verification]:
     RigError
         If the positions do not follow from one another.
     """
-    rig = read_log(path)
+    rig = read_log(path, trust=trust)
     result = _driven(rig, rig.problem, seed=rig.seed)
     ended = rig.ended
     if ended is None or ended["map"] is None:

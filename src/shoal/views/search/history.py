@@ -315,15 +315,6 @@ class SearchHistory:
         height, width = grid.shape
         return left, left + width * grid.size, top - height * grid.size, top
 
-    @cached_property
-    def view(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of all that is drawn, metres: the grid, and ways of robots from elsewhere."""
-        left, right, bottom, top = self.extent
-        points = np.concatenate([self.on_picture(route.points) for route in self.episode.routes])
-        low, high = np.minimum((left, bottom), points.min(axis=0)), np.maximum((right, top), points.max(axis=0))
-        beyond = 0.5 * self.episode.plan.grid.size * ((low < (left, bottom)).any() or (high > (right, top)).any())
-        return float(low[0] - beyond), float(high[0] + beyond), float(low[1] - beyond), float(high[1] + beyond)
-
     def outline(self, robot: int) -> Floats:
         """Return the sides around the cells that a robot was first to search for another one; shape (k, 2, 2), metres."""
         mask = self.raster((self.first[1] == robot + 1) & self.taken, False)
