@@ -252,7 +252,7 @@ def missions_of(
     [[[0.0, 0.0], [60.0, 0.0], [60.0, 10.0], [0.0, 10.0]]]
     >>> two = missions_of(lanes, None, vehicle="ideal,endurance=2.25,reserve=0")  # 135 s at 1 m/s
     >>> [round(mission.length) for mission in two]
-    [135, 30]
+    [135, 31]
     """
     kept = vehicle_of(vehicle)
     check_choice(autopilot, what="autopilot", choices=CAPS)

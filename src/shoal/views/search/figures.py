@@ -15,8 +15,8 @@ from shoal.search.episode import duration_text
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
 from shoal.views.drawing.polygon_paths import hole_in, rings_of
 from shoal.views.drawing.scale_bar import draw_scale_bar
-from shoal.views.search.bounds import bounds_of
 from shoal.views.search.history import SearchHistory, robot_colour
+from shoal.views.search.sides import sides_of
 from shoal.views.search.timeline import draw_heading, timeline_figure
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     them is thicker. Ways to cells farther off are thin and dashed. What nobody saw is red.
     """
     history = SearchHistory(episode)
-    left, right, bottom, top = bounds_of(history)
+    left, right, bottom, top = sides_of(history)
     ratio = (top - bottom) / (right - left)
     width = 7.2 if ratio < 1.2 else max(4.6, 8.4 / ratio)
     figure = new_figure(width, float(np.clip((width - 0.6) * ratio, 1.2, 8.6)) + 1.3)
@@ -91,7 +91,7 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
         lines = [[(x, bottom), (x, top)] for x in left + size * np.arange(1, width)]
         lines += [[(left, y), (right, y)] for y in bottom + size * np.arange(1, height)]
         axes.add_collection(LineCollection(lines, colors=[_LINES], linewidths=0.4, zorder=0.5))
-    left, right, bottom, top = bounds_of(history)
+    left, right, bottom, top = sides_of(history)
     pad = 0.02 * max(right - left, top - bottom)
     frame = np.array([(left - pad, bottom - pad), (right + pad, bottom - pad), (right + pad, top + pad), (left - pad, top + pad)])
     rings = [ring for part in rings_of(history.episode.plan.grid.area) for ring in part]

@@ -14,9 +14,9 @@ from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.drawing.polygon_paths import hole_in, rings_of
-from shoal.views.search.bounds import bounds_of
 from shoal.views.search.figures import cell_colours
 from shoal.views.search.history import Activity, SearchHistory, robot_colour
+from shoal.views.search.sides import sides_of
 
 RATE = {".gif": 10, ".mp4": 30}  # frames a second
 HEIGHT = {".gif": 432, ".mp4": 720}
@@ -47,7 +47,7 @@ class SearchFilm:
     def __init__(self, episode: SearchEpisode, *, height: int = 720) -> None:
 
         self.history = SearchHistory(episode)
-        left, right, bottom, top = self._bounds = bounds_of(self.history)
+        left, right, bottom, top = self._sides = sides_of(self.history)
         self._unit = unit = max(height / 720, 0.7)
         head, foot, side = 64 * unit, 92 * unit, 32 * unit
         across = float(np.clip((right - left) / (top - bottom), 0.9, 1.9))
@@ -82,7 +82,7 @@ class SearchFilm:
             yield self._canvas.frame()
 
     def _at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        left, _, _, top = self._bounds
+        left, _, _, top = self._sides
         return np.asarray((points - (left, top)) * (self._scale, -self._scale) + self._corner)
 
     def _pixels(self) -> NDArray[np.int64]:

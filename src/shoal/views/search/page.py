@@ -14,8 +14,8 @@ from shoal.search import SearchEpisode
 from shoal.search.simulation.findings import Finding
 from shoal.views.drawing.polygon_paths import rings_of
 from shoal.views.player import render
-from shoal.views.search.bounds import bounds_of
 from shoal.views.search.history import RobotTrajectory, SearchHistory
+from shoal.views.search.sides import sides_of
 
 LARGEST = 300_000
 """Visits of cells that a page still plays smoothly enough."""
@@ -79,7 +79,7 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         "end": history.end,
         "covered": episode.trace.covered_at if episode.trace.covered_at < inf else None,
         "box": _box(history.extent),
-        "view": _box(bounds_of(history)),
+        "view": _box(sides_of(history)),
         "shape": list(plan.grid.shape),
         "size": plan.grid.size,
         "parts": [[np.round(ring, 3).tolist() for ring in rings] for rings in rings_of(plan.grid.area)],
@@ -115,7 +115,7 @@ def _found_at(history: SearchHistory, finding: Finding) -> float:
 
 
 def _robot(history: SearchHistory, robot: int) -> dict[str, Any]:
-    left, right, bottom, top = bounds_of(history)
+    left, right, bottom, top = sides_of(history)
     trajectory = simplified(history.trajectories[robot], 1e-4 * history.episode.plan.grid.size)
     places = np.rint((trajectory.points - (left, bottom)) / (right - left, top - bottom) * _STEPS)
     corner = history.extent[0], history.extent[3]

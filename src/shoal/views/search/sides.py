@@ -7,7 +7,7 @@ import numpy as np
 from shoal.views.search.history import SearchHistory
 
 
-def bounds_of(history: SearchHistory) -> tuple[float, float, float, float]:
+def sides_of(history: SearchHistory) -> tuple[float, float, float, float]:
     """Return left, right, bottom and top of the grid and of the ways of robots that set out elsewhere, metres."""
     left, right, bottom, top = history.extent
     x, y = np.concatenate([history.on_picture(route.points) for route in history.episode.routes]).T
