@@ -58,7 +58,7 @@ for shape in ((3, 5), (1, 9), (2, 63), (3, 64), (2, 65), (2, 126), (2, 2, 4)):
     for rule in ("block", "merge"):
         for policy in (Quick(), First(), "greedy-classify"):
             for task in ("mapping", "coverage"):
-                e = run(space, task=task, policy=policy, start=start, rule=rule, max_moves=6 if space.n_free < 50 else 2)
+                e = run(space, task=task, policy=policy, start=start, rule=rule, max_moves=5 if space.n_free < 50 else 1)
                 print(shape, rule, task, e.commands, e.status, e.trace.classified.tolist())
         if space.n_free < 20:
             print(shape, rule, plan_coverage(space, start, rule=rule, budget=4))

@@ -69,7 +69,7 @@ def test_a_turned_map_has_the_same_ratings_turned(example):
 
 
 def test_it_runs_as_it_stands(example, capsys):
-    budget = "--cells 100 --particles 10 --maps 2 --rounds 1 --epochs 1 --tests 2 --large 0 --max-moves 40"
+    budget = "--cells 60 --particles 5 --maps 1 --rounds 1 --epochs 1 --tests 1 --large 0 --max-moves 15"
     example.main(budget.split())
     told = capsys.readouterr().out
     policies = re.findall(r"^\| ([a-z()-]+(?: \(this script\))?) \| [\d.]+ \|", told, re.M)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from typing import Literal, get_args
 
 from shoal.dataclass import dataclass
@@ -143,6 +144,7 @@ def _numbers(*numbers: int) -> bytes:
     return bytes(body)
 
 
+@lru_cache(maxsize=256)  # in a simulation all robots open the same bytes
 def decode_beacon(sender: int, body: bytes, *, cells: int = MOST_CELLS, robots: int = MOST_ROBOTS) -> Beacon:
     """Return the beacon, or the part of one, that the body of a message tells.
 
