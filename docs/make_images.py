@@ -1,6 +1,6 @@
 """Draw the pictures of the documentation: mapping, the theory's figures, tours, searches, steering and the figures of paper W.
 
-Run: python docs/make_images.py [mapping] [theory] [tours] [searches] [steering], without a name for all.
+Run: python -m docs.make_images [mapping] [theory] [tours] [searches] [steering], without a name for all.
 (pareto.png takes longer: python -m benchmarks.scanning --trials 20 --pareto docs/images/pareto.png)
 """
 

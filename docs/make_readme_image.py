@@ -1,6 +1,6 @@
 """Draw the picture of the README: a fundus photograph, and its vessels while 300 particles map them.
 
-Run: python docs/make_readme_image.py
+Run: python -m docs.make_readme_image
 """
 
 from __future__ import annotations

@@ -54,13 +54,26 @@ def noise(kind):
     if kind == "surround":
         row, column = np.mgrid[:300, :300] - 150
         return np.where(np.hypot(row, column) < 140, rng.normal(110, 9, (300, 300)), 0)
-    return rng.integers(0, 255, (120, 160, 3))
+    if kind == "colour":
+        return rng.integers(0, 255, (120, 160, 3))
+    return ndimage.gaussian_filter(rng.normal(128, 9, (120, 160)), {"white": 0, "soft": 1.5, "smooth": 5}[kind])
 
 
-@pytest.mark.parametrize("kind", ["colour", "surround"])  # grey noise: test_imaging.py
+@pytest.mark.parametrize("kind", ["white", "soft", "smooth", "colour", "surround"])
 def test_noise_alone_is_refused(kind):
     with pytest.raises(InvalidInputError, match="found no network of lines that stands out"):
         find_vessels(noise(kind))
+
+
+@pytest.mark.parametrize("name", ["coffee", "chelsea"])
+def test_pictures_of_other_things_are_refused(name):
+    data = pytest.importorskip("skimage.data")
+    try:
+        picture = getattr(data, name)()
+    except (OSError, ModuleNotFoundError):
+        pytest.skip("a picture that this scikit-image does not ship")
+    with pytest.raises(InvalidInputError, match="found no network of lines that stands out"):
+        find_vessels(picture)
 
 
 def test_the_command_writes_mask_overlay_and_map(tmp_path):

@@ -33,6 +33,23 @@ if TYPE_CHECKING:
 
 SEARCH_EXAMPLE = "Example: shoal search ring:200x150 --robots 6 --footprint 10 --loss 0.3 --faults crash:2@20 --out found"
 
+_Terrain = Annotated[
+    Path | None,
+    typer.Option("--terrain", metavar="FILE", help="Heights of the ground: GeoTIFF or ESRI ASCII grid.", show_default=False),
+]
+_TerrainError = Annotated[
+    float,
+    typer.Option(
+        "--terrain-error", metavar="METRES", help="By how much the height above ground may differ, between waypoints, too."
+    ),
+]
+_Rally = Annotated[
+    Path | None,
+    typer.Option(
+        "--rally", metavar="FILE", help="Points where vehicles may come down in need: CSV or GeoJSON.", show_default=False
+    ),
+]
+
 
 @takes_problem(SearchProblem, from_file=True)
 def search(
@@ -53,24 +70,11 @@ def search(
     altitude_frame: Annotated[
         str, typer.Option("--altitude-frame", help="What the vehicle's altitude counts from in missions: home, sea or ground.")
     ] = "home",
-    terrain: Annotated[
-        Path | None,
-        typer.Option("--terrain", metavar="FILE", help="Heights of the ground: GeoTIFF or ESRI ASCII grid.", show_default=False),
-    ] = None,
-    terrain_error: Annotated[
-        float,
-        typer.Option(
-            "--terrain-error", metavar="METRES", help="By how much the height above ground may differ, between waypoints, too."
-        ),
-    ] = 2.0,
+    terrain: _Terrain = None,
+    terrain_error: _TerrainError = 2.0,
     separation: Separated = SEPARATION,
     delay_tolerance: Late = DELAY,
-    rally: Annotated[
-        Path | None,
-        typer.Option(
-            "--rally", metavar="FILE", help="Points where vehicles may come down in need: CSV or GeoJSON.", show_default=False
-        ),
-    ] = None,
+    rally: _Rally = None,
     cap: Annotated[int | None, typer.Option("--cap", help="Mission items that the autopilot stores.", show_default=False)] = None,
     seed: options.Seed = 0,
     out: Annotated[

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import secrets
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from shoal.errors import InvalidInputError, OutputError
-from shoal.interruption import half_written
+from shoal.errors import InvalidInputError
+from shoal.lab.storage.schema import unfinished_store
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import differences
 
@@ -36,10 +35,7 @@ def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLi
     target = Path(out)
     if os.path.lexists(target):
         raise InvalidInputError(f"{target}: expected a new name for the merged store, got one that is taken")
-    temporary = target.with_name(f".{target.name[:40]}-{secrets.token_hex(6)}")
-    made = {temporary.with_name(temporary.name + end) for end in ("", "-wal", "-shm")}
-    half_written.update(made)
-    try:
+    with unfinished_store(target) as temporary:
         with Store(temporary, write=True) as merged:
             for source in sources:
                 with Store(source) as opened:
@@ -47,14 +43,6 @@ def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLi
                         _take(merged, opened, name)
             names = merged.names
         os.rename(temporary, target)
-    except OutputError:
-        raise
-    except OSError as error:
-        raise OutputError(f"cannot write {target}: {error.strerror or error}") from None
-    finally:
-        for file in made:
-            file.unlink(missing_ok=True)
-        half_written.difference_update(made)
     return names
 
 

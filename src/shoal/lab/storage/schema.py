@@ -97,10 +97,7 @@ def _create(path: Path) -> None:
     OutputError
         Nothing is left behind then.
     """
-    temporary = path.with_name(f".{path.name[:40]}-{secrets.token_hex(6)}")
-    made = {temporary.with_name(temporary.name + end) for end in ("", "-wal", "-shm", "-journal")}
-    half_written.update(made)
-    try:
+    with unfinished_store(path) as temporary:
         with told(path), closing(_connected(temporary)) as connection:
             _make_durable(connection)
             with transaction(connection):
@@ -110,6 +107,24 @@ def _create(path: Path) -> None:
                 connection.execute(f"PRAGMA user_version = {FORMAT}")
         with suppress(FileExistsError):  # another coordinator was quicker
             _named(temporary, path)
+
+
+@contextmanager
+def unfinished_store(path: Path) -> Iterator[Path]:
+    """Yield a name beside that of a store, under which it is made; nothing is left there, whatever happens.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    temporary = path.with_name(f".{path.name[:40]}-{secrets.token_hex(6)}")
+    made = {temporary.with_name(temporary.name + end) for end in ("", "-wal", "-shm", "-journal")}
+    half_written.update(made)
+    try:
+        yield temporary
+    except OutputError:
+        raise
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
     finally:

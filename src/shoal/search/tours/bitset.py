@@ -44,17 +44,6 @@ def next_in(bits: int, first: int, n: int) -> int | None:
     return None if not rest else ((rest & -rest).bit_length() - 1 + first) % n
 
 
-def last_in(bits: int, first: int, n: int) -> int:
-    """Return the last cell of a set, which is not empty, from number ``first`` on, round the tour.
-
-    Examples
-    --------
-    >>> last_in(0b00110, 2, 5)
-    1
-    """
-    return (turned(bits, first, n).bit_length() - 1 + first) % n
-
-
 def runs(bits: int, first: int, n: int) -> Iterator[tuple[int, int]]:
     """Yield the stretches of a set, as first cell and length, from number ``first`` on, round the tour.
 
