@@ -274,7 +274,8 @@ def missions_of(
     speed = kept.cruise * flight.rate
     return tuple(
         Mission(
-            placed(part[:, :2]), (x, y), robot, number, kept.kind, autopilot, kept.height, speed, frame is not None, altitude_frame,  # type: ignore[arg-type]
+            placed(part[:, :2]), (x, y), robot, number, kept.kind, autopilot,  # type: ignore[arg-type]  # both were checked
+            kept.height, speed, frame is not None, altitude_frame,
             part[:, 2] if np.ptp(part[:, 2]) else None, flight.elevation, landing=ends[number - 1], **told,
         )
         for number, part in enumerate(parts, start=1)

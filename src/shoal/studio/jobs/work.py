@@ -49,7 +49,7 @@ def work(connection: Connection, root: str, kind: str, spec: dict[str, Any], num
 def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     """Play an episode; what is played is told as it goes."""
     problem, seed = checked_problem(spec["problem"], folder), check_integer(spec.get("seed", 0), what="seed", least=0)
-    if problem.part == "swarm" and problem.noise is None:  # type: ignore[attr-defined]
+    if problem.part == "swarm" and problem.noise is None:  # type: ignore[attr-defined]  # a swarm's problem has it
         episode: Any = _shown_while_played(problem, seed, say)
     else:
         say("progress", (0.0, "planning"))
@@ -114,7 +114,7 @@ def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str
     files: list[str] = []
     for trial in range(trials):
         for row, problem in zip(rows, problems, strict=True):
-            episode = run(problem, seed=seed, trial=trial)  # type: ignore[arg-type]
+            episode = run(problem, seed=seed, trial=trial)  # type: ignore[arg-type]  # made of a swarm's fields
             row.append((episode.moves, str(episode.status)))
             if trial == 0:
                 files.append(folder.new_name(f"compared-{episode.policy}-seed{seed}", ".npz"))

@@ -56,7 +56,7 @@ def with_budget(policy: Policy, **wanted: float) -> Policy:
             able = "best, beam-rollout, rollout" + (" or offline" if name == "budget" else "")
             option = "budget" if name == "budget" else "time-per-move"
             raise InvalidInputError(f"{option}: expected a policy that plans ({able}), got {policy.name}")
-        policy = replace(policy, **{name: value})  # type: ignore[type-var]
+        policy = replace(policy, **{name: value})  # type: ignore[type-var]  # a policy with this field is a dataclass
     return policy
 
 
