@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from shoal.checks import check_choice
 from shoal.errors import OutputError
 from shoal.lab.executors import default_workers
 from shoal.studio.folder import Folder
@@ -56,15 +57,17 @@ class JobQueue:
         self._tasks: set[asyncio.Task[None]] = set()
         self._closing = False
 
-    def add(self, kind: str, spec: dict[str, Any], *, urgent: bool) -> dict[str, Any]:
+    def add(self, kind: Any, spec: dict[str, Any], *, urgent: bool) -> dict[str, Any]:
         """Queue a job and return it.
 
         Raises
         ------
+        InvalidInputError
+            If there is no such kind of job.
         OutputError
             If the store cannot be written, or there are too many.
         """
-        assert kind in KINDS
+        kind = check_choice(kind, what="kind", choices=KINDS)
         if self.store.counts().get("queued", 0) >= MOST_QUEUED:
             raise OutputError(f"jobs: expected at most {MOST_QUEUED} that wait")
         number = self.store.add(kind, spec, urgent=urgent)

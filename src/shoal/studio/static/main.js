@@ -1,10 +1,10 @@
 /* The studio: places, theme, jobs, links to a state. */
-import { begin, cancelJob, ended, fileAddress, on, state } from "./api.js";
-import { duration, el, guarded, told } from "./page.js";
-import { failure } from "./share.js";
-import { papers } from "./papers.js";
-import { steering } from "./steering.js";
-import { vessels } from "./vessels.js";
+import { begin, cancelJob, ended, fileAddress, on, state } from "./shared/api.js";
+import { duration, el, guarded, told } from "./shared/page.js";
+import { failure } from "./shared/share.js";
+import { papers } from "./places/papers.js";
+import { steering } from "./places/steering.js";
+import { vessels } from "./places/vessels.js";
 
 const PLACES = { vessels: ["Vessels", vessels], steering: ["Steering", steering], papers: ["Papers", papers] };
 const opened = new Map();

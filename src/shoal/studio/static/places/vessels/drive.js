@@ -1,8 +1,8 @@
 /* Drive it yourself: the arrow keys move the swarm, and a ghost shows what a policy did from the same start. */
-import { run } from "./api.js";
-import { el, guarded, say, symbol, told } from "./page.js";
-import { PlayerFrame } from "./player.js";
-import { exports, failure } from "./share.js";
+import { run } from "../../shared/api.js";
+import { el, guarded, say, symbol, told } from "../../shared/page.js";
+import { PlayerFrame } from "../../shared/player.js";
+import { exports, failure } from "../../shared/share.js";
 
 const PAD = [["u", "up", "M12 19V5M6 11l6-6 6 6"], ["l", "left", "M19 12H5M11 6l-6 6 6 6"], ["r", "right", "M5 12h14M13 6l6 6-6 6"], ["d", "down", "M12 5v14M6 13l6 6 6-6"],
   ["i", "in", "M8 8l8 8M16 8l-8 8"], ["o", "out", "M12 10a2 2 0 1 0 .01 0z"]];

@@ -1,7 +1,7 @@
 /* Papers: every figure with its data, criterion and verdict, and a button that runs it again. */
-import { ask, cancelJob, fileAddress, run } from "./api.js";
-import { duration, el, guarded, told } from "./page.js";
-import { failure } from "./share.js";
+import { ask, cancelJob, fileAddress, run } from "../shared/api.js";
+import { duration, el, guarded, told } from "../shared/page.js";
+import { failure } from "../shared/share.js";
 
 const NAMES = { M: "Mapping and coverage: paper M", W: "Two particles and walls: paper W", H: "Search along a closed curve: paper H" };
 const paperOf = (figure) => figure.source.match(/paper (\w)/)?.[1] ?? "";

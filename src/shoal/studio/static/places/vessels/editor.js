@@ -1,5 +1,5 @@
 /* The map on a canvas: looked at, painted and erased cell by cell, with undo; and the photograph with what was found on it. */
-import { el, symbol } from "./page.js";
+import { el, symbol } from "../../shared/page.js";
 
 const LOOK = "look", FREE = "free", WALL = "wall", INLET = "inlet";
 const UNDOS = 200;

@@ -1,12 +1,12 @@
 /* Vessels: a picture, volume or generated map; particles; a policy. Run, drive, compare. */
-import { ask, cancelJob, fileAddress, newest, on, run, state, upload } from "./api.js";
-import { comparison } from "./compare.js";
-import { driving } from "./drive.js";
-import { Editor, pack, toolbar, unpack } from "./editor.js";
-import { makeForm, written } from "./form.js";
-import { duration, el, guarded, number, say, tabs, told } from "./page.js";
-import { PlayerFrame } from "./player.js";
-import { exports, failure, showCopies } from "./share.js";
+import { ask, cancelJob, fileAddress, newest, on, run, state, upload } from "../shared/api.js";
+import { comparison } from "./vessels/compare.js";
+import { driving } from "./vessels/drive.js";
+import { Editor, pack, toolbar, unpack } from "./vessels/editor.js";
+import { makeForm, written } from "../shared/form.js";
+import { duration, el, guarded, number, say, tabs, told } from "../shared/page.js";
+import { PlayerFrame } from "../shared/player.js";
+import { exports, failure, showCopies } from "../shared/share.js";
 
 const SECTIONS = [
   { title: "Photograph", fields: ["vessels", "low", "high", "width", "bright", "thickest"], hint: "vessels, thresholds" },

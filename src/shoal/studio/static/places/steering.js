@@ -1,9 +1,9 @@
 /* Steering: drag particles and goals; greedy's plan follows the hand, better plans come after; the Δ space beside it. */
-import { ask, newest, on, run, state, upload } from "./api.js";
-import { makeForm } from "./form.js";
-import { duration, el, guarded, number, svg, tabs, told } from "./page.js";
-import { PlayerFrame } from "./player.js";
-import { exports, failure, showCopies } from "./share.js";
+import { ask, newest, on, run, state, upload } from "../shared/api.js";
+import { makeForm } from "../shared/form.js";
+import { duration, el, guarded, number, svg, tabs, told } from "../shared/page.js";
+import { PlayerFrame } from "../shared/player.js";
+import { exports, failure, showCopies } from "../shared/share.js";
 
 const SECTIONS = [
   { title: "Particles and goals", open: true, fields: ["start", "goal", "interchangeable", "particle_radius", "tolerance"] },

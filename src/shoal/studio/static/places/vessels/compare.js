@@ -1,8 +1,8 @@
 /* Several policies from the same starts: means with intervals as they come in, and the first start of each to watch. */
-import { ask, cancelJob, run } from "./api.js";
-import { el, guarded, number, svg, told } from "./page.js";
-import { PlayerFrame } from "./player.js";
-import { failure } from "./share.js";
+import { ask, cancelJob, run } from "../../shared/api.js";
+import { el, guarded, number, svg, told } from "../../shared/page.js";
+import { PlayerFrame } from "../../shared/player.js";
+import { failure } from "../../shared/share.js";
 
 const MOST = 4;
 

@@ -1,0 +1,46 @@
+"""Quick answers: what a page asks for while somebody draws, drags or moves a slider. A process that stays gives them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from typing import Any
+
+from shoal.checks import check_choice
+from shoal.errors import ShoalError
+from shoal.studio.answers import files, papers, steering, vessels
+from shoal.studio.folder import Folder
+from shoal.studio.jobs.work import storable
+
+
+def answer_all(connection: Connection, root: str) -> None:
+    """Answer questions until the connection ends: (number, what, about) gives (number, "answer" or "error", value)."""
+    os.chdir(root)
+    folder = Folder(root)
+    while True:
+        try:
+            number, what, about = connection.recv()
+        except EOFError:
+            return
+        try:
+            connection.send(
+                (number, "answer", storable(ANSWERS[check_choice(what, what="question", choices=ANSWERS)](folder, about)))
+            )
+        except ShoalError as error:
+            connection.send((number, "error", str(error)))
+        except MemoryError:
+            connection.send((number, "error", "it takes more memory than the studio has for a preview"))
+        except OSError as error:
+            connection.send((number, "error", f"cannot read {error.filename or 'a file'}: {error.strerror or error}"))
+        except Exception as error:  # the last resort: whatever it is, the browser is told
+            connection.send((number, "error", f"{type(error).__name__}: {error}"[:300]))
+
+
+ANSWERS: dict[str, Callable[[Folder, dict[str, Any]], dict[str, Any]]] = {
+    "page": files.page, "copies": files.copies, "save": files.save_problem,
+    "map": vessels.map_, "photograph": vessels.photograph, "vessels": vessels.vessels, "sketch": vessels.sketch,
+    "steer": steering.steer, "workspace": steering.workspace, "reach": steering.reach,
+    "papers": papers.papers,
+}  # fmt: skip
+"""What may be asked, by name."""

@@ -1,0 +1,36 @@
+"""Answers for all places: episodes of the folder, problems as Python, command and file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import shoal
+from shoal.files import atomic
+from shoal.studio.answers.shared import seed_asked
+from shoal.studio.folder import Folder
+from shoal.studio.forms import checked_problem, copies_of
+
+
+def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the data of the player for an episode of the folder."""
+    from importlib import import_module
+
+    name = str(about["file"])
+    episode: Any = shoal.load(folder.path(name))
+    data: dict[str, Any] = import_module(f"shoal.views.{episode.part}.page").page_data(episode)
+    fields = episode.problem.to_dict()
+    return {"part": episode.part, "data": data, "problem": fields, "seed": episode.seed, "sentence": episode.sentence}
+
+
+def copies(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return a problem as Python, as a command and as a file."""
+    return dict(copies_of(checked_problem(about["problem"], folder), seed=seed_asked(about)))
+
+
+def save_problem(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Write a problem file; return its name."""
+    problem = checked_problem(about["problem"], folder)
+    name = folder.new_name(str(about.get("name") or problem.part), ".json")
+    with atomic(folder.path(name)) as temporary:
+        temporary.write_text(copies_of(problem, seed=seed_asked(about))["file"], encoding="utf-8")
+    return {"file": name}

@@ -1,0 +1,65 @@
+"""What answers of several places share: seeds, opened places, pictures."""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.checks import check_integer
+
+LARGEST_SHOWN = 1600
+"""Pixels of the larger side of a photograph as pages show it."""
+
+_places: dict[str, Any] = {}
+
+
+def seed_asked(about: dict[str, Any]) -> int:
+    """Return the seed of a question, 0 by default."""
+    return check_integer(about.get("seed", 0), what="seed", least=0)
+
+
+def opened(problem: Any) -> Any:
+    """Return the place of a problem; the last few are remembered while their files stay as they are."""
+    name = next(iter(problem.declarations()))
+    path = getattr(problem, name)
+    stamp = os.stat(path).st_mtime_ns if problem.place_is_file() else 0
+    key = f"{stamp} {problem.place_key()}"
+    if key not in _places:
+        if len(_places) > 7:
+            del _places[next(iter(_places))]
+        _places[key] = problem.place
+    return _places[key]
+
+
+def fit_to_page(pixels: NDArray[Any]) -> NDArray[Any]:
+    """Return pixels at equal steps, so that the larger side is at most `LARGEST_SHOWN`."""
+    step = -(-max(pixels.shape[:2]) // LARGEST_SHOWN)
+    return pixels[::step, ::step]
+
+
+def picture_of(pixels: NDArray[Any], kind: str) -> str:
+    """Return pixels as the base 64 of a picture: JPEG or PNG."""
+    from PIL import Image
+
+    encoded = io.BytesIO()
+    Image.fromarray(pixels).save(encoded, format=kind, **({"quality": 88} if kind == "JPEG" else {"compress_level": 1}))
+    return base64_of(encoded.getvalue())
+
+
+def picture_of_mask(mask: NDArray[np.bool_]) -> str:
+    """Return a mask as a PNG of one bit: white where it is true, else clear."""
+    from PIL import Image
+
+    encoded = io.BytesIO()
+    Image.fromarray(mask.astype(np.uint8) * 255).convert("1").save(encoded, format="PNG", transparency=0, compress_level=1)
+    return base64_of(encoded.getvalue())
+
+
+def base64_of(data: bytes) -> str:
+    """Return bytes as text for JSON."""
+    return base64.b64encode(data).decode()

@@ -1,0 +1,72 @@
+"""Answers for the place Steering: plans, workspaces, the Δ configuration space."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import shoal
+from shoal.checks import check_integer
+from shoal.studio.answers.shared import opened, seed_asked
+from shoal.studio.folder import Folder
+from shoal.studio.forms import checked_problem
+
+
+def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the plan of a steering problem: its moves, the ways of the particles, and what came of it."""
+    from shoal.views.steering.trajectories import trajectories_of
+
+    problem = checked_problem(about["problem"], folder)
+    episode: Any = shoal.run(problem, seed=seed_asked(about))
+    ways: list[list[Any]] = [[] for _ in episode.states[0]]
+    for trajectory in trajectories_of(episode):
+        for particle, way in enumerate(ways):
+            way.extend(np.round(trajectory.points[:, particle], 5).tolist())
+    return {
+        "planner": episode.planner, "status": str(episode.status), "reason": episode.reason, "moves": episode.moves,
+        "length": episode.length, "bound": episode.lower_bound, "error": episode.error, "inputs": episode.inputs.tolist(),
+        "ways": ways, "seconds": episode.seconds,
+    }  # fmt: skip
+
+
+def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the outline of a workspace, and where the particles start and are to go."""
+    from shoal.views.steering.axes import outlines_of
+
+    problem: Any = checked_problem(about["problem"], folder)
+    place, (start, goal) = opened(problem), problem.endpoints(seed_asked(about))
+    rings = [np.round(ring, 6).tolist() for ring in outlines_of(place)]
+    return {
+        "kind": place.kind, "dimensions": place.dimensions, "size": place.size, "rings": rings, "start": start.tolist(),
+        "goal": goal.tolist(), "convex": hasattr(place, "vertices"),
+    }  # fmt: skip
+
+
+def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the Δ configuration space: its outline, and what two, four, ... moves reach of it."""
+    from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
+    from shoal.views.steering.axes import outlines_of
+
+    problem: Any = checked_problem(about["problem"], folder)
+    place, start = opened(problem), problem.endpoints(seed_asked(about))[0]
+    if not isinstance(place, ConvexWorkspace) or place.dimensions == 3 or len(start) != 2:
+        return {"sets": [], "rings": []}
+    moves = check_integer(about.get("moves", 4), what="moves", least=2, most=6)
+    delta = start[1] - start[0]
+    turned = np.eye(2)
+    if place.round:
+        sets: Any = disk_reach(float(np.hypot(*delta)), moves=moves, radius=place.radius)
+        (cosine, sine), length = delta, max(float(np.hypot(*delta)), 1e-300)  # its sets lie as if Δ pointed right
+        turned = np.array([[cosine, sine], [-sine, cosine]]) / length
+    else:
+        sets = polygon_reach(place, delta, moves=moves)
+    told = [{"moves": one.moves, "fraction": one.fraction(), "rings": _rings(one.outline, turned)} for one in sets]
+    return {"rings": [outlines_of(place.differences)[0]], "delta": delta, "sets": told}
+
+
+def _rings(outline: Any, turned: NDArray[np.float64]) -> list[Any]:
+    """Return the outlines and holes of a set, rounded for drawing."""
+    pieces = [outline] if isinstance(outline, np.ndarray) else [part for ring, holes in outline for part in (ring, *holes)]
+    return [np.round(np.asarray(piece) @ turned, 5) for piece in pieces]

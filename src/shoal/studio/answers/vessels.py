@@ -1,0 +1,108 @@
+"""Answers for the place Vessels: maps, photographs and the vessels in them, painted cells."""
+
+from __future__ import annotations
+
+import base64
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.checks import check_integer
+from shoal.errors import InvalidInputError, ShoalError
+from shoal.studio.answers.shared import LARGEST_SHOWN, base64_of, fit_to_page, opened, picture_of, picture_of_mask, seed_asked
+from shoal.studio.folder import Folder
+from shoal.studio.forms import checked_problem
+
+MOST_CELLS = 4_000_000
+"""Cells of a map that pages draw."""
+
+
+def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the cells of a map, and where its particles start."""
+    problem: Any = checked_problem(about["problem"], folder)
+    workspace = opened(problem)
+    if workspace.free.size > MOST_CELLS:
+        raise InvalidInputError(f"map: expected at most {MOST_CELLS} cells for the studio, got {workspace.free.size}")
+    told = {
+        "name": workspace.name,
+        "shape": list(workspace.shape),
+        "cells": workspace.n_free,
+        "spacing": workspace.spacing,
+        "free": base64_of(np.packbits(workspace.free.ravel()).tobytes()),
+        "start": None,
+        "problem": None,
+    }
+    try:
+        from shoal.swarm.grid.randomness import trial_rng
+        from shoal.swarm.simulation.starts import draw_start
+
+        placed = problem.at_place(workspace)
+        placed.check_at_place()
+        start, _ = draw_start(placed, trial_rng(seed_asked(about), 0))
+        told["start"] = np.ravel_multi_index(tuple(start.T), workspace.shape).tolist()
+    except ShoalError as error:
+        told["problem"] = str(error)
+    return told
+
+
+def photograph(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return a picture for pages: PNG or JPEG, no larger than they show it."""
+    pixels = _pixels(*_file(folder, str(about["file"])))
+    height, width = pixels.shape[:2]
+    return {"width": width, "height": height, "picture": picture_of(fit_to_page(pixels), "JPEG")}
+
+
+def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the vessels of a photograph as a picture of the same size as `photograph`'s; with ``exact`` also how sure it is."""
+    from shoal.swarm.maps.open import finder_of, vessels_in
+
+    problem: Any = checked_problem(about["problem"], folder)
+    fields = {name: getattr(problem, name) for name in ("bright", "thickest")}
+    thresholds = {"low": problem.low, "high": problem.high}
+    told: dict[str, Any] = {"exact": bool(about.get("exact"))}
+    if told["exact"]:
+        found = vessels_in(problem.map, **thresholds, **fields)
+        mask = found.mask
+        told |= {"confidence": found.confidence, "warning": found.warning, "bright": found.bright}
+    else:
+        finder = finder_of(problem.map, **fields)
+        rows, columns = finder.shape
+        step = -(-max(rows, columns) // LARGEST_SHOWN)
+        mask = finder.mask(**thresholds, shape=(-(-rows // step), -(-columns // step)))
+    told["share"] = float(mask.mean())
+    return told | {"mask": picture_of_mask(fit_to_page(mask))}
+
+
+def sketch(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Write cells that were painted as a new map file; return its name."""
+    from shoal.swarm.maps.files import write_map
+    from shoal.swarm.maps.workspace import GridWorkspace
+
+    shape = [check_integer(side, what="shape", least=1) for side in about["shape"]]
+    cells = int(np.prod(shape))
+    if len(shape) != 2 or cells > MOST_CELLS:
+        raise InvalidInputError(f"shape: expected rows and columns of at most {MOST_CELLS} cells, got {shape}")
+    packed = np.frombuffer(base64.b64decode(about["free"], validate=True), dtype=np.uint8)
+    if len(packed) != -(-cells // 8):
+        raise InvalidInputError(f"free: expected {-(-cells // 8)} bytes, got {len(packed)}")
+    free = np.unpackbits(packed, count=cells).reshape(shape).astype(np.bool_)
+    stem = str(about.get("name", "map")).partition(":")[0].rpartition("/")[2].partition(".")[0]
+    name = folder.new_name(f"{stem}-painted" if not stem.endswith("-painted") else stem, ".png")
+    write_map(GridWorkspace(free), folder.path(name))
+    return {"file": name}
+
+
+def _file(folder: Folder, name: str) -> tuple[Path, int]:
+    folder.check_fields({"file": name})
+    path = folder.path(name)
+    return path, path.stat().st_mtime_ns
+
+
+@lru_cache(maxsize=2)
+def _pixels(path: Path, _stamp: int) -> NDArray[np.uint8]:
+    from shoal.swarm.maps.pictures import read_pixels
+
+    return read_pixels(path)
