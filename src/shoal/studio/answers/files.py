@@ -6,7 +6,7 @@ from typing import Any
 
 import shoal
 from shoal.files import atomic
-from shoal.studio.answers.shared import seed_asked
+from shoal.studio.answers.shared import checked_seed
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, copies_of
 
@@ -24,7 +24,7 @@ def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 def copies(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return a problem as Python, as a command and as a file."""
-    return dict(copies_of(checked_problem(about["problem"], folder), seed=seed_asked(about)))
+    return dict(copies_of(checked_problem(about["problem"], folder), seed=checked_seed(about)))
 
 
 def save_problem(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -32,5 +32,5 @@ def save_problem(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     problem = checked_problem(about["problem"], folder)
     name = folder.new_name(str(about.get("name") or problem.part), ".json")
     with atomic(folder.path(name)) as temporary:
-        temporary.write_text(copies_of(problem, seed=seed_asked(about))["file"], encoding="utf-8")
+        temporary.write_text(copies_of(problem, seed=checked_seed(about))["file"], encoding="utf-8")
     return {"file": name}

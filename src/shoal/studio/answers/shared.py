@@ -18,7 +18,7 @@ LARGEST_SHOWN = 1600
 _places: dict[str, Any] = {}
 
 
-def seed_asked(about: dict[str, Any]) -> int:
+def checked_seed(about: dict[str, Any]) -> int:
     """Return the seed of a question, 0 by default."""
     return check_integer(about.get("seed", 0), what="seed", least=0)
 

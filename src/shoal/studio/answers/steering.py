@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import shoal
 from shoal.checks import check_integer
-from shoal.studio.answers.shared import opened, seed_asked
+from shoal.studio.answers.shared import checked_seed, opened
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem
 
@@ -19,7 +19,7 @@ def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.views.steering.trajectories import trajectories_of
 
     problem = checked_problem(about["problem"], folder)
-    episode: Any = shoal.run(problem, seed=seed_asked(about))
+    episode: Any = shoal.run(problem, seed=checked_seed(about))
     ways: list[list[Any]] = [[] for _ in episode.states[0]]
     for trajectory in trajectories_of(episode):
         for particle, way in enumerate(ways):
@@ -36,7 +36,7 @@ def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.views.steering.axes import outlines_of
 
     problem: Any = checked_problem(about["problem"], folder)
-    place, (start, goal) = opened(problem), problem.endpoints(seed_asked(about))
+    place, (start, goal) = opened(problem), problem.endpoints(checked_seed(about))
     rings = [np.round(ring, 6).tolist() for ring in outlines_of(place)]
     return {
         "kind": place.kind, "dimensions": place.dimensions, "size": place.size, "rings": rings, "start": start.tolist(),
@@ -50,7 +50,7 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.views.steering.axes import outlines_of
 
     problem: Any = checked_problem(about["problem"], folder)
-    place, start = opened(problem), problem.endpoints(seed_asked(about))[0]
+    place, start = opened(problem), problem.endpoints(checked_seed(about))[0]
     if not isinstance(place, ConvexWorkspace) or place.dimensions == 3 or len(start) != 2:
         return {"sets": [], "rings": []}
     moves = check_integer(about.get("moves", 4), what="moves", least=2, most=6)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shoal.checks import check_integer
 from shoal.errors import InvalidInputError, ShoalError
-from shoal.studio.answers.shared import LARGEST_SHOWN, base64_of, fit_to_page, opened, picture_of, picture_of_mask, seed_asked
+from shoal.studio.answers.shared import LARGEST_SHOWN, base64_of, checked_seed, fit_to_page, opened, picture_of, picture_of_mask
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem
 
@@ -41,7 +41,7 @@ def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
         placed = problem.at_place(workspace)
         placed.check_at_place()
-        start, _ = draw_start(placed, trial_rng(seed_asked(about), 0))
+        start, _ = draw_start(placed, trial_rng(checked_seed(about), 0))
         told["start"] = np.ravel_multi_index(tuple(start.T), workspace.shape).tolist()
     except ShoalError as error:
         told["problem"] = str(error)
