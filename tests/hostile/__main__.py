@@ -1,24 +1,27 @@
-"""Damage valid files of every format and read them, a batch in a process of its own: ``python -m tests.hostile 100000``."""
+"""Damage valid files of every format and read them: ``python -m tests.hostile 100000``.
+
+A batch is read in a process of its own, which the kernel ends at a socket, at a program that is started, and after 10 seconds for
+one file; it has 1 GiB of memory. Its working folder and its home are empty, and must be so at the end.
+"""
 
 from __future__ import annotations
 
 import argparse
 import collections
+import contextlib
 import os
 import random
 import resource
-import signal
 import sys
 import tempfile
 import warnings
 from pathlib import Path
 
 from tests.hostile.damages import damaged
-from tests.hostile.samples import Reader, faults, lay_out, samples
-from tests.hostile.watch import watched
+from tests.hostile.samples import SECONDS, Reader, faults, lay_out, samples
+from tests.hostile.watch import MOST_MEMORY, confine, more_time, watched
 
 BATCH = 250
-MOST_MEMORY = 2**20  # KB above what the process has when it begins
 Sample = tuple[Reader, list[dict[str, bytes]]]
 
 
@@ -39,16 +42,19 @@ def play(format_: str, sample: Sample, seed: int, folder: Path) -> list[str]:
 def batch(format_: str, sample: Sample, seeds: range, report: int) -> None:
     """Read files of one format in this process, which ends then; what is wrong goes down a pipe, and before each file its seed."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    confine(SECONDS)
     for seed in seeds:
         os.write(report, f"#{seed}\n".encode())
-        signal.alarm(60)
+        more_time(SECONDS)
         with tempfile.TemporaryDirectory() as folder:
             wrong = play(format_, sample, seed, Path(folder))
-        signal.alarm(0)
         grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-        if grown > MOST_MEMORY:
+        if grown > MOST_MEMORY // 1024:
             wrong.append(f"{grown // 1024} MB of memory")
             before += grown
+        wrong += [f"left in the working folder or at home: {left}" for left in os.listdir()]
+        with contextlib.suppress(ChildProcessError):
+            wrong.append(f"a child is left: {os.waitpid(-1, os.WNOHANG)}")
         for one in wrong:
             os.write(report, f"{format_} {seed}: {one}\n".encode(errors="backslashreplace"))
 
@@ -61,7 +67,8 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     options = parser.parse_args()
     found: collections.Counter[str] = collections.Counter()
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as home, contextlib.chdir(home):
+        os.environ["HOME"] = home
         every = {name: one for name, one in samples(Path(folder)).items() if name.startswith(options.formats)}
         each = -(-options.count // len(every))
         for name, sample in every.items():

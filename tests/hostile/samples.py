@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import gzip
 import io
@@ -9,24 +10,32 @@ import json
 import time
 import traceback
 import zipfile
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 import shoal
+from shoal.checks import check_file
 from shoal.cli import run as command
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.lab import Sweep, run_sweep
 from shoal.lab.coordinator import prepare
 from shoal.parts import problem_for
 from shoal.search.allocation.plan import read_points
+from shoal.search.flight.terrain_files import open_terrain
+from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.missions.checking import check_missions
 from shoal.search.missions.files import FORMATS, write_missions
 from shoal.search.missions.mission import missions_of
 from shoal.search.regions.builder import open_region
+from shoal.search.regions.region import SearchRegion
 from shoal.steering.workspaces.formats import open_workspace
+from shoal.studio.answers import ANSWERS
+from shoal.studio.folder import PICTURES, Folder
+from shoal.studio.jobs.store import FILE as JOBS
+from shoal.studio.jobs.store import JobStore
 from shoal.swarm.maps.open import open_map
 from shoal.swarm.maps.pictures import read_pixels
 from shoal.swarm.rigs import SimulatedRig
@@ -45,7 +54,10 @@ SQUARE = [[0, 0], [2, 0], [2, 2], [0, 2], [0, 0]]
 
 def samples(folder: Path) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
     """Return the reader of each format and valid files of it: the content of each by its name, the one to read first."""
-    return _maps() | _regions(folder) | _missions(folder) | _steering() | _problems() | _episodes(folder)
+    (folder / "field.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [FIELD]}))
+    field = open_region(folder / "field.geojson")
+    flown = _missions(folder, field) | _flights(field)
+    return _maps() | _regions(folder) | flown | _studio(folder) | _steering() | _problems() | _episodes(folder)
 
 
 def verified(path: Path) -> object:
@@ -146,9 +158,7 @@ def _points(path: Path) -> object:
     return read_points(path, open_region("square:60"), what="obstacles")
 
 
-def _missions(folder: Path) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
-    (folder / "field.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [FIELD]}))
-    region = open_region(folder / "field.geojson")
+def _missions(folder: Path, region: SearchRegion) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
     missions, flown = missions_of([(-20, -30), (20, -30), (20, 30), (-20, 30)], region.frame), {}
     for name in FORMATS:
         (file,) = write_missions(missions, folder / name, formats=[name])
@@ -156,8 +166,78 @@ def _missions(folder: Path) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
     return flown
 
 
-def _checked(path: Path, region: object) -> object:
+def _checked(path: Path, region: SearchRegion) -> object:
     return check_missions(path.parent, region, 30).report()
+
+
+def _flights(region: SearchRegion) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
+    """Vehicles, heights of the ground, and the fence and rally points beside missions."""
+    corners = ((8.499, 47.399), (8.502, 47.399), (8.502, 47.402), (8.499, 47.402))
+    rows = [f"{k}\t0\t0\t5001\t4\t0\t0\t0\t{y}\t{x}\t0\t1" for k, (x, y) in enumerate(corners)]
+    beside = {
+        "fence.txt": "\n".join(["QGC WPL 110", *rows]),
+        "rally.txt": "QGC WPL 110\n0\t0\t3\t5100\t0\t0\t0\t0\t47.4\t8.5\t9\t1\n",
+    }
+    missions = missions_of([(-20, -30), (20, -30), (20, 30)], region.frame, autopilot="ardupilot")
+    text = FORMATS.get("wpl").write(missions[0])
+    grid = b"ncols 3\nnrows 2\nxllcorner 8.5\nyllcorner 47.4\ncellsize 0.001\nNODATA_value -9999\n401 402 403.5\n404 -9999 406\n"
+    drone: dict[str, object] = {"preset": "multirotor", "cruise_speed": 8.0, "endurance": 20, "wind_speed": 3}
+    toml = "\n".join(f"{name} = {json.dumps(value)}" for name, value in drone.items()).encode()
+    return {
+        "vehicle json": (vehicle_of, [{"a.json": json.dumps(drone).encode()}]),
+        "vehicle toml": (vehicle_of, [{"a.toml": toml}]),
+        "terrain tif": (open_terrain, [{"a.tif": _heights(kind)} for kind in (np.float32, np.uint16)]),
+        "terrain asc": (open_terrain, [{"a.asc": grid}, {"a.asc": grid, "a.prj": b"EPSG:4326"}]),
+        "mission fence": (
+            partial(_checked, region=region),
+            [{f"mission/{name}": beside[name].encode(), "mission/robot-01.waypoints": text.encode()} for name in beside],
+        ),
+    }
+
+
+def _studio(folder: Path) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
+    """What a browser brings into the folder of a studio, and the jobs that lie there."""
+    store = JobStore(folder)
+    store.add("play", {"problem": {"kind": "swarm", "map": "line:9"}, "seed": 1})
+    store.close()
+    return {
+        "studio upload": (_uploaded, [{"a.png": _picture("PNG")}, {"a.tif": _picture("TIFF")}, {"a.geojson": b"{}"}]),
+        "studio jobs": (_jobs, [{JOBS: (folder / JOBS).read_bytes()}]),
+    }
+
+
+def _jobs(path: Path) -> object:
+    store = JobStore(path.parent)
+    try:
+        return store.newest(), store.counts()
+    finally:
+        store.close()
+
+
+def _uploaded(path: Path) -> object:
+    """Bring a file into the folder of a studio, and look at it there as pages do."""
+
+    async def pieces() -> AsyncIterator[bytes]:
+        check_file(path, what="file of the tests")
+        yield path.read_bytes()
+
+    folder = Folder(path.parent)
+    name = asyncio.run(folder.take(path.name, pieces()))
+    return ANSWERS["photograph"](folder, {"file": name}) if name.endswith(PICTURES) else folder.files()
+
+
+def _heights(dtype: type) -> bytes:
+    """Return a GeoTIFF of 2 x 3 heights."""
+    from PIL import Image, TiffImagePlugin
+
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    tags[33550], tags.tagtype[33550] = (0.001, 0.001, 0.0), 12
+    tags[33922], tags.tagtype[33922] = (0.0, 0.0, 0.0, 8.5, 47.4, 0.0), 12
+    tags[34735], tags.tagtype[34735] = (1, 1, 0, 3, 1024, 0, 1, 2, 1025, 0, 1, 1, 2048, 0, 1, 4326), 3
+    tags[42113] = "-9999"
+    buffer = io.BytesIO()
+    Image.fromarray(np.arange(400, 406, dtype=dtype).reshape(2, 3)).save(buffer, format="TIFF", tiffinfo=tags)
+    return buffer.getvalue()
 
 
 def _steering() -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:

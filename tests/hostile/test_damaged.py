@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import pkgutil
 import re
+import signal
 import sqlite3
 import struct
+import subprocess
+import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -21,7 +24,15 @@ from shoal.search.regions.formats import _LAYERED, _READERS
 from shoal.steering.workspaces.formats import SUFFIXES
 from shoal.swarm.maps.files import FORMATS as MAPS
 
+ROOT = Path(__file__).parents[2]
 FILES = 10  # of each format
+LEAST = 20  # kinds of hostile files, for each reader
+CONFINED = """
+import os, socket, sys
+from tests.hostile.watch import confine
+confine(0.2)
+{}
+"""
 
 
 @pytest.fixture(scope="module")
@@ -58,9 +69,26 @@ def test_the_watch_sees_what_it_is_to_see(tmp_path):
     assert "ModuleNotFoundError" in wrong[0]
 
 
+@pytest.mark.parametrize(
+    ("code", "ended"),
+    [
+        ("socket.socket()", signal.SIGSYS),
+        ("os.execv(sys.executable, [sys.executable])", signal.SIGSYS),
+        ("while True: pass", signal.SIGPROF),
+        ("bytearray(2**30 + 2**27)", None),
+    ],
+)
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel's filter is Linux'")
+def test_the_kernel_ends_what_readers_may_not_do(code, ended):
+    said = subprocess.run([sys.executable, "-c", CONFINED.format(code)], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert said.returncode == (-ended if ended else 1)
+    assert said.stderr.endswith("" if ended else "MemoryError\n")
+
+
 def test_every_kind_of_hostile_file(every, tmp_path):
     for name, (read, (files, *_)) in every.items():
         first, content = next(iter(files.items()))
+        assert len({change(content) for change in CONTENTS.values()} - {content}) + len(PLACES) > LEAST, name
         for number, (kind, change) in enumerate((CONTENTS | PLACES).items()):
             path = lay_out(files, tmp_path / f"{name} {number}")
             path.write_bytes(CONTENTS[kind](content)) if kind in CONTENTS else change(path)
@@ -85,7 +113,7 @@ def test_geometries_nested_until_the_stack_would_end(every, tmp_path):
 
 
 def test_the_page_of_limits_tells_those_that_hold():
-    page = Path(__file__).parents[2] / "docs" / "concepts" / "trust.md"
+    page = ROOT / "docs" / "concepts" / "trust.md"
     rows = re.findall(r"^\| .* \| ([\d,e]+) \| `([\w.]+)` \|$", page.read_text(encoding="utf-8"), re.MULTILINE)
     assert len(rows) > 20
     for number, name in rows:

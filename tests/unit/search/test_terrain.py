@@ -197,6 +197,7 @@ BAD = [
     ("a.asc", ascii_grid(ncols="1", nrows="4"), "a.asc: expected at least 2 rows and 2 columns of heights, got 4 and 1"),
     ("a.asc", ascii_grid(body="1 2\n3 1e30\n"), "a.asc: expected heights of at most 20000 m, got 1e+30; is NODATA not declared?"),
     ("a.asc", ascii_grid(body="-9999 -9999\n-9999 nan\n"), "a.asc: expected heights, got a grid in which all are missing"),
+    ("a.asc", "ncols 2\nNCOLS 2\n" + ascii_grid(), "a.asc: expected nrows above 0 in the head of an ESRI ASCII grid, got none"),
     ("a.asc", "hills", "a.asc: expected ncols above 0"),
     ("a.txt", "", "a.txt: expected heights in a file .tif or .asc, got the suffix '.txt'"),
     ("a.tif", "II*\0", "a.tif: expected a GeoTIFF, got one that cannot be read"),

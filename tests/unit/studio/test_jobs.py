@@ -55,6 +55,28 @@ def test_another_database_is_left_alone(tmp_path):
         JobStore(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("UPDATE jobs SET spec = '[1'", "job 1: spec: expected JSON"),
+        ("UPDATE jobs SET result = '[]'", "job 1: result: expected an object, got \\[\\]"),
+        ("UPDATE jobs SET spec = x'00'", "job 1: spec: expected a text"),
+        ("UPDATE jobs SET state = 'x'", "job 1: state: expected one of queued, .* got 'x'"),
+        ("UPDATE jobs SET created = 9e999", "job 1: created: expected a number, got inf"),
+        ("ALTER TABLE jobs RENAME TO x; CREATE VIEW jobs AS SELECT * FROM x", "nothing else, got the table 'x'"),
+        ("DROP TABLE jobs; CREATE VIEW jobs AS SELECT 1", "nothing else, got the view 'jobs'"),
+    ],
+)
+def test_jobs_that_a_stranger_wrote_are_one_sentence(tmp_path, change, said):
+    store = JobStore(tmp_path)
+    store.add("play", {"seed": 1})
+    store.close()
+    with sqlite3.connect(tmp_path / ".studio.sqlite") as damaged:
+        damaged.executescript(change)
+    with pytest.raises(InvalidInputError, match=said):
+        JobStore(tmp_path)
+
+
 def gone(pid):
     until = time.monotonic() + 5
     while time.monotonic() < until:

@@ -151,12 +151,15 @@ def _without(heights: Floats, no_data: str) -> Floats:
 def _ascii_grid(source: Path) -> Terrain:
     lines = read_text(source, what="file of heights", most=LARGEST_TERRAIN).split("\n")
     head: dict[str, float] = {}
-    while len(head) < len(lines) and len(parts := lines[len(head)].split()) == 2 and parts[0][:1].isalpha():
+    for begin, line in enumerate(lines):
+        parts = line.split()
+        if len(parts) != 2 or not parts[0][0].isalpha() or parts[0].lower() in head:
+            break
         try:
             head[parts[0].lower()] = float(parts[1])
         except ValueError:
             raise InvalidInputError(
-                f"{source}, line {len(head) + 1}: expected a number as {shortened(parts[0])}, got {shortened(parts[1])}"
+                f"{source}, line {begin + 1}: expected a number as {shortened(parts[0])}, got {shortened(parts[1])}"
             ) from None
     for name in _HEAD:
         if not (head.get(name, 0.0) > 0 and np.isfinite(head[name])):
@@ -168,7 +171,7 @@ def _ascii_grid(source: Path) -> Terrain:
         raise InvalidInputError(f"{source}: expected xllcorner and yllcorner, or xllcenter and yllcenter, got none")
     columns, rows, size = int(head["ncols"]), int(head["nrows"]), head["cellsize"]
     _check_size(source, rows, columns)
-    heights = _numbers(source, lines, len(head), rows * columns).reshape(rows, columns)
+    heights = _numbers(source, lines, begin, rows * columns).reshape(rows, columns)
     half = 0.0 if "xllcenter" in head else 0.5
     west, south = corner[0] + half * size, corner[1] + half * size
     heights = _without(heights, str(head.get("nodata_value", -9999.0)))

@@ -145,9 +145,9 @@ def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None
 def _listed(folder: str | os.PathLike[str]) -> set[str]:
     """Return the names of mission files that the manifest in a folder lists; none for one that is not ours."""
     try:
-        listed = parse_json((Path(folder) / MANIFEST).read_text(encoding="utf-8"), where=MANIFEST)["files"]
+        listed = parse_json(read_text(Path(folder) / MANIFEST, what="list of missions", most=LARGEST_FILE), where=MANIFEST)["files"]
         names = {name for name in listed if isinstance(name, str)}
-    except (OSError, UnicodeError, InvalidInputError, TypeError, KeyError):
+    except (InvalidInputError, TypeError, KeyError):
         return set()
     suffixes = {FORMATS.get(name).suffix for name in FORMATS}
     paths = {Path(name) for name in names if Path(name).name == name}

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from shoal.checks import check_choice, check_number, check_text, parse_json, shortened
 from shoal.errors import InvalidInputError
 from shoal.lab.storage.schema import told, transaction
 
@@ -23,6 +24,7 @@ _TABLE = """CREATE TABLE IF NOT EXISTS jobs (
 _COLUMNS = "id, kind, spec, state, urgent, tries, created, began, ended, result"
 
 ENDED = ("done", "failed", "cancelled", "interrupted")
+_STATES = ("queued", "running", *ENDED)
 
 
 class JobStore:
@@ -49,11 +51,12 @@ class JobStore:
         connection = self._connection
         connection.execute("PRAGMA trusted_schema = OFF")
         application = connection.execute("PRAGMA application_id").fetchone()[0]
-        tables = connection.execute("SELECT name FROM sqlite_master WHERE name NOT LIKE 'sqlite_%'").fetchall()
+        tables = connection.execute("SELECT name, type FROM sqlite_master WHERE name NOT LIKE 'sqlite_%'").fetchall()
         if application != APPLICATION and (application or tables):
             raise InvalidInputError(f"{self.path}: expected a store of jobs, got another SQLite database")
-        if [name for name in tables if name != ("jobs",)]:
-            raise InvalidInputError(f"{self.path}: expected a store of jobs and nothing else, got {tables[0][0]}")
+        for name, kind in tables:
+            if (name, kind) != ("jobs", "table"):
+                raise InvalidInputError(f"{self.path}: expected a store of jobs and nothing else, got the {kind} {shortened(name)}")
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = NORMAL")
         with transaction(connection):
@@ -63,6 +66,8 @@ class JobStore:
                 "UPDATE jobs SET state = CASE WHEN tries < ? THEN 'queued' ELSE 'interrupted' END WHERE state = 'running'",
                 (MOST_TRIES,),
             )
+        for row in connection.execute(f"SELECT {_COLUMNS} FROM jobs"):
+            self._job(row)
 
     def add(self, kind: str, spec: dict[str, Any], *, urgent: bool = False) -> int:
         """Queue a job and return its number; urgent ones, which somebody waits for, begin first."""
@@ -83,7 +88,7 @@ class JobStore:
                 f"(SELECT id FROM jobs WHERE state = 'queued' ORDER BY urgent DESC, id LIMIT 1) RETURNING {_COLUMNS}",
                 (time.time(),),
             ).fetchone()
-        return None if row is None else _job(row)
+        return None if row is None else self._job(row)
 
     def end(self, number: int, state: str, result: dict[str, Any]) -> None:
         """Say how a job ended."""
@@ -106,7 +111,7 @@ class JobStore:
         """Return one job, or None."""
         with told(self.path):
             row = self._connection.execute(f"SELECT {_COLUMNS} FROM jobs WHERE id = ?", (number,)).fetchone()
-        return None if row is None else _job(row)
+        return None if row is None else self._job(row)
 
     def newest(self, most: int = 100) -> list[dict[str, Any]]:
         """Return jobs, those that have not ended and then the newest first."""
@@ -114,7 +119,7 @@ class JobStore:
             rows = self._connection.execute(
                 f"SELECT {_COLUMNS} FROM jobs ORDER BY state NOT IN ('running', 'queued'), id DESC LIMIT ?", (most,)
             ).fetchall()
-        return [_job(row) for row in rows]
+        return [self._job(row) for row in rows]
 
     def counts(self) -> dict[str, int]:
         """Return how many jobs are in each state."""
@@ -125,7 +130,16 @@ class JobStore:
         """Close the file."""
         self._connection.close()
 
-
-def _job(row: tuple[Any, ...]) -> dict[str, Any]:
-    told_of = dict(zip(_COLUMNS.split(", "), row, strict=True))
-    return told_of | {"spec": json.loads(told_of["spec"]), "result": json.loads(told_of["result"])}
+    def _job(self, row: tuple[Any, ...]) -> dict[str, Any]:
+        """Return the job that a row holds; a stranger may have written it."""
+        job = dict(zip(_COLUMNS.split(", "), row, strict=True))
+        where = f"{self.path}: job {shortened(job['id'])}"
+        check_choice(job["state"], what=f"{where}: state", choices=_STATES)
+        for name in ("created", "began", "ended"):
+            if job[name] is not None:
+                check_number(job[name], what=f"{where}: {name}")
+        for name in ("spec", "result"):
+            job[name] = parse_json(check_text(job[name], what=f"{where}: {name}"), where=f"{where}: {name}")
+            if not isinstance(job[name], dict):
+                raise InvalidInputError(f"{where}: {name}: expected an object, got {shortened(job[name])}")
+        return job
