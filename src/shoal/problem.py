@@ -146,6 +146,36 @@ class Declaration:
             return check_choice(value, what=self.name, choices=option.choices)
         return check_text(value, what=self.name)
 
+    def text(self, value: Any) -> str:
+        """Return a value as the command line takes it: numbers as '1,2', points and cells as '1,2 3,4', fields as 'a=1,b=2'."""
+        if isinstance(value, Mapping):
+            first, *others = value.items()
+            return ",".join([str(first[1]), *(f"{name}={_plain(one)}" for name, one in others)])
+        if isinstance(value, list | tuple):
+            deep = any(isinstance(one, list | tuple) for one in value)
+            return " ".join(self.text(one) for one in value) if deep else ",".join(map(_plain, value))
+        return str(value)
+
+    def value_of(self, text: Any) -> Any:
+        """Return the value that a text of the command line means.
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        if self.option.parse is None:
+            return text
+        try:
+            return self.option.parse(text)
+        except InvalidInputError:
+            raise
+        except ValueError as error:
+            raise InvalidInputError(f"{self.flag}: {error}") from None
+
+
+def _plain(value: Any) -> str:
+    return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
+
 
 REQUIRED: Any = MISSING
 """The default of a field that has none."""

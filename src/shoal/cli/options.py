@@ -43,7 +43,12 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 
 
 def takes_problem(
-    kind: type[Problem], *, from_file: bool = False, only: tuple[str, ...] = (), **fixed: Any
+    kind: type[Problem],
+    *,
+    from_file: bool = False,
+    only: tuple[str, ...] = (),
+    options: type[Problem] | None = None,
+    **fixed: Any,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator for a command: its first parameter, a problem, becomes an option for each field of ``kind``.
 
@@ -54,6 +59,8 @@ def takes_problem(
         Whether the argument may also be a problem file: the options that are given then replace its fields.
     only : tuple of str
         The fields that are options; all if empty.
+    options : type, optional
+        What the command's second parameter is: its fields become options, too.
     **fixed
         Fields that the command settles itself; they are no options.
 
@@ -74,13 +81,16 @@ def takes_problem(
     """
     known = {name: declared for name, declared in kind.declarations().items() if not only or name in only}
     taken = {name: declared for name, declared in known.items() if name not in fixed}
+    beside = {} if options is None else dict(options.declarations())
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
+        own = list(inspect.signature(command, eval_str=True).parameters.values())[1 + (options is not None) :]
 
         @functools.wraps(command)
         def wrapped(**given: Any) -> None:
             texts = {name: given.pop(name) for name in taken if name in given}
+            if options is not None:
+                given["options"] = options(**{name: parsed(declared, given.pop(name)) for name, declared in beside.items()})
             if from_file:
                 command(_problem_of(kind, taken, texts, fixed, trust=given.pop("trust", False)), **given)
                 return
@@ -90,6 +100,7 @@ def takes_problem(
         made = [_parameter(declared, from_file=from_file) for declared in taken.values()]
         if from_file:
             made.append(inspect.Parameter("trust", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Trust))
+        made += [_parameter(declared, from_file=False) for declared in beside.values()]
         made = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in [*made, *own]]
         vars(wrapped)["__signature__"] = inspect.Signature(made)
         wrapped.__annotations__ = {one.name: one.annotation for one in made}
@@ -163,19 +174,13 @@ def _default(declared: Declaration) -> Any:
     option, default = declared.option, declared.default
     if option.parse is None or isinstance(default, str):
         return default
-    return None if default is None or default == () else str(default)
+    return None if default is None or default == () else declared.text(default)
 
 
 def parsed(declared: Declaration, given: Any) -> Any:
     """Return the value that a text of the command line means."""
     if given is None or (declared.option.repeated and not given):
         return None if declared.required else declared.default
-    parse = declared.option.parse
-    if parse is None or (isinstance(given, str) and not declared.required and given == _default(declared)):
-        return declared.default if parse is not None else given
-    try:
-        return parse(given)
-    except InvalidInputError:
-        raise
-    except ValueError as error:
-        raise InvalidInputError(f"{declared.flag}: {error}") from None
+    if isinstance(given, str) and not declared.required and declared.option.parse is not None and given == _default(declared):
+        return declared.default
+    return declared.value_of(given)

@@ -13,18 +13,15 @@ from shoal.checks import check_number
 from shoal.cli import options
 from shoal.cli.options import help_of, parsed
 from shoal.cli.output import check_folder, print_json, print_table, say
-from shoal.errors import InvalidInputError
-from shoal.search.flight.staggering import DELAY as _DELAY
-from shoal.search.flight.staggering import HORIZONTAL, VERTICAL, Separation
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.problem import SearchProblem
+from shoal.search.problem.mission_options import MissionOptions, parse_separation
 
 if TYPE_CHECKING:
     from shoal.search.missions import Diagnostic, MissionCheck
 
 CHECK_EXAMPLE = "Example: shoal missions check missions field.json --footprint 20"
 
-MAP = "map.png"
 _SHOWN = 3  # diagnostics of one kind in one file
 
 Folder = Annotated[
@@ -72,18 +69,12 @@ Cap = Annotated[
     ),
 ]
 Autopilot = Annotated[str | None, typer.Option("--autopilot", help="px4 or ardupilot: which one it has to be.", show_default=False)]
-SEPARATION, DELAY = f"{HORIZONTAL:g},{VERTICAL:g}", _DELAY
+_KEPT = MissionOptions.declarations()
+SEPARATION, DELAY = _KEPT["separation"].text(_KEPT["separation"].default), _KEPT["delay_tolerance"].default
 Separated = Annotated[
-    str,
-    typer.Option(
-        "--separation",
-        metavar="HORIZONTAL[,VERTICAL]",
-        help="Metres of which vehicles in flight keep one at least; 0 for none.",
-    ),
+    str, typer.Option("--separation", metavar=_KEPT["separation"].option.metavar, help=help_of(_KEPT["separation"]))
 ]
-Late = Annotated[
-    float, typer.Option("--delay-tolerance", metavar="SECONDS", help="How late each vehicle may be, independently of the others.")
-]
+Late = Annotated[float, typer.Option("--delay-tolerance", metavar="SECONDS", help=help_of(_KEPT["delay_tolerance"]))]
 FlownBy = Annotated[
     str | None,
     typer.Option(
@@ -140,13 +131,17 @@ def check(
         check_folder(out)
     sides = None if footprint is None else parsed(_FIELDS["footprint"], footprint)
     searched = open_region(region, no_go=no_go or None, layer=layer, inner=inner, across_zones=across_zones)
-    kept = parse_separation(separation, delay_tolerance)
+    kept = MissionOptions(separation=parse_separation(separation), delay_tolerance=delay_tolerance).kept_apart
     flown = None if vehicle is None else vehicle_of(vehicle)
     searched = with_margin(searched, check_number(margin, what="--margin", least=0))
     result = check_missions(
         folder, searched, sides, angle=angle, format=format_, cap=cap, autopilot=autopilot, separation=kept, vehicle=flown
     )
-    written = [] if out is None else _write(result, out)
+    written = []
+    if out is not None:
+        from shoal.views.search.mission_folder import write_check
+
+        written = write_check(result, out)
     if json_:
         print_json(result.report())
     else:
@@ -160,24 +155,6 @@ def check(
     if faults:
         say(f"shoal: {' and '.join(faults)}")
         raise typer.Exit(1)
-
-
-def _write(result: MissionCheck, out: Path) -> list[Path]:
-    from shoal.files import write_json
-    from shoal.search.missions.files import UNCOVERED
-
-    written = [out / "check.json"]
-    write_json(written[0], result.report())
-    if result.coverage is not None:
-        written.append(out / UNCOVERED)
-        result.write_uncovered(written[1])
-    if result.missions:
-        from shoal.views.drawing.charts import save_figure
-        from shoal.views.search.missions import missions_figure
-
-        save_figure(missions_figure(result.missions, result.region, result.approach), out / MAP)
-        written.append(out / MAP)
-    return written
 
 
 def _print(result: MissionCheck, written: list[Path]) -> None:
@@ -216,24 +193,6 @@ def zones_text(count: int) -> str:
 def margin_text(margin: float, unseen: float) -> str:
     """Return the margin and what nobody sees who keeps it, as the description of a region goes on; nothing if there is none."""
     return f"; {area_text(unseen)} cannot be seen with the margin of {margin:g} m" if margin else ""
-
-
-def parse_separation(text: str, delay: float) -> Separation | None:
-    """Return the separation that a text of the command line says; None for 0."""
-    words = text.split(",")
-    try:
-        numbers = [float(word) for word in words]
-        if len(numbers) > 2:
-            raise ValueError
-    except ValueError:
-        raise InvalidInputError(f"--separation: expected HORIZONTAL or HORIZONTAL,VERTICAL in metres, got {text[:40]!r}") from None
-    for number in numbers:
-        check_number(number, what="--separation", least=0)
-    check_number(delay, what="--delay-tolerance", least=0)
-    if not numbers[0]:
-        return None
-    vertical = check_number(numbers[1], what="--separation, vertically", least=0.1) if len(numbers) > 1 else VERTICAL
-    return Separation(numbers[0], vertical, delay)
 
 
 def approach_text(near: dict[str, Any] | None, horizontal: float, vertical: float) -> str:

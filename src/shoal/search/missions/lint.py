@@ -13,8 +13,8 @@ from shoal.checks import check_choice, check_integer
 from shoal.errors import InvalidInputError
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import mission_files, open_sheet, take_beside
-from shoal.search.missions.mission import CAPS
 from shoal.search.missions.rules import check_elsewhere, check_place, check_sense
+from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.region import SearchRegion
 
 _SAME_PLACE = 1e-7  # degrees

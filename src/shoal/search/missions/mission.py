@@ -16,13 +16,13 @@ from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.missions.fence import Fence
 from shoal.search.missions.merging import merged
 from shoal.search.missions.splitting import Ways, sorties
+from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 from shoal.search.regions.projection import LocalFrame
 
 Kind = Literal["multirotor", "fixed-wing", "rover"]
 Autopilot = Literal["px4", "ardupilot"]
 
-CAPS: dict[str, int] = {"px4": 2000, "ardupilot": 700}  # items that an autopilot stores, home included
 KINDS = ("multirotor", "fixed-wing", "rover")
 OVERHEAD: dict[str, int] = {"multirotor": 4, "fixed-wing": 4, "rover": 3}  # items beside waypoints: home, take-off, speed, return
 _EXTRA = {"gimbal_pitch": 1, "trigger_distance": 2}  # items that a camera needs

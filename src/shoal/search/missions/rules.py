@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from shoal.errors import InvalidInputError
 from shoal.search.missions.diagnostics import Sheet
-from shoal.search.missions.mission import CAPS, OVERHEAD
+from shoal.search.missions.mission import OVERHEAD
+from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.margin import grown
 from shoal.search.regions.outline_checks import Points, text_of
 from shoal.search.regions.projection import REACH, LocalFrame

@@ -8,7 +8,8 @@ from typing import Any
 
 from shoal.search.flight.flight import FRAMES
 from shoal.search.missions.diagnostics import Sheet
-from shoal.search.missions.mission import CAPS, KINDS, Mission
+from shoal.search.missions.mission import KINDS, Mission
+from shoal.search.problem.mission_options import CAPS
 
 NAMES = ("robot", "sortie", "autopilot", "kind", "altitude_m", "altitude_frame", "speed_m_s")
 

@@ -1,0 +1,121 @@
+"""MissionOptions: how the missions of a plan are written and kept apart, declared once for commands and forms."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from shoal.checks import check_number, check_text, shortened
+from shoal.dataclass import dataclass
+from shoal.errors import InvalidInputError
+from shoal.problem import Problem, option
+from shoal.search.flight.flight import FRAMES, TERRAIN_ERROR
+from shoal.search.flight.staggering import DELAY, HORIZONTAL, VERTICAL, Separation
+from shoal.search.problem import SearchProblem
+
+CAPS: dict[str, int] = {"px4": 2000, "ardupilot": 700}  # items that an autopilot stores, home included
+
+
+def _parse_names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _check_names(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list | tuple):
+        raise InvalidInputError(f"format: expected names such as plan, gpx, got {shortened(value)}")
+    return tuple(check_text(name, what="format") for name in value)
+
+
+def parse_separation(text: str) -> tuple[float, ...]:
+    """Return the metres that a text of the command line says: HORIZONTAL or HORIZONTAL,VERTICAL.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if not 1 <= len(numbers) <= 2:
+        raise InvalidInputError(f"--separation: expected HORIZONTAL or HORIZONTAL,VERTICAL in metres, got {text[:40]!r}")
+    return check_separation(numbers)
+
+
+def check_separation(value: Any) -> tuple[float, ...]:
+    """Return a horizontal and a vertical separation in metres; (0,) for none.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    given = value if isinstance(value, list | tuple | np.ndarray) else (value,)
+    if not 1 <= len(given) <= 2:
+        raise InvalidInputError(f"separation: expected a horizontal and a vertical one in metres, got {shortened(value)}")
+    horizontal = check_number(given[0], what="separation", least=0)
+    if not horizontal:
+        return (0.0,)
+    return horizontal, check_number(given[1], what="separation, vertically", least=0.1) if len(given) > 1 else VERTICAL
+
+
+@dataclass(frozen=True, eq=False)
+class MissionOptions(Problem):
+    """How missions are written: the options of ``shoal search`` beside ``--missions``.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> MissionOptions(separation=20).kept_apart
+    Separation(horizontal=20.0, vertical=5.0, delay=10.0)
+    """
+
+    part: ClassVar[str] = "missions"
+
+    format: tuple[str, ...] = option(
+        (), help="Formats of the missions: plan, wpl, geojson, kml, gpx, csv; default: all that can say where the region is.",
+        metavar="NAME,...", parse=_parse_names, check=_check_names,
+    )  # fmt: skip
+    autopilot: str = option("px4", help="Of the missions.", choices=tuple(CAPS))
+    altitude_frame: str = option("home", help="What the vehicle's altitude counts from in missions.", choices=FRAMES)
+    terrain: str | None = option(None, help="Heights of the ground: GeoTIFF or ESRI ASCII grid.", metavar="FILE")
+    terrain_error: float = option(
+        TERRAIN_ERROR, help="By how much the height above ground may differ, between waypoints, too.", unit="m", least=0.01,
+        metavar="METRES",
+    )  # fmt: skip
+    separation: tuple[float, ...] = option(
+        (HORIZONTAL, VERTICAL), help="Metres of which vehicles in flight keep one at least; 0 for none.",
+        metavar="HORIZONTAL[,VERTICAL]", parse=parse_separation, check=check_separation,
+    )  # fmt: skip
+    delay_tolerance: float = option(
+        DELAY, help="How late each vehicle may be, independently of the others.", unit="s", least=0, metavar="SECONDS"
+    )
+    rally: str | None = option(
+        None, help="Points where vehicles may come down in need: CSV or GeoJSON.", metavar="FILE"
+    )  # fmt: skip
+    cap: int | None = option(None, help="Mission items that the autopilot stores.", least=1)
+
+    @property
+    def kept_apart(self) -> Separation | None:
+        """What vehicles in flight keep; None for nothing."""
+        horizontal, vertical = (*self.separation, VERTICAL)[:2]
+        return Separation(horizontal, vertical, self.delay_tolerance) if horizontal else None
+
+    def check_for(self, problem: SearchProblem) -> None:
+        """Refuse what no missions of a search could have; its region is opened.
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        parts, kind = len(problem.place.parts), problem.chosen_vehicle.kind
+        if kind == "rover" and parts > 1:
+            raise InvalidInputError(
+                f"vehicle: expected one that flies for a region of {parts} parts, between which nothing else gets, got a rover; "
+                "search each part by itself"
+            )
+        if self.altitude_frame == "ground" and self.terrain is None and kind != "rover":
+            raise InvalidInputError("altitude_frame: expected home or sea without terrain, got ground")

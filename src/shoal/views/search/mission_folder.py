@@ -1,0 +1,92 @@
+"""A folder of missions: the files, their map, and the report of the check."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from shoal.files import write_json
+from shoal.search.allocation.plan import SearchPlan
+from shoal.search.flight.terrain_files import open_terrain
+from shoal.search.missions import FORMATS, Mission, MissionCheck, write_missions
+from shoal.search.missions.deconfliction import MissionApproach, missions_approach, plan_missions
+from shoal.search.missions.files import UNCOVERED
+from shoal.search.problem import SearchProblem
+from shoal.search.problem.mission_options import MissionOptions
+from shoal.search.regions.places import read_points
+from shoal.views.drawing.charts import save_figure
+from shoal.views.search.missions import missions_figure
+
+MAP = "map.png"
+
+
+class MissionFolder:
+    """The missions of a plan, what each robot does if nothing goes wrong, in a folder.
+
+    Parameters
+    ----------
+    folder : path
+    problem : SearchProblem
+    options : MissionOptions
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        At once, before anything is planned, if an option is not right, or for a rover that would have to leave the region.
+    """
+
+    def __init__(self, folder: Path, problem: SearchProblem, options: MissionOptions) -> None:
+        self.folder, self.given = folder, options
+        self.missions: tuple[Mission, ...] = ()
+        self.approach: MissionApproach | None = None
+        for name in options.format:
+            FORMATS.get(name)
+        options.check_for(problem)
+        self.terrain = None if options.terrain is None else open_terrain(Path(options.terrain))
+
+    def plan(self, plan: SearchPlan) -> None:
+        """Make the missions of a plan."""
+        given, region = self.given, plan.grid.region
+        self.missions = plan_missions(
+            plan,
+            separation=given.kept_apart,
+            rally=None if given.rally is None else read_points(Path(given.rally), region, what="rally points"),
+            terrain=self.terrain,
+            **{name: getattr(given, name) for name in ("autopilot", "cap", "altitude_frame", "terrain_error")},
+        )
+        if given.kept_apart is not None:
+            self.approach = missions_approach(self.missions, given.kept_apart, region.frame, vehicle=plan.vehicle)
+
+    def write(self, plan: SearchPlan) -> list[Path]:
+        """Make the missions of a plan and write them, with their map; return the files."""
+        self.plan(plan)
+        written = write_missions(self.missions, self.folder, formats=self.given.format or None)
+        save_figure(missions_figure(self.missions, plan.grid.region, self.approach), self.folder / MAP)
+        return [*written, self.folder / MAP]
+
+    def report(self, plan: SearchPlan) -> dict[str, Any]:
+        """Return what was made for JSON."""
+        kept, near = self.given.kept_apart, self.approach
+        return {
+            "sorties": len(self.missions),
+            "separation_m": None if kept is None else [kept.horizontal, kept.vertical],
+            "delay_tolerance_s": None if kept is None else kept.delay,
+            "nearest_approach": None if near is None else near.report(plan.grid.region.frame),
+            "starts": [
+                {"robot": one.robot, "sortie": one.sortie, "delay_s": one.delay, "altitude_m": one.altitude}
+                for one in self.missions
+            ],
+        }
+
+
+def write_check(result: MissionCheck, folder: Path) -> list[Path]:
+    """Write the report of a check, what is not seen if that was measured, and the map; return the files."""
+    written = [folder / "check.json"]
+    write_json(written[0], result.report())
+    if result.coverage is not None:
+        written.append(folder / UNCOVERED)
+        result.write_uncovered(written[1])
+    if result.missions:
+        save_figure(missions_figure(result.missions, result.region, result.approach), folder / MAP)
+        written.append(folder / MAP)
+    return written
