@@ -22,6 +22,7 @@ from shoal.search.flight.timing import turns_of
 from shoal.search.kernels import run_order, stabbing
 from shoal.search.missions.checking import angle_of
 from shoal.search.problem import ALLOCATIONS
+from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
 from shoal.views.search.history import SearchHistory
 
@@ -227,6 +228,24 @@ def test_search_at_an_angle(tmp_path):
     assert turned_by.report()["region"]["angle_degrees"] == 30.0
     region = open_region("rectangle:200x90")
     assert all(region.contains(route.points).all() for route in turned_by.routes)
+
+
+def test_rows_on_the_earth_have_the_best_angle_unless_one_is_given(tmp_path):
+    """A region on the earth as an operator has it; the same in metres, and one with an angle of its own, keep that."""
+    field = rotated_shape(shapely.box(0, 0, 400, 60), 38)
+    frame = LocalFrame(8.5, 47.4)
+    earth, plane = region_of(field, frame=frame, name="field"), region_of(field, frame=None, name="field")
+    chosen = plan_search(SearchProblem(earth, robots=2, footprint=20), seed=1)
+    assert chosen.grid.angle == pytest.approx(38.0)
+    assert {one.tour for one in chosen.compared if one.allocation is None} == {"boustrophedon", "spanning-tree"}
+    level = [SearchProblem(plane, robots=2, footprint=20), SearchProblem(earth, robots=2, footprint=20, angle=0)]
+    turns = [turns_of(plan.route(0, plan.stops(0)).points).sum() for plan in (plan_search(one, seed=1) for one in level)]
+    assert [plan_search(one, seed=1).grid.angle for one in level] == [0.0, 0.0]
+    assert turns_of(chosen.route(0, chosen.stops(0)).points).sum() < min(turns) / 1.5
+    episode = shoal.run(SearchProblem(earth, robots=2, footprint=20), seed=1)
+    assert episode.report()["region"]["angle_degrees"] == chosen.grid.angle
+    episode.save(tmp_path / "field.json")
+    assert shoal.load(tmp_path / "field.json").verify()
 
 
 def test_missions_are_checked_at_the_angle_of_their_rows(tmp_path, capfd):

@@ -220,9 +220,9 @@ def _grid_tour(problem: SearchProblem, size: float) -> GridTour:
     """Cut the region into cells and lay a tour through them, at the best angle if that is to be chosen."""
     turn_cost = turn_cells(problem.chosen_vehicle, size)
     given: dict[str, Any] = {"stepwise": problem.stepwise, "transit": problem.transit, "turn_cost": turn_cost}
-    angle, tours = problem.angle, problem.tours_to_compare(turn_cost)
-    if isinstance(angle, str) or len(tours) > 1:
-        return best_grid_tour(problem.place, size, tours, angle=None if isinstance(angle, str) else angle, **given)
+    angle, tours = problem.chosen_angle, problem.tours_to_compare(turn_cost)
+    if angle is None or len(tours) > 1:
+        return best_grid_tour(problem.place, size, tours, angle=angle, **given)
     return grid_tour(problem.place, size, tours[0], angle=angle, **given)
 
 

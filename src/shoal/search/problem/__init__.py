@@ -113,10 +113,11 @@ class SearchProblem(Problem):
         "auto is the one that is done first, flights home to recharge included; hop for more than 100,000 cells times robots.",
         names=ALLOCATIONS,
     )  # fmt: skip
-    angle: float | str = option(
-        0.0, help="Of the rows of cells, counter-clockwise from east. auto takes the angle, the shift of the rows and, where "
+    angle: float | str | None = option(
+        None, help="Of the rows of cells, counter-clockwise from east. auto takes the angle, the shift of the rows and, where "
         "--tour is auto, the tour that is soonest once round, turns included; where turns cost "
-        "nothing, one counts as a cell.", unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
+        "nothing, one counts as a cell. By default auto for a region on the earth, else 0.", unit="degrees",
+        metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
     )  # fmt: skip
     no_go: tuple[Any, ...] = option(
         (), help="Zones to keep out of, in the units of REGION. May be given again.", metavar="FILE", repeated=True, parse=list,
@@ -211,11 +212,18 @@ class SearchProblem(Problem):
             if any(not fault_text(fault).startswith(LIVE_FAULTS) for fault in self.faults):
                 raise InvalidInputError("live: expected no faults but crashes and slow robots")
 
+    @property
+    def chosen_angle(self) -> float | None:
+        """The angle of the rows, degrees; None if it is to be chosen, as it is for a region on the earth unless one is given."""
+        if self.angle is None:
+            return None if self.place.frame is not None else 0.0
+        return None if isinstance(self.angle, str) else self.angle
+
     def tours_to_compare(self, turn_cost: float) -> tuple[str, ...]:
         """Return the tours of which the soonest is taken, where a turn costs so many cells."""
         if self.tour != AUTO:
             return (self.tour,)
-        return AUTO_TOURS if turn_cost or isinstance(self.angle, str) else (AUTO_TOUR,)
+        return AUTO_TOURS if turn_cost or self.chosen_angle is None else (AUTO_TOUR,)
 
     @property
     def allocations_to_compare(self) -> tuple[str, ...]:

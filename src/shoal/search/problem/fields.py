@@ -136,8 +136,8 @@ def parse_angle(text: str) -> float | str:
     return text if text == AUTO else float(text)
 
 
-def check_angle(value: Any) -> float | str:
-    """Return an angle in degrees, 0 to below 180, or "auto"."""
+def check_angle(value: Any) -> float | str | None:
+    """Return an angle in degrees, 0 to below 180, "auto", or None for what suits the region."""
     if isinstance(value, str):
         if value != AUTO:
             raise InvalidInputError(f"angle: expected auto or a number of degrees, got {shortened(value)}")
