@@ -121,6 +121,11 @@ def measured(store: Store, name: str, measure: str) -> list[Measured]:
     ]
 
 
+def first_measure(measures: Sequence[str]) -> str:
+    """Return the measure to look at first."""
+    return next((name for name in ("moves", "share") if name in measures), next(iter(measures), ""))
+
+
 def summarise(store: Store, name: str, measure: str, *, level: float = 0.95, method: Method = "auto") -> list[Row]:
     """Return the mean of a measure with its interval at each point of a sweep.
 

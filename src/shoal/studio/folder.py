@@ -26,6 +26,7 @@ KINDS = {
     "region": (".geojson", ".kml", ".gpkg", ".zip", ".shp"),
     "workspace": (".svg", ".wkt", ".geojson"),
     "sweep": (".toml",),
+    "store": (".sqlite",),
     "film": (".mp4", ".gif", ".html"),
     "problem": (".json",),
 }

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from shoal.errors import InvalidInputError
+from shoal.lab.problems import trial_problem_type
 from shoal.parts import PARTS, problem_of, problem_type
 from shoal.problem import Declaration, Problem
 from shoal.studio.folder import Folder
@@ -18,7 +19,7 @@ _COMMANDS = {"steering": "steer", "search": "search"}
 
 
 def schema_of(part: str) -> dict[str, Any]:
-    """Return the JSON schema of a part's problems, made from what is declared of their fields.
+    """Return the JSON schema of problems of a part, or of a kind that sweeps have besides, made from their declarations.
 
     Beyond the words of JSON Schema a property has ``unit``, ``place`` (whether it is the map, workspace or region) and ``names``:
     of a field whose value is a name, with options after a colon, the names.
@@ -28,7 +29,7 @@ def schema_of(part: str) -> dict[str, Any]:
     >>> schema_of("swarm")["properties"]["particles"]["minimum"]
     1
     """
-    declared = problem_type(part).declarations()
+    declared = trial_problem_type(part).declarations()
     return {
         "type": "object",
         "title": part,

@@ -68,15 +68,14 @@ def summary(
     from shoal.checks import check_choice
     from shoal.lab import Store
     from shoal.lab.statistics import METHODS
-    from shoal.lab.summaries import compare_along, summarise
+    from shoal.lab.summaries import compare_along, first_measure, summarise
 
     if out is not None:
         check_folder(out.parent)
     way: Any = check_choice(method, what="--method", choices=METHODS)
     with Store(store) as opened:
         chosen = opened.only(name)
-        measures = opened.stored(chosen).measures
-        wanted = measure or next((column for column in ("moves", "share") if column in measures), next(iter(measures), ""))
+        wanted = measure or first_measure(opened.stored(chosen).measures)
         _say_if_mixed(opened, chosen)
         rows = summarise(opened, chosen, wanted, level=level, method=way)
         pairs = compare_along(opened, chosen, wanted, compare, level=level, method=way) if compare else []

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
 from functools import cached_property
 from itertools import product
@@ -188,21 +188,53 @@ class Sweep:
         InvalidInputError
             With the file, the line and the field.
         """
-        source = Path(path)
-        text = read_text(source, what="sweep file", most=LARGEST_SWEEP)
-        try:
-            data = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise InvalidInputError(f"{source}: expected TOML in UTF-8, got something else: {error}") from None
-        except (RecursionError, ValueError) as error:
-            why = "is nested too deeply" if isinstance(error, RecursionError) else "has a number of too many digits"
-            raise InvalidInputError(f"{source}: expected TOML of modest depth and numbers, got one that {why}") from None
-        check_depth(data, where=str(source))
-        try:
-            return sweep_of(data, where=str(source))
-        except InvalidInputError as error:
-            line = line_of(text, str(error).removeprefix(f"{source}: "))
-            raise InvalidInputError(f"{source}, line {line}{str(error)[len(str(source)) :]}" if line else str(error)) from None
+        return sweep_in(read_text(Path(path), what="sweep file", most=LARGEST_SWEEP), where=str(path))
+
+
+def sweep_in(text: str, *, where: str, check: Callable[[dict[str, Any]], None] | None = None) -> Sweep:
+    """Return the sweep that the text of a sweep file describes.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+    where : str
+        What messages begin with, as the name of the file.
+    check : callable, optional
+        Given the fields before anything is made of them; what it raises gets its line, too.
+
+    Raises
+    ------
+    InvalidInputError
+        With the line and the field.
+    """
+    data = parse_toml(text, where=where)
+    try:
+        if check is not None:
+            check(data)
+        return sweep_of(data, where=where)
+    except InvalidInputError as error:
+        told = str(error).removeprefix(f"{where}: ")
+        line = line_of(text, told)
+        raise InvalidInputError(f"{where}, line {line}: {told}" if line else f"{where}: {told}") from None
+
+
+def parse_toml(text: str, *, where: str) -> dict[str, Any]:
+    """Return the fields of the text of a sweep file.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InvalidInputError(f"{where}: expected TOML in UTF-8, got something else: {error}") from None
+    except (RecursionError, ValueError) as error:
+        why = "is nested too deeply" if isinstance(error, RecursionError) else "has a number of too many digits"
+        raise InvalidInputError(f"{where}: expected TOML of modest depth and numbers, got one that {why}") from None
+    check_depth(data, where=where)
+    return data
 
 
 def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:

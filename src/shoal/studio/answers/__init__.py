@@ -9,7 +9,7 @@ from typing import Any
 
 from shoal.checks import check_choice
 from shoal.errors import ShoalError
-from shoal.studio.answers import files, papers, steering, vessels
+from shoal.studio.answers import files, lab, papers, steering, vessels
 from shoal.studio.folder import Folder
 from shoal.studio.jobs.work import storable
 
@@ -42,5 +42,7 @@ ANSWERS: dict[str, Callable[[Folder, dict[str, Any]], dict[str, Any]]] = {
     "map": vessels.map_, "photograph": vessels.photograph, "vessels": vessels.vessels, "sketch": vessels.sketch,
     "steer": steering.steer, "workspace": steering.workspace, "reach": steering.reach,
     "papers": papers.papers,
+    "lab-forms": lab.lab_forms, "sweeps": lab.sweeps, "sweep": lab.sweep, "new-sweep": lab.new_sweep,
+    "picture": lab.episode_picture,
 }  # fmt: skip
 """What may be asked, by name."""

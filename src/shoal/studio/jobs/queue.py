@@ -19,6 +19,9 @@ MOST_QUEUED = 5000
 PAUSE = 5.0
 """Seconds until a store that could not be written is tried again."""
 
+LONG = ("sweep", "reproduce")
+"""Kinds of jobs that nobody waits for: while one is at work, a processor stays free for what somebody looks at."""
+
 MOST_PIECES = 50_000_000
 """Characters of an episode that is kept for those who watch it while it is played."""
 
@@ -26,17 +29,19 @@ MOST_PIECES = 50_000_000
 class _Running:
     """A job that runs: its process, how far it is, and what those have missed who begin to watch."""
 
-    def __init__(self, job: dict[str, Any]) -> None:
-        self.job, self.began = job, time.monotonic()
+    def __init__(self, job: dict[str, Any], processors: int) -> None:
+        self.job, self.began, self.processors = job, time.monotonic(), processors
         self.worker: Worker | None = None  # until its process has begun
         self.done, self.note, self.cancelled = 0.0, "", False
+        self.done_before: float | None = None  # what was done when it began: a sweep goes on where it was
         self.pieces: list[dict[str, Any]] = []
         self.size = 0
 
     @property
     def seconds_left(self) -> float | None:
         """How long it will take, going on as until now."""
-        return (time.monotonic() - self.began) * (1 - self.done) / self.done if self.done > 0.01 else None
+        fresh = self.done - (self.done_before or 0.0)
+        return (time.monotonic() - self.began) * (1 - self.done) / fresh if fresh > 0.01 else None
 
 
 class JobQueue:
@@ -85,19 +90,30 @@ class JobQueue:
 
     def _begin_those_with_room(self) -> None:
         self._save_ends()
-        while not self._closing and len(self._running) < default_workers() and (job := self.store.begin_next()) is not None:
-            running = self._running[job["id"]] = _Running(job)
+        while not self._closing and (free := self._free()) > 0:
+            free_for_long = free - (default_workers() > 1)
+            job = self.store.begin_next(without=() if free_for_long > 0 else LONG)
+            if job is None:
+                return
+            processors = free_for_long if job["kind"] == "sweep" else 1
+            running = self._running[job["id"]] = _Running(job, processors)
             self.tell({"job": self.told(job["id"])})
             task = asyncio.get_running_loop().create_task(self._follow(running))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
+
+    def _free(self) -> int:
+        """Return how many processors no job has."""
+        return default_workers() - sum(running.processors for running in self._running.values())
 
     async def _follow(self, running: _Running) -> None:
         """Take in what a job says until it ends; a process that ends without a word has crashed."""
         job, number, state = running.job, running.job["id"], "failed"
         result: dict[str, Any] = {"error": "the process of the job ended: it crashed, or took more memory than there is"}
         # The process that others are forked from may still be loading: its answer is waited for in a thread.
-        worker = running.worker = await asyncio.to_thread(Worker, work, str(self.folder.root), job["kind"], job["spec"], number)
+        worker = running.worker = await asyncio.to_thread(
+            Worker, work, str(self.folder.root), job["kind"], job["spec"], running.processors
+        )
         if running.cancelled or self._closing:
             worker.kill()
         while True:
@@ -107,6 +123,8 @@ class JobQueue:
                 break
             if word == "progress":
                 running.done, running.note = what
+                if running.done_before is None:
+                    running.done_before = running.done
                 self.tell({"job": self.told(number)})
             elif word == "piece":
                 self._piece(running, what)

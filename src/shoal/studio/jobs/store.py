@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -80,13 +81,14 @@ class JobStore:
                 or 0
             )
 
-    def begin_next(self) -> dict[str, Any] | None:
-        """Return the job that is next, now running; None if none is queued."""
+    def begin_next(self, *, without: Sequence[str] = ()) -> dict[str, Any] | None:
+        """Return the job that is next, now running; None if none is queued but of the kinds ``without``."""
         with told(self.path):
             row = self._connection.execute(
                 "UPDATE jobs SET state = 'running', began = ?, tries = tries + 1 WHERE id = "
-                f"(SELECT id FROM jobs WHERE state = 'queued' ORDER BY urgent DESC, id LIMIT 1) RETURNING {_COLUMNS}",
-                (time.time(),),
+                f"(SELECT id FROM jobs WHERE state = 'queued' AND kind NOT IN ({', '.join('?' * len(without))}) "
+                f"ORDER BY urgent DESC, id LIMIT 1) RETURNING {_COLUMNS}",
+                (time.time(), *without),
             ).fetchone()
         return None if row is None else self._job(row)
 

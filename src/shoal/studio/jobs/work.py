@@ -18,24 +18,23 @@ from shoal.errors import InvalidInputError, ShoalError
 from shoal.files import write_json
 from shoal.studio.folder import PAPERS, Folder
 from shoal.studio.forms import checked_problem
+from shoal.studio.jobs import sweeps
+from shoal.studio.jobs.sweeps import Say
 
 MOST_COMPARED = 4
 MOST_TRIALS = 1000
 FORMATS = ("png", "svg", "mp4", "gif", "html")
 
-Say = Callable[[str, Any], None]
-"""Tells the server: ("progress", (share, words)) or ("piece", what was played)."""
 
-
-def work(connection: Connection, root: str, kind: str, spec: dict[str, Any], number: int) -> None:
-    """Do a job; its last word is "done" with the result, or "failed" with a sentence."""
+def work(connection: Connection, root: str, kind: str, spec: dict[str, Any], processors: int) -> None:
+    """Do a job on so many processors; its last word is "done" with the result, or "failed" with a sentence."""
     os.chdir(root)
 
     def say(word: str, what: Any) -> None:
         connection.send((word, what))
 
     try:
-        say("done", storable(KINDS[kind](Folder(root), spec, say)))
+        say("done", storable(KINDS[kind](Folder(root), spec | {"processors": processors}, say)))
     except ShoalError as error:
         say("failed", {"error": str(error)})
     except MemoryError:
@@ -213,4 +212,6 @@ KINDS: dict[str, Callable[[Folder, dict[str, Any], Say], dict[str, Any]]] = {
     "compare": compare_policies,
     "export": export_episode,
     "reproduce": reproduce_figures,
+    "sweep": sweeps.run,
+    "table": sweeps.write,
 }

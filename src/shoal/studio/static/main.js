@@ -2,11 +2,12 @@
 import { begin, cancelJob, ended, fileAddress, on, state } from "./shared/api.js";
 import { duration, el, guarded, told } from "./shared/page.js";
 import { failure } from "./shared/share.js";
+import { lab } from "./places/lab.js";
 import { papers } from "./places/papers.js";
 import { steering } from "./places/steering.js";
 import { vessels } from "./places/vessels.js";
 
-const PLACES = { vessels: ["Vessels", vessels], steering: ["Steering", steering], papers: ["Papers", papers] };
+const PLACES = { vessels: ["Vessels", vessels], steering: ["Steering", steering], lab: ["Lab", lab], papers: ["Papers", papers] };
 const opened = new Map();
 const $ = (id) => document.getElementById(id);
 
@@ -56,7 +57,7 @@ const show = guarded(async () => {
 
 // ---- jobs ----
 
-const WORDS = { play: "Episode", compare: "Comparison", export: "Export", reproduce: "Figure of a paper" };
+const WORDS = { play: "Episode", compare: "Comparison", export: "Export", reproduce: "Figure of a paper", sweep: "Sweep", table: "Table" };
 const STATES = { queued: "waits", running: "runs", done: "done", failed: "failed", cancelled: "cancelled", interrupted: "interrupted" };
 
 function drawJobs() {
@@ -68,7 +69,7 @@ function drawJobs() {
 }
 
 function row(job) {
-  const { problem = {} } = job.spec, what = problem.map ?? problem.workspace ?? problem.region ?? job.spec.episode ?? job.spec.name ?? "";
+  const { problem = {} } = job.spec, what = problem.map ?? problem.workspace ?? problem.region ?? job.spec.episode ?? job.spec.name ?? job.spec.sweep ?? "";
   const facts = [STATES[job.state], job.note, duration(job.left)].filter(Boolean).join(", ");
   return el("li.job", {},
     el("div", {}, el("b", {}, WORDS[job.kind] ?? job.kind), " ", el("span", {}, typeof what === "string" ? what : "")),

@@ -1,6 +1,6 @@
 /* Papers: every figure with its data, criterion and verdict, and a button that runs it again. */
 import { ask, cancelJob, fileAddress, run } from "../shared/api.js";
-import { duration, el, guarded, told } from "../shared/page.js";
+import { dataTable, duration, el, guarded, told } from "../shared/page.js";
 import { failure } from "../shared/share.js";
 
 const NAMES = { M: "Mapping and coverage: paper M", W: "Two particles and walls: paper W", H: "Search along a closed curve: paper H" };
@@ -43,9 +43,7 @@ export function papers({ remember }) {
       ...(result ? [
         picture ? el("img", { src: `${fileAddress(`papers/${picture}`)}?${Date.now()}`, alt: `${source}: ${title}`, loading: "lazy" }) : [],
         result.sentence ? el("p", {}, result.sentence) : [],
-        result.claims?.length ? el("div.scroll", { tabIndex: 0, role: "region", "aria-label": `Claims of ${name}` }, el("table", {},
-          el("thead", {}, el("tr", {}, ["What", "Printed", "Ours", "Criterion", "Verdict"].map((words) => el("th", { scope: "col" }, words)))),
-          el("tbody", {}, result.claims.map((claim) => el("tr", {}, ["what", "printed", "ours", "criterion", "verdict"].map((key) => el("td", {}, String(claim[key] ?? "")))))))) : [],
+        result.claims?.length ? dataTable(`Claims of ${name}`, ["What", "Printed", "Ours", "Criterion", "Verdict"], result.claims.map((claim) => ["what", "printed", "ours", "criterion", "verdict"].map((key) => String(claim[key] ?? "")))) : [],
         el("p.soft", {}, "Data: ", tables.flatMap((file, i) => [i ? ", " : "", el("a", { href: fileAddress(`papers/${file}`), download: "" }, file)])),
       ].flat() : []));
   }

@@ -83,6 +83,23 @@ export function tabs(label, choices, choose, panel = null) {
   return { list, pick };
 }
 
+/** Tabs with a panel for each: entries are [name, words, ...children]; returns the list, the panels and how to choose one. */
+export function tabbed(label, entries, { chosen = () => {}, scrolls = false } = {}) {
+  const panels = entries.map(([name, , ...children]) => el(`div.panel${scrolls ? ".scrolls" : ""}`, { id: `panel-${name}`, role: "tabpanel", "aria-labelledby": `tab-${name}` }, children));
+  const found = tabs(label, entries, (picked) => {
+    panels.forEach((panel, i) => { panel.hidden = entries[i][0] !== picked; });
+    chosen(picked);
+  });
+  return { ...found, panels };
+}
+
+/** A table that scrolls by itself; a row's first cell is its head. */
+export function dataTable(label, heads, rows) {
+  return el("div.scroll", { tabIndex: 0, role: "region", "aria-label": label }, el("table", {},
+    el("thead", {}, el("tr", {}, heads.map((words) => el(words ? "th" : "td", words ? { scope: "col" } : {}, words)))),
+    el("tbody", {}, rows.map(([first, ...cells]) => el("tr", {}, el("th", { scope: "row" }, first), cells.map((cell) => el("td", {}, cell)))))));
+}
+
 /** A picture of a symbol: a path in a square of 24. */
 export const symbol = (path) => svg("svg", { viewBox: "0 0 24 24", "aria-hidden": "true" }, svg("path", { class: "stroke", d: path }));
 

@@ -14,7 +14,14 @@ const FORMATS = [
 
 /** Show a problem as Python, as a command and as a file, ready to copy. */
 export const showCopies = guarded(async (problem, seed) => {
-  const copies = await ask("copies", { problem, seed });
+  showForms(await ask("copies", { problem, seed }), el("button.second", {
+    type: "button",
+    onclick: guarded(async () => { const { file } = await ask("save", { problem, seed }); say(`Written into the folder: ${file}`); }),
+  }, "Write the file into the folder"));
+});
+
+/** Show what is on the screen in its three forms; `more` are further buttons. */
+export function showForms(copies, more = []) {
   const text = el("pre.code", { tabIndex: 0, "aria-label": "Text to copy" }), how = el("p.help", {});
   let shown = "python";
   const choice = tabs("Which form", WAYS, (name) => {
@@ -23,22 +30,21 @@ export const showCopies = guarded(async (problem, seed) => {
     how.textContent = HOW[name];
   }, "panel-copies");
   openSheet("The same result elsewhere", choice.list, el("div", { id: "panel-copies", role: "tabpanel" }, how, text), el("div.actions", {},
-    el("button.main", { type: "button", onclick: guarded(async () => { await copy(copies[shown]); say("Copied."); }) }, "Copy"),
-    el("button.second", {
-      type: "button",
-      onclick: guarded(async () => { const { file } = await ask("save", { problem, seed }); say(`Written into the folder: ${file}`); }),
-    }, "Write the file into the folder"),
+    el("button.main", { type: "button", onclick: guarded(async () => { await copy(copies[shown]); say("Copied."); }) }, "Copy"), more,
     el("button.second", { type: "button", onclick: guarded(async () => { await copy(location.href); say("The link opens this page as it is now."); }) }, "Copy a link to this page")));
   choice.pick("python");
-});
+}
 
 async function copy(text) {
   await navigator.clipboard.writeText(text);
 }
 
 /** Buttons that export an episode of the folder. */
-export function exports(episode) {
-  const buttons = FORMATS.map(([format, what, word]) => {
+export const exports = (episode) => exportsOf("export", { episode }, FORMATS, el("a.chip", { href: fileAddress(episode), download: "" }, "Episode"));
+
+/** Buttons that write a file each, by a job of that kind. */
+export function exportsOf(kind, spec, formats, more = []) {
+  const buttons = formats.map(([format, what, word]) => {
     const button = el("button.chip", { type: "button", title: `${what} as ${word}`, "aria-label": `${what} as ${word}` }, word);
     button.addEventListener("click", guarded(async () => {
       button.disabled = true;
@@ -48,7 +54,7 @@ export function exports(episode) {
         button.classList.remove("working");
       };
       try {
-        await run("export", { episode, format }, {
+        await run(kind, { ...spec, format }, {
           done: ({ file }) => { free(); give(file); },
           failed: (job) => { free(); told(new Error(failure(job))); },
         });
@@ -59,8 +65,7 @@ export function exports(episode) {
     }));
     return button;
   });
-  return el("div.exports", { role: "group", "aria-label": "Export" }, el("span.soft", {}, "Export"), buttons,
-    el("a.chip", { href: fileAddress(episode), download: "" }, "Episode"));
+  return el("div.exports", { role: "group", "aria-label": "Export" }, el("span.soft", {}, "Export"), buttons, more);
 }
 
 export const failure = (job) => job.result?.error ?? `The job was ${job.state}.`;

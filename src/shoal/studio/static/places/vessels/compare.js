@@ -1,6 +1,7 @@
 /* Several policies from the same starts: means with intervals as they come in, and the first start of each to watch. */
 import { ask, cancelJob, run } from "../../shared/api.js";
-import { el, guarded, number, svg, told } from "../../shared/page.js";
+import { rowsChart } from "../../shared/charts.js";
+import { dataTable, el, guarded, number, told } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
 import { failure } from "../../shared/share.js";
 
@@ -62,28 +63,19 @@ export function comparison({ names, problem, seed }) {
   }
 
   function draw({ policies, best }) {
-    const width = 640, row = 46, left = 150, right = 30, all = policies.flatMap((one) => [...one.values, one.low ?? one.mean, one.high ?? one.mean]);
-    const low = Math.min(...all), high = Math.max(...all), room = Math.max(1, high - low) * 0.06;
-    const x = (value) => left + ((value - low + room) / (high - low + 2 * room)) * (width - left - right);
-    const step = niceStep((high - low + 2 * room) / 5), height = policies.length * row + 34, ticks = [];
-    for (let tick = Math.ceil((low - room) / step) * step; tick <= high + room; tick += step) ticks.push(tick);
     chart.replaceChildren(
-      svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "Moves of each policy: each trial, the mean and its interval" },
-        ticks.map((tick) => [svg("line", { class: "rule", x1: x(tick), x2: x(tick), y1: 4, y2: height - 24 }), svg("text", { class: "tick", x: x(tick), y: height - 8, "text-anchor": "middle" }, number(tick))]).flat(),
-        policies.map((one, i) => {
-          const y = i * row + row / 2 + 4;
-          return svg("g", { class: i === best ? "best" : "" },
-            svg("text", { class: "name", x: left - 14, y: y + 4, "text-anchor": "end" }, one.policy),
-            one.values.slice(0, 300).map((value) => svg("circle", { class: "trial", cx: x(value), cy: y, r: 3 })),
-            one.low === null ? [] : svg("line", { class: "interval", x1: x(one.low), x2: x(one.high), y1: y, y2: y }),
-            svg("circle", { class: "mean", cx: x(one.mean), cy: y, r: 6 }));
-        })),
-      el("div.scroll", { tabIndex: 0, role: "region", "aria-label": "Numbers" }, el("table", {},
-        el("thead", {}, el("tr", {}, ["Policy", "Mean moves", "95 % interval", "More than the best", "p", "Unfinished"].map((words) => el("th", { scope: "col" }, words)))),
-        el("tbody", {}, policies.map((one, i) => el("tr", {}, el("th", { scope: "row" }, one.policy), el("td", {}, number(one.mean)),
-          el("td", {}, one.low === null ? "–" : `${number(one.low)} to ${number(one.high)}`),
-          el("td", {}, i === best ? "the best" : one.moreLow === null ? number(one.more) : `${number(one.more)} (${number(one.moreLow)} to ${number(one.moreHigh)})`),
-          el("td", {}, i === best ? "–" : number(one.p, 2)), el("td", {}, String(one.unfinished))))))));
+      rowsChart(policies.map((one, i) => ({ ...one, label: one.policy, best: i === best })), "Moves of each policy: each trial, the mean and its interval"),
+      dataTable("Numbers", ["Policy", "Mean moves", "95 % interval", "More than the best", "p", "Unfinished"], policies.map((one, i) => [
+        one.policy, number(one.mean), one.low === null ? "–" : `${number(one.low)} to ${number(one.high)}`,
+        i === best ? "the best" : one.moreLow === null ? number(one.more) : `${number(one.more)} (${number(one.moreLow)} to ${number(one.moreHigh)})`,
+        i === best ? "–" : number(one.p, 2), String(one.unfinished)])));
+  }
+
+  /** The same question as a sweep, over what else may vary. */
+  async function toLab() {
+    const { policy, ...rest } = await problem();
+    const draft = { name: "policies", trials: Number(trials.value), seed: seed(), paired: ["policy"], problem: rest, axes: { policy: [...chosen] } };
+    location.hash = `#lab?${encodeURIComponent(JSON.stringify({ draft }))}`;
   }
 
   async function watch(files, policies) {
@@ -97,11 +89,7 @@ export function comparison({ names, problem, seed }) {
 
   return el("div.compare", {},
     el("div.setting", {}, el("fieldset", {}, el("legend", {}, "Up to four policies, from the same starts"), el("div.picks", {}, boxes)),
-      el("div.actions", {}, el("label", { htmlFor: "compareTrials" }, "Starts"), trials, go, stop, progress, word)),
+      el("div.actions", {}, el("label", { htmlFor: "compareTrials" }, "Starts"), trials, go, stop, progress, word,
+        el("button.second", { type: "button", onclick: guarded(toLab) }, "Over more settings, in the Lab …"))),
     verdict, chart, films);
-}
-
-export function niceStep(rough) {
-  const power = 10 ** Math.floor(Math.log10(Math.max(rough, 1e-9)));
-  return [1, 2, 5, 10].find((step) => step * power >= rough) * power;
 }

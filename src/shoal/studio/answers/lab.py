@@ -1,0 +1,123 @@
+"""Answers for the place Lab: sweeps of the folder, what is known of each, drafts of new ones, pictures of episodes."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import asdict
+from typing import Any
+
+import shoal
+from shoal.checks import check_text
+from shoal.errors import ShoalError
+from shoal.lab.storage.rows import StoredSweep
+from shoal.lab.storage.store import Store
+from shoal.lab.summaries import compare_along, first_measure, summarise
+from shoal.lab.sweeps.sweep import parse_toml, trial_seed
+from shoal.lab.sweeps.toml_writing import as_toml
+from shoal.parts import PARTS
+from shoal.studio.folder import Folder
+from shoal.studio.sweeps import checked_sweep, sweep_copies, sweep_forms
+
+MOST_SHOWN = 300
+"""Points of a sweep that pages show; exports have all."""
+
+
+def lab_forms(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return what sweeps can vary, by kind of problem."""
+    return sweep_forms()
+
+
+def sweeps(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the sweeps of the folder's stores, and how far each is."""
+    told: list[dict[str, Any]] = []
+    for file in folder.files():
+        if file["kind"] == "store":
+            try:
+                with Store(folder.path(file["name"])) as store:
+                    told += [{"store": file["name"], **_status(store, name)} for name in store.names]
+            except ShoalError as error:
+                told.append({"store": file["name"], "error": str(error)})
+    return {"sweeps": told}
+
+
+def _status(store: Store, name: str) -> dict[str, Any]:
+    status, form = store.status(name), store.stored(name).form
+    more = {"complete": status.complete, "left": status.left, "kind": form.problem.get("kind"), "paired": form.paired}
+    return asdict(status) | more | {"axes": list(form.axes)}
+
+
+def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return what is known of one sweep: its means with intervals, and how paired points compare."""
+    with Store(folder.path(str(about["store"]))) as store:
+        name = store.only(about.get("sweep"))
+        stored = store.stored(name)
+        first = next(store.rows(name), None)
+        measures = [
+            measure
+            for k, measure in enumerate(stored.measures)
+            if first is None or not isinstance(first[len(stored.axes) + 2 + k], str)
+        ]
+        measure = about.get("measure") if about.get("measure") in measures else first_measure(measures)
+        axis = next(iter(stored.form.paired), None)
+        rows = summarise(store, name, measure) if measure else []
+        pairs = compare_along(store, name, measure, axis) if axis and measure else []
+        text = as_toml(stored.spec)
+        told = _status(store, name) | {"measures": measures, "measure": measure, "compared": axis, "toml": text}
+        told["failed"] = [error for *_, error in store.failures(name, limit=3)]
+    watched = _first_trials(stored, folder, text)
+    told["points"] = [
+        {"axes": row.values, "trials": row.counted, "missing": row.missing, "completed": row.completed, "bound": row.bound}
+        | {"estimate": row.estimate and asdict(row.estimate), "watch": watch}
+        for row, watch in zip(rows[:MOST_SHOWN], watched[:MOST_SHOWN] or [None] * len(rows), strict=False)
+    ]
+    told["comparisons"] = [
+        {"axes": others, "first": first, "second": second, "comparison": found and asdict(found)}
+        for others, first, second, found in pairs[:MOST_SHOWN]
+    ]
+    return told | {"n_points": len(rows)}
+
+
+def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
+    """Return problem and seed of the first trial of each point, to be watched; none of code that is not built in."""
+    if stored.form.problem.get("kind") not in PARTS:
+        return []
+    try:
+        made = checked_sweep(text, folder)
+    except ShoalError:
+        return []
+    return [
+        {"problem": point.problem.to_dict(), "seed": trial_seed(made.seed, point.seeds, 0)} for point in made.points[:MOST_SHOWN]
+    ]
+
+
+def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return a sweep that is being written, given as fields or as TOML, both ways; with an error if it is none yet."""
+    text = about.get("toml")
+    told: dict[str, Any] = {"error": None}
+    try:
+        if text is None:
+            fields = about["sweep"]
+            told["toml"] = text = as_toml(fields)
+        else:
+            text = check_text(text, what="toml")
+            fields = parse_toml(text, where="sweep")
+        told["sweep"] = fields
+        made = checked_sweep(text, folder)
+    except ShoalError as error:
+        return told | {"error": str(error)}
+    store = f"{made.name}.sqlite"
+    return told | {
+        "points": made.n_points, "trials": made.total, "store": store, "taken": folder.path(store).exists(),
+        "copies": sweep_copies(made, store, text),
+    }  # fmt: skip
+
+
+def episode_picture(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return the figure of an episode, small, and what came of it."""
+    from shoal.views import figure
+    from shoal.views.drawing.notebook_figure import encode_figure
+
+    episode: Any = shoal.load(folder.path(str(about["file"])))
+    drawn = figure(episode)
+    drawn.set_dpi(72)
+    return {"picture": base64.b64encode(encode_figure(drawn)).decode(), "sentence": episode.sentence, "part": episode.part}

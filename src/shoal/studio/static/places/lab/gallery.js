@@ -1,0 +1,61 @@
+/* The episodes of the folder, with pictures; one that is chosen is played. */
+import { ask, on, state } from "../../shared/api.js";
+import { el, guarded } from "../../shared/page.js";
+import { PlayerFrame } from "../../shared/player.js";
+import { exports } from "../../shared/share.js";
+
+const AT_ONCE = 24;
+
+export function gallery() {
+  const grid = el("ul.gallery", { "aria-label": "Episodes of the folder" }), more = el("button.second", { type: "button", hidden: true, onclick: () => { most += AT_ONCE; draw(); } }, "More");
+  const stage = el("section.watching", { "aria-label": "Episode", hidden: true }), frames = {}, cards = new Map();
+  let most = AT_ONCE;
+  const seen = new IntersectionObserver((entries) => {
+    for (const { isIntersecting, target } of entries) {
+      if (!isIntersecting) continue;
+      seen.unobserve(target);
+      target.fetch();
+    }
+  }, { rootMargin: "200px" });
+
+  function card(file) {
+    const picture = el("div.picture", {}), words = el("span", {}, "");
+    const made = el("li", {}, el("button.card", { type: "button", onclick: guarded(() => watch(file)) }, picture, el("b", {}, file.name), words));
+    made.fetch = async () => {
+      try {
+        const found = await ask("picture", { file: file.name, slow: true });
+        picture.replaceChildren(el("img", { src: `data:image/png;base64,${found.picture}`, alt: "" }));
+        words.textContent = found.sentence;
+      } catch (error) {
+        words.textContent = error.message;
+      }
+    };
+    return made;
+  }
+
+  function draw() {
+    const found = state.files.filter((file) => file.kind === "episode");
+    const shown = found.slice(0, most).map((file) => {
+      const key = `${file.name} ${file.time}`;
+      if (!cards.has(key)) cards.set(key, card(file));
+      return cards.get(key);
+    });
+    grid.replaceChildren(...shown);
+    for (const one of shown) if (!one.querySelector("img")) seen.observe(one);
+    more.hidden = found.length <= most;
+    if (!found.length) grid.replaceChildren(el("li.empty", {}, "No episode in this folder yet: Vessels, Steering and Search keep each that they play."));
+  }
+
+  async function watch(file) {
+    const { part, data, sentence } = await ask("page", { file: file.name });
+    frames[part] ??= new PlayerFrame(part, { title: "The episode" });
+    stage.hidden = false;
+    stage.replaceChildren(el("div.stageHead", {}, el("h2", {}, file.name), el("p", {}, sentence), exports(file.name),
+      el("button.second", { type: "button", onclick: () => { stage.hidden = true; stage.replaceChildren(); } }, "Close")), frames[part].element);
+    await frames[part].open(data);
+    stage.scrollIntoView({ block: "start" });
+  }
+
+  on("files", () => { if (grid.isConnected) draw(); });
+  return { element: el("div.shelf", {}, stage, grid, more), open: draw };
+}

@@ -1,0 +1,173 @@
+/* The sweeps of the folder: how far each is, its means with intervals as they come in, paired comparisons, exports. */
+import { addJob, ask, cancelJob, ended, fileAddress, newest, on, state } from "../../shared/api.js";
+import { linesChart, rowsChart } from "../../shared/charts.js";
+import { dataTable, duration, el, guarded, number, told } from "../../shared/page.js";
+import { exportsOf, failure, showForms } from "../../shared/share.js";
+
+const FORMATS = [["csv", "Table", "CSV"], ["png", "Figure", "PNG"], ["svg", "Figure", "SVG"]];
+const PLACES = { swarm: "vessels", steering: "steering", search: "search" };
+const EVERY = 1000; // milliseconds between two looks at a sweep that runs
+const ELSEWHERE = 4000; // and at one that a command runs
+
+const words = (values) => Object.entries(values).map(([name, value]) => `${name.replaceAll("_", " ")} ${value}`).join(", ") || "all";
+const short = (values) => Object.entries(values).map(([name, value]) => (typeof value === "string" ? value : `${name.replaceAll("_", " ")} ${value}`)).join(", ") || "all";
+const interval = (low, high) => (low === null || low === undefined ? "–" : `${number(low)} to ${number(high)}`);
+
+export function results({ shown, change }) {
+  const list = el("ul.sweeps", { "aria-label": "Sweeps of the folder" }), detail = el("section.sweep", { "aria-label": "The sweep" });
+  const element = el("div.labTwo", {}, list, detail);
+  let sweeps = [], chosen = null, wanted = null, drawn = "";
+  const key = (one) => `${one.store} ${one.name}`;
+  const jobOf = (one) => [...state.jobs.values()].filter((job) => job.kind === "sweep" && job.spec.store === one.store && job.spec.sweep === one.name).sort((a, b) => b.id - a.id)[0];
+  const atWork = (one) => { const job = jobOf(one); return job && !ended(job) ? job : null; };
+
+  // ---- the list ----
+
+  const load = newest(guarded(async () => {
+    const { sweeps: found } = await ask("sweeps", { slow: true });
+    const begun = [...state.jobs.values()].filter((job) => job.kind === "sweep" && !ended(job)).map((job) => ({ store: job.spec.store, name: job.spec.sweep, done: 0, total: 0, begins: true }));
+    sweeps = [...begun.filter((one) => !found.some((other) => key(other) === key(one))), ...found];
+    if (!sweeps.some((one) => key(one) === chosen)) chosen = sweeps.length ? key(sweeps[0]) : null;
+    drawList();
+    await look();
+  }));
+
+  function stateOf(one) {
+    const job = atWork(one);
+    if (job) return job.state === "queued" ? "waits for a free processor" : [job.note, duration(job.left)].filter(Boolean).join(", ") || "begins";
+    if (one.error) return "cannot be read";
+    if (one.complete) return `${number(one.total, 9)} trials, complete`;
+    return `${number(one.done, 9)} of ${number(one.total, 9)} trials, ${one.running ? "run by a command" : "paused"}`;
+  }
+
+  function drawList() {
+    list.replaceChildren(...sweeps.map((one) => el("li", {}, el("button.sweepCard", {
+      type: "button", "aria-current": key(one) === chosen ? "true" : null, onclick: () => choose(one.store, one.name),
+    }, el("b", {}, one.name ?? one.store), el("span", {}, stateOf(one)), el("progress", { max: 1, value: (atWork(one)?.done ?? one.done / (one.total || 1)) || 0, "aria-label": "Trials done" })))));
+    if (sweeps.length) return;
+    detail.replaceChildren(el("p.empty", {}, el("span", {}, "No sweep in this folder yet.", el("br"), "“New sweep” plays many trials and says what differs, with intervals.")));
+    drawn = "";
+  }
+
+  function choose(store, name, measure = null) {
+    chosen = `${store} ${name}`;
+    wanted = measure;
+    drawn = "";
+    drawList();
+    return load();
+  }
+
+  // ---- one sweep ----
+
+  const look = newest(guarded(async () => {
+    const one = sweeps.find((other) => key(other) === chosen);
+    if (!one) return;
+    if (one.error || one.begins) {
+      detail.replaceChildren(el("h2", {}, one.name ?? one.store), one.error ? el("p.warning", {}, one.error) : el("p.soft", { role: "status" }, "The sweep begins: maps are opened and every point is checked."));
+      drawn = "";
+      return;
+    }
+    const found = await ask("sweep", { store: one.store, sweep: one.name, measure: wanted, slow: true });
+    if (key(one) !== chosen) return;
+    Object.assign(one, found);
+    shown({ store: one.store, sweep: one.name, measure: found.measure });
+    draw(one, found);
+    if (found.running && !atWork(one)) setTimeout(() => element.isConnected && !document.hidden && load(), ELSEWHERE);
+  }));
+
+  function draw(one, found) {
+    const text = JSON.stringify([found, atWork(one)?.id]);
+    if (text === drawn) return; // so that nothing is taken from under a hand
+    drawn = text;
+    drawList();
+    const measure = el("select", { id: "measure", onchange: () => { wanted = measure.value; look(); } }, found.measures.map((name) => el("option", { value: name, selected: name === found.measure }, name.replaceAll("_", " "))));
+    const focus = document.activeElement?.id === "measure";
+    detail.replaceChildren(
+      el("div.actions", {}, el("h2", {}, found.name), el("span.chip", {}, found.kind), buttons(one, found)),
+      el("p.soft", { role: "status" }, [stateOf(one), found.failures ? `${found.failures} failed` : "", `${found.n_points} ${found.n_points === 1 ? "point" : "points"}`].filter(Boolean).join(", ")),
+      found.failed.length ? el("p.warning", {}, found.failed.join("; ")) : [],
+      el("p.verdict", { role: "status" }, verdict(found)),
+      el("div.actions", {}, el("label", { htmlFor: "measure" }, "Measure"), measure, exportsOf("table", { store: one.store, sweep: one.name, measure: found.measure }, FORMATS, el("a.chip", { href: fileAddress(one.store), download: "" }, "Store"))),
+      el("div.chartArea", {}, chart(found)),
+      found.comparisons.length ? comparisons(found) : [], points(found));
+    if (focus) measure.focus();
+  }
+
+  function buttons(one, found) {
+    const job = atWork(one);
+    const resume = guarded(async () => { await addJob("sweep", { toml: found.toml, store: one.store, sweep: one.name }); });
+    return [
+      job ? el("button.second", { type: "button", onclick: guarded(() => cancelJob(job.id)) }, "Pause") : [],
+      !job && !found.complete && !found.running && found.kind !== "function" ? el("button.main", { type: "button", onclick: resume }, found.done ? "Resume" : "Run") : [],
+      el("button.second", { type: "button", onclick: () => change(found.toml) }, "Extend …"),
+      el("button.second", { type: "button", onclick: guarded(async () => {
+        const { copies, error } = await ask("new-sweep", { toml: found.toml });
+        if (error) throw new Error(error);
+        showForms(copies);
+      }) }, "As Python …"),
+    ].flat();
+  }
+
+  /** What the comparisons say, in a sentence or a few. */
+  function verdict({ comparisons: all, measure, compared }) {
+    const told_ = all.filter((one) => one.comparison?.difference?.low !== null && one.comparison);
+    if (!compared || !all.length) return "";
+    if (!told_.length) return "Two trials of each are needed for an interval.";
+    const what = measure.replaceAll("_", " ");
+    const sentence = ({ axes, first, second, comparison: { difference: d } }) => {
+      const where = Object.keys(axes).length ? `At ${words(axes)}, ` : "";
+      if (d.low <= 0 && d.high >= 0) return `${where}${d.count} pairs do not tell ${second} from ${first} in ${what} (95 %: ${interval(d.low, d.high)}).`;
+      const low = Math.min(Math.abs(d.low), Math.abs(d.high)), high = Math.max(Math.abs(d.low), Math.abs(d.high));
+      return `${where}${second} has ${number(Math.abs(d.mean))} ${d.mean < 0 ? "less" : "more"} in ${what} than ${first} (95 %: ${interval(low, high)}), on ${d.count} pairs.`;
+    };
+    if (told_.length <= 3) return told_.map(sentence).join(" ");
+    const differ = told_.filter(({ comparison: { difference: d } }) => d.low > 0 || d.high < 0).length;
+    return `${differ} of ${told_.length} comparisons of ${compared} differ in ${what} with 95 % confidence.`;
+  }
+
+  function chart({ points: all, comparisons: pairs, measure }) {
+    const known = all.filter((one) => one.estimate);
+    if (!known.length) return el("p.soft", {}, "No trial has this measure yet.");
+    const axis = Object.keys(known[0].axes).find((name) => new Set(known.map((one) => one.axes[name])).size > 1 && known.every((one) => typeof one.axes[name] === "number"));
+    if (!axis) return rowsChart(known.map((one) => ({ ...one.estimate, label: short(one.axes) })), `${measure}: means and intervals`);
+    const lines = new Map();
+    for (const { axes, estimate } of known) {
+      const { [axis]: x, ...others } = axes, label = short(others);
+      lines.set(label, [...(lines.get(label) ?? []), { x, ...estimate }]);
+    }
+    const named = [...lines].slice(0, 10).map(([label, found]) => ({ label, points: found.sort((a, b) => a.x - b.x) }));
+    return [linesChart(named, { axis, measure }), named.length > 1 ? el("p.lineKeys", {}, named.map((line, i) => el(`span.key.p${i % 5}`, {}, line.label))) : []].flat();
+  }
+
+  function comparisons({ comparisons: all, measure, compared }) {
+    return el("section", {}, el("h3", {}, `${measure.replaceAll("_", " ")} along ${compared.replaceAll("_", " ")}, on the same seeds`),
+      dataTable("Comparisons", ["Compared", "At", "Difference", "95 % interval", "Ratio", "p", "Pairs", ""], all.map(({ axes, first, second, comparison: found }) => {
+        const d = found?.difference;
+        return [`${second} less ${first}`, words(axes) === "all" ? "–" : words(axes), ...(d ? [number(d.mean), interval(d.low, d.high), number(found.ratio, 3), number(found.p_value, 2),
+          `${d.count}${found.unfinished ? `, ${found.unfinished} unfinished` : ""}`, d.low > 0 ? "more" : d.high < 0 ? "less" : "not told apart"] : ["–", "–", "–", "–", "–", "fewer than two pairs"])];
+      })));
+  }
+
+  function points({ points: all, measure, n_points: count, kind }) {
+    return el("section", {}, el("h3", {}, `${measure.replaceAll("_", " ")} at each point`),
+      dataTable("Means", ["Point", "Mean", "95 % interval", "Trials", "Completed", ""], all.map((one) => [words(one.axes),
+        one.estimate ? number(one.estimate.mean) : "–", interval(one.estimate?.low, one.estimate?.high), `${one.trials}${one.missing ? `, ${one.missing} missing` : ""}`,
+        one.completed === null ? "–" : `${one.completed}${one.bound === null ? "" : `; mean restricted to ${number(one.bound)}`}`,
+        one.watch ? el("a", { href: `#${PLACES[kind]}?${encodeURIComponent(JSON.stringify(one.watch))}`, "aria-label": `Watch the first trial at ${words(one.axes)}` }, "Watch") : ""])),
+      count > all.length ? el("p.soft", {}, `The first ${all.length} of ${count} points; the table that is exported has all.`) : []);
+  }
+
+  // ---- as it goes ----
+
+  let due = null;
+  on("job", (job) => {
+    if (job.kind !== "sweep") return;
+    if (job.state === "failed" && `${job.spec.store} ${job.spec.sweep}` === chosen && element.isConnected) told(new Error(failure(job)));
+    if (!element.isConnected) return;
+    if (job.result?.warning) told(new Error(job.result.warning));
+    due ??= setTimeout(() => { due = null; if (element.isConnected) load(); }, ended(job) || !sweeps.length ? 0 : EVERY);
+    drawList();
+  });
+
+  return { element, choose, open: load };
+}

@@ -1,0 +1,70 @@
+"""Sweeps from a browser: their forms, their checks, and a sweep as Python, as commands and as a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+from shoal.errors import InvalidInputError
+from shoal.lab.problems import KINDS, trial_problem_type
+from shoal.lab.summaries import first_measure
+from shoal.lab.sweeps.sweep import Sweep, sweep_in
+from shoal.studio.folder import Folder
+from shoal.studio.forms import schema_of
+
+PLAYED = tuple(kind for kind in KINDS if kind != "function")
+"""Kinds of problems that the studio sweeps over; a function is code of somebody's own, which the command runs."""
+
+
+def sweep_forms() -> dict[str, Any]:
+    """Return what sweeps can vary: by kind of problem its schema, and what a trial measures."""
+    return {kind: {"schema": schema_of(kind), "measures": list(trial_problem_type(kind).measures)} for kind in PLAYED}
+
+
+def checked_sweep(text: str, folder: Folder) -> Sweep:
+    """Return the sweep that TOML from a browser describes; it names no file outside of the folder and runs nobody's code.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+        With the line and the field.
+    """
+    return sweep_in(text, where="sweep", check=partial(_check, folder))
+
+
+def _check(folder: Folder, data: Mapping[str, Any]) -> None:
+    problem, axes = data.get("problem"), data.get("axes", {})
+    if not isinstance(problem, Mapping) or not isinstance(axes, Mapping):
+        return  # refused by what makes the sweep
+    kind = problem.get("kind")
+    if kind in KINDS and kind not in PLAYED:
+        raise InvalidInputError(
+            f"problem: kind: expected one of {', '.join(PLAYED)}, got {kind!r}, which runs code of your own: the command runs it"
+        )
+    if kind in PLAYED:
+        made = trial_problem_type(kind)
+        made.refuse_code(problem, where="problem")
+        for name, values in axes.items():
+            for value in values if isinstance(values, list) else []:
+                made.refuse_code({name: value}, where=f"axes.{name}")
+    for fields in (problem, axes):
+        folder.check_fields(fields)
+
+
+def sweep_copies(sweep: Sweep, store: str, text: str) -> dict[str, str]:
+    """Return what gives the same results outside of the studio: ``python``, ``command`` and ``file``."""
+    measure, axis = first_measure(sweep.measures), next(iter(sweep.paired), None)
+    file = store.removesuffix(".sqlite") + ".toml"
+    shown = f" --compare {axis}" * bool(axis)
+    return {
+        "python": (
+            "from shoal.lab import Store, Sweep, run_sweep\nfrom shoal.lab.summaries import summarise\n\n"
+            f'sweep = Sweep.load("{file}")\n'
+            f'run_sweep(sweep, "{store}", workers=0)\n'
+            f'with Store("{store}") as store:\n'
+            f'    for row in summarise(store, sweep.name, "{measure}"):\n        print(row.values, row)\n'
+        ),
+        "command": f"shoal sweep run {file} --store {store}\nshoal sweep summary {store} --measure {measure}{shown}",
+        "file": text,
+    }

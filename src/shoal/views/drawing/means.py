@@ -1,0 +1,88 @@
+"""The figure of a sweep: means with their intervals, over its first axis of numbers or point by point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from shoal.dataclass import dataclass
+from shoal.errors import InvalidInputError
+from shoal.views.drawing.charts import new_figure, plain_axes, set_title
+from shoal.views.drawing.curves import COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class PointMean:
+    """A mean at a point of a sweep.
+
+    Parameters
+    ----------
+    values : dict
+        By axis.
+    mean : float
+    low, high : float
+        Ends of the interval; not numbers for a single trial.
+    """
+
+    values: Mapping[str, Any]
+    mean: float
+    low: float
+    high: float
+
+
+def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Figure:
+    """Return the figure of a sweep's means: a line for each combination of the other axes, or a row for each point.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no mean.
+    """
+    if not means:
+        raise InvalidInputError("means: expected one or more, got none")
+    axis = _axis_of_numbers([mean.values for mean in means])
+    lines: dict[str, list[PointMean]] = {}
+    for mean in means:
+        lines.setdefault(_words(mean.values, axis), []).append(mean)
+    figure = new_figure(7.4, 4.8 if axis else 1.6 + 0.4 * len(means))
+    axes = figure.add_subplot()
+    for number, (label, line) in enumerate(lines.items()):
+        at = np.array([one.values[axis] for one in line] if axis else [number])
+        middle = np.array([one.mean for one in line])
+        ends = np.array([[one.low, one.high] if isfinite(one.low) else [one.mean, one.mean] for one in line]).T
+        errors = np.abs(ends - middle)
+        colour = COLOURS[number % len(COLOURS)] if axis else COLOURS[0]
+        if axis:
+            axes.errorbar(at, middle, yerr=errors, marker="o", ms=4, lw=1.6, capsize=3, color=colour, label=label)
+        else:
+            axes.errorbar(middle, at, xerr=errors, marker="o", ms=7, lw=2.4, color=colour)
+    if axis:
+        axes.set(xlabel=axis, ylabel=f"{measure}: mean, 95 %")
+        if len(lines) > 1:
+            axes.legend(frameon=False)
+    else:
+        axes.set_yticks(range(len(lines)), list(lines), parse_math=False)
+        axes.set(xlabel=f"{measure}: mean, 95 %", ylim=(len(lines) - 0.5, -0.5))
+    set_title(axes, title)
+    plain_axes(axes)
+    return figure
+
+
+def _axis_of_numbers(points: Sequence[Mapping[str, Any]]) -> str | None:
+    """Return the first axis of numbers along which there are several values; None if there is none."""
+    for name in points[0]:
+        found = {point[name] for point in points if isinstance(point[name], int | float) and not isinstance(point[name], bool)}
+        if len(found) > 1 and all(isinstance(point[name], int | float) for point in points):
+            return name
+    return None
+
+
+def _words(values: Mapping[str, Any], without: str | None) -> str:
+    kept = {name: value for name, value in values.items() if name != without}
+    return ", ".join(str(value) if isinstance(value, str) else f"{name} {value}" for name, value in kept.items()) or "all"
