@@ -8,7 +8,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 
 from shoal.dataclass import dataclass
@@ -26,6 +26,7 @@ from shoal.swarm.problem import SwarmProblem
 BATCH_SECONDS = 0.5
 _LARGEST = 20_000  # trials in a batch
 _PIECES = 2_000  # points in a batch
+_FIRST_ROUND = 4  # trials of each point that are played first
 _LOOK = 5.0  # seconds between two looks at whether there are workers at all
 _DEATHS = 3  # of workers with the same batch, before it is tried alone
 
@@ -186,7 +187,7 @@ class _Run:
         """Run everything that is missing."""
         self.done = self.sweep.total - sum(gap.stop - gap.first for gap in gaps)
         self._tell()
-        suspects = self._give_out(self._batches(gaps), at_once=2)
+        suspects = self._give_out(self._batches(_rounds(gaps)), at_once=2)
         # What workers died with three times: one trial at a time, alone, so that a death tells whose it is.
         for single in [single for job in suspects for single in _singles(job.batch)]:
             for again in self._give_out(iter([single]), at_once=0, most=1):
@@ -252,7 +253,7 @@ class _Run:
             seconds = time.monotonic() - self.began
             self.on_progress(SweepProgress(self.done, self.sweep.total, self.fresh, self.failures, self.deaths, seconds))
 
-    def _batches(self, gaps: list[Gap]) -> Iterator[Batch]:
+    def _batches(self, gaps: Iterable[Gap]) -> Iterator[Batch]:
         """Cut what is missing into batches of about the wanted time, by what trials have taken so far."""
         pieces: list[Piece] = []
         expected, trials = 0.0, 0
@@ -274,6 +275,21 @@ class _Run:
     def _piece(self, gap: Gap, first: int, stop: int) -> Piece:
         problem = gap.point.problem
         return Piece(gap.id, problem, gap.point.seeds, first, stop, placed(problem).place if problem.place_is_file() else None)
+
+
+def _rounds(gaps: list[Gap]) -> Iterator[Gap]:
+    """Yield what is missing in rounds over all points, each of four times as many trials: soon something is known of every point."""
+    begun, most = {gap.id: 0 for gap in gaps}, _FIRST_ROUND
+    while gaps:
+        rest: list[Gap] = []
+        for gap in gaps:
+            taken = min(gap.stop - gap.first, most - begun[gap.id])
+            if taken > 0:
+                begun[gap.id] += taken
+                yield replace(gap, stop=gap.first + taken)
+            if gap.first + taken < gap.stop:
+                rest.append(replace(gap, first=gap.first + taken))
+        gaps, most = rest, 4 * most
 
 
 def _singles(batch: Batch) -> Iterator[Batch]:

@@ -146,7 +146,7 @@ export function drafting({ shown, started }) {
     el("section.setting", { "aria-label": "Form" },
       el("div.quartet", {}, labelled("Name", name), labelled("What is played", kind), labelled("Trials at each point", trials), labelled("Seed", seed)),
       el("h3", {}, "What varies"), axes, add, room),
-    el("section.setting.file", { "aria-label": "File" }, el("h3", {}, el("label", { htmlFor: text.id }, "The same as a file")), el("p.help", {}, "Change it here or in the form. `shoal sweep run` takes it as it is."),
+    el("section.setting.file", { "aria-label": "File" }, el("h3", {}, el("label", { htmlFor: text.id }, "The same as a file")), el("p.help", {}, "Change it here or in the form. ", el("code", {}, "shoal sweep run"), " takes it as it is."),
       text, problem, info, el("div.actions", {}, go, el("button.second", { type: "button", onclick: guarded(async () => { if (answer?.copies) showForms(answer.copies); }) }, "As Python …"))));
 
   async function ready() {

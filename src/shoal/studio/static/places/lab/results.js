@@ -118,7 +118,7 @@ export function results({ shown, change }) {
       const where = Object.keys(axes).length ? `At ${words(axes)}, ` : "";
       if (d.low <= 0 && d.high >= 0) return `${where}${d.count} pairs do not tell ${second} from ${first} in ${what} (95 %: ${interval(d.low, d.high)}).`;
       const low = Math.min(Math.abs(d.low), Math.abs(d.high)), high = Math.max(Math.abs(d.low), Math.abs(d.high));
-      return `${where}${second} has ${number(Math.abs(d.mean))} ${d.mean < 0 ? "less" : "more"} in ${what} than ${first} (95 %: ${interval(low, high)}), on ${d.count} pairs.`;
+      return `${where}${second} has ${number(Math.abs(d.mean))} ${d.mean < 0 ? "less" : "more"} ${what} than ${first} (95 %: ${interval(low, high)}), on ${d.count} pairs.`;
     };
     if (told_.length <= 3) return told_.map(sentence).join(" ");
     const differ = told_.filter(({ comparison: { difference: d } }) => d.low > 0 || d.high < 0).length;
@@ -143,7 +143,7 @@ export function results({ shown, change }) {
     return el("section", {}, el("h3", {}, `${measure.replaceAll("_", " ")} along ${compared.replaceAll("_", " ")}, on the same seeds`),
       dataTable("Comparisons", ["Compared", "At", "Difference", "95 % interval", "Ratio", "p", "Pairs", ""], all.map(({ axes, first, second, comparison: found }) => {
         const d = found?.difference;
-        return [`${second} less ${first}`, words(axes) === "all" ? "–" : words(axes), ...(d ? [number(d.mean), interval(d.low, d.high), number(found.ratio, 3), number(found.p_value, 2),
+        return [`${second} less ${first}`, words(axes) === "all" ? "–" : words(axes), ...(d ? [number(d.mean), interval(d.low, d.high), number(found.ratio, 3), found.p_value < 1e-4 ? "< 0.0001" : number(found.p_value, 2),
           `${d.count}${found.unfinished ? `, ${found.unfinished} unfinished` : ""}`, d.low > 0 ? "more" : d.high < 0 ? "less" : "not told apart"] : ["–", "–", "–", "–", "–", "fewer than two pairs"])];
       })));
   }
