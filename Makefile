@@ -21,7 +21,7 @@ help:
 	@echo 'make check    ruff, mypy --strict, import-linter, all tests, documentation'
 	@echo 'make kernels  after a change of kernels: lower them ahead of time'
 	@echo 'make bench    measure speed against the plain reference, in one run'
-	@echo 'make soak     long checks: 10,000 episodes of elect-particle, 20,000 with noise, 100,000 of planners, 100,000 searches, 100,000 hostile files, 1000 plans deconflicted'
+	@echo 'make soak     long checks: 10,000 episodes of elect-particle, 20,000 with noise, 100,000 of planners, 100,000 searches, 100,000 hostile files, 50 kills, 20 full disks, 1000 plans deconflicted'
 	@echo 'make docs     build the documentation into ./site'
 
 # The virtual environment. Debian ships Python without the part that makes one; then its package is installed.
@@ -96,6 +96,7 @@ bench: $(VENV)/.dev-installed $(VENV)/.kernels-compiled
 
 soak: $(VENV)/.dev-installed $(VENV)/.kernels-compiled
 	@$(BIN)/python -m tests.hostile 100000
+	@$(BIN)/python -m benchmarks.kills 50 20
 	@$(BIN)/python -m benchmarks.deconfliction 1000
 	@$(BIN)/python -m benchmarks.livelock
 	@$(BIN)/python -m benchmarks.noise --endings 20000

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sqlite3
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -138,6 +142,49 @@ def test_a_store_beside_a_link_and_one_whose_disk_is_full(tmp_path, monkeypatch)
     with pytest.raises(OutputError, match="the disk is full"):
         Store(tmp_path / "new", write=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == [".s.x.lock", "theirs"]
+
+
+ON_SMALL_DISKS = """
+import subprocess, sys
+from pathlib import Path
+from shoal.errors import OutputError
+from shoal.lab import Store, Sweep, merge_stores, run_sweep
+from shoal.lab.storage.integrity import faults_of
+folder = Path(sys.argv[1])
+problem = {"kind": "function", "function": "tests.unit.sweep_functions:number", "arguments": {"pause": 0.0}}
+sweep = Sweep(name="s", problem=problem, axes={"factor": [1, 2]}, trials=1000)
+run_sweep(sweep, folder / "whole", workers=0)
+for room in (4096, 15000, 57000, 100000, 130000):
+    disk = folder / str(room)
+    disk.mkdir()
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={room}", "tmpfs", disk], check=True)
+    try:
+        run_sweep(sweep, disk / "store", workers=0)
+    except OutputError as error:
+        print(str(error).split(": ")[1].split(";")[0], end="; ")
+    try:
+        merge_stores([folder / "whole"], disk / "merged")
+    except OutputError as error:
+        print(str(error).split(": ")[1].split(";")[0], end="; ")
+    left = {one.name for one in disk.iterdir()}
+    assert left <= {"store", "store-wal", "store-shm"}, left
+    subprocess.run(["mount", "-o", "remount,size=9m", disk], check=True)
+    run_sweep(sweep, disk / "store", workers=0)
+    with Store(disk / "store") as one, Store(folder / "whole") as other:
+        assert [*one.rows("s")] == [*other.rows("s")] and not faults_of(one)
+"""
+
+
+def test_disks_that_are_full_at_any_stage(tmp_path):
+    alone = ["unshare", "--map-root-user", "--mount"]
+    if not shutil.which("unshare") or subprocess.run([*alone, "true"], capture_output=True, check=False).returncode:
+        pytest.skip("needs a mount namespace of its own")
+    ended = subprocess.run(
+        [*alone, sys.executable, "-c", ON_SMALL_DISKS, str(tmp_path)],
+        cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout == "the disk is full; " * 10
 
 
 def test_coordinators_that_make_one_store_at_once(tmp_path):

@@ -35,15 +35,12 @@ def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLi
     target = Path(out)
     if os.path.lexists(target):
         raise InvalidInputError(f"{target}: expected a new name for the merged store, got one that is taken")
-    with unfinished_store(target) as temporary:
-        with Store(temporary, write=True) as merged:
-            for source in sources:
-                with Store(source) as opened:
-                    for name in opened.names:
-                        _take(merged, opened, name)
-            names = merged.names
-        os.rename(temporary, target)
-    return names
+    with unfinished_store(target) as temporary, Store(temporary, write=True) as merged:
+        for source in sources:
+            with Store(source) as opened:
+                for name in opened.names:
+                    _take(merged, opened, name)
+        return merged.names
 
 
 def _take(merged: Store, opened: Store, name: str) -> None:

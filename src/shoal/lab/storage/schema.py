@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import shutil
@@ -24,6 +25,7 @@ _RANGES: dict[str, dict[str, tuple[float, float]]] = {
     "points": {"id": (0, 10**18), "number": (0, 10**18)},
     "batches": {"trials": (0, 10**18), "seconds": (0, 1e12), "finished": (0, 1e12)},
 }  # a damaged file may have anything in a column, and text is above every number
+_AT_ONCE = 2**16  # bytes
 _WAIT = 30.0  # seconds for another process to finish its commit
 
 TABLES = """
@@ -97,32 +99,34 @@ def _create(path: Path) -> None:
     OutputError
         Nothing is left behind then.
     """
-    with unfinished_store(path) as temporary:
-        with told(path), closing(_connected(temporary)) as connection:
-            _make_durable(connection)
-            with transaction(connection):
-                for statement in TABLES.split(";"):
-                    connection.execute(statement)
-                connection.execute(f"PRAGMA application_id = {APPLICATION}")
-                connection.execute(f"PRAGMA user_version = {FORMAT}")
-        with suppress(FileExistsError):  # another coordinator was quicker
-            _named(temporary, path)
+    with unfinished_store(path, unless_there=True) as temporary, told(path), closing(_connected(temporary)) as connection:
+        _make_durable(connection)
+        with transaction(connection):
+            for statement in TABLES.split(";"):
+                connection.execute(statement)
+            connection.execute(f"PRAGMA application_id = {APPLICATION}")
+            connection.execute(f"PRAGMA user_version = {FORMAT}")
 
 
 @contextmanager
-def unfinished_store(path: Path) -> Iterator[Path]:
-    """Yield a name beside that of a store, under which it is made; nothing is left there, whatever happens.
+def unfinished_store(path: Path, *, unless_there: bool = False) -> Iterator[Path]:
+    """Yield a name beside that of a store, under which it is made whole before it has its own; else nothing is left there.
 
     Raises
     ------
     OutputError
-        If it cannot be written.
+        If it cannot be written, or the name is taken meanwhile; with ``unless_there`` the store that has it then stays.
     """
     temporary = path.with_name(f".{path.name[:40]}-{secrets.token_hex(6)}")
     made = {temporary.with_name(temporary.name + end) for end in ("", "-wal", "-shm", "-journal")}
     half_written.update(made)
     try:
         yield temporary
+        # What does not fit into the file stays in its log, and SQLite says nothing of it when it closes.
+        if any(file.stat().st_size for file in made - {temporary} if file.exists()):
+            raise OSError(errno.ENOSPC, "the disk is full")
+        with suppress(*[FileExistsError] * unless_there):
+            _named(temporary, path)
     except OutputError:
         raise
     except OSError as error:
@@ -229,12 +233,20 @@ def told(path: Path) -> Iterator[None]:
         raise _said(path, error) from error
 
 
+def _is_full(path: Path) -> bool:
+    """Tell whether there is no room for what SQLite writes at once beside a file: it tells a full disk as any error of a disk."""
+    with suppress(OSError):
+        return shutil.disk_usage(path.parent).free < _AT_ONCE
+    return False
+
+
 def _said(path: Path, error: Exception) -> Exception:
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code == sqlite3.SQLITE_INTERRUPT:
         raise KeyboardInterrupt from error
     kept = "every batch that was committed is kept, and the same command goes on from there"
-    if code == sqlite3.SQLITE_FULL or getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_IOERR_WRITE:
+    too_large = getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_IOERR_WRITE
+    if code == sqlite3.SQLITE_FULL or too_large or (code == sqlite3.SQLITE_IOERR and _is_full(path)):
         return OutputError(f"cannot write {path}: the disk is full; {kept}")
     if code == sqlite3.SQLITE_READONLY:
         return OutputError(f"cannot write {path}: it is read-only; nothing was changed")
