@@ -92,7 +92,7 @@ class Studio:
 
         made = (GENERATORS.get(name) for name in GENERATORS)
         maps = [{"name": one.name, "summary": one.summary, "example": one.example, "size": one.size} for one in made]
-        return {"schemas": {part: schema_of(part) for part in PARTS}, "maps": maps}
+        return {"schemas": {part: schema_of(part) for part in (*PARTS, "vehicle", "missions")}, "maps": maps}
 
     async def files(self, request: Request) -> Response:
         """Return the files of the folder."""
@@ -115,7 +115,7 @@ class Studio:
         """Answer a question."""
         what, about = request.path_params["what"], await _json(request)
         answer = await self.previews[about.get("slow") is True].ask(what, about)
-        if what in ("sketch", "save"):
+        if what in ("sketch", "save", "draw"):
             self.tell({"files": True})
         return JSONResponse(answer)
 

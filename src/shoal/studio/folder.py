@@ -19,11 +19,17 @@ PAPERS = "papers"
 """Where the figures of the papers are reproduced."""
 
 MOST_LISTED = 2000
+SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
+"""A Shapefile is several files of one name."""
+
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 KINDS = {
     "map": (*PICTURES, ".txt", ".map", ".npy", ".csv", ".nii", ".nii.gz"),
     "episode": (".npz", ".episode.json"),
-    "region": (".geojson", ".kml", ".gpkg", ".zip", ".shp"),
+    "missions": (".missions.zip",),
+    "region": (".geojson", ".kml", ".kmz", ".gpkg", ".zip", ".shp"),
+    "part": SHAPEFILE[1:],
+    "terrain": (".asc",),
     "workspace": (".svg", ".wkt", ".geojson"),
     "sweep": (".toml",),
     "store": (".sqlite",),
@@ -80,9 +86,10 @@ class Folder:
         InvalidInputError
         """
         for value in data.values():
-            for text in value if isinstance(value, list) else [value]:
-                if not isinstance(text, str) or len(text) > 4096:
-                    continue
+            texts = [
+                text for text in (value if isinstance(value, list) else [value]) if isinstance(text, str) and len(text) <= 4096
+            ]
+            for text in {*texts, *(text.partition(",")[0] for text in texts)}:  # a vehicle's file has fields after it
                 path = Path(text)
                 if path.is_absolute() or text.startswith("~") or ".." in path.parts or "\0" in text:
                     raise InvalidInputError(f"file: expected a name inside the folder, got {shortened(text)}")
@@ -114,11 +121,12 @@ class Folder:
     def new_name(self, stem: str, suffix: str) -> str:
         """Return a name that is free: the stem, or the stem with a number."""
         plain = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in stem).strip("-")[:60] or "file"
-        number, name = 1, plain + suffix
-        while os.path.lexists(self.root / name):
+        family = SHAPEFILE if suffix == ".shp" else (suffix,)  # a part that lies there already is not taken for one of another's
+        number, free = 1, plain
+        while any(os.path.lexists(self.root / (free + one)) for one in family):
             number += 1
-            name = f"{plain}-{number}{suffix}"
-        return name
+            free = f"{plain}-{number}"
+        return free + suffix
 
     async def take(self, name: str, pieces: AsyncIterator[bytes]) -> str:
         """Write a file that a browser brings, whole or not at all, under its own name or one with a number; return the name.

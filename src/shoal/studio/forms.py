@@ -10,7 +10,7 @@ from typing import Any
 
 from shoal.errors import InvalidInputError
 from shoal.lab.problems import trial_problem_type
-from shoal.parts import PARTS, problem_of, problem_type
+from shoal.parts import PARTS
 from shoal.problem import Declaration, Problem
 from shoal.studio.folder import Folder
 
@@ -18,18 +18,27 @@ _JSON_TYPES = {int: "integer", float: "number", bool: "boolean", str: "string"}
 _COMMANDS = {"steering": "steer", "search": "search"}
 
 
-def schema_of(part: str) -> dict[str, Any]:
-    """Return the JSON schema of problems of a part, or of a kind that sweeps have besides, made from their declarations.
+def declared_type(name: str) -> type[Problem]:
+    """Return what has fields that a form shows: problems of a part or of sweeps, a vehicle, the options of missions."""
+    from shoal.search.flight.vehicle import Vehicle
+    from shoal.search.problem.mission_options import MissionOptions
 
-    Beyond the words of JSON Schema a property has ``unit``, ``place`` (whether it is the map, workspace or region) and ``names``:
-    of a field whose value is a name, with options after a colon, the names.
+    beside: dict[str, type[Problem]] = {kind.part: kind for kind in (Vehicle, MissionOptions)}
+    return beside.get(name) or trial_problem_type(name)
+
+
+def schema_of(part: str) -> dict[str, Any]:
+    """Return the JSON schema of what has fields, made from their declarations; see `declared_type`.
+
+    Beyond the words of JSON Schema a property has ``unit``, ``place`` (whether it is the map, workspace or region), ``repeated``
+    and ``names``: of a field whose value is a name, with options after a colon, the names.
 
     Examples
     --------
     >>> schema_of("swarm")["properties"]["particles"]["minimum"]
     1
     """
-    declared = trial_problem_type(part).declarations()
+    declared = declared_type(part).declarations()
     return {
         "type": "object",
         "title": part,
@@ -46,7 +55,8 @@ def _property(declared: Declaration) -> dict[str, Any]:
     if kind is not None:
         told["type"] = [kind, "null"] if declared.optional else kind
     if not declared.required:
-        told["default"] = None if declared.default == math.inf else declared.default
+        text = kind is None and not isinstance(declared.default, str | None)
+        told["default"] = None if declared.default == math.inf else declared.text(declared.default) if text else declared.default
     limits = {"minimum": option.least, "maximum": option.most, "exclusiveMinimum": option.above, "exclusiveMaximum": option.below}
     told |= {word: limit for word, limit in limits.items() if math.isfinite(limit)}
     if option.choices:
@@ -55,8 +65,7 @@ def _property(declared: Declaration) -> dict[str, Any]:
         told["names"] = [*(["auto"] if declared.default == "auto" else []), *option.names]
     if option.unit:
         told["unit"] = option.unit
-    if option.argument:
-        told["place"] = True
+    told |= {word: True for word, is_so in (("place", option.argument), ("repeated", option.repeated)) if is_so}
     return told
 
 
@@ -69,9 +78,27 @@ def checked_problem(data: Any, folder: Folder) -> Problem:
     """
     if not isinstance(data, Mapping) or data.get("kind") not in PARTS:
         raise InvalidInputError(f"problem: expected a kind, one of {', '.join(PARTS)}")
-    problem_type(data["kind"]).refuse_code(data, where="problem")
+    problem: Problem = checked_fields(data["kind"], data, folder)
+    return problem
+
+
+def checked_fields(part: str, data: Any, folder: Folder) -> Any:
+    """Return what fields of a form describe, texts read as commands read them; see `declared_type`, and `checked_problem`.
+
+    Raises
+    ------
+    InvalidInputError, UnknownNameError
+    """
+    if not isinstance(data, Mapping):
+        raise InvalidInputError(f"{part}: expected fields with values")
+    kind = declared_type(part)
+    kind.refuse_code(data, where=part)
     folder.check_fields(data)
-    return problem_of(data)
+    known = kind.declarations()
+    read = dict(data)
+    for name in known.keys() & {name for name, value in data.items() if isinstance(value, str)}:
+        read[name] = known[name].value_of([data[name]] if known[name].option.repeated else data[name])
+    return kind.from_dict(read)
 
 
 def copies_of(problem: Problem, *, seed: int) -> dict[str, str]:
@@ -106,7 +133,7 @@ def as_python(problem: Problem, *, seed: int) -> str:
 
 
 def as_command(problem: Problem, *, seed: int) -> str:
-    """Return the command line that runs a problem.
+    """Return the command line that runs a problem; the one of its file, ``problem.json``, if a field has no text.
 
     Examples
     --------
@@ -119,17 +146,40 @@ def as_command(problem: Problem, *, seed: int) -> str:
     if fields.get("task") == "coverage" or "subset" in fields:  # `shoal map` takes all other tasks
         words[1] = "cover"
         fields.pop("task", None)
+    if not all(_has_text(problem, known[name], value) for name, value in fields.items()):
+        return shlex.join([*words, "problem.json", f"--seed={seed}"])
     place = next(name for name, declared in known.items() if declared.option.argument)
-    words.append(_text(fields.pop(place, known[place].default)))
+    words.append(known[place].text(fields.pop(place, known[place].default)))
+    return shlex.join([*words, *_flags(problem, fields), f"--seed={seed}"])
+
+
+def mission_words(options: Problem) -> list[str]:
+    """Return the words of the command line that say options of missions."""
+    return [shlex.quote(word) for word in _flags(options, _fields(options))]
+
+
+def _flags(problem: Problem, fields: Mapping[str, Any]) -> list[str]:
+    known, words = problem.declarations(), []
     for name, value in fields.items():
         flag = known[name].flag
         if isinstance(value, bool):
             words.append(flag if value else f"--no-{flag[2:]}")
         elif known[name].option.repeated:
-            words += [f"{flag}={_text(one)}" for one in value]
+            words += [f"{flag}={known[name].text(one)}" for one in value]
         else:
-            words.append(f"{flag}={_text(value)}")
-    return shlex.join([*words, f"--seed={seed}"])
+            words.append(f"{flag}={known[name].text(value)}")
+    return words
+
+
+def _has_text(problem: Problem, declared: Declaration, value: Any) -> bool:
+    """Tell whether the command line can say a value: what it reads is what was meant."""
+    if declared.type is not object:
+        return True
+    try:
+        text = [declared.text(one) for one in value] if declared.option.repeated else declared.text(value)
+        return bool(declared.checked(declared.value_of(text)) == getattr(problem, declared.name))
+    except (InvalidInputError, ValueError):
+        return False
 
 
 def as_file(problem: Problem) -> str:
@@ -139,10 +189,3 @@ def as_file(problem: Problem) -> str:
 
 def _fields(problem: Problem) -> dict[str, Any]:
     return {name: value for name, value in problem.to_dict().items() if name != "kind"}
-
-
-def _text(value: Any) -> str:
-    """Return a value as commands take it: points and cells as '1,2 3,4'."""
-    if isinstance(value, list):
-        return " ".join(",".join(map(repr, point)) if isinstance(point, list) else str(point) for point in value)
-    return value if isinstance(value, str) else repr(value)

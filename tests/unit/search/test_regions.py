@@ -271,8 +271,9 @@ BAD_FILES = {
     ),
     "damaged.gpkg": (b"SQLite format 3\0 and no more", r"expected a GeoPackage, got a damaged one"),
     "lonely.shp": (b"\0\0\x27\x0a", r"expected its index beside it in lonely.shx, got no such file"),
-    "field.txt": ("", r"expected a region file \(.geojson .json .kml .kmz .csv .shp .gpkg\), got the suffix '.txt'"),
+    "field.txt": ("", r"expected a region file \(.geojson .json .kml .kmz .csv .shp .zip .gpkg\), got the suffix '.txt'"),
     "field.kmz": (b"PK", r"expected a KMZ archive, got a damaged one"),
+    "field.zip": (b"PK", r"expected a zip archive, got a damaged one"),
 }
 
 
@@ -299,6 +300,31 @@ def test_shapefile_without_a_system(tmp_path):
         InvalidInputError, match=r"expected its coordinate reference system beside it in field.prj, got no such file"
     ):
         open_region(path)
+
+
+def test_a_zipped_shapefile_is_that_of_its_files_and_leads_nowhere(tmp_path):
+    import zipfile
+
+    import pyogrio
+
+    path = tmp_path / "field.shp"
+    shapes = np.array([shapely.to_wkb(shapely.Polygon(FIELD))], dtype=object)
+    pyogrio.raw.write(path, shapes, [], [], crs="EPSG:4326", geometry_type="Polygon", driver="ESRI Shapefile")
+    packed = tmp_path / "packed.zip"
+    with zipfile.ZipFile(packed, "w") as archive:
+        for part in tmp_path.glob("field.*"):
+            archive.write(part, f"../deep/{part.name.upper()}")
+        archive.writestr("readme.txt", "a field")
+    assert open_region(packed).area.equals(open_region(path).area)
+    assert {one.name for one in tmp_path.parent.iterdir() if one.name == "deep"} == set()
+    with zipfile.ZipFile(packed, "a") as archive:
+        archive.writestr("another.shp", b"")
+    with pytest.raises(InvalidInputError, match=r"packed.zip: expected an archive with one Shapefile, got 2"):
+        open_region(packed)
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.write(path, "a/field.shp")
+    with pytest.raises(InvalidInputError, match=r"packed.zip: a/field.shp: expected its index beside it"):
+        open_region(packed)
 
 
 def test_layers_that_are_none(tmp_path):

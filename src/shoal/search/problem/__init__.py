@@ -81,7 +81,7 @@ class SearchProblem(Problem):
 
     region: Any = option(
         help="square:SIDE, rectangle:WxH, circle:RADIUS or ring:OUTERxINNER in metres, or a file: .geojson, .json, .kml, .gpkg, "
-        ".kmz, .shp or .csv (metres).",
+        ".kmz, .shp, .zip (a Shapefile) or .csv (metres).",
         argument=True, metavar="REGION", check=check_region, dump=dump_region,
     )  # fmt: skip
     robots: int = option(4, help="How many there are.", least=1)

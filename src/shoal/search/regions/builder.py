@@ -44,7 +44,7 @@ def open_region(
     ----------
     source : str or path
         A name, in metres: ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` (both from the origin), ``circle:RADIUS``,
-        ``ring:OUTERxINNER`` (radii; both around the origin). Or a file: ``.geojson .json .kml .kmz .gpkg .shp`` (degrees, or a
+        ``ring:OUTERxINNER`` (radii; both around the origin). Or a file: ``.geojson .json .kml .kmz .gpkg .shp .zip`` (degrees, or a
         projection that the file names) or ``.csv`` (metres); see `shoal.search.regions.formats`.
     no_go : optional
         Zones that robots keep out of, in the units of the source (longitude and latitude, or metres): a file of one of the formats

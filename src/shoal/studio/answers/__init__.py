@@ -9,7 +9,7 @@ from typing import Any
 
 from shoal.checks import check_choice
 from shoal.errors import ShoalError
-from shoal.studio.answers import files, lab, papers, steering, vessels
+from shoal.studio.answers import files, lab, papers, search, steering, vessels
 from shoal.studio.folder import Folder
 from shoal.studio.jobs.work import storable
 
@@ -41,6 +41,7 @@ ANSWERS: dict[str, Callable[[Folder, dict[str, Any]], dict[str, Any]]] = {
     "page": files.page, "copies": files.copies, "save": files.save_problem,
     "map": vessels.map_, "photograph": vessels.photograph, "vessels": vessels.vessels, "sketch": vessels.sketch,
     "steer": steering.steer, "workspace": steering.workspace, "reach": steering.reach,
+    "plan": search.plan, "missions": search.missions, "simulate": search.simulate, "draw": search.draw, "earth": search.earth,
     "papers": papers.papers,
     "lab-forms": lab.lab_forms, "sweeps": lab.sweeps, "sweep": lab.sweep, "new-sweep": lab.new_sweep,
     "picture": lab.episode_picture,

@@ -19,6 +19,7 @@ from shoal.files import write_json
 from shoal.studio.folder import PAPERS, Folder
 from shoal.studio.forms import checked_problem
 from shoal.studio.jobs import sweeps
+from shoal.studio.jobs.missions import missions_zip
 from shoal.studio.jobs.sweeps import Say
 
 MOST_COMPARED = 4
@@ -214,4 +215,5 @@ KINDS: dict[str, Callable[[Folder, dict[str, Any], Say], dict[str, Any]]] = {
     "reproduce": reproduce_figures,
     "sweep": sweeps.run,
     "table": sweeps.write,
+    "missions": missions_zip,
 }

@@ -79,14 +79,14 @@ class MissionFolder:
         }
 
 
-def write_check(result: MissionCheck, folder: Path) -> list[Path]:
-    """Write the report of a check, what is not seen if that was measured, and the map; return the files."""
+def write_check(result: MissionCheck, folder: Path, *, drawn: bool = True) -> list[Path]:
+    """Write the report of a check, what is not seen if that was measured, and the map if it is to be drawn; return the files."""
     written = [folder / "check.json"]
     write_json(written[0], result.report())
     if result.coverage is not None:
         written.append(folder / UNCOVERED)
         result.write_uncovered(written[1])
-    if result.missions:
+    if result.missions and drawn:
         save_figure(missions_figure(result.missions, result.region, result.approach), folder / MAP)
         written.append(folder / MAP)
     return written

@@ -2,8 +2,8 @@
 
 - ``.geojson .json``: GeoJSON; longitude first, degrees, unless an old "crs" member names another system.
 - ``.kml .kmz``: the polygons of its placemarks; of a KMZ, those of the first KML file in it.
-- ``.gpkg .shp``: in the coordinate reference system that they name (for a Shapefile, beside it in ``.prj``). A GeoPackage layer in
-  no system on Earth is in metres.
+- ``.gpkg .shp .zip``: in the coordinate reference system that they name (for a Shapefile, beside it in ``.prj``; a zip archive
+  holds one Shapefile). A GeoPackage layer in no system on Earth is in metres.
 - ``.csv``: one vertex a line; a heading says what the columns are (``x_m,y_m``, or ``longitude,latitude``), lines beginning with #
   are passed over. A blank line, or another value in a third column, begins the next ring. Rings may be closed or not. A ring inside
   another is a hole of it, a ring inside a hole a part again.
@@ -24,7 +24,7 @@ from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.geojson import read_geojson
 from shoal.search.regions.formats.geopackage import read_geopackage
 from shoal.search.regions.formats.kml import read_kml, read_kmz
-from shoal.search.regions.formats.shapefile import read_shapefile
+from shoal.search.regions.formats.shapefile import read_shapefile, read_zipped_shapefile
 from shoal.search.regions.formats.table import read_table
 from shoal.search.regions.limits import LARGEST_DATABASE, MOST_CORNERS, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutlines
@@ -37,6 +37,7 @@ _READERS: dict[str, Callable[[Path], RegionOutlines]] = {
     ".kmz": read_kmz,
     ".csv": read_table,
     ".shp": read_shapefile,
+    ".zip": read_zipped_shapefile,
 }
 
 

@@ -1,9 +1,12 @@
-"""Shapefile, through pyogrio (GDAL)."""
+"""Shapefile, through pyogrio (GDAL), as its files or zipped."""
 
 from __future__ import annotations
 
+import tempfile
 import warnings
-from pathlib import Path
+import zipfile
+import zlib
+from pathlib import Path, PurePosixPath
 
 from shoal.checks import check_file
 from shoal.errors import InvalidInputError
@@ -17,13 +20,48 @@ _MAGIC = b"\x00\x00\x27\x0a"
 _BESIDE = {".shx": "index", ".prj": "coordinate reference system"}
 
 
-def read_shapefile(path: Path) -> RegionOutlines:
-    """Return the polygons in a Shapefile.
+PARTS = (".shp", ".shx", ".prj", ".dbf", ".cpg")
+"""The files of a Shapefile that are read."""
+
+
+def read_zipped_shapefile(path: Path) -> RegionOutlines:
+    """Return the polygons in the one Shapefile of a zip archive; names in it are not followed anywhere.
 
     Raises
     ------
     InvalidInputError
     """
+    check_file(path, what="region file", most=LARGEST_FILE)
+    try:
+        with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory() as place:
+            inside = {one.filename: one for one in archive.infolist()}
+            shapes = [name for name in inside if PurePosixPath(name).suffix.lower() == ".shp" and "__MACOSX" not in name]
+            if len(shapes) != 1:
+                raise InvalidInputError(f"{path}: expected an archive with one Shapefile, got {len(shapes)}")
+            stem = str(PurePosixPath(shapes[0]).with_suffix(""))
+            for name, one in inside.items():
+                suffix = PurePosixPath(name).suffix.lower()
+                if suffix in PARTS and str(PurePosixPath(name).with_suffix("")) == stem:
+                    with archive.open(one) as file:
+                        Path(place, f"shapes{suffix}").write_bytes(file.read(LARGEST_FILE + 1))
+            try:
+                return read_shapefile(Path(place, "shapes.shp"), f"{path}: {stem[:80]}.shp")
+            except InvalidInputError as error:
+                raise InvalidInputError(str(error).replace(f"{place}/shapes", f"{path}: {stem[:80]}")) from None
+    except (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error) as error:
+        if isinstance(error, InvalidInputError):
+            raise
+        raise InvalidInputError(f"{path}: expected a zip archive, got a damaged one or another format: {str(error)[:80]}") from None
+
+
+def read_shapefile(path: Path, where: str = "") -> RegionOutlines:
+    """Return the polygons in a Shapefile; ``where`` is what errors call it, if not by its path.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    where = where or str(path)
     check_file(path, what="region file", most=LARGEST_FILE)
     with path.open("rb") as file:
         if file.read(4) != _MAGIC:  # so that GDAL takes it for no other of its formats
@@ -36,13 +74,13 @@ def read_shapefile(path: Path) -> RegionOutlines:
             )
         for beside in there:
             check_file(beside, what="part of a Shapefile", most=LARGEST_FILE)
-    found, crs = _read(path)
+    found, crs = _read(path, where)
     if not crs:
         raise InvalidInputError(f"{path.with_suffix('.prj')}: expected a coordinate reference system, got none that is known")
-    return to_degrees(found, str(path), crs)
+    return to_degrees(found, where, crs)
 
 
-def _read(path: Path) -> tuple[tuple[RegionOutline, ...], str | None]:
+def _read(path: Path, where: str) -> tuple[tuple[RegionOutline, ...], str | None]:
     """Return the polygons and the coordinate reference system."""
     import pyogrio
     import shapely
@@ -64,4 +102,4 @@ def _read(path: Path) -> tuple[tuple[RegionOutline, ...], str | None]:
     told = (
         [dict(zip(meta["fields"], values, strict=True)) for values in zip(*columns, strict=True)] if marks else [{}] * len(shapes)
     )
-    return layer_polygons(zip(shapes, told, strict=True), str(path)), meta["crs"]
+    return layer_polygons(zip(shapes, told, strict=True), where), meta["crs"]

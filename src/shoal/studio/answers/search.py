@@ -1,0 +1,177 @@
+"""Answers for the place Search: plans, what keeps vehicles apart, simulations, drawn regions, the Earth around a place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.errors import InvalidInputError, ShoalError
+from shoal.search.allocation.plan import SearchPlan, plan_search
+from shoal.search.flight.timing import turns_of
+from shoal.search.problem import SearchProblem
+from shoal.search.regions.projection import LocalFrame
+from shoal.search.regions.region import SearchRegion
+from shoal.studio.answers.drawings import drawing_of, frame_of, placed_problem
+from shoal.studio.answers.shared import checked_seed
+from shoal.studio.folder import Folder
+from shoal.studio.forms import checked_fields
+
+MOST_DRAWN = 40_000
+"""Cells of a plan whose ways are drawn."""
+
+Points = NDArray[np.float64]
+
+_DEGREE, _REACH = 4, 20_000.0  # of the polynomials of `earth`, and metres within which they are fitted
+
+
+def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return a plan: the region, its tour, and by robot where it goes and how long it takes; metres around ``about["frame"]``."""
+    problem = placed_problem(folder, about)
+    region = problem.place
+    canvas = _Canvas(region.frame, frame_of(about.get("frame")))
+    told = _region(region, canvas)
+    try:
+        made = plan_search(problem, seed=checked_seed(about))
+    except ShoalError as error:
+        return told | {"problem": str(error)}
+    allocation, drawn = made.allocation, len(made.tour_cost) <= MOST_DRAWN
+    return told | {
+        "problem": None,
+        "cells": made.grid.n_cells,
+        "cell": made.grid.size,
+        "angle": made.grid.angle,
+        "tour": made.tour.name,
+        "allocation": allocation.allocator,
+        "compared": len(made.compared),
+        "vehicle": made.vehicle.kind,
+        "makespan": made.seconds(allocation.makespan),
+        "bound": made.seconds(allocation.lower_bound),
+        "closed": canvas.points(_tour(made)) if drawn else [],
+        "robots": [_robot(made, robot, canvas, drawn=drawn) for robot in range(problem.robots)],
+    }
+
+
+class _Canvas:
+    """The metres in which a page draws: those of the region, or of another place on Earth."""
+
+    def __init__(self, own: LocalFrame | None, shown: LocalFrame | None) -> None:
+        self.own, self.shown = own, own if shown is None or own is None else shown
+
+    def points(self, metres: Any) -> list[Any]:
+        """Return points as the page has them, to a centimetre."""
+        given = np.asarray(metres, dtype=np.float64).reshape(-1, 2)
+        if self.own is not None and self.shown is not None and self.shown != self.own and len(given):
+            given = self.shown.to_metres(self.own.to_degrees(given))
+        told: list[Any] = np.round(given, 2).tolist()
+        return told
+
+
+def _region(region: SearchRegion, canvas: _Canvas) -> dict[str, Any]:
+    from shoal.views.drawing.polygon_paths import rings_of
+
+    def polygons(shape: Any) -> list[Any]:
+        return [[canvas.points(ring) for ring in rings] for rings in rings_of(shape)]
+
+    return {
+        "name": region.name,
+        "frame": None if canvas.shown is None else [canvas.shown.longitude, canvas.shown.latitude],
+        "area": region.area_m2,
+        "unseen": region.unseen_m2,
+        "zones": region.no_go_zones,
+        "outline": polygons(region.outline),
+        "no_go": polygons(region.no_go),
+        "free": polygons(region.free) if region.margin else [],
+    }
+
+
+def _tour(plan: SearchPlan) -> Points:
+    cells = plan.tour.cells
+    return plan.paths.route(np.concatenate([cells, cells[:1]])).points
+
+
+def _robot(plan: SearchPlan, robot: int, canvas: _Canvas, *, drawn: bool) -> dict[str, Any]:
+    stops = plan.stops(robot)
+    told = {"place": canvas.points(plan.places[robot])[0], "seconds": plan.seconds(float(plan.allocation.times[robot]))}
+    if not drawn or not len(stops):
+        return told | {"way": [], "stops": len(stops), "length": None, "turns": None}
+    points = plan.route(robot, stops).points
+    return told | {
+        "way": canvas.points(points),
+        "stops": len(stops),
+        "length": float(np.hypot(*np.diff(points, axis=0).T).sum()),
+        "turns": int(turns_of(points).sum()),
+    }
+
+
+def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return what missions of a plan would be: sorties with their heights and delays, and the nearest approach."""
+    from shoal.views.search.mission_folder import MissionFolder
+
+    problem = flown(placed_problem(folder, about))
+    made = MissionFolder(Path(), problem, checked_fields("missions", about.get("missions", {}), folder))
+    plan = plan_search(problem, seed=checked_seed(about))
+    made.plan(plan)
+    told = made.report(plan)
+    if made.approach is not None:
+        canvas = _Canvas(plan.grid.region.frame, frame_of(about.get("frame")))
+        told["nearest_approach"]["place"] = canvas.points(made.approach.place[:2])[0]
+    for start, mission in zip(told["starts"], made.missions, strict=True):
+        start |= {"length_m": mission.length, "items": mission.n_items}
+    return told
+
+
+def flown(problem: SearchProblem) -> SearchProblem:
+    """Return a problem with a vehicle that missions are for: a multirotor where none is named, as the command takes it."""
+    return problem if problem.vehicle is not None else problem.replaced(vehicle="multirotor").at_place(problem.place)
+
+
+def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return a search as the player has it; nothing is written."""
+    from shoal.search.run import run
+    from shoal.views.search.page import page_data
+
+    problem = placed_problem(folder, about)
+    if problem.live is not None:
+        raise InvalidInputError("live: expected a simulation while somebody plays with it, got processes: run it as a job")
+    episode = run(problem, seed=checked_seed(about))
+    return {
+        "data": page_data(episode), "sentence": episode.sentence, "seen": episode.coverage.covered_fraction,
+        "takeovers": episode.trace.takeovers, "lost": episode.trace.lost, "sent": episode.trace.sent, "makespan": episode.makespan,
+    }  # fmt: skip
+
+
+def draw(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Write what was drawn as a file; return its name."""
+    drawing = drawing_of(about.get("drawing"))
+    if drawing is None:
+        raise InvalidInputError("drawing: expected a region or zones, got nothing")
+    drawing.placed(placed_problem(folder, about))  # what is not right is said now
+    return {"file": drawing.write(folder, "drawn-region" if drawing.parts else "drawn-zones")}
+
+
+def earth(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
+    """Return polynomials between metres and degrees around a place: lists of (i, j, east or longitude, north or latitude).
+
+    The coefficients are of x**i * y**j, where x and y are metres over ``reach``, or degrees from the origin. They keep to the
+    projection within 0.1 mm up to 30 km from the place, and 2 cm up to 100 km.
+    """
+    frame = frame_of(about.get("frame"))
+    if frame is None:
+        raise InvalidInputError("place on Earth: expected longitude and latitude, got none")
+    steps = np.linspace(-1.0, 1.0, 13)
+    scaled = np.array([(x, y) for x in steps for y in steps])
+    away = frame.to_degrees(scaled * _REACH) - (frame.longitude, frame.latitude)
+    powers = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
+
+    def fitted(given: Points, wanted: Points) -> list[list[float]]:
+        columns = np.stack([given[:, 0] ** i * given[:, 1] ** j for i, j in powers], axis=1)
+        found = np.linalg.lstsq(columns, wanted, rcond=None)[0]
+        return [[i, j, *map(float, pair)] for (i, j), pair in zip(powers, found, strict=True)]
+
+    return {
+        "frame": [frame.longitude, frame.latitude], "reach": _REACH,
+        "degrees": fitted(scaled, away), "metres": fitted(away, scaled),
+    }  # fmt: skip

@@ -1,0 +1,57 @@
+"""The job that writes missions: a zip of mission files, their map, and the report of the check; the map beside it, to look at."""
+
+from __future__ import annotations
+
+import tempfile
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from shoal.checks import check_integer
+from shoal.errors import InvalidInputError
+from shoal.files import atomic
+from shoal.search.problem import SearchProblem
+from shoal.studio.folder import Folder
+from shoal.studio.forms import as_command, checked_fields, checked_problem, mission_words
+
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # so that the same missions are the same zip
+
+
+def missions_zip(folder: Folder, spec: dict[str, Any], say: Callable[[str, Any], None]) -> dict[str, Any]:
+    """Plan a search, write its missions and check them; return the names of the zip and of the map, and the report of the check."""
+    from shoal.search.allocation.plan import plan_search
+    from shoal.search.missions import check_missions
+    from shoal.views.search.mission_folder import MAP, MissionFolder, write_check
+
+    problem, seed = checked_problem(spec["problem"], folder), check_integer(spec.get("seed", 0), what="seed", least=0)
+    if not isinstance(problem, SearchProblem):
+        raise InvalidInputError(f"problem: expected a search, got {problem.part}")
+    if problem.vehicle is None:
+        problem = problem.replaced(vehicle="multirotor")
+    options = checked_fields("missions", spec.get("missions", {}), folder)
+    problem.check_at_place()
+    with tempfile.TemporaryDirectory() as place:
+        inside, checked = Path(place, "missions"), Path(place, "check")
+        made = MissionFolder(inside, problem, options)
+        say("progress", (0.1, "planning"))
+        plan = plan_search(problem, seed=seed)
+        say("progress", (0.4, "writing missions"))
+        made.write(plan)
+        say("progress", (0.7, "checking them"))
+        seen = tuple(plan.footprints.tolist())
+        result = check_missions(
+            inside, problem.place, seen if len({*seen}) > 1 else seen[0], angle=plan.grid.angle, cap=options.cap,
+            separation=options.kept_apart, vehicle=plan.vehicle,
+        )  # fmt: skip
+        write_check(result, checked, drawn=False)
+        stem = Path(str(problem.region)).name.partition(".")[0].replace(":", "-")
+        name = folder.new_name(stem, ".missions.zip")
+        with atomic(folder.path(name)) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+            for path in sorted(file for file in Path(place).rglob("*") if file.is_file()):
+                archive.writestr(zipfile.ZipInfo(path.relative_to(place).as_posix(), _EPOCH), path.read_bytes())
+        picture = folder.new_name(f"{stem}-missions-figure", ".png")
+        with atomic(folder.path(picture)) as temporary:
+            temporary.write_bytes((inside / MAP).read_bytes())
+    command = " ".join([as_command(problem, seed=seed), "--missions=missions", *mission_words(options)])
+    return {"file": name, "map": picture, "missions": made.report(plan), "check": result.report(), "command": command}
