@@ -18,6 +18,16 @@ CORNER = region([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)])
 POSTS = region([(0, 0), (6, 0), (6, 4), (0, 4)], [[(1, 1), (2, 0.8), (2.2, 2.5)], [(3.5, 1.5), (5, 1.2), (4.6, 2.9), (3.8, 3)]])
 
 
+@pytest.fixture
+def few_trees(monkeypatch):
+    """Plans that only have to arrive are made short for a moment only."""
+    monkeypatch.setattr(sampling, "MORE_TREES", 2)
+    monkeypatch.setattr(sampling, "SHORTENED", 1000)
+
+
+quick = pytest.mark.usefixtures("few_trees")
+
+
 def planned(world, start, goal, tolerance=1e-6, *, max_moves=100, seed=0):
     """The moves, replayed by the stepper alone."""
     task = SteeringTask(world, np.array(start, dtype=float), np.array(goal, dtype=float), tolerance, max_moves, seed)
@@ -31,6 +41,7 @@ def planned(world, start, goal, tolerance=1e-6, *, max_moves=100, seed=0):
     return moves
 
 
+@quick
 @pytest.mark.parametrize(
     ("room", "start", "goal"),
     [
@@ -66,12 +77,14 @@ def test_a_mere_translation_goes_around():
     assert np.linalg.norm(moves, axis=1).sum() < 1.1 * np.hypot(2.7, 2.7)
 
 
+@quick
 @pytest.mark.parametrize("room", [SQUARE, disk(), regular_polygon(5)])
 def test_two_particles_in_convex_workspaces(room):
     start, goal = [np.array(pair) * 0.4 + room.center for pair in ([(0.1, 0.2), (0.5, 0.4)], [(-0.3, 0.1), (0.4, -0.5)])]
     planned(ContactWorld(room), start, goal)
 
 
+@quick
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-6])
 def test_three_particles(tolerance):
     start, goal = [(0.2, 0.3), (0.7, 0.4), (0.5, 0.8)], [(0.6, 0.2), (0.3, 0.5), (0.9, 0.7)]
@@ -79,23 +92,27 @@ def test_three_particles(tolerance):
     planned(RegionWorld(YARD), np.array(start) * 1.4, np.array(goal) * 1.4, tolerance)
 
 
+@quick
 def test_four_particles():
     start = [(0.2, 0.3), (0.7, 0.4), (0.5, 0.8), (0.1, 0.9)]
     goal = [(0.6, 0.2), (0.3, 0.5), (0.9, 0.7), (0.4, 0.1)]
     planned(ContactWorld(SQUARE), start, goal, 1e-2)
 
 
+@quick
 def test_friction_and_goals_on_walls():
     planned(ContactWorld(SQUARE, friction=0.5), [(0.2, 0.2), (0.6, 0.3)], [(0.4, 0.4), (0.7, 0.45)])
     planned(ContactWorld(SQUARE), [(0.0, 0.2), (1.0, 0.3)], [(1.0, 1.0), (0.0, 0.0)])
 
 
+@quick
 def test_few_moves_are_enough_or_nothing_is_found():
     world, pairs = ContactWorld(SQUARE), ([(0.2, 0.5), (0.4, 0.5)], [(0.3, 0.5), (0.4, 0.5)])
     assert len(planned(world, *pairs, max_moves=3)) == 3
     assert Sampling().plan(SteeringTask(world, *(np.array(pair) for pair in pairs), 1e-6, 1)) is None
 
 
+@quick
 def test_seeds():
     world, pairs = RegionWorld(YARD), ([(0.5, 0.5), (0.7, 0.5)], [(3.5, 3.5), (3.5, 3.7)])
     first, again, other = (planned(world, *pairs, seed=seed) for seed in (3, 3, 4))
@@ -118,6 +135,7 @@ def test_what_cannot_be(monkeypatch):
         Sampling().plan(SteeringTask(ContactWorld(space), high, high[::-1], 1e-6))
 
 
+@quick
 def test_steer_with_it():
     problem = SteeringProblem(YARD, [(0.5, 0.5), (0.7, 0.5)], [(3.5, 3.7), (3.5, 3.5)], interchangeable=True)
     episode = steer(problem, planner="sampling")

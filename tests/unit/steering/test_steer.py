@@ -358,7 +358,7 @@ def test_workspaces_that_are_refused(source):
 
 
 def test_reach(tmp_path, capsys):
-    assert run(["reach", "hexagon", "--start", "-0.1,0 0.1,0.1", "--moves", "6", "--json", "--out", str(tmp_path / "r")]) == 0
+    assert run(["reach", "square", "--start", "0.4,0.5 0.6,0.6", "--moves", "6", "--json", "--out", str(tmp_path / "r")]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["moves"] == [2, 4, 6]
     assert result["fractions"] == sorted(result["fractions"])
