@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from shoal.dataclass import dataclass
 from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import CellGrid, cells_of
-from shoal.search.cells.routing import RegionPaths
+from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.straightening import along_tour
 from shoal.search.flight.timing import turns_of
 from shoal.search.regions.region import SearchRegion
@@ -74,10 +75,14 @@ class GridTour:
     paths: RegionPaths
     compared: tuple[Candidate, ...] = ()
 
+    @cached_property
+    def route(self) -> Route:
+        """The way once round, from the first cell to the first."""
+        return self.paths.route(np.concatenate([self.tour.cells, self.tour.cells[:1]]))
+
     def once_round(self, turn_cost: float) -> float:
         """Return what it costs to go once round, in cells: the way, and each of its bends."""
-        route = self.paths.route(np.concatenate([self.tour.cells, self.tour.cells[:1]]))
-        return route.length / self.grid.size + turn_cost * int(turns_of(route.points).sum())
+        return self.route.length / self.grid.size + turn_cost * int(turns_of(self.route.points).sum())
 
 
 def grid_tour(
@@ -165,7 +170,9 @@ def best_grid_tour(
     found.sort(key=lambda one: one[1])
     best = found[0][0]
     compared = {laid.tour.name: Candidate(laid.grid.angle, laid.tour.name, cost) for laid, cost in reversed(found)}
-    return replace(best, compared=tuple(sorted(compared.values(), key=lambda one: one.cells)))
+    chosen = replace(best, compared=tuple(sorted(compared.values(), key=lambda one: one.cells)))
+    vars(chosen)["route"] = best.route  # known already
+    return chosen
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:

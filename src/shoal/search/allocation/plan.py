@@ -191,8 +191,8 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     footprints = check_footprints(problem.chosen_footprint, robots)
     speeds = np.ones(robots) if problem.rates is None else np.array(problem.rates)
     laid = _grid_tour(problem, cell_side(footprints, speeds))
-    grid, tour, paths = laid.grid, laid.tour, laid.paths
-    tour_cost = _tour_cost(tour, paths, turn_cells(problem.chosen_vehicle, grid.size), stepwise=problem.stepwise)
+    grid, tour = laid.grid, laid.tour
+    tour_cost = _tour_cost(laid, turn_cells(problem.chosen_vehicle, grid.size), stepwise=problem.stepwise)
     places = places_of_robots(grid, problem, np.random.default_rng(seed))
     landing = None if problem.land is None else places_of(problem.land, grid.region, robots, what="land")
     numbers = tour.position[tuple(grid.cell_of(places).T)]
@@ -226,12 +226,11 @@ def _grid_tour(problem: SearchProblem, size: float) -> GridTour:
     return grid_tour(problem.place, size, tours[0], angle=angle, **given)
 
 
-def _tour_cost(tour: Tour, paths: RegionPaths, turn_cost: float, *, stepwise: bool) -> TourCost:
+def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool) -> TourCost:
     """Return a tour with the lengths of its ways inside the region."""
-    grid = paths.grid
+    grid, tour, whole = laid.grid, laid.tour, laid.route
     index = grid.ordinals(tour.cells)
     firsts = grid.viewpoints[grid.viewpoint_starts[index]]
-    whole = paths.route(np.concatenate([tour.cells, tour.cells[:1]]))
     far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(whole.points, axis=0).T))])[whole.stops]
     begins = np.concatenate([[0], np.cumsum(np.diff(grid.viewpoint_starts)[index])])
     steps = np.diff(far[begins])
@@ -240,7 +239,7 @@ def _tour_cost(tour: Tour, paths: RegionPaths, turn_cost: float, *, stepwise: bo
     distances: Distances | None = None
     if stepwise or not _is_convex(grid.region.free):
         cellwise = CellDistances(tour, doors_east=grid.doors_east, doors_south=grid.doors_south, steps=steps / grid.size)
-        distances = cellwise if stepwise else RegionDistances(paths, tour, cellwise)
+        distances = cellwise if stepwise else RegionDistances(laid.paths, tour, cellwise)
     return TourCost(
         tour,
         firsts / grid.size,

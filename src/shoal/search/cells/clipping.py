@@ -77,7 +77,8 @@ def rotated(points: ArrayLike, angle: float) -> NDArray[np.float64]:
     cosine, sine = np.cos(np.radians(rest)), np.sin(np.radians(rest))
     for _ in range(int(quarters) % 4):
         cosine, sine = -sine, cosine
-    return np.asarray(array @ np.array([[cosine, sine], [-sine, cosine]]))
+    turned = np.ascontiguousarray(array).view(np.complex128) * complex(cosine, sine)
+    return np.asarray(turned.view(np.float64))
 
 
 def rotated_shape(shape: Any, angle: float) -> Any:

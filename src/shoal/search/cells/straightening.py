@@ -43,19 +43,19 @@ def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
     if not windows:
         return grid
     starts, lattice, n = grid.viewpoint_starts, grid.lattice, len(cells)
-    flat = lattice.from_region(grid.viewpoints)
-    entered, left = flat[starts[index]], flat[starts[index + 1] - 1]
-    moved = flat.copy()
-    middles = lattice.centers(*cells.T)
+    moved = grid.viewpoints.copy()
+    entered, left = grid.viewpoints[starts[index]], grid.viewpoints[starts[index + 1] - 1]
     free = np.array(sorted(windows))
-    places = _places(np.array([windows[k] for k in free.tolist()], dtype=object), entered[free], middles[free], grid.footprint)
+    shapes, middles = np.array([windows[k] for k in free.tolist()], dtype=object), lattice.centers(*cells[free].T)
+    places = _places(shapes, lattice.from_region(entered[free]), middles, grid.footprint)
     tried = dict(zip(free.tolist(), places, strict=True))
     for chain in _chains(free, n):
         ends = (chain[0] - 2) % n, (chain[0] - 1) % n, (chain[-1] + 1) % n, (chain[-1] + 2) % n
-        fixed = np.stack([left[ends[0]], left[ends[1]], entered[ends[2]], entered[ends[3]]])
-        shapes, stages = [windows[k] for k in chain.tolist()], [tried[k] for k in chain.tolist()]
-        moved[starts[index[chain]]] = _way(grid, fixed, shapes, stages, entered[chain], turn * grid.size)
-    return replace(grid, viewpoints=lattice.to_region(moved))
+        fixed = lattice.from_region(np.stack([left[ends[0]], left[ends[1]], entered[ends[2]], entered[ends[3]]]))
+        crossed, stages = [windows[k] for k in chain.tolist()], [tried[k] for k in chain.tolist()]
+        known = lattice.from_region(entered[chain])
+        moved[starts[index[chain]]] = lattice.to_region(_way(grid, fixed, crossed, stages, known, turn * grid.size))
+    return replace(grid, viewpoints=moved)
 
 
 def _windows(grid: CellGrid, cells: Numbers, index: Numbers) -> dict[int, Any]:
