@@ -1,4 +1,5 @@
-"""Write docs/reference/ from the code: commands from their --help, problems from their declarations. A test fails when it is old.
+"""Write docs/reference/ from the code: commands from their --help, problems from their
+declarations, rules of the linter from their table. A test fails when it is old.
 
 Run: python docs/generate_reference.py
 """
@@ -16,6 +17,7 @@ from shoal.envs.options import ENVIRONMENTS, EnvOptions
 from shoal.lab.problems import KINDS, trial_problem_type
 from shoal.problem import Declaration, Problem
 from shoal.search.flight.vehicle import Vehicle
+from shoal.search.missions import RULES
 
 TARGET = Path(__file__).parent / "reference"
 WIDTH = "84"  # what fits the page
@@ -121,7 +123,27 @@ def row(declared: Declaration) -> str:
     return f"| {' | '.join(cell.replace('|', ' or ') for cell in cells)} |\n"
 
 
-PAGES = {"commands.md": commands, "problems.md": problems, "environments.md": environments}
+LINTER = """# Rules of the mission linter
+
+`shoal missions check` and `shoal.search.missions.lint(path_or_folder, region)` read mission files back and report mistakes. Each
+diagnostic names the file, the place in it, the rule, what was expected and what was found. A file with an error marked * cannot be
+read as a mission, and `read_mission` refuses it. How missions are made and flown on paper: [missions](../concepts/missions.md).
+
+Give the region if you can: without it, a file in which all axes are exchanged, home included, looks like a mission elsewhere. The
+options `--autopilot px4` and `--cap 250` say which autopilot is expected and how many items it stores.
+
+| rule | severity | what is wrong |
+|---|---|---|
+"""
+
+
+def linter() -> str:
+    """Return the text of docs/reference/mission-linter.md."""
+    rows = (f"| `{name}` | {rule.severity} | {rule.meaning}{' *' * rule.fatal} |\n" for name, rule in RULES.items())
+    return LINTER + "".join(rows)
+
+
+PAGES = {"commands.md": commands, "problems.md": problems, "environments.md": environments, "mission-linter.md": linter}
 
 if __name__ == "__main__":
     for name, made in PAGES.items():

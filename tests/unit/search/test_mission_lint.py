@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -371,12 +370,6 @@ def test_options_of_the_linter(options, tmp_path):
     write_missions([mission()], tmp_path)
     with pytest.raises(InvalidInputError, match=f"{next(iter(options))}: expected"):
         lint(tmp_path, **options)
-
-
-def test_page_lists_every_rule():
-    page = (Path(__file__).parents[3] / "docs/concepts/missions.md").read_text()
-    listed = dict(re.findall(r"^\| `([\w-]+)` \| (error|warning) \|", page, re.M))
-    assert listed == {name: rule.severity for name, rule in RULES.items()}
 
 
 def test_mistakes_are_an_exit_code(tmp_path, region, capsys):

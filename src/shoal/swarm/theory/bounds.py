@@ -99,7 +99,7 @@ def lower_bound(
 
     Notes
     -----
-    Proofs: docs/concepts/planners.md.
+    Proofs: docs/concepts/bounds.md.
     """
     from shoal.swarm.kernels.theory.command_costs import FAR, fewest_both_ways, fewest_paid
 
