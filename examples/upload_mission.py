@@ -1,5 +1,6 @@
-"""Upload a mission, its fence and its rally points to an autopilot: python examples/upload_mission.py udpin:0.0.0.0:14550 FILE.plan
+"""Upload a mission, its fence and its rally points to an autopilot.
 
+Run: python examples/upload_mission.py udpin:0.0.0.0:14550 FILE.plan
 It needs pymavlink (`pip install pymavlink`) and nothing of Shoal. PX4 keeps home out of a mission, ArduPilot takes it as item 0.
 """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -12,15 +13,27 @@ from shoal.papers.errata import Erratum, record
 PAGE = Path(__file__).parent / "index.md"
 HEAD = """# Errata of the papers
 
-What the papers print and does not hold, or needs saying. M: mapping and coverage with a particle swarm (2017); D: its draft; W: two
-particles with non-slip wall contacts; H: exhaustive search along a space-filling curve (1998). Each erratum has a check; they lie
-in `docs/errata` of the repository, and `shoal reproduce --all` runs them. `python -m docs.errata` writes this page.
+This page lists what the four papers print and what does not hold, or needs a remark. It is for readers who compare their own
+numbers with the papers. Every erratum has a check, which computes the numbers under "Found by it". The checks lie in `docs/errata`
+of the repository, and `shoal reproduce --all` runs them. `python -m docs.errata` writes this page.
+
+| letter | paper | errata |
+|---|---|---|
 """
+PAPERS = {
+    "M": "Mapping and coverage with a particle swarm controlled by uniform inputs (2017)",
+    "D": "Mapping, foraging, and coverage with a particle swarm controlled by uniform inputs (draft, 2017)",
+    "W": "Exploiting nonslip wall contacts to position two particles using the same control input",
+    "H": "Exhaustive geographic search with mobile robots along space-filling curves (1998)",
+}
 
 
 def page(errata: Iterable[Erratum]) -> str:
     """Return the text of the page."""
-    parts = [HEAD]
+    errata = list(errata)
+    papers = [set(re.findall(r"\b[MDWH]\b", one.source[:12])) for one in errata]
+    rows = (f"| {letter} | {title} | {sum(letter in named for named in papers)} |\n" for letter, title in PAPERS.items())
+    parts = [HEAD + "".join(rows)]
     for one in errata:
         parts.append(f"## {one.source[0].upper()}{one.source[1:]}\n")
         parts.append(f"- Printed: {one.printed}.\n- Holds: {one.holds}.\n- Check: {one.check}.\n- Found by it: {one.found}.\n")

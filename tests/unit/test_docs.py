@@ -33,6 +33,7 @@ from shoal.views.drawing.encoding import LONGEST
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
 WITH_COMMANDS = [page for page in PAGES if "```console" in page.read_text()]
+LONGEST_PAGE = 1500  # words without a picture or a table
 MODULES = [
     "errors",
     "envs.dataset",
@@ -137,7 +138,7 @@ def write_files_of(text: str) -> list[str]:
         data = pytest.importorskip("skimage.data")  # an extra
         from PIL import Image
 
-        Image.fromarray(data.retina()).resize((350, 350)).save(photograph)
+        Image.fromarray(data.retina()).resize((240, 240)).save(photograph)
     return [name for name, _ in shown]
 
 
@@ -219,9 +220,24 @@ def test_library_pages_cover_what_packages_offer():
             assert covered, f"docs/api has nothing of {home}.{name}"
 
 
+def prose_of(page: Path) -> str:
+    return re.sub(r"```.*?```", "", page.read_text(), flags=re.S)
+
+
 def headings_of(page: Path) -> set[str]:
-    text = re.sub(r"```.*?```", "", page.read_text(), flags=re.S)
-    return {slugify(heading, "-") for heading in re.findall(r"^#+ (.+)$", text, re.M)}
+    return {slugify(heading, "-") for heading in re.findall(r"^#+ (.+)$", prose_of(page), re.M)}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_pages_are_built_as_readers_expect(page):
+    """One title, no heading that skips a level, a text for each picture, and no long page without a picture or a table."""
+    prose = prose_of(page)
+    levels = [len(marks) for marks in re.findall(r"^(#+) ", prose, re.M)]
+    assert levels.count(1) == 1
+    assert levels[0] == 1
+    assert all(after <= before + 1 for before, after in itertools.pairwise(levels)), "a heading skips a level"
+    assert all(len(text.split()) > 1 for text in re.findall(r"!\[(.*?)\]\(", prose, re.S)), "a picture without a text"
+    assert len(prose.split()) <= LONGEST_PAGE or "![" in prose or "\n|---" in prose, "a long page without a picture or a table"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

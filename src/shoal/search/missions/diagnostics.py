@@ -62,9 +62,7 @@ RULES: dict[str, Rule] = {
     "altitude-varies": Rule("warning", "waypoints at several altitudes; the check takes one footprint"),
     "camera": Rule("warning", "a series of images that begins and does not end, or the reverse"),
     "gimbal": Rule("error", "a camera whose pitch is beyond ±90°, or that is not aimed by angles"),
-    "acceptance": Rule(
-        "warning", "an acceptance radius as large as the way to the next waypoint, without curves"
-    ),
+    "acceptance": Rule("warning", "an acceptance radius as large as the way to the next waypoint, without curves"),
     "speed": Rule("error", "a speed of 0 or less, or above 100 m/s"),
     "home-far": Rule("warning", "home is more than 5 km from the nearest waypoint"),
     "few-decimals": Rule("warning", "coordinates with fewer than 7 decimals: 6 are 0.11 m"),

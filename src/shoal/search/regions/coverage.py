@@ -188,7 +188,15 @@ def _halves(block: Any) -> list[Any]:
     else:
         middle = (low_y + high_y) / 2
         boxes = [shapely.box(low_x, low_y, high_x, middle), shapely.box(low_x, middle, high_x, high_y)]
-    return [block.intersection(box) for box in boxes]
+    return [_polygons(half) for half in shapely.intersection(block, boxes)]
+
+
+def _polygons(shape: Any) -> Any:
+    """Return the polygons of a shape: a cut that touches its border leaves lines beside them, which GEOS takes no more from."""
+    import shapely
+
+    parts = shapely.get_parts(shape)
+    return shapely.multipolygons(parts[shapely.get_dimensions(parts) == 2])
 
 
 def check_footprints(footprint: ArrayLike, robots: int, *, what: str = "robot") -> NDArray[np.float64]:

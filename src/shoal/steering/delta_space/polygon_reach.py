@@ -65,9 +65,13 @@ class PolygonReach:
         given = np.asarray(differences, dtype=np.float64)
         points = given.reshape(-1, 2)
         found = np.zeros(len(points), dtype=np.bool_)
+        order = np.argsort(points[:, 0])
+        across = points[order, 0]
         for piece in self.pieces:
             low, high = piece.min(axis=0) - _CLOSE, piece.max(axis=0) + _CLOSE
-            left = np.flatnonzero(~found & ((points >= low) & (points <= high)).all(axis=1))
+            first, last = np.searchsorted(across, low[0]), np.searchsorted(across, high[0], side="right")
+            left = order[first:last][~found[order[first:last]]]
+            left = left[(points[left, 1] >= low[1]) & (points[left, 1] <= high[1])]
             found[left[_inside(piece, points[left], _CLOSE * self.workspace.size)]] = True
         return found.reshape(given.shape[:-1])
 
