@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from shoal.checks import shortened
 from shoal.envs.options import SEEDS, SearchEnvOptions, check_render_mode, check_running, option_errors, split_fields
 from shoal.envs.rendering import MODES, close_window, enlarged, rendered
+from shoal.search.allocation.layers import layers_of
 from shoal.search.allocation.plan import plan_search, start_points
 from shoal.search.problem import SearchProblem
 from shoal.search.protocol.inference import obstacles, reachable
@@ -122,7 +123,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         self._drawn = int(self._rng.integers(SEEDS)) if seed is None else seed
         plan, problem = self._plan, self.problem
         with option_errors():
-            places = start_points(plan.grid, problem.starts, problem.robots, np.random.default_rng(self._drawn))
+            places = start_points(layers_of(plan.grid)[0], problem.starts, problem.robots, np.random.default_rng(self._drawn))
             starts = self._tour.position[tuple(plan.grid.cell_of(places).T)]
             self._scenario = scenario_of(problem, replace(plan, places=places, starts=starts), self._drawn)
         self._orders: dict[int, int] = {}

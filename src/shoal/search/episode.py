@@ -17,12 +17,14 @@ from shoal.dataclass import dataclass
 from shoal.episode import Episode, Status, Verification
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.files import write_json
+from shoal.search.allocation.layers import layers_of
 from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.cells.routing import Route
 from shoal.search.flight.timing import turns_of
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Liar
-from shoal.search.regions.coverage import AreaCoverage, coverage_check
+from shoal.search.regions.coverage import AreaCoverage, together
+from shoal.search.simulation.coverages import coverages
 from shoal.search.simulation.findings import Finding, merge_findings
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import SearchTrace, planned_trace, searched_at, simulated_trace
@@ -113,7 +115,7 @@ class SearchEpisode(Episode):
             "status": str(self.status),
             "cells": plan.grid.n_cells,
             "makespan": self.makespan,
-            "share": None if self.makespan is None else trace.covered_at / plan.grid.n_cells,
+            "share": None if self.makespan is None else trace.covered_at / plan.tour_cost.least,
             "planned": plan.seconds(plan.allocation.makespan),
             "lower_bound": plan.seconds(plan.allocation.lower_bound),
             "sent": trace.sent,
@@ -133,19 +135,16 @@ class SearchEpisode(Episode):
         """The robots that say they have searched and have not."""
         return frozenset(fault.robot for fault in self.scenario.faults if isinstance(fault, Liar))
 
-    @cached_property
+    @property
     def coverage(self) -> AreaCoverage:
-        """What the robots have seen of the region, checked apart from the cells."""
-        seeing = [robot for robot, log in enumerate(self.trace.robots) if robot + 1 not in self.liars and log.cells.size]
-        ways = [self._way_inside(robot) for robot in seeing]
-        grid = self.plan.grid
-        return coverage_check(grid.region, ways, self.plan.footprints[seeing] if seeing else grid.footprint, angle=grid.angle)
+        """What the robots have seen of the region, of all layers together, checked apart from the cells."""
+        return together(self.coverages)
 
-    def _way_inside(self, robot: int) -> NDArray[np.float64]:
-        """Return the way of a robot without that to the region from a launch point outside."""
-        route = self.routes[robot]
-        inside = len(route.stops) < 2 or self.plan.grid.region.contains(route.points[:1])[0]
-        return route.points if inside else route.points[route.stops[1] :]
+    @cached_property
+    def coverages(self) -> tuple[AreaCoverage, ...]:
+        """What the robots have seen in each layer, from the lowest."""
+        seeing = [robot for robot, log in enumerate(self.trace.robots) if robot + 1 not in self.liars and log.cells.size]
+        return coverages(self.plan, self.trace, self.routes, seeing)
 
     @cached_property
     def seen(self) -> tuple[tuple[NDArray[np.int64], ...], ...]:
@@ -193,6 +192,7 @@ class SearchEpisode(Episode):
                 "angle_degrees": grid.angle,
                 "no_go_zones": grid.region.no_go_zones,
             },
+            "layers": [self._layer(number) for number in range(len(self.coverages))],
             "robots": len(trace.robots),
             "tour": self.plan.tour.name,
             "allocation": allocation.allocator,
@@ -215,6 +215,16 @@ class SearchEpisode(Episode):
             "seconds": self.seconds,
         }
 
+    def _layer(self, number: int) -> dict[str, Any]:
+        grid, seen = layers_of(self.plan.grid)[number], self.coverages[number]
+        return {
+            "altitude_m": self.plan.altitudes[number],
+            "angle_degrees": grid.angle,
+            "cells": grid.n_cells,
+            "cell_m": grid.size,
+            "covered_fraction": seen.covered_fraction,
+        }
+
     def _route(self, robot: int) -> dict[str, Any]:
         log, route = self.trace.robots[robot], self.routes[robot]
         return {
@@ -230,10 +240,10 @@ class SearchEpisode(Episode):
         }
 
     def _told(self, finding: Finding) -> dict[str, Any]:
-        point, frame = self.plan.tour_cost.points[finding.cell] * self.plan.grid.size, self.plan.grid.region.frame
-        told: dict[str, Any] = {"x": float(point[0]), "y": float(point[1])}
+        point, frame = self.plan.positions([finding.cell])[0], self.plan.grid.region.frame
+        told: dict[str, Any] = dict(zip(("x", "y", "altitude"), point.tolist(), strict=False))
         if frame is not None:
-            told |= dict(zip(("longitude", "latitude"), frame.to_degrees(point[None])[0].tolist(), strict=True))
+            told |= dict(zip(("longitude", "latitude"), frame.to_degrees(point[None, :2])[0].tolist(), strict=True))
         return told | {
             "confidence": finding.confidence,
             "found_by": list(finding.found_by),
@@ -290,7 +300,7 @@ class SearchEpisode(Episode):
             changes["land"] = plan.landing
         for name, cells in (("targets", self.scenario.targets), ("obstacles", self.scenario.obstacles)):
             if isinstance(getattr(problem, name), str):
-                changes[name] = plan.tour_cost.points[list(cells)] * plan.grid.size
+                changes[name] = plan.positions(list(cells))[:, :2]
         return problem.replaced(**changes)
 
     @classmethod

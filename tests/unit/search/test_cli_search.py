@@ -13,6 +13,7 @@ FIELDS = [
     "status",
     "reason",
     "region",
+    "layers",
     "robots",
     "tour",
     "allocation",

@@ -77,7 +77,7 @@ def test_robots_are_in_each_cell_when_they_have_searched_it(history):
     for robot, (log, trajectory) in enumerate(zip(history.episode.trace.robots, history.trajectories, strict=True)):
         assert (np.diff(trajectory.times) >= 0).all()
         np.testing.assert_array_equal(trajectory.at(0.0), plan.places[robot])
-        ends = history.episode.routes[robot].points[history.stop_ends(robot)[1:]] if len(log.cells) else np.zeros((0, 2))
+        ends = history.episode.routes[robot].points[history.ways.stop_ends(robot)[1:]] if len(log.cells) else np.zeros((0, 2))
         for time, place in zip(log.times, ends, strict=True):
             np.testing.assert_allclose(trajectory.at(time), place, atol=1e-6)
         far = np.hypot(*np.diff(trajectory.points, axis=0).T)

@@ -84,6 +84,15 @@ FlownBy = Annotated[
         show_default=False,
     ),
 ]
+Bands = Annotated[
+    str | None,
+    typer.Option(
+        "--bands",
+        metavar=_FIELDS["bands"].option.metavar,
+        help="Altitudes at each of which all must be seen. Of a box, those of its layers.",
+        show_default=False,
+    ),
+]
 Seed = Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")]
 Out = Annotated[
     Path | None,
@@ -113,6 +122,7 @@ def check(
     separation: Separated = SEPARATION,
     delay_tolerance: Late = DELAY,
     vehicle: FlownBy = None,
+    bands: Bands = None,
     seed: Seed = 0,
     out: Out = None,
     json_: options.Json = False,
@@ -135,7 +145,16 @@ def check(
     flown = None if vehicle is None else vehicle_of(vehicle)
     searched = with_margin(searched, check_number(margin, what="--margin", least=0))
     result = check_missions(
-        folder, searched, sides, angle=angle, format=format_, cap=cap, autopilot=autopilot, separation=kept, vehicle=flown
+        folder,
+        searched,
+        sides,
+        angle=angle,
+        format=format_,
+        cap=cap,
+        autopilot=autopilot,
+        separation=kept,
+        vehicle=flown,
+        bands=None if bands is None else parsed(_FIELDS["bands"], bands),
     )
     written = []
     if out is not None:
@@ -167,6 +186,10 @@ def _print(result: MissionCheck, written: list[Path]) -> None:
     else:
         rows += [
             ("seen", f"{100 * seen.covered_fraction:.6g} % with {_footprint(result.footprint)}"),
+            *(
+                ("", f"{100 * one.covered_fraction:.6g} % at {up:.4g} m")
+                for up, one in zip(result.bands, result.coverages, strict=False)
+            ),
             ("not seen", area_text(seen.uncovered_m2)),
             ("outside", f"{seen.outside_m:.6g} m of {seen.length_m:.6g} m"),
         ]

@@ -35,6 +35,7 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
             f"{region['cells']} cells of {region['cell_m']:.4g} m, {region['area_m2']:.6g} m²{zones_text(region['no_go_zones'])}"
             f"{margin_text(region['margin_m'], region['unseen_m2'])}",
         ),
+        *layers_rows(result["layers"]),
         ("status", f"{result['status']}: {result['reason']}"),
         ("time", length),
         ("covered", f"{100 * result['covered_fraction']:.4f} %, {area_text(result['uncovered_m2'])} not seen"),
@@ -62,6 +63,19 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
     print_table(rows, title=f"{result['allocation']} along {result['tour']}")
 
 
+def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:
+    """Return for people what was searched in which layer, where there are several."""
+    if len(layers) == 1:
+        return []
+    texts = [
+        f"{layer['altitude_m']:.4g} m: {layer['cells']} cells of {layer['cell_m']:.4g} m, "
+        f"rows at {layer['angle_degrees']:.4g}\N{DEGREE SIGN}, {100 * layer['covered_fraction']:.4f} % seen"
+        for layer in layers
+    ]
+    told = texts[:_ROWS] + [f"and {len(texts) - _ROWS} more"] * (len(texts) > _ROWS)
+    return [("layers" if not number else "", text) for number, text in enumerate(told)]
+
+
 def compared_texts(compared: list[dict[str, Any]]) -> list[str]:
     """Return for people which tours and which allocations were compared, and their times.
 
@@ -80,10 +94,11 @@ def compared_texts(compared: list[dict[str, Any]]) -> list[str]:
 
 def place_text(finding: dict[str, Any]) -> str:
     """Return where something was found: latitude and longitude, or metres for a region of no place on Earth."""
+    up = f", {finding['altitude']:.4g} m up" if "altitude" in finding else ""
     if "latitude" not in finding:
-        return f"({finding['x']:.6g}, {finding['y']:.6g}) m"
+        return f"({finding['x']:.6g}, {finding['y']:.6g}) m{up}"
     north, east = finding["latitude"], finding["longitude"]
-    return f"{abs(north):.6f}° {'N' if north >= 0 else 'S'}, {abs(east):.6f}° {'E' if east >= 0 else 'W'}"
+    return f"{abs(north):.6f}° {'N' if north >= 0 else 'S'}, {abs(east):.6f}° {'E' if east >= 0 else 'W'}{up}"
 
 
 def files_text(written: list[Path]) -> list[str]:

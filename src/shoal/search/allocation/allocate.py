@@ -108,7 +108,7 @@ def allocate(
             for work, place, start, width in zip(arcs, at, numbers, wide, strict=True)
         ]
     )
-    return Allocation(allocator, arcs, times / speeds, len(tour_cost) / float((speeds * wide).sum()), arcs)
+    return Allocation(allocator, arcs, times / speeds, tour_cost.least / float((speeds * wide).sum()), arcs)
 
 
 def arcs_of(
@@ -148,7 +148,7 @@ def _team(
     if at.shape != (len(first), tour_cost.points.shape[1]):
         raise InvalidInputError(f"places: expected shape ({len(first)}, {tour_cost.points.shape[1]}), got {at.shape}")
     wide = np.ones(len(first), dtype=np.int64) if widths is None else np.asarray(widths)
-    check_widths(wide, len(first), tour_cost.tour)
+    check_widths(wide, len(first))
     order = np.argsort(first, kind="stable")  # of several in a cell the last one goes on
     gains = np.array([gain_of(tour_cost, int(width)) for width in wide])
     return Team(first[order], speeds[order], at[order], gains[order], tour_cost.far(first[order])), order

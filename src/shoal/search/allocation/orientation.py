@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 
 from shoal.dataclass import dataclass
+from shoal.search.allocation.layers import Grid, LayeredGrid, LayeredPaths, Paths, at_altitude, with_climb_cost
 from shoal.search.cells.clipping import rotated_shape
-from shoal.search.cells.grid import CellGrid, cells_of
+from shoal.search.cells.grid import cells_of
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.straightening import along_tour
 from shoal.search.flight.timing import turns_of
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, make_tour
+from shoal.search.tours.layers import TIE, joined
 
 ON_ROWS = ("boustrophedon",)
 """Tours that follow rows: with them, cells on the border are seen from places on a way that bends seldom."""
@@ -63,17 +65,20 @@ class GridTour:
 
     Parameters
     ----------
-    grid : CellGrid
+    grid : CellGrid or LayeredGrid
     tour : Tour
-    paths : RegionPaths
+    paths : RegionPaths or LayeredPaths
     compared : tuple of Candidate
         What was laid and compared, the best first; empty if nothing was to be chosen.
+    layers : tuple of GridTour
+        Of several layers each by itself; those that are alike are one object.
     """
 
-    grid: CellGrid
+    grid: Grid
     tour: Tour
-    paths: RegionPaths
+    paths: Paths
     compared: tuple[Candidate, ...] = ()
+    layers: tuple[GridTour, ...] = ()
 
     @cached_property
     def route(self) -> Route:
@@ -130,6 +135,50 @@ def grid_tour(
     return GridTour(grid, made, RegionPaths(grid, transit=transit))
 
 
+def in_layers(
+    first: GridTour, altitudes: Sequence[float], passes: int, sizes: Sequence[float], tour: str, *, climb: float, **given: Any
+) -> GridTour:
+    """Return the cells of several layers and the tour through all of them; a single one is returned as it is.
+
+    Parameters
+    ----------
+    first : GridTour
+        Of the first pass of the lowest layer, whose region and angle all have.
+    altitudes : sequence of float
+        Metres, rising.
+    passes : int
+        How often each is searched. In every other pass the rows are turned by 90 degrees.
+    sizes : sequence of float
+        Sides of the cells at each altitude, metres.
+    tour : str
+        As `make_tour` takes it.
+    climb : float
+        As `LayeredGrid` takes it.
+    given
+        ``turn_cost`` and ``transit``, as `grid_tour` takes them.
+    """
+    if len(altitudes) * passes == 1:
+        return first
+    size, angle, area = sizes[0], first.grid.angle, first.paths.grid.region
+    known = {(size, angle): first}
+    layers: list[GridTour] = []
+    for side in sizes:
+        for number in range(passes):
+            key = side, (angle + 90.0 * (number % 2)) % 180.0
+            if key not in known:
+                known[key] = grid_tour(area, side, tour, angle=key[1], **given)
+            layers.append(known[key])
+    grids = tuple(one.grid for one in layers if not isinstance(one.grid, LayeredGrid))
+    grid = LayeredGrid(grids, np.repeat(np.asarray(altitudes, dtype=np.float64), passes), climb)
+    points = [
+        with_climb_cost(grid, at_altitude(one.viewpoints[one.viewpoint_starts[one.ordinals(laid.tour.cells)]], up)) / grid.size
+        for one, laid, up in zip(grids, layers, grid.altitudes.tolist(), strict=True)
+    ]
+    whole = joined([one.tour for one in layers], points, turn=max(given.get("turn_cost", 0.0), TIE))
+    paths = LayeredPaths(grid, [one.paths for one in layers if isinstance(one.paths, RegionPaths)])
+    return GridTour(grid, whole, paths, first.compared, tuple(layers))
+
+
 def best_grid_tour(
     region: SearchRegion,
     size: float,
@@ -170,9 +219,9 @@ def best_grid_tour(
     found.sort(key=lambda one: one[1])
     best = found[0][0]
     compared = {laid.tour.name: Candidate(laid.grid.angle, laid.tour.name, cost) for laid, cost in reversed(found)}
-    chosen = replace(best, compared=tuple(sorted(compared.values(), key=lambda one: one.cells)))
-    vars(chosen)["route"] = best.route  # known already
-    return chosen
+    kept = replace(best, compared=tuple(sorted(compared.values(), key=lambda one: one.cells)))
+    vars(kept)["route"] = best.route  # known already
+    return kept
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:

@@ -16,19 +16,31 @@ from shoal.dataclass import dataclass
 from shoal.search.allocation.allocate import Allocation, Arc
 from shoal.search.allocation.arcs import numbers_of
 from shoal.search.allocation.choice import best_allocation
-from shoal.search.allocation.orientation import Candidate, GridTour, best_grid_tour, grid_tour
+from shoal.search.allocation.layers import (
+    Grid,
+    LayeredDistances,
+    LayeredFootprint,
+    LayeredPaths,
+    LayerNumbers,
+    Paths,
+    at_altitude,
+    layers_of,
+    with_climb_cost,
+)
+from shoal.search.allocation.orientation import Candidate, GridTour, best_grid_tour, grid_tour, in_layers
 from shoal.search.allocation.partition import in_passes
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.allocation.viewpoint_selection import select_viewpoints
-from shoal.search.cells.distances import CellDistances, Distances, RegionDistances
+from shoal.search.cells.distances import CellDistances, RegionDistances
 from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
 from shoal.search.cells.grid import CellGrid
-from shoal.search.cells.routing import RegionPaths, Route
+from shoal.search.cells.routing import RegionPaths, Route, leg_lengths
 from shoal.search.cells.transits import Transits
 from shoal.search.flight.pace import turn_cells, working_seconds
 from shoal.search.flight.timing import turns_of
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.problem import SearchProblem
+from shoal.search.problem.fields import AUTO
 from shoal.search.regions.coverage import check_footprints
 from shoal.search.regions.places import places_of, read_points
 from shoal.search.tours import Tour
@@ -45,18 +57,18 @@ class SearchPlan:
 
     Parameters
     ----------
-    grid : CellGrid
+    grid : CellGrid or LayeredGrid
     tour_cost : TourCost
         The tour with its costs; lengths in sides of a cell.
     places : ndarray of float64, shape (m, 2)
-        Where the robots start, metres; anywhere.
+        Where the robots start, metres; anywhere. Where there are layers, in the lowest.
     starts : ndarray of int64, shape (m,)
         The number on the tour of the cell in which each is.
     rates : ndarray of float64, shape (m,)
         Their speeds, as multiples of the common one.
     allocation : Allocation
     footprints : ndarray of float64, shape (m,)
-        Sides of the squares that they see, metres.
+        Sides of the squares that they see, metres; of several layers in the lowest.
     transit : bool
         Whether ways may lead from one part of the region to another, outside.
     landing : ndarray of float64, shape (m, 2), optional
@@ -67,7 +79,7 @@ class SearchPlan:
         Tours and then allocations among which the plan was chosen, the best of each first; empty where nothing was to be chosen.
     """
 
-    grid: CellGrid
+    grid: Grid
     tour_cost: TourCost
     places: Points
     starts: NDArray[np.int64]
@@ -90,18 +102,39 @@ class SearchPlan:
         return self.grid.size / self.vehicle.mean_speed(self.grid.angle)
 
     def seconds(self, cells: float) -> float:
-        """Return the time of so many cells, that of the first climb included."""
+        """Return the time of so many cells, that of the first climb, to the lowest layer, included."""
         return cells * self.cell_seconds + float(self.vehicle.vertical_seconds(self.vehicle.height))
 
     @cached_property
-    def paths(self) -> RegionPaths:
+    def paths(self) -> Paths:
         """Ways inside the region."""
-        return RegionPaths(self.grid, transit=self.transit)
+        known = {layer: RegionPaths(layer, transit=self.transit) for layer in layers_of(self.grid)}
+        paths = [known[layer] for layer in layers_of(self.grid)]
+        return paths[0] if isinstance(self.grid, CellGrid) else LayeredPaths(self.grid, paths)
 
     @cached_property
     def widths(self) -> NDArray[np.int64]:
         """How many cells wide each footprint counts, int64, shape (m,)."""
-        return widths_of(self.footprints, self.grid.size)
+        return widths_of(self.footprints, layers_of(self.grid)[0].size)
+
+    def positions(self, numbers: ArrayLike) -> Points:
+        """Return where robots stand first in cells given by their numbers on the tour: metres, and the altitude with layers."""
+        index = self.grid.ordinals(self.tour.cells[np.asarray(numbers, dtype=np.int64)])
+        return np.asarray(self.grid.viewpoints[self.grid.viewpoint_starts[index]])
+
+    def leg_lengths(self, way: Points) -> NDArray[np.float64]:
+        """Return the lengths of the legs of a way, a climb as long as what else takes its time, metres; float64, shape (k - 1,)."""
+        return leg_lengths(with_climb_cost(self.grid, way))
+
+    @property
+    def altitudes(self) -> list[float]:
+        """The altitude of each layer, from the lowest, metres."""
+        return [self.vehicle.height] if isinstance(self.grid, CellGrid) else self.grid.altitudes.tolist()
+
+    def _home(self, robot: int) -> Points:
+        """Return where a robot sets out, in the lowest layer."""
+        home = self.places[robot]
+        return np.asarray(home if isinstance(self.grid, CellGrid) else at_altitude(home[None], self.altitudes[0])[0])
 
     def numbers(self, arcs: Sequence[Arc]) -> NDArray[np.int64]:
         """Return the cells of arcs in the order of the visit, as numbers on the tour; int64, shape (k,)."""
@@ -126,17 +159,19 @@ class SearchPlan:
         if any(detours):
             return self._route_round(robot, np.asarray(numbers, dtype=np.int64), detours)
         cells = self.tour.cells[np.asarray(numbers, dtype=np.int64)]
-        home = self.places[robot]
+        home = self._home(robot)
         if not len(cells):
             return Route(home[None].copy(), np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.bool_))
         return self._after_way_out(home, self.paths.route(cells))
 
     def _after_way_out(self, home: Points, searched: Route) -> Route:
         """Return a route with the way to it."""
-        if self.grid.region.contains(home[None])[0]:
+        if self.grid.region.contains(home[None, :2])[0]:
             first = self.paths.legs(np.stack([home, searched.points[0]]))
         else:
-            way = self._transits.way(home, searched.points[0])
+            way = self._transits.way(home[:2], searched.points[0, :2])
+            if len(home) == 3:  # up to the first cell over home, and then level
+                way = np.vstack([home, at_altitude(way, searched.points[0, 2])])
             first = Route(way, np.array([0, len(way) - 1]), np.ones(len(way) - 1, dtype=np.bool_))
         return Route(
             np.concatenate([first.points[:-1], searched.points]),
@@ -150,8 +185,8 @@ class SearchPlan:
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
         """Return a way between a launch or landing point and a place on a route: inside where both are, else a transit."""
-        both = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])
-        return self.paths.leg(*both) if self.grid.region.contains(both).all() else self._transits.way(*both)
+        both = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])[:, :2]
+        return self.paths.leg(*both)[:, :2] if self.grid.region.contains(both).all() else self._transits.way(*both)
 
     def _route_round(self, robot: int, numbers: NDArray[np.int64], detours: Sequence[Sequence[int]]) -> Route:
         grid = self.grid
@@ -160,7 +195,7 @@ class SearchPlan:
         stops = []
         for cell, passed in zip(numbers.tolist(), detours, strict=True):
             stops += [grid.viewpoints[begins[list(passed)]], grid.viewpoints[begins[cell] : ends[cell]]]
-        return self._after_way_out(self.places[robot], self.paths.legs(np.concatenate(stops)))
+        return self._after_way_out(self._home(robot), self.paths.legs(np.concatenate(stops)))
 
 
 def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
@@ -190,14 +225,15 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     robots = problem.robots
     footprints = check_footprints(problem.chosen_footprint, robots)
     speeds = np.ones(robots) if problem.rates is None else np.array(problem.rates)
-    laid = _grid_tour(problem, cell_side(footprints, speeds))
-    grid, tour = laid.grid, laid.tour
-    tour_cost = _tour_cost(laid, turn_cells(problem.chosen_vehicle, grid.size), stepwise=problem.stepwise)
-    places = places_of_robots(grid, problem, np.random.default_rng(seed))
+    laid = _grid_tour(problem, speeds)
+    grid, tour, vehicle = laid.grid, laid.tour, problem.chosen_vehicle
+    tour_cost = _tour_cost(laid, turn_cells(vehicle, grid.size), stepwise=problem.stepwise)
+    ground = layers_of(grid)[0]
+    places = places_of_robots(ground, problem, np.random.default_rng(seed))
     landing = None if problem.land is None else places_of(problem.land, grid.region, robots, what="land")
     numbers = tour.position[tuple(grid.cell_of(places).T)]
-    widths = widths_of(footprints, grid.size)
-    middles, vehicle, cell = places / grid.size, problem.chosen_vehicle, grid.size / problem.chosen_vehicle.mean_speed(grid.angle)
+    widths = widths_of(footprints, ground.size)
+    middles, cell = with_climb_cost(grid, places) / grid.size, grid.size / vehicle.mean_speed(grid.angle)
     given, times = best_allocation(
         tour_cost,
         numbers,
@@ -216,40 +252,61 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     return SearchPlan(*plan, compared=laid.compared + tuple(shared if len(shared) > 1 else ()))
 
 
-def _grid_tour(problem: SearchProblem, size: float) -> GridTour:
-    """Cut the region into cells and lay a tour through them, at the best angle if that is to be chosen."""
-    turn_cost = turn_cells(problem.chosen_vehicle, size)
-    given: dict[str, Any] = {"stepwise": problem.stepwise, "transit": problem.transit, "turn_cost": turn_cost}
+def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64]) -> GridTour:
+    """Cut the region into cells and lay a tour through them, at the best angle if that is to be chosen; then through all layers."""
+    vehicle, altitudes = problem.chosen_vehicle, problem.altitudes
+    sizes = [cell_side(check_footprints(problem.footprint_at(up), problem.robots), speeds) for up in altitudes]
+    turn_cost = turn_cells(vehicle, sizes[0])
+    given: dict[str, Any] = {"transit": problem.transit, "turn_cost": turn_cost}
     angle, tours = problem.chosen_angle, problem.tours_to_compare(turn_cost)
     if angle is None or len(tours) > 1:
-        return best_grid_tour(problem.place, size, tours, angle=angle, **given)
-    return grid_tour(problem.place, size, tours[0], angle=angle, **given)
+        first = best_grid_tour(problem.place, sizes[0], tours, angle=angle, stepwise=problem.stepwise, **given)
+    else:
+        first = grid_tour(problem.place, sizes[0], tours[0], angle=angle, stepwise=problem.stepwise, **given)
+    name = problem.tour if len(tours) == 1 and problem.tour != AUTO else first.tour.name
+    climb = float(vehicle.vertical_seconds([1.0, -1.0]).mean()) * vehicle.mean_speed(first.grid.angle)
+    return in_layers(first, altitudes, problem.passes, sizes, name, climb=climb, **given)
 
 
-def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool) -> TourCost:
+def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> TourCost:
     """Return a tour with the lengths of its ways inside the region."""
-    grid, tour, whole = laid.grid, laid.tour, laid.route
+    grid, tour, paths, whole = laid.grid, laid.tour, laid.paths, laid.route
     index = grid.ordinals(tour.cells)
     firsts = grid.viewpoints[grid.viewpoint_starts[index]]
-    far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(whole.points, axis=0).T))])[whole.stops]
+    far = np.concatenate([[0.0], np.cumsum(leg_lengths(with_climb_cost(grid, whole.points)))])[whole.stops]
     begins = np.concatenate([[0], np.cumsum(np.diff(grid.viewpoint_starts)[index])])
-    steps = np.diff(far[begins])
+    steps = np.diff(far[begins]) / grid.size
     bent = turns_of(np.concatenate([whole.points, whole.points[1:2]]))  # from the second point on to the first again
     turns = np.diff(np.cumsum(np.concatenate([[0], bent[-1:], bent]))[whole.stops[begins]])
-    distances: Distances | None = None
-    if stepwise or not _is_convex(grid.region.free):
-        cellwise = CellDistances(tour, doors_east=grid.doors_east, doors_south=grid.doors_south, steps=steps / grid.size)
-        distances = cellwise if stepwise else RegionDistances(laid.paths, tour, cellwise)
+    straight = not stepwise and _is_convex(grid.region.free)
+    given: dict[str, Any] = {"distances": None}
+    if isinstance(paths, LayeredPaths):
+        given |= _of_layers(laid, paths, straight=straight)
+    else:
+        given["footprint"] = RegionFootprint(paths.grid, tour)
+        if not straight:
+            cellwise = CellDistances(tour, doors_east=paths.grid.doors_east, doors_south=paths.grid.doors_south, steps=steps)
+            given["distances"] = cellwise if stepwise else RegionDistances(paths, tour, cellwise)
     return TourCost(
         tour,
-        firsts / grid.size,
+        with_climb_cost(grid, firsts) / grid.size,
         turn_cost=turn_cost,
-        steps=steps / grid.size,
-        distances=distances,
-        footprint=RegionFootprint(grid, tour),
+        steps=steps,
         turns=turns,
         reckoned=True,
+        **given,
     )
+
+
+def _of_layers(laid: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:
+    """Return what of the cost of a tour through layers is that of each layer by itself."""
+    numbers = LayerNumbers(laid.tour, tuple(layer.tour for layer in laid.layers))
+    known = {layer: _tour_cost(layer, 0.0) for layer in dict.fromkeys(laid.layers)}
+    costs = [known[layer] for layer in laid.layers]
+    found: dict[str, Any] = {"footprint": LayeredFootprint(numbers, [cost.footprint for cost in costs])}
+    found["least"] = sum(cost.least * layer.grid.size for cost, layer in zip(costs, laid.layers, strict=True)) / laid.grid.size
+    ways = [] if straight else [cost.distances for cost in costs if cost.distances is not None]
+    return found | {"distances": LayeredDistances(paths, numbers, ways)}
 
 
 def _is_convex(area: Any) -> bool:

@@ -42,6 +42,8 @@ class TourCost:
     turns : array_like of float64, shape (N,), optional
         How often a robot changes its direction in each cell and on the way from there to the next; if not given, whether it does so
         by more than a degree in the cell.
+    least : float, optional
+        What searching all cells costs at the least, in cells; their number if not given.
     reckoned : bool
         Whether `allocate` asks the ways for the lengths of all that it compares; straight ones do otherwise.
 
@@ -58,6 +60,7 @@ class TourCost:
     footprint: Footprint = None  # type: ignore[assignment]  # settled below
     turns: Floats = None  # type: ignore[assignment]  # settled below
     reckoned: bool = False
+    least: float = 0.0
 
     def __post_init__(self) -> None:
         cells = self.tour.cells.astype(np.float64)
@@ -79,6 +82,7 @@ class TourCost:
             steps = np.maximum(steps, self._lengths())
         if self.footprint is None:
             object.__setattr__(self, "footprint", MaskFootprint(self.tour))
+        object.__setattr__(self, "least", self.least or float(len(cells)))
         object.__setattr__(self, "points", given)
         object.__setattr__(self, "turns", turns)
         object.__setattr__(self, "steps", steps.astype(np.float64))

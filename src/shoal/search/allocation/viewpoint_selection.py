@@ -29,7 +29,7 @@ def best_viewpoint(
     Parameters
     ----------
     tour_cost : TourCost
-        Over a tour in a plane.
+        A robot sees what lies in the layer in which it is.
     width : int
         Of the footprint, in cells, odd.
     here : int
@@ -61,8 +61,9 @@ def _best_around(
     shut: int,
 ) -> int | None:
     """Return the best stop at most so many rows and columns away from a cell; None if nothing is seen from any."""
-    position, rim = tour_cost.tour.position, width // 2 + 1
-    window = _window(position, tour_cost.tour.cells[middle].tolist(), reach + rim)
+    *layer, row, col = tour_cost.tour.cells[middle].tolist()
+    rim = width // 2 + 1
+    window = _window(tour_cost.tour.position[tuple(layer)], row, col, reach + rim)
     inner = window[rim:-rim, rim:-rim]
     asked = np.where(window >= 0, wanted[window], False)
     new = _sums(asked[1:-1, 1:-1], width)  # were nothing in the way
@@ -87,10 +88,9 @@ def _best_around(
     return chosen
 
 
-def _window(position: NDArray[np.int64], middle: list[int], reach: int) -> NDArray[np.int64]:
+def _window(position: NDArray[np.int64], row: int, col: int, reach: int) -> NDArray[np.int64]:
     """Return the numbers of the cells around one, -1 where there is none; int64, shape (2 reach + 1, 2 reach + 1)."""
     found = np.full((2 * reach + 1, 2 * reach + 1), -1, dtype=np.int64)
-    row, col = middle
     top, left = max(row - reach, 0), max(col - reach, 0)
     part = position[top : row + reach + 1, left : col + reach + 1]
     down, right = top - row + reach, left - col + reach

@@ -155,7 +155,7 @@ class RegionFootprint(MaskFootprint):
         return grid.clipped.pieces[grid.own[row, col]]
 
 
-def check_widths(widths: NDArray[np.int64], robots: int, tour: Tour) -> None:
+def check_widths(widths: NDArray[np.int64], robots: int) -> None:
     """Refuse what are no widths of footprints.
 
     Raises
@@ -165,8 +165,6 @@ def check_widths(widths: NDArray[np.int64], robots: int, tour: Tour) -> None:
     good = widths.shape == (robots,) and widths.dtype.kind in "iu" and (widths % 2 == 1).all()
     if not good or (widths < 1).any() or (widths > WIDEST).any():
         raise InvalidInputError(f"widths: expected {robots} odd numbers of cells up to {WIDEST}, got {widths.tolist()!r:.200}")
-    if (widths > 1).any() and len(tour.shape) != 2:
-        raise InvalidInputError(f"widths: expected a tour in a plane for more than one cell, got one of shape {tour.shape}")
 
 
 def widths_of(footprints: ArrayLike, size: float) -> Numbers:

@@ -27,8 +27,8 @@ class Route:
 
     Parameters
     ----------
-    points : ndarray of float64, shape (k, 2)
-        Metres; legs are straight between them.
+    points : ndarray of float64, shape (k, 2) or (k, 3)
+        Metres east and north, and the altitude where several layers are searched; legs are straight between them.
     stops : ndarray of int64, shape (n,)
         Where the stops are candidates the points.
     transit : ndarray of bool, shape (k - 1,)
@@ -47,7 +47,7 @@ class Route:
     def long_legs(self, size: float) -> NDArray[np.bool_]:
         """Return which legs are between stops farther apart than neighbouring cells, or transits; bool, shape (k - 1,)."""
         between = np.searchsorted(self.stops, np.arange(1, len(self.points)), side="left")
-        far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.points, axis=0).T))])
+        far = np.concatenate([[0.0], np.cumsum(leg_lengths(self.points))])
         stops = np.diff(far[self.stops], prepend=0.0)
         return np.asarray(stops[between] > 1.6 * size) | self.transit
 
@@ -244,4 +244,11 @@ class RegionPaths:
 
 def length_of(way: Points) -> float:
     """Return the length of a way, metres."""
-    return float(np.hypot(*np.diff(way, axis=0).T).sum())
+    return float(leg_lengths(way).sum())
+
+
+def leg_lengths(way: Points) -> NDArray[np.float64]:
+    """Return the lengths of the legs of a way in the plane or in space, metres; float64, shape (k - 1,)."""
+    steps = np.diff(way, axis=0).T
+    level = np.hypot(steps[0], steps[1])
+    return np.asarray(level if len(steps) == 2 else np.hypot(level, steps[2]))

@@ -183,13 +183,14 @@ def merge_collinear(points: Points) -> Points:
     >>> merge_collinear(np.array([(0, 0), (1, 0), (1, 0), (2, 0), (1, 0), (1, 1.0)])).tolist()
     [[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
     """
-    way = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    way = np.asarray(points, dtype=np.float64)
     if len(way) < 2:
         return way
     way = way[np.concatenate([[True], np.any(np.diff(way, axis=0) != 0, axis=1)])]
     steps = np.diff(way, axis=0)
     before, after = steps[:-1], steps[1:]
-    scale = np.hypot(*before.T) * np.hypot(*after.T)
-    turn = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
+    scale = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+    upright = np.zeros((len(before), 3 - way.shape[1]))  # in the plane, ways turn around what is upright
+    turn = np.linalg.norm(np.cross(np.hstack([before, upright]), np.hstack([after, upright])), axis=1)
     straight = (turn <= 1e-9 * scale) & (np.sum(before * after, axis=1) > 0)
     return np.asarray(way[np.concatenate([[True], ~straight, np.ones(min(1, len(steps)), dtype=np.bool_)])])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -100,43 +101,75 @@ class Flight:
 
         Parameters
         ----------
-        way : ndarray of float64, shape (k, 2)
-            Metres, without home.
+        way : ndarray of float64, shape (k, 2) or (k, 3)
+            Metres, without home; the third column are altitudes, the vehicle's if not given.
+
+        Raises
+        ------
+        InvalidInputError
+            For several altitudes of what cannot climb where it stands, and for a way that meets the ground.
         """
-        whole = np.vstack([self.home, way, self.end])
+        inner = way[:, 2] if way.shape[1] == 3 else np.full(len(way), self.vehicle.height)
+        whole, ups = np.vstack([self.home, way[:, :2], self.end]), np.full(2, self.vehicle.height)
+        ups = np.pad(inner, 1, mode="edge") if len(inner) else ups
         if self.vehicle.radius:
+            if np.ptp(ups):
+                raise InvalidInputError("vehicle: expected one that climbs where it stands for several altitudes, got a fixed wing")
             turned = turned_way(whole, _WIDER * self.vehicle.ground_radius, link=self.link, blocked=self.blocked, known=self._known)
-            first, last = (np.hypot(*(way[[0, -1]] - self.home).T) <= NEAR).astype(int).tolist()  # then home is a waypoint, too
+            first, last = (np.hypot(*(way[[0, -1], :2] - self.home).T) <= NEAR).astype(int).tolist()  # then home is a waypoint, too
             whole = np.vstack([turned[:first], turned, turned[len(turned) - last :]])
+            ups = np.full(len(whole), ups[0])
         if not self.flies or self.terrain is None:
-            return self._level(whole[1:-1])
-        profile = profile_of(self.terrain, whole, self.frame, error=self.terrain_error)
+            return self._level(whole[1:-1], ups[1:-1])
+        whole, ups = climbs_apart(whole, ups)
+        borders = [0, *(np.flatnonzero(np.diff(ups)) + 1).tolist(), len(ups)]
+        over = [self._over(self.terrain, whole[begin:end], float(ups[begin])) for begin, end in pairwise(borders)]
+        return np.concatenate(over) if self.altitude_frame == "ground" else np.concatenate(over)[1:-1]
+
+    def _over(self, terrain: Terrain, way: Points, up: float) -> Floats:
+        """Return the waypoints of a way at one altitude over terrain."""
+        profile = profile_of(terrain, way, self.frame, error=self.terrain_error)
         base = float(self.elevation or 0.0)
         if self.altitude_frame == "ground":
-            over = followed(profile, self.vehicle.height, self.terrain_error) - (0.0, 0.0, base)
+            over = followed(profile, up, self.terrain_error) - (0.0, 0.0, base)
             return np.asarray(over[np.concatenate([[True], np.diff(over[:, :2], axis=0).any(axis=1)])])
-        over = self._level(whole[1:-1])
-        self._check_clear(profile, base if self.altitude_frame == "home" else 0.0)
-        return over
+        self._check_clear(profile, up, base if self.altitude_frame == "home" else 0.0)
+        return self._level(way, np.full(len(way), up))
 
-    def _level(self, way: Points) -> Floats:
-        """Return waypoints at one altitude."""
-        up = self.vehicle.height - (float(self.elevation or 0.0) if self.altitude_frame == "sea" and self.flies else 0.0)
-        return np.column_stack([way, np.full(len(way), up)])
+    def _level(self, way: Points, ups: Floats) -> Floats:
+        """Return waypoints at altitudes that do not follow the ground."""
+        base = float(self.elevation or 0.0) if self.altitude_frame == "sea" and self.flies else 0.0
+        return np.column_stack([way, ups - base])
 
-    def _check_clear(self, profile: Profile, base: float) -> None:
+    def _check_clear(self, profile: Profile, up: float, base: float) -> None:
         """Refuse a level way that meets the ground."""
         highest = int(np.argmax(profile.heights))
-        if profile.heights[highest] + profile.rough >= self.vehicle.height + base:
+        if profile.heights[highest] + profile.rough >= up + base:
             place = text_of(profile.points[highest])
             raise InvalidInputError(
                 f"altitude: expected more than {profile.heights[highest] - base:.4g} m above {self.altitude_frame}, the height of "
-                f"the ground at {place}, got {self.vehicle.height:g}"
+                f"the ground at {place}, got {up:g}"
             )
 
     def flown(self, waypoints: Floats) -> Trajectory:
         """Return when the vehicle is where, from the ground at home along waypoints to the ground at its end."""
         return trajectory(whole_way(self.home, waypoints, self.landing), self.vehicle, rate=self.rate)
+
+
+def climbs_apart(way: Points, ups: Floats) -> tuple[Points, Floats]:
+    """Return a way and its altitudes with all climbs straight up before a leg and all descents straight down after it.
+
+    Examples
+    --------
+    >>> way, ups = climbs_apart(np.array([(0.0, 0.0), (9.0, 0.0), (9.0, 9.0)]), np.array([30.0, 50.0, 30.0]))
+    >>> np.column_stack([way, ups]).tolist()
+    [[0.0, 0.0, 30.0], [0.0, 0.0, 50.0], [9.0, 0.0, 50.0], [9.0, 9.0, 50.0], [9.0, 9.0, 30.0]]
+    """
+    change, moves = np.diff(ups), np.diff(way, axis=0).any(axis=1)
+    rises, sinks = np.flatnonzero((change > 0) & moves), np.flatnonzero((change < 0) & moves) + 1
+    at = np.concatenate([rises + 1, sinks])
+    kept = np.insert(way, at, np.concatenate([way[rises], way[sinks]]), axis=0)
+    return kept, np.insert(ups, at, np.concatenate([ups[rises + 1], ups[sinks - 1]]))
 
 
 def whole_way(home: Points, waypoints: Floats, landing: Points | None = None) -> Floats:

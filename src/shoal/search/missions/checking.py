@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,11 @@ from shoal.search.missions.files import FORMATS, format_of, mission_of
 from shoal.search.missions.lint import examine
 from shoal.search.missions.mission import Mission
 from shoal.search.missions.rules import ROUNDING, inside_of, metres_of, searching
-from shoal.search.regions.coverage import AreaCoverage, coverage_check
+from shoal.search.regions.coverage import AreaCoverage, coverage_check, together
 from shoal.search.regions.margin import visible_region
 from shoal.search.regions.region import SearchRegion
 
+_RAISED = 0.1  # metres: who is so little below a band is in it
 _ROUNDED = 0.05  # tenths of a degree: what rounding of coordinates makes of legs
 
 
@@ -42,8 +44,8 @@ class MissionCheck:
         Those that were flown: all of the format that can be read.
     diagnostics : tuple of Diagnostic
         Of all mission files in the folder.
-    coverage : AreaCoverage or None
-        None if no footprint was given.
+    coverages : tuple of AreaCoverage
+        One, or one a band; none if no footprint was given.
     n_waypoints : int
     footprint : float, tuple of float or None
         Metres; of all, or of each robot.
@@ -53,18 +55,26 @@ class MissionCheck:
         What vehicles in flight are to keep.
     approach : MissionApproach or None
         The nearest approach; None if no two are ever nearer in height than the separation, or none was asked for.
+    bands : tuple of float
+        Altitudes at each of which all is to be seen, metres.
     """
 
     region: SearchRegion
     format: str
     files: tuple[str, ...]
     diagnostics: tuple[Diagnostic, ...]
-    coverage: AreaCoverage | None
+    coverages: tuple[AreaCoverage, ...]
     n_waypoints: int
     footprint: float | tuple[float, ...] | None
     missions: tuple[Mission, ...] = ()
     separation: Separation | None = None
     approach: MissionApproach | None = None
+    bands: tuple[float, ...] = ()
+
+    @property
+    def coverage(self) -> AreaCoverage | None:
+        """What vehicles see, in all bands together; None without a footprint."""
+        return together(self.coverages) if self.coverages else None
 
     @property
     def errors(self) -> tuple[Diagnostic, ...]:
@@ -88,6 +98,10 @@ class MissionCheck:
             "covered_fraction": None if seen is None else seen.covered_fraction,
             "uncovered_m2": None if seen is None else seen.uncovered_m2,
             "outside_m": None if seen is None else seen.outside_m,
+            "bands": [
+                {"altitude_m": up, "covered_fraction": one.covered_fraction, "uncovered_m2": one.uncovered_m2}
+                for up, one in zip(self.bands, self.coverages, strict=False)
+            ],
             "separation_m": None if self.separation is None else [self.separation.horizontal, self.separation.vertical],
             "delay_tolerance_s": None if self.separation is None else self.separation.delay,
             "nearest_approach": None if self.approach is None else self.approach.report(self.region.frame),
@@ -131,6 +145,7 @@ def check_missions(
     autopilot: str | None = None,
     separation: Separation | None = None,
     vehicle: Vehicle | None = None,
+    bands: Sequence[float] | None = None,
 ) -> MissionCheck:
     """Read mission files back and measure what vehicles that follow them see of a region.
 
@@ -154,6 +169,9 @@ def check_missions(
         What vehicles in flight are to keep: if given, the nearest approach is found.
     vehicle : Vehicle, optional
         How fast vehicles climb and turn for that; all is done at the speed in the file if not given.
+    bands : sequence of float, optional
+        Altitudes at each of which all must be seen, rising, metres: what is flown counts for the highest one that is not above it.
+        With a camera of the vehicle the footprint is that of the lowest and grows as what the camera sees. Of a volume, its layers.
 
     Raises
     ------
@@ -173,14 +191,18 @@ def check_missions(
     if chosen not in present:
         raise InvalidInputError(f"{folder}: expected files of the format {chosen!r}, got none")
     flown = [sheet for sheet, name in zip(sheets, present, strict=True) if name == chosen and sheet.readable]
-    coverage = None
+    coverages: tuple[AreaCoverage, ...] = ()
     if footprint is not None:
         ways = [_searching_way(sheet, region) for sheet in flown]
         ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region, and among the diagnostics
-        turned_by = angle_of(ways) if angle is None else angle
-        sides = _footprints(flown, footprint)
+        turned_by = angle_of([way[:, :2] for way in ways]) if angle is None else angle
+        sides = np.broadcast_to(_footprints(flown, footprint), (len(flown),))
         region = visible_region(region, float(np.min(sides)), turned_by)
-        coverage = coverage_check(region, ways, sides, tolerance=ROUNDING, angle=turned_by)
+        bands = region.layer_altitudes(float(np.min(sides))) if bands is None and region.height else bands
+        coverages = tuple(
+            coverage_check(region, *stretches, tolerance=ROUNDING, angle=turned_by)
+            for stretches in _by_band(ways, sides, bands, _spread(bands, vehicle))
+        )
     missions = tuple(mission_of(sheet, sheet.file) for sheet in flown if sheet.altitude_frame != "ground")
     near = None if separation is None else missions_approach(missions, separation, region.frame, vehicle=vehicle)
     return MissionCheck(
@@ -191,18 +213,51 @@ def check_missions(
         format=chosen,
         files=tuple(sheet.file for sheet in flown),
         diagnostics=tuple(diagnostic for sheet in sheets for diagnostic in sheet.diagnostics),
-        coverage=coverage,
+        coverages=coverages,
+        bands=tuple(bands or ()),
         n_waypoints=sum(len(sheet.points) for sheet in flown),
         footprint=tuple(footprint) if isinstance(footprint, Sequence) else footprint,
     )
 
 
+def _by_band(
+    ways: Sequence[NDArray[np.float64]], sides: NDArray[np.float64], bands: Sequence[float] | None, spread: NDArray[np.float64]
+) -> Iterator[tuple[list[NDArray[np.float64]], list[float] | float]]:
+    """Yield what is flown in each band, and with which footprints; all that is flown where there are no bands."""
+    if not bands:
+        yield [way[:, :2] for way in ways], sides.tolist()
+        return
+    found: list[tuple[list[NDArray[np.float64]], list[float]]] = [([], []) for _ in bands]
+    for way, side in zip(ways, sides.tolist(), strict=True):
+        band = np.searchsorted(bands, way[:, 2] + _RAISED, side="right") - 1
+        borders = [0, *(np.flatnonzero(np.diff(band)) + 1).tolist(), len(way)]
+        for begin, end in pairwise(borders):
+            if begin < end and band[begin] >= 0:
+                found[band[begin]][0].append(way[begin:end, :2])
+                found[band[begin]][1].append(side * float(spread[band[begin]]))
+    for flown, footprints in found:
+        yield flown, footprints if flown else float(sides.min())
+
+
+def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[np.float64]:
+    """Return how many times as wide as from the lowest band a camera sees from each."""
+    if vehicle is None or vehicle.image_size is None:
+        return np.ones(len(bands or ()))
+    seen = np.array([vehicle.replaced(altitude=up).row_spacing or 0.0 for up in bands or ()])
+    return np.asarray(seen / seen[:1])
+
+
 def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
-    """Return the waypoints of a mission in metres; of ways from a home outside and to an end outside only the stretch inside."""
+    """Return the waypoints of a mission in metres and their altitudes, shape (k, 3).
+
+    Of ways from a home outside and to an end outside it is only the stretch inside.
+    """
     way = metres_of(sheet, region)
     near = np.asarray(np.isfinite(way).all(axis=1))
     inside = inside_of(region, way)
     here = searching(inside)
+    ups = np.resize(np.array(sheet.altitudes or [0.0]), len(sheet.points))
+    way = np.column_stack([way, ups[np.clip(np.arange(len(way)) - 1, 0, len(ups) - 1)]])
     kept = [way[1:-1][here]]
     if here.start > 0 and inside[here.start + 1] and near[here.start]:
         kept.insert(0, _inner(region, way[here.start + 1], way[here.start])[::-1])
@@ -212,13 +267,16 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
 
 
 def _inner(region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far a leg from inside goes until it first leaves the region; shape (1, 2)."""
+    """Return how far a leg from inside goes until it first leaves the region, at the altitude where it begins; shape (1, 3)."""
     import shapely
 
-    pieces = shapely.get_parts(shapely.intersection(shapely.linestrings([here, there]), region.free.buffer(0.99 * ROUNDING)))
-    nearest = pieces[int(np.argmin(shapely.distance(pieces, shapely.points(here))))]
+    pieces = shapely.get_parts(
+        shapely.intersection(shapely.linestrings([here[:2], there[:2]]), region.free.buffer(0.99 * ROUNDING))
+    )
+    nearest = pieces[int(np.argmin(shapely.distance(pieces, shapely.points(here[:2]))))]
     ends = shapely.get_coordinates(nearest)
-    return np.asarray(ends[[int(np.argmax(np.hypot(*(ends - here).T)))]])
+    farthest = ends[int(np.argmax(np.hypot(*(ends - here[:2]).T)))]
+    return np.append(farthest, here[2])[None]
 
 
 def angle_of(ways: Sequence[NDArray[np.float64]]) -> float:

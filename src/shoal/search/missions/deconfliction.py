@@ -69,8 +69,12 @@ def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, *, explicit: bool, 
     if not len(stops):
         return ()
     landing = plan.places[robot] if explicit and vehicle.kind == "multirotor" else None
+    way = plan.route(robot, stops).points
+    if way.shape[1] == 3:
+        way = way[int(len(way) > 1 and np.array_equal(way[0, :2], way[1, :2])) :]  # over home it rises to its first cell anyway
+        way = way + np.array([0.0, 0.0, vehicle.height - plan.vehicle.height])
     return missions_of(
-        plan.route(robot, stops).points,
+        way,
         plan.grid.region.frame,
         robot=robot + 1,
         home=plan.places[robot],
@@ -100,7 +104,7 @@ def _separated(
         return flown
 
     layers: Sequence[int] = [0] * len(made)
-    if plan.vehicle.kind != "rover":
+    if plan.vehicle.kind != "rover" and not plan.grid.region.height:  # nothing of a volume is seen from between its layers
         first = [flights(robot, 0, made, True) for robot in robots]
         layers = staggered(first, separation)[0].tolist()
     made = [sorties(robot, layer) if layer else made[robot] for robot, layer in zip(robots, layers, strict=True)]

@@ -59,7 +59,7 @@ RULES: dict[str, Rule] = {
     "cap-ardupilot": Rule("warning", "more items than ArduPilot stores; the file does not name its autopilot"),
     "altitude": Rule("error", "a flight at or below the ground or above 10 km, or a rover that is not on the ground"),
     "altitude-high": Rule("warning", "an altitude above 120 m, which many countries forbid"),
-    "altitude-varies": Rule("warning", "waypoints at several altitudes; the check takes one footprint"),
+    "altitude-varies": Rule("warning", "one waypoint at an altitude at which no other is"),
     "camera": Rule("warning", "a series of images that begins and does not end, or the reverse"),
     "gimbal": Rule("error", "a camera whose pitch is beyond ±90°, or that is not aimed by angles"),
     "acceptance": Rule("warning", "an acceptance radius as large as the way to the next waypoint, without curves"),

@@ -247,7 +247,7 @@ def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
     kind = sheet.kind if sheet.kind in KINDS else "multirotor"
     usual = Vehicle(preset=kind)
     base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
-    varied = sheet.altitude_frame != "ground" and len({*sheet.altitudes}) > 1
+    varied, above_ground = len({*sheet.altitudes}) > 1, sheet.altitude_frame == "ground"
     told = ("landing", "delay", "fence", "rally", "trigger_distance", "gimbal_pitch", "yaw", "acceptance_radius", "elevation")
     try:
         return Mission(
@@ -261,7 +261,8 @@ def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
             speed=usual.cruise if sheet.speed is None else sheet.speed,
             geographic=sheet.geographic,
             altitude_frame=sheet.altitude_frame or "home",
-            heights=np.array(sheet.altitudes) - base if varied else None,
+            heights=np.array(sheet.altitudes) - base if varied and not above_ground else None,
+            altitudes=np.array(sheet.altitudes) if varied and above_ground else None,
             **{name: getattr(sheet, name) for name in told},
         )
     except InvalidInputError as error:

@@ -147,6 +147,8 @@ def _difference(one: Sheet, other: Sheet) -> str:
         if None not in (mine, theirs) and mine != theirs:
             return f"{theirs!r} as {name} instead of {mine!r}"
     same_frame = (one.altitude_frame or "home") == (other.altitude_frame or "home")
-    if same_frame and one.altitudes and other.altitudes and abs(one.altitudes[0] - other.altitudes[0]) > 0.01:
-        return f"a height of {other.altitudes[0]:g} m instead of {one.altitudes[0]:g} m"
+    if same_frame and one.altitudes and len(one.altitudes) == len(other.altitudes):
+        for mine, theirs in zip(one.altitudes, other.altitudes, strict=True):
+            if abs(mine - theirs) > 0.011:
+                return f"a height of {theirs:g} m instead of {mine:g} m"
     return ""

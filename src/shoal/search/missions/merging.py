@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,14 +19,14 @@ def merged(points: Points, tolerance: float) -> Points:
 
     Parameters
     ----------
-    points : ndarray of float64, shape (k, 2)
-        Metres.
+    points : ndarray of float64, shape (k, 2) or (k, 3)
+        Metres; where altitudes change, points are kept.
     tolerance : float
         Metres by which a point left out may lie beside the leg that passes it.
 
     Returns
     -------
-    ndarray of float64, shape (m, 2)
+    ndarray of float64, shape (m, 2) or (m, 3)
         Some of the points, both ends included.
 
     Examples
@@ -35,13 +36,16 @@ def merged(points: Points, tolerance: float) -> Points:
     """
     if len(points) < 2:
         return points
+    if points.shape[1] == 3 and np.ptp(points[:, 2]):
+        borders = [0, *(np.flatnonzero(np.diff(points[:, 2])) + 1).tolist(), len(points)]
+        return np.concatenate([merged(points[begin:end], tolerance) for begin, end in pairwise(borders)])
     way = points[np.concatenate([[True], np.any(np.diff(points, axis=0) != 0, axis=1)])]
     kept = [0]
-    cone = _Cone(way[0], tolerance)
-    for index, (x, y) in enumerate(way.tolist()[1:], start=1):
+    cone = _Cone(way[0, :2], tolerance)
+    for index, (x, y) in enumerate(way[1:, :2].tolist(), start=1):
         if not cone.takes(x, y):
             kept.append(index - 1)
-            cone = _Cone(way[index - 1], tolerance)
+            cone = _Cone(way[index - 1, :2], tolerance)
             cone.takes(x, y)
     if kept[-1] != len(way) - 1:
         kept.append(len(way) - 1)

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_choice, check_integer, check_number
+from shoal.checks import check_choice, check_integer, check_number, check_points
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
 from shoal.search.flight.flight import FRAMES, TERRAIN_ERROR, Flight, whole_way
@@ -23,6 +23,7 @@ from shoal.search.regions.projection import LocalFrame
 Kind = Literal["multirotor", "fixed-wing", "rover"]
 Autopilot = Literal["px4", "ardupilot"]
 
+SAME_LEVEL = 1e-3  # metres: altitudes that differ less are one
 KINDS = ("multirotor", "fixed-wing", "rover")
 OVERHEAD: dict[str, int] = {"multirotor": 4, "fixed-wing": 4, "rover": 3}  # items beside waypoints: home, take-off, speed, return
 _EXTRA = {"gimbal_pitch": 1, "trigger_distance": 2}  # items that a camera needs
@@ -54,6 +55,8 @@ class Mission:
         What the altitude counts from.
     heights : ndarray of float64, shape (k,), optional
         Of the waypoints above home, metres; the altitude if not given. Needed where the altitude counts from the ground.
+    altitudes : ndarray of float64, shape (k,), optional
+        Of the waypoints where they differ and count from the ground, metres above it.
     elevation : float, optional
         Of home above sea level, metres, where it is known.
     trigger_distance : float, optional
@@ -103,6 +106,7 @@ class Mission:
     delay: float = 0.0
     fence: Fence | None = None
     rally: tuple[tuple[float, float], ...] = ()
+    altitudes: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         points = check_plane_points(self.waypoints, what="mission waypoints").copy()
@@ -124,12 +128,13 @@ class Mission:
         check_choice(self.autopilot, what="autopilot", choices=CAPS)
         check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
         _check_motion(self.kind, self.altitude, self.speed)
-        if self.heights is not None:
-            heights = np.array(self.heights, dtype=np.float64)
-            if heights.shape != (len(points),) or not np.isfinite(heights).all():
-                raise InvalidInputError(f"mission: heights: expected {len(points)} finite numbers, got shape {heights.shape}")
-            heights.flags.writeable = False
-            object.__setattr__(self, "heights", heights)
+        for name in ("heights", "altitudes"):
+            if getattr(self, name) is not None:
+                values = np.array(getattr(self, name), dtype=np.float64)
+                if values.shape != (len(points),) or not np.isfinite(values).all():
+                    raise InvalidInputError(f"mission: {name}: expected {len(points)} finite numbers, got shape {values.shape}")
+                values.flags.writeable = False
+                object.__setattr__(self, name, values)
 
     @property
     def name(self) -> str:
@@ -176,6 +181,15 @@ class Mission:
         return np.full(len(self.waypoints), self.altitude - base)
 
     @property
+    def levels(self) -> NDArray[np.float64]:
+        """The altitudes of the waypoints, from what ``altitude_frame`` says, metres; float64, shape (k,)."""
+        if self.altitudes is not None:
+            return self.altitudes
+        if self.heights is None or self.altitude_frame == "ground":
+            return np.full(len(self.waypoints), self.altitude)
+        return self.heights + (self.elevation or 0.0 if self.altitude_frame == "sea" else 0.0)
+
+    @property
     def way(self) -> NDArray[np.float64]:
         """Metres east, north and up from home: from the ground up, along all waypoints and down again; float64, shape (n, 3)."""
         way = self.way_in(LocalFrame(*self.home) if self.geographic else None)
@@ -214,8 +228,8 @@ def missions_of(
 
     Parameters
     ----------
-    route : array_like of float, shape (k, 2)
-        Metres. A route of no points gives no missions.
+    route : array_like of float, shape (k, 2) or (k, 3)
+        Metres; the third column are altitudes, the vehicle's if not given. A route of no points gives no missions.
     frame : LocalFrame or None
         Where on Earth the metres are; None leaves metres.
     robot : int
@@ -256,10 +270,11 @@ def missions_of(
     """
     kept = vehicle_of(vehicle)
     check_choice(autopilot, what="autopilot", choices=CAPS)
-    points = check_plane_points(route, what=f"route of robot {robot}")
+    levels = np.ndim(route) == 2 and np.shape(route)[1] == 3
+    points = check_points(route, what=f"route of robot {robot}", dimensions=3 if levels else 2)
     if len(points) == 0:
         return ()
-    base = points[0] if home is None else check_plane_points([home], what="home")[0]
+    base = points[0, :2] if home is None else check_plane_points([home], what="home")[0]
     end = None if landing is None else check_plane_points([landing], what="landing")[0]
     flight = Flight(kept, base, frame, altitude_frame, terrain, terrain_error, rate, link, blocked, end)
     told = _told(kept)
@@ -275,11 +290,21 @@ def missions_of(
     return tuple(
         Mission(
             placed(part[:, :2]), (x, y), robot, number, kept.kind, autopilot,  # type: ignore[arg-type]  # both were checked
-            kept.height, speed, frame is not None, altitude_frame,
-            part[:, 2] if np.ptp(part[:, 2]) else None, flight.elevation, landing=ends[number - 1], **told,
+            speed=speed, geographic=frame is not None, altitude_frame=altitude_frame,
+            heights=part[:, 2] if np.ptp(part[:, 2]) else None, elevation=flight.elevation, landing=ends[number - 1],
+            **told | {"altitude": kept.height} | (_levels(part, flight) if levels else {}),
         )
         for number, part in enumerate(parts, start=1)
     )  # fmt: skip
+
+
+def _levels(waypoints: NDArray[np.float64], flight: Flight) -> dict[str, Any]:
+    """Return the altitude of the first waypoint of a sortie and, where they count from the ground and differ, those of all."""
+    ups = waypoints[:, 2] + (float(flight.elevation or 0.0) if flight.altitude_frame != "home" else 0.0)
+    if flight.altitude_frame == "ground" and flight.terrain is not None:
+        ups = np.round(ups - flight.terrain.at(waypoints[:, :2], flight.frame), 6)
+    varied = flight.altitude_frame == "ground" and float(np.ptp(ups)) > SAME_LEVEL
+    return {"altitude": float(ups[0])} | ({"altitudes": ups} if varied else {})
 
 
 def _told(vehicle: Vehicle) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ _FAR_HOME = 5_000.0
 _ELSEWHERE = 50_000.0  # metres: no search is that far from its home or its region
 _HIGHEST, _HIGH = 10_000.0, 120.0
 _FASTEST = 100.0
+_SAME_HEIGHT = 0.01  # metres
 _SAME = 1e-8  # degrees
 
 
@@ -96,7 +98,10 @@ def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None =
         sheet.add("speed", "", f"expected a speed above 0 and at most {_FASTEST:g} m/s, got {sheet.speed:g}")
     if sheet.geographic and sheet.decimals is not None and sheet.decimals < 7:
         sheet.add("few-decimals", "", f"expected coordinates with at least 7 decimals, got {sheet.decimals}")
-    for index in np.flatnonzero(np.all(np.abs(np.diff(sheet.points, axis=0)) <= _SAME, axis=1)).tolist():
+    again = np.all(np.abs(np.diff(sheet.points, axis=0)) <= _SAME, axis=1)
+    if len(sheet.altitudes) == len(sheet.points):
+        again &= np.abs(np.diff(sheet.altitudes)) <= _SAME_HEIGHT
+    for index in np.flatnonzero(again).tolist():
         sheet.add("duplicate", sheet.places[index + 1], f"expected a new place, got {text_of(sheet.points[index + 1])} again")
     assert sheet.home is not None
     nearest = float(_distances(sheet, sheet.home).min())
@@ -126,9 +131,12 @@ def _check_altitude(sheet: Sheet) -> None:
         if flies and altitude > _HIGH and sheet.altitude_frame != "sea":
             sheet.add("altitude-high", place, f"expected a height of at most {_HIGH:g} m, got {altitude:g}")
             return
-    if sheet.altitude_frame != "sea" and len({*sheet.altitudes}) > 1:
+    often = Counter(round(altitude, 1) for altitude in sheet.altitudes)
+    rare, count = min(often.items(), key=lambda entry: entry[1], default=(0.0, 0))
+    if sheet.altitude_frame != "sea" and len(often) > 1 and count == 1:
         low, high = min(sheet.altitudes), max(sheet.altitudes)
-        sheet.add("altitude-varies", "", f"expected one height, got heights from {low:g} to {high:g} m")
+        said = f"expected one height, or several waypoints at each, got {rare:g} m once among heights from {low:g} to {high:g} m"
+        sheet.add("altitude-varies", "", said)
 
 
 def _check_acceptance(sheet: Sheet) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.errors import InvalidInputError
+from shoal.search.cells.routing import leg_lengths
 from shoal.search.flight.flight import Flight
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 
@@ -27,8 +28,8 @@ def sorties(way: Points, flight: Flight, *, room: int, ways: Ways | None = None,
 
     Parameters
     ----------
-    way : ndarray of float64, shape (k, 2), k >= 1
-        Metres.
+    way : ndarray of float64, shape (k, 2) or (k, 3), k >= 1
+        Metres; the third column are altitudes.
     flight : Flight
     room : int
         Most waypoints of a sortie.
@@ -52,7 +53,7 @@ class _Splitter:
         self.way, self.flight, self.room, self.ways, self.robot = way, flight, room, ways, robot
         self.home, self.limit = flight.home, (1 - _FLAT) * flight.vehicle.usable_seconds - _ROUNDING
         self.returning = replace(flight, landing=None)
-        self.at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
+        self.at = np.concatenate([[0.0], np.cumsum(leg_lengths(way))])
 
     def parts(self) -> list[NDArray[np.float64]]:
         begin, end = 0.0, float(self.at[-1])
@@ -115,10 +116,11 @@ class _Splitter:
     def _way_to(self, end: Points, at: float) -> Points:
         """Return the way from a point of the route to home, or to where the robot lands, both included."""
         point = self._point(at)
-        if self.ways is None or np.array_equal(point, end):
-            return np.array([point, end])
-        way = check_plane_points(self.ways(point, end), what="way home")
-        return way if len(way) >= 2 else np.array([point, end])
+        way = np.array([point[:2], end])
+        if self.ways is not None and not np.array_equal(*way):
+            found = check_plane_points(self.ways(point[:2], end), what="way home")
+            way = found if len(found) >= 2 else way
+        return np.column_stack([way, np.tile(point[2:], (len(way), 1))])  # all the way at the altitude of the point
 
     def _between(self, begin: float, until: float) -> Points:
         """Return the waypoints from one distance along the way to another."""
@@ -134,7 +136,7 @@ class _Splitter:
                 f"cap: expected room for more waypoints of robot {self.robot}, got {self.room}: the ways from home to "
                 f"{text_of(self._point(begin))} and back have {len(shortest)}"
             )
-        away = np.hypot(*(self.way - self.home).T)
+        away = np.hypot(*(self.way[:, :2] - self.home).T)
         farthest = self.way[int(np.argmax(away))]  # what will be the trouble next
         needed = self.flight.flown(self.flight.waypoints(farthest[None])).duration
         raise InvalidInputError(

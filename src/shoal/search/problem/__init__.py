@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+from functools import cached_property
 from typing import Any, ClassVar
+
+import numpy as np
 
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
@@ -13,6 +16,7 @@ from shoal.search.problem.faults import Fault, check_faults, fault_text
 from shoal.search.problem.fields import (
     AUTO,
     check_angle,
+    check_bands,
     check_cells_at,
     check_footprint,
     check_network,
@@ -80,8 +84,8 @@ class SearchProblem(Problem):
     )  # fmt: skip
 
     region: Any = option(
-        help="square:SIDE, rectangle:WxH, circle:RADIUS or ring:OUTERxINNER in metres, or a file: .geojson, .json, .kml, .gpkg, "
-        ".kmz, .shp, .zip (a Shapefile) or .csv (metres).",
+        help="square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER or box:WxDxH, a volume, in metres, or a file: .geojson, "
+        ".json, .kml, .gpkg, .kmz, .shp, .zip (a Shapefile) or .csv (metres).",
         argument=True, metavar="REGION", check=check_region, dump=dump_region,
     )  # fmt: skip
     robots: int = option(4, help="How many there are.", least=1)
@@ -89,6 +93,14 @@ class SearchProblem(Problem):
         None, help="Side of the square that a robot sees; where they differ, one a robot: 2,2,6. By default what the vehicle's "
         "camera or detector sees, or 10.", unit="m", metavar="METRES", parse=parse_numbers, check=check_footprint,
     )  # fmt: skip
+    bands: tuple[float, ...] | None = option(
+        None, help="Altitudes at which all is searched, one tour through all of them. By default the vehicle's; of a box those of "
+        "as many layers as footprints are needed from the ground to the top.", unit="m", metavar="H,H,...", parse=parse_numbers,
+        check=check_bands,
+    )  # fmt: skip
+    passes: int = option(
+        1, help="How often all is searched, by any robots. Rows of every other pass are turned by 90 degrees.", least=1, most=100
+    )
     starts: str | tuple[tuple[float, float], ...] = option(
         "random", help="random, clustered, line, or a CSV file of points, one a robot: x and y in metres, or longitude and "
         "latitude for a region on the earth.", check=check_starts,
@@ -198,6 +210,8 @@ class SearchProblem(Problem):
                 raise InvalidInputError(f"faults: expected a robot from 1 to {self.robots}, got {fault_text(fault)}")
         if self.multiplicity > self.robots:
             raise InvalidInputError(f"multiplicity: expected at most {self.robots}, as there are robots, got {self.multiplicity}")
+        if self.has_layers and self.stepwise:
+            raise InvalidInputError("obstacles: expected none where several layers or passes are searched, got some")
         if self.crashes > self.robots:
             raise InvalidInputError(f"crashes: expected at most {self.robots}, one a robot, got {self.crashes}")
         if isinstance(self.region, SearchRegion) and (
@@ -220,9 +234,11 @@ class SearchProblem(Problem):
         return None if isinstance(self.angle, str) else self.angle
 
     def tours_to_compare(self, turn_cost: float) -> tuple[str, ...]:
-        """Return the tours of which the soonest is taken, where a turn costs so many cells."""
+        """Return the tours of which the soonest is taken, where a turn costs so many cells; of several passes one along rows."""
         if self.tour != AUTO:
             return (self.tour,)
+        if self.passes > 1:
+            return AUTO_TOURS[:1]
         return AUTO_TOURS if turn_cost or self.chosen_angle is None else (AUTO_TOUR,)
 
     @property
@@ -231,14 +247,50 @@ class SearchProblem(Problem):
         return ALLOCATIONS if self.allocation == AUTO else (self.allocation,)
 
     @property
-    def chosen_vehicle(self) -> Vehicle:
-        """The vehicle that was asked for, or the ideal one."""
+    def has_layers(self) -> bool:
+        """Whether something may be searched in several layers."""
+        return self.passes > 1 or len(self.bands or ()) > 1 or self._volume
+
+    @property
+    def _volume(self) -> bool:
+        region = self.region
+        return region.startswith("box:") if isinstance(region, str) else region.height > 0
+
+    @cached_property
+    def altitudes(self) -> tuple[float, ...]:
+        """The altitudes at which all is searched, rising, metres: as asked for, the middles of a volume's layers, the vehicle's."""
+        if self.bands is not None:
+            return self.bands
+        if not self._volume:
+            return (self._asked_vehicle.height,)
+        place: SearchRegion = self.place
+        return place.layer_altitudes(float(np.min(self.footprint_at(0.0))))
+
+    @property
+    def _asked_vehicle(self) -> Vehicle:
         return vehicle_of("ideal" if self.vehicle is None else self.vehicle)
+
+    @cached_property
+    def chosen_vehicle(self) -> Vehicle:
+        """The vehicle that was asked for, or the ideal one, at the lowest altitude; if it is ideal it climbs as it cruises."""
+        asked = self._asked_vehicle
+        if self.bands is None and not self._volume:
+            return asked
+        if asked.kind == "rover":
+            raise InvalidInputError("vehicle: expected one that flies for bands or a box, got a rover")
+        speeds = {name: getattr(asked, name) or asked.cruise for name in ("climb_speed", "sink_speed")}
+        return asked.replaced(altitude=self.altitudes[0], **speeds)
+
+    def footprint_at(self, altitude: float) -> float | tuple[float, ...]:
+        """Return the footprint that was asked for, or what the vehicle sees from an altitude; metres. In a volume it is all one."""
+        vehicle = self._asked_vehicle
+        seeing = vehicle if self._volume else vehicle.replaced(altitude=altitude)
+        return self.footprint or seeing.row_spacing or FOOTPRINT
 
     @property
     def chosen_footprint(self) -> float | tuple[float, ...]:
-        """The footprint that was asked for, or what the vehicle sees; metres."""
-        return self.footprint or self.chosen_vehicle.row_spacing or FOOTPRINT
+        """The footprint that was asked for, or what the vehicle sees; of several altitudes from the lowest; metres."""
+        return self.footprint_at(self.altitudes[0])
 
     @property
     def stepwise(self) -> bool:
@@ -277,6 +329,8 @@ class SearchProblem(Problem):
         InvalidInputError
         """
         region: SearchRegion = self.place
+        if region.height and self.altitudes[-1] > region.height:
+            raise InvalidInputError(f"bands: expected altitudes up to {region.height:g} m, the top, got {self.altitudes[-1]:g}")
         if len(region.parts) > 1 and not self.transit:
             raise InvalidInputError(
                 f"region {region.name!r}{region.margin_text}: expected one part, as robots stay inside, got {len(region.parts)}; "

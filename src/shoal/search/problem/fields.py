@@ -39,8 +39,8 @@ def check_path(value: Any, what: str, expected: str) -> str:
 
 def _region_from(data: dict[str, Any]) -> SearchRegion:
     """Return the region that `dump_region` wrote."""
-    data = {"no_go": "POLYGON EMPTY", "no_go_zones": 0} | data
-    if set(data) != {"name", "area", "frame", "no_go", "no_go_zones"}:
+    data = {"no_go": "POLYGON EMPTY", "no_go_zones": 0, "height": 0.0} | data
+    if set(data) != {"name", "area", "frame", "no_go", "no_go_zones", "height"}:
         raise InvalidInputError(f"region: expected name, area and frame, got {shortened(sorted(map(str, data)))}")
     frame = data["frame"]
     if frame is not None and (not isinstance(frame, list | tuple) or len(frame) != 2):
@@ -51,7 +51,8 @@ def _region_from(data: dict[str, Any]) -> SearchRegion:
     count = check_integer(data["no_go_zones"], what="region: no_go_zones", least=0)
     name, place = check_text(data["name"], what="region: name"), None if frame is None else LocalFrame(*frame)
     zones = SearchRegion(no_go, place, no_go, name) if no_go.is_empty else region_of(no_go, frame=place, name=name)
-    return replace(region_of(area, frame=place, name=name), no_go=zones.area, no_go_zones=count)
+    height = check_number(data["height"], what="region: height", least=0)
+    return replace(region_of(area, frame=place, name=name), no_go=zones.area, no_go_zones=count, height=height)
 
 
 def dump_region(value: str | SearchRegion) -> Any:
@@ -62,7 +63,8 @@ def dump_region(value: str | SearchRegion) -> Any:
 
     frame = None if value.frame is None else [value.frame.longitude, value.frame.latitude]
     area, no_go = (shapely.to_wkt(shape, rounding_precision=-1) for shape in (value.outline, value.no_go))
-    return {"name": value.name, "area": area, "frame": frame, "no_go": no_go, "no_go_zones": value.no_go_zones}
+    told = {"name": value.name, "area": area, "frame": frame, "no_go": no_go, "no_go_zones": value.no_go_zones}
+    return told | ({"height": value.height} if value.height else {})
 
 
 def check_no_go(value: Any) -> tuple[Any, ...]:
@@ -117,17 +119,25 @@ def check_footprint(value: Any) -> float | tuple[float, ...]:
     return check_number(value, what="footprint", above=0)
 
 
+def check_bands(value: Any) -> tuple[float, ...]:
+    """Return altitudes, rising."""
+    found = tuple(sorted(check_positive(value, "bands", "altitudes above 0")))
+    if not found or len({*found}) < len(found):
+        raise InvalidInputError(f"bands: expected one altitude or more, each once, got {shortened(value)}")
+    return found
+
+
 def check_vehicle(value: Any) -> Vehicle:
     """Return the vehicle that a text, fields or a `Vehicle` describe."""
     return vehicle_of(value)
 
 
-def check_positive(value: Any, what: str) -> tuple[float, ...]:
-    """Return numbers above 0, one a robot."""
+def check_positive(value: Any, what: str, kind: str = "numbers above 0, one a robot") -> tuple[float, ...]:
+    """Return numbers above 0."""
     if isinstance(value, int | float | np.number):
         value = (value,)  # of one robot
     if not isinstance(value, list | tuple | np.ndarray):
-        raise InvalidInputError(f"{what}: expected numbers above 0, one a robot, got {shortened(value)}")
+        raise InvalidInputError(f"{what}: expected {kind}, got {shortened(value)}")
     return tuple(check_number(one, what=what, above=0) for one in value)
 
 

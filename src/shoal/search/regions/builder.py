@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,8 @@ def open_region(
     ----------
     source : str or path
         A name, in metres: ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` (both from the origin), ``circle:RADIUS``,
-        ``ring:OUTERxINNER`` (radii; both around the origin). Or a file: ``.geojson .json .kml .kmz .gpkg .shp .zip`` (degrees, or a
+        ``ring:OUTERxINNER`` (radii; both around the origin), ``box:WIDTHxDEPTHxHEIGHT`` (a
+        volume, from the origin). Or a file: ``.geojson .json .kml .kmz .gpkg .shp .zip`` (degrees, or a
         projection that the file names) or ``.csv`` (metres); see `shoal.search.regions.formats`.
     no_go : optional
         Zones that robots keep out of, in the units of the source (longitude and latitude, or metres): a file of one of the formats
@@ -118,7 +120,8 @@ def build_region(
         wanted = [polygon for k, polygon in enumerate(wanted) if k not in inside]
     no_go = _joined(taken) if taken else None
     try:
-        return region_of(_joined(wanted), frame=frame, no_go=no_go, name=name, no_go_zones=len(taken))
+        region = region_of(_joined(wanted), frame=frame, no_go=no_go, name=name, no_go_zones=len(taken))
+        return replace(region, height=found.height)
     except InvalidInputError as error:
         raise InvalidInputError(f"{found.where}: {error}") from None
 

@@ -41,7 +41,8 @@ def builtin_region(text: str) -> RegionOutlines:
             f"region {text[:80]!r}: expected {expected} with lengths in metres, above 0 and at most 1000000, got {option!r}"
         )
     rings = [Ring(np.vstack([points, points[:1]]), f"region {text!r}") for points in shape(text, sizes)]
-    return RegionOutlines((RegionOutline(rings[0], tuple(rings[1:])),), f"region {text!r}", geographic=False)
+    height = sizes[2] if name == "box" else 0.0
+    return RegionOutlines((RegionOutline(rings[0], tuple(rings[1:])),), f"region {text!r}", geographic=False, height=height)
 
 
 def is_builtin(text: str) -> bool:
@@ -69,4 +70,5 @@ SHAPES: dict[str, tuple[str, Shape]] = {
     "rectangle": ("WIDTHxHEIGHT", lambda _, sizes: _rectangle(*sizes)),
     "circle": ("RADIUS", lambda _, sizes: [_circle(sizes[0])]),
     "ring": ("OUTERxINNER", _annulus),
+    "box": ("WIDTHxDEPTHxHEIGHT", lambda _, sizes: _rectangle(*sizes[:2])),
 }

@@ -36,6 +36,8 @@ class AreaCoverage:
         How many legs leave it; a vehicle that stands counts as a leg.
     length_m : float
         Length of all legs.
+    area_m2 : float
+        Of the region.
     """
 
     covered_fraction: float
@@ -44,6 +46,7 @@ class AreaCoverage:
     outside_m: float
     legs_outside: int
     length_m: float
+    area_m2: float
 
 
 def coverage_check(
@@ -96,7 +99,29 @@ def coverage_check(
     shapely.prepare(allowed)
     strays = lines[~shapely.covers(allowed, lines)]
     outside = float(shapely.length(shapely.difference(strays, allowed)).sum())
-    return AreaCoverage(1 - left / region.area_m2, left, uncovered, outside, len(strays), float(lengths.sum()))
+    return AreaCoverage(1 - left / region.area_m2, left, uncovered, outside, len(strays), float(lengths.sum()), region.area_m2)
+
+
+def together(coverages: Sequence[AreaCoverage]) -> AreaCoverage:
+    """Return what was covered of several layers together; what is uncovered in one of them is so in the whole, seen from above.
+
+    Examples
+    --------
+    >>> from shoal.search import open_region
+    >>> region = open_region("rectangle:20x10")
+    >>> whole, half = (coverage_check(region, [way], 10) for way in ([(5, 5), (15, 5)], [(5, 5)]))
+    >>> together([whole, half]).covered_fraction, together([whole, half]).uncovered_m2
+    (0.75, 100.0)
+    """
+    if len(coverages) == 1:
+        return coverages[0]
+    import shapely
+
+    area = sum(one.area_m2 for one in coverages)
+    left, outside, length = (sum(getattr(one, name) for one in coverages) for name in ("uncovered_m2", "outside_m", "length_m"))
+    legs = sum(one.legs_outside for one in coverages)
+    uncovered = shapely.union_all([one.uncovered for one in coverages])
+    return AreaCoverage(1 - left / area, left, uncovered, outside, legs, length, area)
 
 
 def _legs(ways: list[Points]) -> tuple[Points, Points]:

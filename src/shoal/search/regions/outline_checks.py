@@ -231,12 +231,15 @@ class RegionOutlines:
         Longitude and latitude in degrees (WGS84); else metres.
     closed : bool
         Whether rings have to repeat their first vertex at the end, as the format says.
+    height : float
+        Of the volume over them, metres; 0 for a plane.
     """
 
     outlines: tuple[RegionOutline, ...]
     where: str
     geographic: bool
     closed: bool = True
+    height: float = 0.0
 
 
 def polygon_outlines(shape: Any, where: str, *, no_go: bool = False) -> list[RegionOutline]:

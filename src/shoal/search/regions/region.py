@@ -38,6 +38,8 @@ class SearchRegion:
         Where robots may be; the area if not given.
     outline : shapely Polygon or MultiPolygon, optional
         The whole region, seen or not, less no-go zones; the area if not given.
+    height : float
+        How high the volume is whose ground the region is, metres; 0 for a plane.
     bends : shapely Polygon or MultiPolygon, optional
         A shape of fewer corners inside of ``free``, at which ways bend where they can.
     """
@@ -50,6 +52,7 @@ class SearchRegion:
     margin: float = 0.0
     free: Any = None
     outline: Any = None
+    height: float = 0.0
     bends: Any = None
 
     def __post_init__(self) -> None:
@@ -129,6 +132,18 @@ class SearchRegion:
                 f"{degrees} at point {index + 1}, {away:.3g} m outside"
             )
         return array
+
+    def layer_altitudes(self, footprint: float) -> tuple[float, ...]:
+        """Return the middles of the layers, no thicker than a footprint, into which a volume is cut; metres, rising.
+
+        Examples
+        --------
+        >>> from shoal.search import open_region
+        >>> open_region("box:20x20x25").layer_altitudes(10.0)
+        (4.166666666666667, 12.5, 20.833333333333336)
+        """
+        count = max(1, int(np.ceil(self.height / footprint * (1 - 1e-9))))
+        return tuple(self.height / count * (number + 0.5) for number in range(count))
 
     @property
     def margin_text(self) -> str:

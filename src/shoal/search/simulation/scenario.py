@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError
+from shoal.search.allocation.layers import LayeredGrid, layers_of
 from shoal.search.allocation.plan import SearchPlan
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.cells.distances import CellDistances
@@ -92,7 +93,7 @@ class Scenario:
             raise InvalidInputError(f"rates: expected {m} speeds above 0, got {list(self.rates)!r:.200}")
         if not self.widths:
             object.__setattr__(self, "widths", (1,) * m)
-        check_widths(np.asarray(self.widths), m, self.brief.tour_cost.tour)
+        check_widths(np.asarray(self.widths), m)
         for fault in self.faults:
             if not 1 <= fault.robot <= m:
                 raise InvalidInputError(f"fault: expected a robot from 1 to {m}, got {fault}")
@@ -175,7 +176,8 @@ def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault
     """Return random crashes: of different robots, at times up to twice that of an equal share of the cells."""
     rng = np.random.default_rng([seed, 2])
     dead = rng.choice(problem.robots, size=problem.crashes, replace=False) + 1
-    cells_each = plan.grid.region.area_m2 / plan.grid.footprint**2 / problem.robots
+    layers = layers_of(plan.grid)
+    cells_each = sum(layer.region.area_m2 / layer.footprint**2 for layer in layers) / problem.robots
     return tuple(Crash(int(robot), float(rng.uniform(0, 2 * cells_each))) for robot in np.sort(dead))
 
 
@@ -190,4 +192,7 @@ def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64
     region = plan.grid.region
     points = read_points(Path(given), region, what=what) if isinstance(given, str) else given
     inside = region.check_inside(points, what=given if isinstance(given, str) else what)
-    return tuple(sorted({int(number) for number in plan.tour.position[tuple(plan.grid.cell_of(inside).T)]}))
+    found = [layer.cell_of(inside) for layer in layers_of(plan.grid)]  # what lies at a place is there in all layers
+    if isinstance(plan.grid, LayeredGrid):
+        found = [np.column_stack([np.full(len(cells), up), cells]) for up, cells in enumerate(found)]
+    return tuple(sorted({int(number) for cells in found for number in plan.tour.position[tuple(cells.T)]}))

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from shoal.errors import InvalidInputError
 from shoal.registry import configured
 from shoal.search.tours import boustrophedon, comb, hilbert, hilbert_rectangle, spanning_tree
 from shoal.search.tours.base import TOURS, TourMaker, check_covers
 from shoal.search.tours.codec import hilbert_decode, hilbert_encode, moore_decode, moore_encode
+from shoal.search.tours.layers import joined
 from shoal.search.tours.masks import check_mask, components
 from shoal.search.tours.tour import Tour, TourMetrics
 
@@ -41,8 +45,8 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
         "hilbert", "open-hilbert", "moore", "hilbert-rectangle", "comb", "boustrophedon", "spanning-tree", "module:attribute" (an
         object, or a class that is called without arguments), or an object that has the protocol's methods.
     mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
-        True where a robot must come, row 0 on top; or the shape of a full rectangle or box. "hilbert", "open-hilbert" and
-        "hilbert-rectangle" take 3 dimensions.
+        True where a robot must come, row 0 on top; or the shape of a full rectangle or box. In 3 dimensions "hilbert",
+        "open-hilbert" and "hilbert-rectangle" are curves; of the others the tours of all layers are joined.
 
     Returns
     -------
@@ -63,12 +67,17 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
     """
     mask = check_mask(mask_or_shape)
     chosen = find_tour_maker(maker)
-    if mask.ndim not in chosen.dimensions:
-        takes = " or ".join(map(str, chosen.dimensions))
-        raise InvalidInputError(f"tour {chosen.name}: expected a grid of {takes} dimensions, got {mask.ndim}")
-    tour = chosen.make(mask)
+    if mask.ndim in chosen.dimensions:
+        return _made(chosen, mask)
+    floors = np.flatnonzero(mask.any(axis=(1, 2))).tolist()
+    tour = joined([_made(chosen, mask[floor]) for floor in floors], floors=floors)
+    return check_covers(Tour(tour.cells, mask.shape, closed=tour.closed, name=tour.name), mask)
+
+
+def _made(maker: TourMaker, mask: NDArray[np.bool_]) -> Tour:
+    tour = maker.make(mask)
     if not isinstance(tour, Tour):
-        raise InvalidInputError(f"tour {chosen.name}: expected make() to return a Tour, got {type(tour).__name__}")
+        raise InvalidInputError(f"tour {maker.name}: expected make() to return a Tour, got {type(tour).__name__}")
     return check_covers(tour, mask)
 
 

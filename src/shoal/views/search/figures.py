@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.search import SearchEpisode
-from shoal.search.cells.clipping import rotated_shape
 from shoal.search.episode import duration_text
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
 from shoal.views.drawing.polygon_paths import hole_in, rings_of
 from shoal.views.drawing.scale_bar import draw_scale_bar
 from shoal.views.search.history import SearchHistory, robot_colour
-from shoal.views.search.sides import sides_of
+from shoal.views.search.panels import sizes_text
 from shoal.views.search.timeline import draw_heading, timeline_figure
 
 if TYPE_CHECKING:
@@ -40,7 +39,7 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     them is thicker. Ways to cells farther off are thin and dashed. What nobody saw is red.
     """
     history = SearchHistory(episode)
-    left, right, bottom, top = sides_of(history)
+    left, right, bottom, top = history.sides
     ratio = (top - bottom) / (right - left)
     width = 7.2 if ratio < 1.2 else max(4.6, 8.4 / ratio)
     figure = new_figure(width, float(np.clip((width - 0.6) * ratio, 1.2, 8.6)) + 1.3)
@@ -49,12 +48,16 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     _draw_ground(axes, history)
     for robot in range(history.n_robots):
         _draw_route(axes, history, robot, side)
-    _draw_not_seen(axes, episode)
+    _draw_not_seen(axes, history)
     _draw_findings(axes, history)
     axes.set(xlim=(left, right), ylim=(bottom, top))
-    axes.set_xlabel("metres", color=MUTED, fontsize=8)
+    if history.panels.labels:
+        axes.set(xticks=[], yticks=[])
+    axes.set_xlabel("metres" if not history.panels.labels else "\n", color=MUTED, fontsize=8)  # room for the scale bar
     bare_axes(axes)
-    axes.set_title(_summary(episode), fontsize=9, color=MUTED, loc="left", parse_math=False)
+    axes.set_title(
+        _summary(episode), fontsize=9, color=MUTED, loc="left", parse_math=False, pad=17 if history.panels.labels else None
+    )
     draw_heading(figure, f"{episode.plan.grid.region.name}, {_robots(history.n_robots)}")
     _draw_legend(figure, history)
     figure.draw_without_rendering()  # settles where the axes are, so that numbers can be kept apart on paper
@@ -72,7 +75,7 @@ def _summary(episode: SearchEpisode) -> str:
     cells = episode.plan.grid.n_cells
     when = "not searched wholly" if episode.makespan is None else f"searched after {duration_text(episode.makespan)}"
     over = f", {episode.trace.takeovers} taken over" if episode.trace.takeovers else ""
-    return f"{cells:,} cell{'s' if cells != 1 else ''} of {episode.plan.grid.size:.3g} m, {when}{over}"
+    return f"{cells:,} cell{'s' if cells != 1 else ''} of {sizes_text(episode.plan)}, {when}{over}"
 
 
 def _draw_ground(axes: Axes, history: SearchHistory) -> None:
@@ -85,22 +88,24 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
     left, right, bottom, top = history.extent
     picture = history.raster(cell_colours(history), 1.0)
     axes.imshow(picture, extent=(left, right, bottom, top), interpolation="nearest", zorder=0)
-    size = history.episode.plan.grid.size
-    if history.n_cells <= _GRID:
-        height, width = history.episode.plan.grid.shape
+    size = history.panels.step
+    if history.n_cells <= _GRID and history.panels.alike:
+        height, width = history.panels.shape
         lines = [[(x, bottom), (x, top)] for x in left + size * np.arange(1, width)]
         lines += [[(left, y), (right, y)] for y in bottom + size * np.arange(1, height)]
         axes.add_collection(LineCollection(lines, colors=[_LINES], linewidths=0.4, zorder=0.5))
-    left, right, bottom, top = sides_of(history)
+    left, right, bottom, top = history.sides
     pad = 0.02 * max(right - left, top - bottom)
     frame = np.array([(left - pad, bottom - pad), (right + pad, bottom - pad), (right + pad, top + pad), (left - pad, top + pad)])
-    rings = [ring for part in rings_of(history.episode.plan.grid.area) for ring in part]
+    rings = [ring for part in history.panels.parts for ring in part]
     axes.add_patch(PathPatch(_even_odd([frame, *rings]), facecolor="white", lw=0, zorder=0.8))
-    for part in rings_of(history.episode.plan.grid.area):
+    for part in history.panels.parts:
         for hole in part[1:]:
             axes.fill(*hole.T, facecolor=to_rgb(_OUTSIDE), lw=0, zorder=0.9)
         for ring in part:
             axes.add_patch(PathPatch(Path(ring, closed=True), facecolor="none", edgecolor=_EDGE, lw=1.2, zorder=1.2))
+    for words, x, y in history.panels.labels:
+        axes.annotate(words, (x, y), xytext=(0, 3), textcoords="offset points", fontsize=8, color=INK, zorder=4)
 
 
 def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
@@ -133,19 +138,20 @@ def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> 
     from matplotlib.collections import LineCollection
 
     episode, colour = history.episode, robot_colour(robot)
-    route, size = episode.routes[robot], episode.plan.grid.size
+    route, size = episode.routes[robot], history.panels.largest
     outline = history.outline(robot)
     if len(outline):
         axes.add_collection(LineCollection(list(outline), colors=[colour], linewidths=1.5, capstyle="round", zorder=0.7))
     if len(route.points) < 2:
         _draw_unfinished(axes, history, robot)
         return
-    way = history.on_picture(route.points)
+    located = history.ways.of(robot)
+    way = history.on_picture(located)
     pieces = np.stack([way[:-1], way[1:]], axis=1)
-    ends = history.stop_ends(robot)
+    ends = history.ways.stop_ends(robot)
     cell = np.clip(np.searchsorted(ends, np.arange(1, len(route.points))) - 1, 0, None)
     taken = (history.others(robot) > 0)[np.minimum(cell, len(ends) - 2)]
-    far = route.long_legs(size)
+    far = route.long_legs(size) | (np.diff(located[:, 2:], axis=0) != 0).any(axis=1)  # climbs lead from panel to panel
     thick = float(np.clip(0.16 * side, 0.45, 1.9))
     for chosen, width, style, alpha in (
         (far, 0.55 * thick, (0, (3, 1.8)), 0.75),
@@ -185,8 +191,8 @@ def _draw_arrows(axes: Axes, pieces: NDArray[np.float64], colour: str, size: flo
     axes.add_collection(PolyCollection(list(heads), facecolors=[colour], edgecolors="white", linewidths=0.3, zorder=3.5))
 
 
-def _draw_not_seen(axes: Axes, episode: SearchEpisode) -> None:
-    for rings in rings_of(_not_seen(episode)):
+def _draw_not_seen(axes: Axes, history: SearchHistory) -> None:
+    for rings in rings_of(_not_seen(history)):
         from matplotlib.patches import PathPatch
 
         axes.add_patch(PathPatch(_even_odd(rings), facecolor=NOT_SEEN, alpha=0.55, edgecolor=NOT_SEEN, lw=0.8, zorder=2.5))
@@ -258,18 +264,18 @@ def spread_out(places: NDArray[np.float64], least: float) -> NDArray[np.float64]
     return np.asarray(moved)
 
 
-def _not_seen(episode: SearchEpisode) -> Any:
-    """Return what was not seen, but for obstacles."""
+def _not_seen(history: SearchHistory) -> Any:
+    """Return what was not seen in any layer, as it is drawn, but for obstacles."""
     import shapely
 
-    grid = episode.plan.grid
-    missed = rotated_shape(episode.coverage.uncovered, -grid.angle)
+    panels, episode = history.panels, history.episode
+    missed = shapely.union_all([panels.shape_of(seen.uncovered, layer) for layer, seen in enumerate(episode.coverages)])
     if not episode.obstacles:
         return missed
-    left, top = grid.corner
+    left, _, _, top = history.extent
     rows, cols = episode.plan.tour.cells[[*episode.obstacles]].T
-    x, y = left + cols * grid.size, top - rows * grid.size
-    return missed - shapely.union_all(shapely.box(x, y - grid.size, x + grid.size, y))
+    x, y = left + cols * panels.step, top - rows * panels.step
+    return missed - shapely.union_all(shapely.box(x, y - panels.step, x + panels.step, y))
 
 
 def _draw_legend(figure: Figure, history: SearchHistory) -> None:
@@ -286,11 +292,12 @@ def _draw_legend(figure: Figure, history: SearchHistory) -> None:
         handles.append(Line2D([], [], ls="", marker="D", mfc="#ffd54a", mec=INK, ms=6, label="finding, and how sure"))
     if episode.obstacles:
         handles.append(Patch(facecolor=OBSTACLE, label="obstacle, found on the way"))
-    if any(route.long_legs(episode.plan.grid.size).any() for route in episode.routes):
-        handles.append(Line2D([], [], color=MUTED, lw=1.0, ls=(0, (3, 1.8)), label="way to a cell farther off"))
+    if history.panels.labels or any(route.long_legs(history.panels.largest).any() for route in episode.routes):
+        what = "way to a cell farther off" + (" or another layer" if history.panels.labels else "")
+        handles.append(Line2D([], [], color=MUTED, lw=1.0, ls=(0, (3, 1.8)), label=what))
     if episode.plan.grid.region.no_go_zones:
         handles.append(Patch(facecolor=_OUTSIDE, edgecolor=_EDGE, lw=1.0, label="no-go zone"))
-    left = _not_seen(episode).area
+    left = _not_seen(history).area
     if left > 1e-6 * episode.plan.grid.region.area_m2:
         handles.append(Patch(facecolor=NOT_SEEN, alpha=0.55, label=f"not seen: {left:.4g} m²"))
     figure.legend(

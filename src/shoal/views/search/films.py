@@ -13,10 +13,10 @@ from shoal.search.episode import duration_text
 from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.drawing.encoding import LONGEST, Clip
-from shoal.views.drawing.polygon_paths import hole_in, rings_of
+from shoal.views.drawing.polygon_paths import hole_in
 from shoal.views.search.figures import cell_colours
 from shoal.views.search.history import Activity, SearchHistory, robot_colour
-from shoal.views.search.sides import sides_of
+from shoal.views.search.panels import sizes_text
 
 RATE = {".gif": 10, ".mp4": 30}  # frames a second
 HEIGHT = {".gif": 432, ".mp4": 720}
@@ -47,7 +47,7 @@ class SearchFilm:
     def __init__(self, episode: SearchEpisode, *, height: int = 720) -> None:
 
         self.history = SearchHistory(episode)
-        left, right, bottom, top = self._sides = sides_of(self.history)
+        left, right, bottom, top = self._sides = self.history.sides
         self._unit = unit = max(height / 720, 0.7)
         head, foot, side = 64 * unit, 92 * unit, 32 * unit
         across = float(np.clip((right - left) / (top - bottom), 0.9, 1.9))
@@ -59,7 +59,7 @@ class SearchFilm:
         )
         self._canvas: Canvas = Canvas(self.width, self.height)
         self._label = self._pixels()
-        self._rings = [[self._at(ring) for ring in part] for part in rings_of(episode.plan.grid.area)]
+        self._rings = [[self._at(ring) for ring in part] for part in self.history.panels.parts]
         self._outlines = [list(self._at(self.history.outline(robot))) for robot in range(self.history.n_robots)]
 
     def times(self, rate: float, longest: int) -> list[float]:
@@ -87,15 +87,16 @@ class SearchFilm:
 
     def _pixels(self) -> NDArray[np.int64]:
         """Return the number of the cell that each pixel lies in, the number of cells for none; int64, shape (height, width)."""
-        grid, (left, _, _, top) = self.history.episode.plan.grid, self.history.extent
+        panels, (left, _, _, top) = self.history.panels, self.history.extent
         corner = self._at(np.array([left, top]))
         rows, cols = (
-            np.floor((np.arange(length) + 0.5 - first) / (self._scale * grid.size)).astype(np.int64)
+            np.floor((np.arange(length) + 0.5 - first) / (self._scale * panels.step)).astype(np.int64)
             for length, first in ((self.height, corner[1]), (self.width, corner[0]))
         )
         number = self.history.raster(np.arange(self.history.n_cells), self.history.n_cells)
         padded = np.pad(number, 1, constant_values=self.history.n_cells)
-        return np.asarray(padded[np.clip(rows + 1, 0, grid.shape[0] + 1)[:, None], np.clip(cols + 1, 0, grid.shape[1] + 1)[None]])
+        height, width = panels.shape
+        return np.asarray(padded[np.clip(rows + 1, 0, height + 1)[:, None], np.clip(cols + 1, 0, width + 1)[None]])
 
     def _draw_background(self) -> None:
         canvas, unit, episode = self._canvas, self._unit, self.history.episode
@@ -103,7 +104,7 @@ class SearchFilm:
         name = episode.plan.grid.region.name
         width = canvas.text((32 * unit, 38 * unit), name if len(name) < 30 else name[:29] + "…", INK, 19 * unit, bold=True)
         count = self.history.n_robots
-        words = f"{count} robot{'s' if count != 1 else ''}, {self.history.n_cells:,} cells of {episode.plan.grid.size:.3g} m"
+        words = f"{count} robot{'s' if count != 1 else ''}, {self.history.n_cells:,} cells of {sizes_text(episode.plan)}"
         canvas.text((32 * unit + width + 14 * unit, 38 * unit), words, MUTED, 14 * unit)
         self._plain = canvas.frame()
         self._draw_cells(-1.0)
@@ -125,6 +126,8 @@ class SearchFilm:
                 canvas.area([hole], _GROUND)
             for ring in part:
                 canvas.line(ring, _EDGE, 1.4 * self._unit, closed=True)
+        for words, x, y in self.history.panels.labels:
+            canvas.text(self._at(np.array([x, y])) - (0, 5 * self._unit), words, INK, 13 * self._unit)
         canvas.keep()
 
     def _draw_frame(self, time: float) -> None:

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from shoal.dataclass import dataclass
 from shoal.search import Arc, RobotLog, SearchEpisode
 from shoal.search.allocation.partition import partition
-from shoal.search.cells.routing import length_of
-from shoal.search.problem.faults import Liar, Slow, WrongPosition
+from shoal.search.problem.faults import Liar, WrongPosition
 from shoal.search.simulation.findings import Finding
+from shoal.views.search.panels import LayerPanels
+from shoal.views.search.trajectories import RobotTrajectory, RobotWays, death_of
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -48,30 +49,6 @@ class Activity:
     end: float
     kind: str
     other: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class RobotTrajectory:
-    """Where a robot is at each time.
-
-    Parameters
-    ----------
-    times : ndarray of float64, shape (k,)
-        Rising, in the time of a cell.
-    points : ndarray of float64, shape (k, 2)
-        Metres; in between it moves straight and evenly, before and after it stands.
-    """
-
-    times: Floats
-    points: Floats
-
-    def at(self, time: float) -> Floats:
-        """Return the place at a time; float64, shape (2,)."""
-        return np.array([np.interp(time, self.times, self.points[:, 0]), np.interp(time, self.times, self.points[:, 1])])
-
-    def until(self, time: float) -> Floats:
-        """Return the way up to a time; float64, shape (n, 2)."""
-        return np.concatenate([self.points[: np.searchsorted(self.times, time, side="right")], self.at(time)[None]])
 
 
 class SearchHistory:
@@ -175,7 +152,7 @@ class SearchHistory:
 
     def death(self, robot: int) -> float:
         """Return when a robot died; infinite if it did not."""
-        return next((moment for moment, state in self.episode.trace.robots[robot].states if state == "dead"), inf)
+        return death_of(self.episode.trace.robots[robot])
 
     @cached_property
     def activities(self) -> tuple[tuple[Activity, ...], ...]:
@@ -198,12 +175,25 @@ class SearchHistory:
     @cached_property
     def trajectories(self) -> tuple[RobotTrajectory, ...]:
         """Where each robot was, as `on_picture`."""
-        found = (self._trajectory(robot) for robot in range(self.n_robots))
+        found = (self.ways.trajectory(robot) for robot in range(self.n_robots))
         return tuple(RobotTrajectory(one.times, self.on_picture(one.points)) for one in found)
 
     def on_picture(self, points: Floats) -> Floats:
-        """Return points of the region as they are drawn: rows of cells level, whatever their angle; metres."""
-        return self.episode.plan.grid.lattice.from_region(points)
+        """Return points of the region as they are drawn, metres: rows of cells level, whatever their angle.
+
+        A third column says in which layer; those without are in the lowest.
+        """
+        return self.panels.place(points[:, :2], points[:, 2] if points.shape[1] == 3 else np.zeros(len(points)))
+
+    @cached_property
+    def panels(self) -> LayerPanels:
+        """Where all layers are drawn."""
+        return LayerPanels(self.episode.plan)
+
+    @cached_property
+    def ways(self) -> RobotWays:
+        """Where the robots went."""
+        return RobotWays(self.episode)
 
     @property
     def north(self) -> float | None:
@@ -212,114 +202,34 @@ class SearchHistory:
 
     def place_of(self, finding: Finding) -> Floats:
         """Return where a finding is drawn, float64, shape (2,)."""
-        return self.on_picture(self.episode.plan.tour_cost.points[finding.cell] * self.episode.plan.grid.size)
-
-    def stop_ends(self, robot: int) -> Numbers:
-        """Return where on its route a robot has searched each of its cells, before them its start; int64, shape (k + 1,)."""
-        grid, cells = self.episode.plan.grid, self.episode.plan.tour.cells[self.episode.trace.robots[robot].cells]
-        if not len(cells):
-            return np.zeros(1, dtype=np.int64)
-        index = grid.ordinals(cells)
-        counts = grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]
-        if any(detours := self.episode.trace.robots[robot].detours):
-            counts = counts + np.array([len(passed) for passed in detours], dtype=np.int64)
-        return np.asarray(self.episode.routes[robot].stops[np.concatenate([[0], np.cumsum(counts)])])
-
-    def _rate(self, robot: int, times: Floats) -> Floats:
-        """Return how fast a robot moved before each time."""
-        rates = np.full(len(times), self.episode.scenario.rates[robot])
-        for fault in self.episode.scenario.faults:
-            if isinstance(fault, Slow) and fault.robot == robot + 1:
-                rates[times > fault.time] /= fault.factor
-        return rates
-
-    def _trajectory(self, robot: int) -> RobotTrajectory:
-        """Lay the route of a robot out in time: it comes to each cell when it has searched it, and sets out as late as it can."""
-        log = self.episode.trace.robots[robot]
-        if not len(log.cells):
-            return self._first_leg(robot)
-        route, size = self.episode.routes[robot], self.episode.plan.grid.size
-        ends = self.stop_ends(robot)
-        far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route.points, axis=0).T))])
-        lengths = np.diff(far[ends]) / size
-        rates = self._rate(robot, log.times)
-        arrivals = log.times.copy()
-        arrivals[0] = max(arrivals[0] - 1.0 / rates[0], 0.0)  # in the first cell it searches where it stands
-        lasting = np.where(np.arange(len(lengths)) == 0, lengths, np.maximum(lengths, 1.0)) / rates
-        departures = np.maximum(arrivals - lasting, np.concatenate([[0.0], log.times[:-1]]))
-        leg = np.repeat(np.arange(len(lengths)), np.diff(ends))
-        share = (far[1:] - far[ends[leg]]) / np.maximum(np.diff(far[ends])[leg], 1e-300)
-        share[ends[1:] - 1] = 1.0
-        moments = departures[leg] + share * (arrivals - departures)[leg]
-        times = np.insert(np.concatenate([[0.0], moments]), ends[:-1] + 1, departures)
-        points = np.insert(route.points, ends[:-1] + 1, route.points[ends[:-1]], axis=0)
-        times = np.maximum.accumulate(times)
-        new = np.concatenate([[True], (np.diff(times) > 1e-9) | (np.abs(np.diff(points, axis=0)).max(axis=1) > 0)])
-        return self._with_ways_home(robot, RobotTrajectory(times[new], points[new]))
-
-    def _with_ways_home(self, robot: int, trajectory: RobotTrajectory) -> RobotTrajectory:
-        """Lay in the ways to the start and back where a robot recharged: so long was it away between two cells."""
-        plan, log, brief = self.episode.plan, self.episode.trace.robots[robot], self.episode.scenario.brief
-        if brief.energy == inf or plan.tour_cost.stepwise:  # the latter's ways home are a part of the route
-            return trajectory
-        start, rates, size = int(plan.starts[robot]), self._rate(robot, log.times), plan.grid.size
-        times, points, home = trajectory.times, trajectory.points, plan.places[robot][None]
-        for k in range(len(log.cells) - 1, 0, -1):
-            one, other = int(log.cells[k - 1]), int(log.cells[k])
-            there, back = plan.tour_cost.length(one, start) / rates[k], plan.tour_cost.length(start, other) / rates[k]
-            if abs(log.times[k] - log.times[k - 1] - there - brief.recharge - back - 1 / rates[k]) > 1e-6:
-                continue
-            first, last = np.searchsorted(times, log.times[k - 1], side="right"), np.searchsorted(times, log.times[k], side="left")
-            left = log.times[k - 1]
-            ways = [
-                plan.paths.legs(np.concatenate(ends)).points
-                for ends in ((points[first - 1 : first], home), (home, points[last : last + 1]))
-            ]
-            moments = [
-                begin
-                + span * np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))]) / max(length_of(way), size * 1e-9)
-                for way, begin, span in zip(ways, (left, left + there + brief.recharge), (there, back), strict=True)
-            ]
-            times = np.concatenate([times[:first], *moments, times[last:]])
-            points = np.concatenate([points[:first], *ways, points[last:]])
-        return RobotTrajectory(times, points)
-
-    def _first_leg(self, robot: int) -> RobotTrajectory:
-        """Return the trajectory of a robot that searched nothing: as far as it came on the way to its part."""
-        plan, died = self.episode.plan, self.death(robot)
-        home = plan.places[robot]
-        cells = plan.numbers(self.arcs(robot))
-        began = next((moment for moment, state in self.episode.trace.robots[robot].states if state == "searching"), inf)
-        if not (len(cells) and began < died < inf):
-            return RobotTrajectory(np.zeros(1), home[None])
-        way = plan.paths.legs(np.stack([home, plan.grid.waypoint(tuple(plan.tour.cells[cells[0]]))])).points
-        rate = float(self._rate(robot, np.array([died]))[0])
-        times = began + np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))]) / plan.grid.size / rate
-        whole = RobotTrajectory(times, way)
-        kept = whole.until(min(died, float(times[-1])))
-        return RobotTrajectory(np.append(times[: len(kept) - 1], min(died, float(times[-1]))), kept)
+        plan = self.episode.plan
+        place = plan.positions([finding.cell])[:, :2]
+        return np.asarray(self.panels.place(place, plan.tour.cells[[finding.cell], 0])[0])
 
     def raster(self, values: Any, empty: Any) -> Any:
-        """Return values by number on the tour as an array of the grid's shape."""
-        grid, cells = self.episode.plan.grid, self.episode.plan.tour.cells
+        """Return values by number on the tour as an array of the panels's shape."""
         values = np.asarray(values)
-        found = np.full((*grid.shape, *values.shape[1:]), empty, dtype=values.dtype)
-        found[tuple(cells.T)] = values
-        return found
+        return np.concatenate([values, np.full((1, *values.shape[1:]), empty, dtype=values.dtype)])[self.panels.numbers]
 
-    @cached_property
+    @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of the grid, metres."""
-        grid = self.episode.plan.grid
-        left, top = grid.corner
-        height, width = grid.shape
-        return left, left + width * grid.size, top - height * grid.size, top
+        """Left, right, bottom and top of the cells, metres."""
+        return self.panels.extent
+
+    @property
+    def sides(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top of the cells and of the ways of robots that set out elsewhere, metres."""
+        left, right, bottom, top = self.extent
+        x, y = np.concatenate([self.on_picture(self.ways.of(robot)) for robot in range(self.n_robots)]).T
+        seen = min(left, float(x.min())), max(right, float(x.max())), min(bottom, float(y.min())), max(top, float(y.max()))
+        beyond = 0.0 if seen == self.extent else 0.5 * self.episode.plan.grid.size
+        return seen[0] - beyond, seen[1] + beyond, seen[2] - beyond, seen[3] + beyond
 
     def outline(self, robot: int) -> Floats:
         """Return the sides around the cells that a robot was first to search for another one; shape (k, 2, 2), metres."""
         mask = self.raster((self.first[1] == robot + 1) & self.taken, False)
         left, _, _, top = self.extent
-        size = self.episode.plan.grid.size
+        size = self.panels.step
         padded = np.pad(mask, 1)
         rows, cols = np.nonzero(padded[:, 1:] != padded[:, :-1])
         upright = np.stack([np.stack([cols, rows - 1], axis=1), np.stack([cols, rows], axis=1)], axis=1)

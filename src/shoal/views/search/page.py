@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from shoal.errors import InvalidInputError
 from shoal.search import SearchEpisode
 from shoal.search.simulation.findings import Finding
-from shoal.views.drawing.polygon_paths import rings_of
 from shoal.views.player import render
-from shoal.views.search.history import RobotTrajectory, SearchHistory
-from shoal.views.search.sides import sides_of
+from shoal.views.search.history import SearchHistory
+from shoal.views.search.panels import sizes_text
+from shoal.views.search.trajectories import RobotTrajectory
 
 LARGEST = 300_000
 """Visits of cells that a page still plays smoothly enough."""
@@ -42,9 +42,11 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         - ``title``, ``tour``, ``allocation``, ``version`` : str; ``seed``, ``takeovers``, ``cells`` : int; ``cellTime`` : float,
           seconds.
         - ``end``, ``covered`` : when the last thing happened and when all was searched (None for never), in the time of a cell.
-        - ``box`` : left, bottom, right and top of the grid; ``shape`` : its rows and columns; ``size`` : the side of a cell.
+        - ``box`` : left, bottom, right and top of all squares; ``shape`` : their rows and columns; ``size`` : the side of one, as a
+          rule a cell's, whose side ``cellSize`` says; ``labels`` : [words, x, y] over each of several layers.
         - ``parts`` : polygons, each a list of rings.
-        - ``first`` : when each searched cell was first searched, float32, rising; ``by``, ``where``, ``taken`` : by which robot
+        - ``first`` : when each searched square was first searched, float32, rising; ``searched`` : the same of cells where they are
+          not the squares; ``by``, ``where``, ``taken`` : by which robot
           (uint16), at row * columns + column (uint32), and whether it was another's part (uint8).
         - ``robots`` : for each its ``times`` (float32) and ``places`` between which it moves straight (uint16, x and y in turn, in
           65,535ths of the box from its lower left), ``visits`` (float32), ``activities`` [begin, end, kind, other], ``outline``
@@ -64,7 +66,11 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         raise InvalidInputError(f"the HTML player: expected at most {LARGEST} visits of cells, got {visits} (use .gif or .mp4)")
     times, by = history.first
     order = np.argsort(times, kind="stable")[: int(np.count_nonzero(times < inf))]
-    cells = plan.tour.cells[order]
+    rank = np.full(history.n_cells, history.n_cells)
+    rank[order] = np.arange(len(order))
+    squares = history.raster(rank, history.n_cells).ravel()  # of several a cell, where layers differ
+    where = np.argsort(squares, kind="stable")[: int(np.count_nonzero(squares < history.n_cells))]
+    order = order[squares[where]]
     count = history.n_robots
     return {
         "title": f"{plan.grid.region.name}, {count} robot{'s' if count != 1 else ''}",
@@ -79,18 +85,22 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         "end": history.end,
         "covered": episode.trace.covered_at if episode.trace.covered_at < inf else None,
         "box": _box(history.extent),
-        "view": _box(sides_of(history)),
-        "shape": list(plan.grid.shape),
-        "size": plan.grid.size,
-        "parts": [[np.round(ring, 3).tolist() for ring in rings] for rings in rings_of(plan.grid.area)],
+        "view": _box(history.sides),
+        "shape": list(history.panels.shape),
+        "size": history.panels.step,
+        "cellSize": sizes_text(plan),
+        "labels": [list(label) for label in history.panels.labels],
+        "parts": [[np.round(ring, 3).tolist() for ring in rings] for rings in history.panels.parts],
         "first": _text(times[order], "<f4"),
+        "searched": None if history.panels.alike else _text(np.sort(times[np.isfinite(times)]), "<f4"),
         "by": _text(by[order] - 1, "<u2"),
-        "where": _text(cells[:, 0] * plan.grid.shape[1] + cells[:, 1], "<u4"),
+        "where": _text(where, "<u4"),
         "taken": _text(history.taken[order], "<u1"),
         "robots": [_robot(history, robot) for robot in range(count)],
         "obstacles": [
-            [int(row * plan.grid.shape[1] + col), moment]
-            for (row, col), moment in zip(plan.tour.cells[[*episode.obstacles]], episode.obstacles.values(), strict=True)
+            [int(square), moment]
+            for cell, moment in episode.obstacles.items()
+            for square in np.flatnonzero(history.panels.numbers.ravel() == cell)
         ],
         "findings": [[*history.place_of(one).tolist(), _found_at(history, one), one.confidence] for one in episode.findings],
         "north": history.north,
@@ -115,11 +125,11 @@ def _found_at(history: SearchHistory, finding: Finding) -> float:
 
 
 def _robot(history: SearchHistory, robot: int) -> dict[str, Any]:
-    left, right, bottom, top = sides_of(history)
+    left, right, bottom, top = history.sides
     trajectory = simplified(history.trajectories[robot], 1e-4 * history.episode.plan.grid.size)
     places = np.rint((trajectory.points - (left, bottom)) / (right - left, top - bottom) * _STEPS)
     corner = history.extent[0], history.extent[3]
-    sides = (history.outline(robot) - corner) / (history.episode.plan.grid.size, -history.episode.plan.grid.size)
+    sides = (history.outline(robot) - corner) / (history.panels.step, -history.panels.step)
     return {
         "times": _text(trajectory.times, "<f4"),
         "places": _text(np.clip(places, 0, _STEPS), "<u2"),

@@ -6,9 +6,11 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from shoal.search.flight.flight import FRAMES
 from shoal.search.missions.diagnostics import Sheet
-from shoal.search.missions.mission import KINDS, Mission
+from shoal.search.missions.mission import KINDS, SAME_LEVEL, Mission
 from shoal.search.problem.mission_options import CAPS
 
 NAMES = ("robot", "sortie", "autopilot", "kind", "altitude_m", "altitude_frame", "speed_m_s")
@@ -16,12 +18,17 @@ NAMES = ("robot", "sortie", "autopilot", "kind", "altitude_m", "altitude_frame",
 MORE = ("delay_s", "landing_x", "landing_y")
 """Those that a file may lack: a mission of no delay that ends by a return home."""
 
+ALTITUDES = "altitudes_m"
+"""The altitudes of all waypoints, where they differ: numbers with spaces between."""
+
 
 def attributes_of(mission: Mission) -> dict[str, str | int | float]:
-    """Return the attributes of a mission, in the order of `NAMES` and, as far as it has them, `MORE`."""
+    """Return the attributes of a mission, in the order of `NAMES` and, as far as it has them, `MORE` and `ALTITUDES`."""
     named = {name: getattr(mission, name.removesuffix("_m_s").removesuffix("_m")) for name in NAMES}
     more: list[float | None] = [mission.delay or None, *(mission.landing or (None, None))]
-    return named | {name: value for name, value in zip(MORE, more, strict=True) if value is not None}
+    named |= {name: value for name, value in zip(MORE, more, strict=True) if value is not None}
+    levels = mission.levels
+    return named | ({ALTITUDES: " ".join(f"{level:.10g}" for level in levels.tolist())} if np.ptp(levels) > SAME_LEVEL else {})
 
 
 def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
@@ -44,11 +51,24 @@ def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
             sheet.add("wrong-value", place, f"expected {' or '.join(map(repr, known))} as {name!r}, got {_short(found[name])}")
     more = {name: found[name] for name in MORE if name in found}
     if "delay_s" in more:
-        sheet.delay = _real(sheet, place, "delay_s", more)
+        sheet.delay = number_in(sheet, place, "delay_s", more)
     if "landing_x" in more and "landing_y" in more:
-        sheet.landing = (_real(sheet, place, "landing_x", more), _real(sheet, place, "landing_y", more))
-    sheet.altitudes = [_real(sheet, place, "altitude_m", found)]
-    sheet.speed = _real(sheet, place, "speed_m_s", found)
+        sheet.landing = (number_in(sheet, place, "landing_x", more), number_in(sheet, place, "landing_y", more))
+    words = str(found.get(ALTITUDES, "")).split()
+    sheet.altitudes = [number_in(sheet, place, ALTITUDES, {ALTITUDES: word}) for word in words] or [
+        number_in(sheet, place, "altitude_m", found)
+    ]
+    sheet.speed = number_in(sheet, place, "speed_m_s", found)
+
+
+def spread_altitudes(sheet: Sheet, place: str) -> None:
+    """Give each waypoint of a sheet its altitude: its own, or that of all."""
+    count = len(sheet.points)
+    if len(sheet.altitudes) > 1 and len(sheet.altitudes) != count:
+        sheet.add("wrong-value", place, f"expected {count} numbers as {ALTITUDES!r}, one a waypoint, got {len(sheet.altitudes)}")
+        sheet.altitudes = sheet.altitudes[:1]
+    if len(sheet.altitudes) == 1:
+        sheet.altitudes *= count
 
 
 def _whole(value: Any) -> int | None:
@@ -60,7 +80,8 @@ def _whole(value: Any) -> int | None:
         return None
 
 
-def _real(sheet: Sheet, place: str, name: str, found: Mapping[str, Any]) -> float:
+def number_in(sheet: Sheet, place: str, name: str, found: Mapping[str, Any]) -> float:
+    """Return a number among what was found; not-a-number, and a note, for what is none."""
     value = found[name]
     if not isinstance(value, bool):
         try:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from shoal.search.missions.diagnostics import Sheet
-from shoal.search.missions.formats.attributes import attributes_of, take_attributes
+from shoal.search.missions.formats.attributes import attributes_of, spread_altitudes, take_attributes
 from shoal.search.missions.formats.numbers import Number, degrees, dump_json, load_json, raw
 from shoal.search.missions.mission import Mission
 
@@ -74,7 +74,7 @@ def _route(sheet: Sheet, where: str, geometry: Any) -> None:
     pairs = [_position(sheet, f"{where}, position {k}", position) for k, position in enumerate(positions, start=1)]
     sheet.points = np.array(pairs, dtype=np.float64).reshape(-1, 2)
     sheet.places = [f"position {k}" for k in range(1, len(pairs) + 1)]
-    sheet.altitudes *= len(pairs)
+    spread_altitudes(sheet, where)
 
 
 def _home(sheet: Sheet, where: str, geometry: Any) -> None:

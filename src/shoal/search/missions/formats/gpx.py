@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from shoal.search.missions.diagnostics import Sheet, decimals_of, parse_root
-from shoal.search.missions.formats.attributes import attributes_of, take_attributes
+from shoal.search.missions.formats.attributes import attributes_of, spread_altitudes, take_attributes
 from shoal.search.missions.formats.numbers import degrees, plain
 from shoal.search.missions.mission import Mission
 from shoal.search.regions.formats.xml_tree import Element
@@ -73,6 +73,9 @@ def _route(sheet: Sheet, route: Element) -> None:
     points = [_position(sheet, element) for element in elements]
     sheet.points = np.array(points, dtype=np.float64).reshape(-1, 2)
     sheet.places = [f"line {element.line}" for element in elements]
+    if len(sheet.altitudes) > 1:
+        spread_altitudes(sheet, f"line {route.line}")
+        return
     raised = [_elevation(sheet, element) for element in elements]
     base = next((height for height in raised if height is not None), 0.0)
     if sheet.altitude_frame == "ground":  # which lies at different elevations itself

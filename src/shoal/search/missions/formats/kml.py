@@ -8,7 +8,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from shoal.search.missions.diagnostics import Sheet, decimals_of, parse_root
-from shoal.search.missions.formats.attributes import attributes_of, take_attributes
+from shoal.search.missions.formats.attributes import attributes_of, spread_altitudes, take_attributes
 from shoal.search.missions.formats.numbers import degrees, plain
 from shoal.search.missions.mission import Mission
 from shoal.search.regions.formats.xml_tree import Element
@@ -55,7 +55,7 @@ def _heights(mission: Mission) -> tuple[str, list[float]]:
     count = len(mission.waypoints)
     if mission.kind != "rover":
         if mission.altitude_frame == "ground":
-            return "relativeToGround", [mission.altitude] * count
+            return "relativeToGround", np.round(mission.levels, 2).tolist()
         if mission.altitude_frame == "sea" or mission.elevation is not None:
             return "absolute", np.round(mission.heights_above_home + (mission.elevation or 0.0), 2).tolist()
     return "clampToGround", [0.0] * count
@@ -95,7 +95,7 @@ def _route(sheet: Sheet, placemark: Element) -> None:
     points = _positions(sheet, placemark)
     sheet.points = np.array(points, dtype=np.float64).reshape(-1, 2)
     sheet.places = [f"position {k}" for k in range(1, len(points) + 1)]
-    sheet.altitudes *= len(points)
+    spread_altitudes(sheet, f"line {placemark.line}")
 
 
 def _positions(sheet: Sheet, placemark: Element) -> list[tuple[float, float]]:

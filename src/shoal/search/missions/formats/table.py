@@ -8,27 +8,33 @@ import math
 import numpy as np
 
 from shoal.search.missions.diagnostics import Sheet, decimals_of
-from shoal.search.missions.formats.attributes import MORE, NAMES, attributes_of, take_attributes
+from shoal.search.missions.formats.attributes import ALTITUDES, MORE, NAMES, attributes_of, number_in, take_attributes
 from shoal.search.missions.formats.numbers import degrees, plain
 from shoal.search.missions.mission import Mission
 
 SUFFIX = ".csv"
+_ALTITUDE = "altitude_m"
 _DEGREES = ("longitude", "latitude")
 _METRES = ("x_m", "y_m")
 
 
 def write(mission: Mission) -> str:
     """Return a mission as the text of a CSV file: home, the waypoints, and the return home."""
-    attributes = attributes_of(mission)
+    attributes = {name: value for name, value in attributes_of(mission).items() if name != ALTITUDES}
     columns = ("number", "command", *(_DEGREES if mission.geographic else _METRES), *attributes)
-    values = [value if isinstance(value, str) else plain(value) for value in attributes.values()]
+    levels = mission.levels
+    altitudes = [levels[0], *levels.tolist(), levels[-1]]
     stops = [mission.home, *mission.waypoints.tolist(), mission.end]
     commands = ["home", *["waypoint"] * len(mission.waypoints), "return"]
     rows = [
-        [str(number), command, degrees(x), degrees(y), *values]
-        for number, (command, (x, y)) in enumerate(zip(commands, stops, strict=True))
+        [str(number), command, degrees(x), degrees(y), *map(_text, (attributes | {_ALTITUDE: altitude}).values())]
+        for number, (command, (x, y), altitude) in enumerate(zip(commands, stops, altitudes, strict=True))
     ]
     return "\n".join([",".join(row) for row in [list(columns), *rows]]) + "\n"
+
+
+def _text(value: str | float) -> str:
+    return value if isinstance(value, str) else plain(value)
 
 
 def scan(text: str, sheet: Sheet) -> None:
@@ -69,20 +75,20 @@ def _items(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
     if sheet.home is None:
         sheet.add("no-home", "", "expected a line with the command 'home', got none")
     if rows:
-        _attributes(sheet, rows, len(points))
+        _attributes(sheet, rows)
         if rows[-1][1]["command"] != "return":
             sheet.add("no-return", f"line {rows[-1][0]}", f"expected a return at the end, got {rows[-1][1]['command'][:40]!r}")
 
 
-def _attributes(sheet: Sheet, rows: list[tuple[int, dict[str, str]]], n_points: int) -> None:
-    """Take the attributes of the first line, which all others repeat."""
+def _attributes(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
+    """Take the attributes of the first line, which all others repeat but for the altitude."""
     names = [name for name in (*NAMES, *MORE) if name in rows[0][1]]
     first = {name: rows[0][1][name] for name in names}
     take_attributes(sheet, f"line {rows[0][0]}", first)
-    sheet.altitudes *= n_points
+    sheet.altitudes = [number_in(sheet, f"line {line}", _ALTITUDE, row) for line, row in rows if row["command"] == "waypoint"]
     for line, row in rows[1:]:
         for name in names:
-            if row[name] != first[name]:
+            if name != _ALTITUDE and row[name] != first[name]:
                 sheet.add("wrong-value", f"line {line}", f"expected {first[name]!r} as {name!r}, as above, got {row[name][:40]!r}")
 
 

@@ -44,7 +44,7 @@
     fillRows($("details"), [
       ["Findings", ""],
       ...(history.obstacles.length ? [["Obstacles met", number(history.obstacles.length)]] : []),
-      ["Side of a cell", `${Number(history.size.toPrecision(4))} m`],
+      ["Side of a cell", history.cellSize],
       ["Allocation", history.allocation],
       ["Seed", String(history.seed)],
       ["Shoal", history.version],

@@ -61,6 +61,7 @@ const ShoalSearch = (() => {
     constructor(data) {
       Object.assign(this, data);
       this.first = numbers(data.first, "f4");
+      this.searched = data.searched ? numbers(data.searched, "f4") : this.first;
       this.by = numbers(data.by, "u2");
       this.where = numbers(data.where, "u4");
       this.taken = numbers(data.taken, "u1");
@@ -68,6 +69,11 @@ const ShoalSearch = (() => {
     }
 
     searchedAt(time) {
+      return countUpTo(this.searched, time + EARLY);
+    }
+
+    /** How many squares of the picture have a colour: of several a cell where layers are cut into different cells. */
+    paintedAt(time) {
       return countUpTo(this.first, time + EARLY);
     }
 
@@ -109,7 +115,7 @@ const ShoalSearch = (() => {
     }
 
     paintCells(time, colours) {
-      const { history, image } = this, count = history.searchedAt(time);
+      const { history, image } = this, count = history.paintedAt(time);
       if (count < this.shown) this.forget();
       if (count === this.shown && count) return;
       const [red, green, blue] = colours.floor;
@@ -161,7 +167,21 @@ const ShoalSearch = (() => {
       for (const [fx, fy, when] of history.findings) if (when <= time + EARLY) this.drawFinding([fx, fy], colours);
       history.robots.forEach((robot, k) => { if (k !== this.chosen) this.drawRobot(robot, k, time, colours); });
       if (this.chosen >= 0) this.drawRobot(history.robots[this.chosen], this.chosen, time, colours);
+      this.drawLabels(colours);
       this.drawScale(colours);
+    }
+
+    /** What each layer is, over its upper left corner. */
+    drawLabels(colours) {
+      const { pen, unit, view, history } = this;
+      pen.font = `600 ${13 * unit}px system-ui, sans-serif`;
+      pen.fillStyle = colours.ink;
+      pen.textAlign = "left";
+      pen.textBaseline = "alphabetic";
+      for (const [words, x, y] of history.labels) {
+        const [left, top] = view.at([x, y]);
+        pen.fillText(words, left, top - 5 * unit);
+      }
     }
 
     /** A bar of a round length in metres, and an arrow to the north; a rim keeps both apart from what lies below. */

@@ -1,0 +1,297 @@
+"""Layers: cells at several altitudes, or in several passes, as one grid, with ways and distances between and inside of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.dataclass import dataclass
+from shoal.search.cells.distances import Distances
+from shoal.search.cells.footprint import Footprint
+from shoal.search.cells.grid import CellGrid
+from shoal.search.cells.routing import RegionPaths, Route, leg_lengths
+from shoal.search.regions.outline_checks import Points
+from shoal.search.regions.region import SearchRegion
+from shoal.search.tours import Tour
+
+Numbers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class LayeredGrid:
+    """The cells of several layers over one region, as `CellGrid` has those of one.
+
+    Parameters
+    ----------
+    layers : tuple of CellGrid
+        From the lowest to the highest; layers that are alike are one object.
+    altitudes : ndarray of float64, shape (L,)
+        Metres.
+    climb : float
+        How many metres along the rows take as long as a metre up or down, in the mean of both.
+    """
+
+    layers: tuple[CellGrid, ...]
+    altitudes: NDArray[np.float64]
+    climb: float = 1.0
+
+    @property
+    def region(self) -> SearchRegion:
+        """The region, as it is seen in the lowest layer."""
+        return self.layers[0].region
+
+    @cached_property
+    def size(self) -> float:
+        """Side of the smallest cells, metres: the unit of lengths."""
+        return min(layer.size for layer in self.layers)
+
+    @property
+    def footprint(self) -> float:
+        """That of the lowest layer, metres."""
+        return self.layers[0].footprint
+
+    @property
+    def angle(self) -> float:
+        """Of the rows of the lowest layer, degrees."""
+        return self.layers[0].angle
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Layers, and the most rows and columns of one."""
+        rows, columns = np.max([layer.shape for layer in self.layers], axis=0).tolist()
+        return len(self.layers), rows, columns
+
+    @cached_property
+    def starts(self) -> Numbers:
+        """Where the cells of each layer begin among all, and where the last one's end; int64, shape (L + 1,)."""
+        return np.concatenate([[0], np.cumsum([layer.n_cells for layer in self.layers])])
+
+    @property
+    def n_cells(self) -> int:
+        """How many cells all layers have."""
+        return int(self.starts[-1])
+
+    @cached_property
+    def cells(self) -> Numbers:
+        """The cells as (layer, row, col), layer by layer; int64, shape (n_cells, 3)."""
+        return np.column_stack([self.layer_of_cells, np.concatenate([layer.cells for layer in self.layers])])
+
+    @property
+    def layer_of_cells(self) -> Numbers:
+        """The layer of each of `cells`."""
+        return np.repeat(np.arange(len(self.layers)), np.diff(self.starts))
+
+    @cached_property
+    def viewpoints(self) -> Points:
+        """As `CellGrid.viewpoints`, with the altitude; float64, shape (k, 3)."""
+        return np.concatenate([at_altitude(layer.viewpoints, up) for layer, up in zip(self.layers, self.altitudes, strict=True)])
+
+    @cached_property
+    def viewpoint_starts(self) -> Numbers:
+        """As `CellGrid.viewpoint_starts`; int64, shape (n_cells + 1,)."""
+        before = np.concatenate([[0], np.cumsum([len(layer.viewpoints) for layer in self.layers])])
+        found = [layer.viewpoint_starts[:-1] + first for layer, first in zip(self.layers, before, strict=False)]
+        return np.concatenate([*found, before[-1:]])
+
+    def ordinals(self, cells: ArrayLike) -> Numbers:
+        """Return the place of each cell (layer, row, col) among `cells`; int64, shape (n,)."""
+        array = np.asarray(cells)
+        found = np.empty(len(array), dtype=np.int64)
+        for number, layer in enumerate(self.layers):
+            mine = array[:, 0] == number
+            found[mine] = layer.ordinals(array[mine, 1:]) + self.starts[number]
+        return found
+
+    def cell_of(self, points: ArrayLike, layer: int = 0) -> Numbers:
+        """Return the cell of a layer over or beneath each point of the ground; int64, shape (n, 3)."""
+        found = self.layers[layer].cell_of(points)
+        return np.column_stack([np.full(len(found), layer), found])
+
+    def __repr__(self) -> str:
+        ups = ", ".join(f"{up:g}" for up in self.altitudes)
+        return f"<LayeredGrid of {len(self.layers)} layers at {ups} m, {self.n_cells} cells>"
+
+
+Grid = CellGrid | LayeredGrid
+
+
+def layers_of(grid: Grid) -> tuple[CellGrid, ...]:
+    """Return the layers of a grid, from the lowest, in which robots begin; a plane one is the only one."""
+    return (grid,) if isinstance(grid, CellGrid) else grid.layers
+
+
+def at_altitude(points: Points, up: float | NDArray[np.float64]) -> Points:
+    """Return points of the plane at an altitude; float64, shape (n, 3)."""
+    return np.column_stack([points, np.broadcast_to(up, len(points))])
+
+
+def with_climb_cost(grid: Grid, points: Points) -> Points:
+    """Return points as robots pay for ways between them, metres: a climb is as long as what else takes its time.
+
+    Those without an altitude are taken to be in the lowest layer.
+    """
+    if isinstance(grid, CellGrid):
+        return points
+    whole = points if points.shape[1] == 3 else at_altitude(points, float(grid.altitudes[0]))
+    return np.asarray(whole * (1.0, 1.0, grid.climb))
+
+
+class LayeredPaths:
+    """Ways in and between layers: over the ground as `RegionPaths` finds them, straight up before them or straight down after them.
+
+    Parameters
+    ----------
+    grid : LayeredGrid
+    layers : sequence of RegionPaths
+        Of each layer.
+    """
+
+    def __init__(self, grid: LayeredGrid, layers: Sequence[RegionPaths]) -> None:
+        self.grid, self._layers = grid, layers
+
+    def legs(self, stops: ArrayLike) -> Route:
+        """Return the way through stops, float64 of shape (n, 3), or (n, 2) in the lowest layer."""
+        points = np.asarray(stops, dtype=np.float64)
+        points = points if points.shape[1] == 3 else at_altitude(points, float(self.grid.altitudes[0]))
+        flat = self._layers[0].legs(points[:, :2])
+        if len(points) < 2:
+            return Route(points.copy(), flat.stops, flat.transit)
+        leg = np.clip(np.searchsorted(flat.stops, np.arange(len(flat.points)), side="right") - 1, 0, len(points) - 2)
+        ups = np.maximum(points[leg, 2], points[leg + 1, 2])
+        ups[flat.stops] = points[:, 2]
+        change, moves = np.diff(points[:, 2]), np.diff(points[:, :2], axis=0).any(axis=1)
+        rises, sinks = np.flatnonzero((change > 0) & moves), np.flatnonzero((change < 0) & moves)
+        at = np.concatenate([flat.stops[rises] + 1, flat.stops[sinks + 1]])
+        turns = np.concatenate(
+            [at_altitude(points[rises, :2], points[rises + 1, 2]), at_altitude(points[sinks + 1, :2], points[sinks, 2])]
+        )
+        stops = flat.stops + np.searchsorted(np.sort(at), flat.stops, side="right")
+        transit = np.insert(flat.transit, np.concatenate([flat.stops[rises], flat.stops[sinks + 1]]), False)
+        return Route(np.insert(at_altitude(flat.points, ups), at, turns, axis=0), stops, transit)
+
+    def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
+        """Return the way from one point to another; float64, shape (k, 3)."""
+        return self.legs([np.asarray(start), np.asarray(end)]).points
+
+    def route(self, cells: ArrayLike) -> Route:
+        """Return the way through all viewpoints of cells (layer, row, col), in their order."""
+        array = np.asarray(cells)
+        borders = [0, *(np.flatnonzero(np.diff(array[:, 0])) + 1).tolist(), len(array)]
+        points, stops, transit = [np.zeros((0, 3))], [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.bool_)]
+        count = 0
+        for begin, end in pairwise(borders):
+            layer = int(array[begin, 0])
+            part = self._layers[layer].route(array[begin:end, 1:])
+            here = at_altitude(part.points, float(self.grid.altitudes[layer]))
+            if count:
+                climb = self.legs(np.stack([points[-1][-1], here[0]]))
+                points.append(climb.points[1:-1])
+                transit.append(climb.transit)
+                count += len(climb.points) - 2
+            points.append(here)
+            stops.append(part.stops + count)
+            transit.append(part.transit)
+            count += len(here)
+        return Route(np.concatenate(points), np.concatenate(stops), np.concatenate(transit))
+
+
+Paths = RegionPaths | LayeredPaths
+
+
+@dataclass(frozen=True, eq=False)
+class LayerNumbers:
+    """Which number on the tour through all layers a cell of a layer's own tour has.
+
+    Parameters
+    ----------
+    tour : Tour
+        Through all layers.
+    layers : tuple of Tour
+        Of each layer.
+    """
+
+    tour: Tour
+    layers: tuple[Tour, ...]
+
+    def whole(self, layer: int, cells: Numbers) -> Numbers:
+        """Return the numbers on the whole tour of cells of a layer."""
+        return np.asarray(self.tour.position[layer][tuple(self.layers[layer].cells[cells].T)])
+
+    def own(self, number: int) -> tuple[int, int]:
+        """Return the layer of a cell, and its number on the tour of that layer."""
+        layer, row, col = self.tour.cells[number].tolist()
+        return layer, int(self.layers[layer].position[row, col])
+
+
+class LayeredFootprint:
+    """What is seen from a cell: what lies in its own layer.
+
+    Parameters
+    ----------
+    numbers : LayerNumbers
+    layers : sequence of Footprint
+        Of each layer.
+    """
+
+    def __init__(self, numbers: LayerNumbers, layers: Sequence[Footprint]) -> None:
+        self._numbers, self._layers = numbers, layers
+
+    def seen(self, cell: int, width: int) -> Numbers:
+        """Return what a robot sees that stands in a cell, as numbers on the tour, rising."""
+        layer, own = self._numbers.own(cell)
+        return np.sort(self._numbers.whole(layer, self._layers[layer].seen(own, width)))
+
+
+class LayeredDistances:
+    """How far it is between cells of all layers: over the ground, and up or down.
+
+    Parameters
+    ----------
+    paths : LayeredPaths
+    numbers : LayerNumbers
+    layers : sequence of Distances
+        Of each layer, in its own cells; none where all ways over the ground are straight.
+    """
+
+    stepwise = False
+
+    def __init__(self, paths: LayeredPaths, numbers: LayerNumbers, layers: Sequence[Distances] = ()) -> None:
+        self._paths, self._numbers, self._layers = paths, numbers, layers
+        grid = paths.grid
+        self._sizes = [layer.size / grid.size for layer in grid.layers]
+        self._places = grid.viewpoints[grid.viewpoint_starts[grid.ordinals(numbers.tour.cells)]]
+        self._ups = self._places[:, 2] * grid.climb / grid.size
+        self._known: dict[tuple[int, int], float] = {}
+
+    def length(self, here: int, cell: int, closed: int = 0) -> float:
+        """Return the length of a way, in sides of a cell; ``closed`` must be 0."""
+        key = (min(here, cell), max(here, cell))
+        length = self._known.get(key)
+        if length is None:
+            length = self._known[key] = self._measure(*key)
+        return length
+
+    def _measure(self, here: int, cell: int) -> float:
+        places, size = self._places[[here, cell], :2], self._paths.grid.size
+        up = abs(float(self._ups[here] - self._ups[cell]))
+        if not self._layers:
+            return float(np.hypot(*(places[1] - places[0]))) / size + up
+        (layer, one), (above, other) = self._numbers.own(here), self._numbers.own(cell)
+        if layer == above:
+            return self._layers[layer].length(one, other) * self._sizes[layer]
+        return float(leg_lengths(self._paths.leg(*places)).sum()) / size + up
+
+    def lengths(self, here: int) -> NDArray[np.float64]:
+        """Return about how far it is from a cell to all: in each layer from the cell over or beneath it."""
+        grid, place = self._paths.grid, self._places[here]
+        found = np.hypot(*(self._places[:, :2] - place[:2]).T) / grid.size
+        for layer, distances in enumerate(self._layers):
+            own = self._numbers.layers[layer]
+            row, col = grid.layers[layer].cell_of(place[None, :2])[0]
+            far = distances.lengths(int(own.position[row, col])) * self._sizes[layer]
+            found[self._numbers.whole(layer, np.arange(len(own)))] = far
+        return np.asarray(found + np.abs(self._ups - self._ups[here]))

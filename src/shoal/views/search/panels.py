@@ -1,0 +1,133 @@
+"""The panels on which a search is drawn: its one layer, or all of them beside each other, each with its altitude."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from math import ceil, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.search.allocation.layers import layers_of
+from shoal.search.allocation.plan import SearchPlan
+from shoal.search.cells.clipping import rotated_shape
+from shoal.search.cells.grid import CellGrid
+from shoal.views.drawing.polygon_paths import rings_of
+
+Floats = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+_GAP = 0.12  # of a panel's longer side, between panels
+_FINE = 2  # squares in a side of the smallest cell where layers are cut into different cells
+
+
+class LayerPanels:
+    """Where the cells of all layers are drawn, as squares in rows: layers that differ are cut into smaller squares.
+
+    Rows of cells of the lowest layer are level. Panels go from left to right and down, the lowest layer first.
+
+    Parameters
+    ----------
+    plan : SearchPlan
+    """
+
+    def __init__(self, plan: SearchPlan) -> None:
+        self.plan, self.layers, self.angle = plan, layers_of(plan.grid), plan.grid.angle
+        first = self.layers[0]
+        self.alike = all(layer is first for layer in self.layers)
+        self.step = first.size if self.alike else plan.grid.size / _FINE
+        boxes = np.array([self._box(layer) for layer in dict.fromkeys(self.layers)])
+        self.largest = max(layer.size for layer in self.layers)
+        low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+        self._panel = np.rint(np.ceil((high - low) / self.step - 1e-6)).astype(np.int64)[::-1]  # rows and columns
+        self._low_left = np.array([low[0], high[1] - self.step * self._panel[0]])
+        gap = max(1, ceil(_GAP * int(self._panel.max()))) if len(self.layers) > 1 else 0
+        wide = float(self._panel[1] + gap) / float(self._panel[0] + gap)
+        self.columns = min(len(self.layers), max(1, round(sqrt(1.5 * len(self.layers) / wide))))
+        self._apart = self._panel + gap
+
+    def _box(self, layer: CellGrid) -> tuple[Floats, Floats]:
+        """Return the lowest and the highest corner of a layer's cells in the frame of the panels, metres."""
+        (left, top), (rows, columns) = layer.corner, layer.shape
+        across, down = columns * layer.size, rows * layer.size
+        corners = np.array([(left, top), (left + across, top), (left, top - down), (left + across, top - down)])
+        turned = self._turned(layer.lattice.to_region(corners))
+        return turned.min(axis=0), turned.max(axis=0)
+
+    def _turned(self, points: Floats) -> Floats:
+        return np.asarray(self.layers[0].lattice.from_region(points))
+
+    def _offsets(self, layers: Numbers) -> Floats:
+        """Return by how much each of some layers is drawn aside, metres; float64, shape (n, 2)."""
+        return np.stack([layers % self.columns * self._apart[1], -(layers // self.columns) * self._apart[0]], axis=1) * self.step
+
+    def place(self, points: Floats, layers: Floats | Numbers) -> Floats:
+        """Return points of the region, in some layers, as they are drawn, metres; float64, shape (n, 2)."""
+        turned = self._turned(points)
+        return turned if len(self.layers) == 1 else turned + self._offsets(layers.astype(np.int64))
+
+    @cached_property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of squares."""
+        down = ceil(len(self.layers) / self.columns)
+        rows, columns = (self._apart * (down - 1, self.columns - 1) + self._panel).tolist()
+        return rows, columns
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top of all squares, metres."""
+        left, top = float(self._low_left[0]), float(self._low_left[1] + self.step * self._panel[0])
+        return left, left + self.shape[1] * self.step, top - self.shape[0] * self.step, top
+
+    @cached_property
+    def numbers(self) -> Numbers:
+        """The number on the tour of the cell in which each square lies, -1 for none; int64, of `shape`."""
+        found = np.full(self.shape, -1, dtype=np.int64)
+        position = self.plan.tour.position
+        rows, columns = self._panel.tolist()
+        left, top = self.extent[0], self.extent[3]
+        for number, layer in enumerate(self.layers):
+            down, right = divmod(number, self.columns)
+            y, x = np.indices((rows, columns)) + 0.5
+            x, y = left + self.step * x, top - self.step * y
+            middles = layer.lattice.from_region(self.layers[0].lattice.to_region(np.column_stack([x.ravel(), y.ravel()])))
+            row = np.floor((layer.corner[1] - middles[:, 1]) / layer.size).astype(np.int64)
+            col = np.floor((middles[:, 0] - layer.corner[0]) / layer.size).astype(np.int64)
+            inside = (row >= 0) & (col >= 0) & (row < layer.shape[0]) & (col < layer.shape[1])
+            own = position if position.ndim == 2 else position[number]
+            cells = np.full(len(middles), -1, dtype=np.int64)
+            cells[inside] = own[row[inside], col[inside]]
+            begin = self._apart * (down, right)
+            found[begin[0] : begin[0] + rows, begin[1] : begin[1] + columns] = cells.reshape(rows, columns)
+        return found
+
+    @cached_property
+    def parts(self) -> list[list[Floats]]:
+        """The rings of each part of the region in each layer, the outer one first, as they are drawn."""
+        shapes = [(self.shape_of(layer.region.area, number)) for number, layer in enumerate(self.layers)]
+        return [rings for shape in shapes for rings in rings_of(shape)]
+
+    def shape_of(self, shape: Any, layer: int) -> Any:
+        """Return a Shapely geometry of the region as it is drawn in a layer."""
+        from shapely.affinity import translate
+
+        return translate(rotated_shape(shape, -self.angle), *self._offsets(np.array([layer]))[0].tolist())
+
+    @property
+    def labels(self) -> list[tuple[str, float, float]]:
+        """What stands over each panel, and where: its upper left corner; none for a single layer."""
+        if len(self.layers) == 1:
+            return []
+        ups, (left, _, _, top) = self.plan.altitudes, self.extent
+        words = [f"{up:.4g} m" for up in ups]
+        if len({*ups}) < len(ups):
+            turned = [f"rows at {layer.angle:.4g}\N{DEGREE SIGN}" for layer in self.layers]
+            words = [f"{word}, {rows}" if len({*ups}) > 1 else rows for word, rows in zip(words, turned, strict=True)]
+        offsets = self._offsets(np.arange(len(ups)))
+        return [(word, left + float(x), top + float(y)) for word, (x, y) in zip(words, offsets, strict=True)]
+
+
+def sizes_text(plan: SearchPlan) -> str:
+    """Return the sides of cells for people: 8.8 to 14.7 m."""
+    low, high = (choose(layer.size for layer in layers_of(plan.grid)) for choose in (min, max))
+    return f"{low:.3g} m" if low == high else f"{low:.3g} to {high:.3g} m"
