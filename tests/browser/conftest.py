@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from tests.browser.studio import FORMS, HOSTILE, Studio, wear
 
 from shoal.views.player import render
 
@@ -81,3 +83,41 @@ def open_player(visitor: Visitor, tmp_path: Path) -> Iterator[OpenPlayer]:
     del visitor.contexts[1:]
     assert [url for url in visitor.requests if not url.startswith("data:")] == files
     assert visitor.messages == []
+
+
+@pytest.fixture(scope="session")
+def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
+    """One studio for all tests of a process."""
+    folder = tmp_path_factory.mktemp("studio")
+    (folder / f"{HOSTILE}.txt").write_text("..#\n...\n")
+    made = Studio(folder)
+    yield made
+    made.end()
+
+
+@pytest.fixture(scope="session")
+def studio_page(studio: Studio, chromium: Browser) -> Iterator[Page]:
+    """A page on it, which may ask nobody else and whose console must stay empty."""
+    context = chromium.new_context(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
+    context.grant_permissions(["clipboard-read", "clipboard-write"])
+    opened = context.new_page()
+    opened.set_default_timeout(30_000)
+    said: list[str] = []
+    opened.on("console", lambda message: "status of 422" in message.text or said.append(message.text))  # a refusal is shown
+    opened.on("pageerror", lambda error: said.append(str(error)))
+    opened.on("dialog", lambda dialog: said.append(dialog.message))
+    asked: list[str] = []
+    opened.on("request", lambda request: asked.append(request.url))
+    opened.goto(studio.address)
+    opened.wait_for_selector("body[data-ready]")
+    yield opened
+    context.close()
+    assert said == []
+    assert [url for url in asked if not re.match(r"http://127\.0\.0\.1:\d+/|data:|blob:", url)] == []
+
+
+@pytest.fixture
+def page(studio_page: Page) -> Page:
+    """The page, wide and light."""
+    wear(studio_page, *FORMS[0])
+    return studio_page

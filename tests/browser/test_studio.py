@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Page
+from tests.browser.studio import HOSTILE, Studio, run_and_load, tab
 from tests.browser.waiting import until
 
 import shoal
@@ -24,75 +20,6 @@ from shoal.steering import SteeringProblem
 from shoal.swarm import SwarmProblem
 
 pytestmark = pytest.mark.browser
-HOSTILE = "<img src=x onerror=alert(1)>"
-
-
-class Studio:
-    """A server of a folder, and a browser on it."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.begin()
-
-    def begin(self) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "shoal", "studio", str(self.folder), "--no-browser"], stderr=subprocess.PIPE, text=True
-        )
-        assert self.process.stderr is not None
-        found = re.search(r"http://127\.0\.0\.1:(\d+)/\?token=\S+", self.process.stderr.readline())
-        assert found is not None
-        self.address, self.root = found[0], f"http://127.0.0.1:{found[1]}/"
-
-    def end(self, how: int = signal.SIGINT) -> None:
-        self.process.send_signal(how)
-        self.process.wait(20)
-        assert self.process.stderr is not None
-        self.process.stderr.close()
-
-    def open(self, page: Page, place: str = "", given: dict[str, Any] | None = None) -> None:
-        page.goto("about:blank")
-        page.goto(self.root + (f"#{place}?{quote(json.dumps(given))}" if place else ""))
-        page.wait_for_selector("body[data-ready]")
-
-
-@pytest.fixture(scope="module")
-def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
-    folder = tmp_path_factory.mktemp("studio")
-    (folder / f"{HOSTILE}.txt").write_text("..#\n...\n")
-    made = Studio(folder)
-    yield made
-    made.end()
-
-
-@pytest.fixture(scope="module")
-def page(studio: Studio, chromium: Browser) -> Iterator[Page]:
-    context = chromium.new_context(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
-    opened = context.new_page()
-    opened.set_default_timeout(30_000)
-    said: list[str] = []
-    opened.on("console", lambda message: "status of 422" in message.text or said.append(message.text))  # a refusal is shown
-    opened.on("pageerror", lambda error: said.append(str(error)))
-    opened.on("dialog", lambda dialog: said.append(dialog.message))
-    asked: list[str] = []
-    opened.on("request", lambda request: asked.append(request.url))
-    opened.goto(studio.address)
-    opened.wait_for_selector("body[data-ready]")
-    yield opened
-    context.close()
-    assert said == []
-    assert [url for url in asked if not url.startswith((studio.root, "data:", "blob:"))] == []
-
-
-def tab(page: Page, name: str) -> None:
-    page.get_by_role("tab", name=name, exact=True).click()
-
-
-def run_and_load(page: Page, studio: Studio, button: str = "Run") -> Any:
-    before = set(studio.folder.iterdir())
-    page.get_by_role("button", name=button, exact=True).click()
-    page.wait_for_selector(".panel:not([hidden]) .exports")
-    (new,) = [path for path in set(studio.folder.iterdir()) - before if path.suffix in (".npz", ".json")]
-    return shoal.load(new)
 
 
 def test_the_address_opens_the_page_and_keeps_no_secret(page: Page, studio: Studio) -> None:

@@ -278,7 +278,7 @@ class _Run:
 
 
 def _rounds(gaps: list[Gap]) -> Iterator[Gap]:
-    """Yield what is missing in rounds over all points, each of four times as many trials: soon something is known of every point."""
+    """Yield what is missing in rounds over all points, so that something is known of each soon; a round is four times the last."""
     begun, most = {gap.id: 0 for gap in gaps}, _FIRST_ROUND
     while gaps:
         rest: list[Gap] = []

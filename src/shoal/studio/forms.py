@@ -8,6 +8,7 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
+from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 from shoal.lab.problems import trial_problem_type
 from shoal.parts import PARTS
@@ -99,6 +100,19 @@ def checked_fields(part: str, data: Any, folder: Folder) -> Any:
     for name in known.keys() & {name for name, value in data.items() if isinstance(value, str)}:
         read[name] = known[name].value_of([data[name]] if known[name].option.repeated else data[name])
     return kind.from_dict(read)
+
+
+def checked_seed(about: Mapping[str, Any]) -> int:
+    """Return the seed that a browser names, 0 by default; large ones come as text, since numbers of pages have 53 bits.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    given = about.get("seed", 0)
+    if isinstance(given, str) and given.isascii() and given.isdecimal() and len(given) < 20:
+        given = int(given)
+    return check_integer(given, what="seed", least=0)
 
 
 def copies_of(problem: Problem, *, seed: int) -> dict[str, str]:

@@ -6,9 +6,8 @@ from typing import Any
 
 import shoal
 from shoal.files import atomic
-from shoal.studio.answers.shared import checked_seed
 from shoal.studio.folder import Folder
-from shoal.studio.forms import checked_problem, copies_of
+from shoal.studio.forms import checked_problem, checked_seed, copies_of
 
 
 def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:

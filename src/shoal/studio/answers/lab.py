@@ -86,7 +86,8 @@ def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
     except ShoalError:
         return []
     return [
-        {"problem": point.problem.to_dict(), "seed": trial_seed(made.seed, point.seeds, 0)} for point in made.points[:MOST_SHOWN]
+        {"problem": point.problem.to_dict(), "seed": str(trial_seed(made.seed, point.seeds, 0))}
+        for point in made.points[:MOST_SHOWN]
     ]
 
 

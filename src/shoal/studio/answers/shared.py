@@ -10,17 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_integer
-
 LARGEST_SHOWN = 1600
 """Pixels of the larger side of a photograph as pages show it."""
 
 _places: dict[str, Any] = {}
-
-
-def checked_seed(about: dict[str, Any]) -> int:
-    """Return the seed of a question, 0 by default."""
-    return check_integer(about.get("seed", 0), what="seed", least=0)
 
 
 def opened(problem: Any) -> Any:

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 import shoal
 from shoal.checks import check_integer
-from shoal.studio.answers.shared import checked_seed, opened
+from shoal.studio.answers.shared import opened
 from shoal.studio.folder import Folder
-from shoal.studio.forms import checked_problem
+from shoal.studio.forms import checked_problem, checked_seed
 
 
 def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:

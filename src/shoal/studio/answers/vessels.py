@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from shoal.checks import check_integer
 from shoal.errors import InvalidInputError, ShoalError
-from shoal.studio.answers.shared import LARGEST_SHOWN, base64_of, checked_seed, fit_to_page, opened, picture_of, picture_of_mask
+from shoal.studio.answers.shared import LARGEST_SHOWN, base64_of, fit_to_page, opened, picture_of, picture_of_mask
 from shoal.studio.folder import Folder
-from shoal.studio.forms import checked_problem
+from shoal.studio.forms import checked_problem, checked_seed
 
 MOST_CELLS = 4_000_000
 """Cells of a map that pages draw."""

@@ -17,7 +17,7 @@ from shoal.checks import check_choice, check_integer, check_text
 from shoal.errors import InvalidInputError, ShoalError
 from shoal.files import write_json
 from shoal.studio.folder import PAPERS, Folder
-from shoal.studio.forms import checked_problem
+from shoal.studio.forms import checked_problem, checked_seed
 from shoal.studio.jobs import sweeps
 from shoal.studio.jobs.missions import missions_zip
 from shoal.studio.jobs.sweeps import Say
@@ -48,7 +48,7 @@ def work(connection: Connection, root: str, kind: str, spec: dict[str, Any], pro
 
 def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     """Play an episode; what is played is told as it goes."""
-    problem, seed = checked_problem(spec["problem"], folder), check_integer(spec.get("seed", 0), what="seed", least=0)
+    problem, seed = checked_problem(spec["problem"], folder), checked_seed(spec)
     if problem.part == "swarm" and problem.noise is None:  # type: ignore[attr-defined]  # a swarm's problem has it
         episode: Any = _shown_while_played(problem, seed, say)
     else:
@@ -104,7 +104,7 @@ def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str
     from shoal.swarm.run import run
 
     policies, trials = spec["policies"], check_integer(spec.get("trials", 10), what="trials", least=2, most=MOST_TRIALS)
-    seed = check_integer(spec.get("seed", 0), what="seed", least=0)
+    seed = checked_seed(spec)
     if not isinstance(policies, list) or not 2 <= len(policies) <= MOST_COMPARED:
         raise InvalidInputError(f"policies: expected 2 to {MOST_COMPARED}")
     problems = [checked_problem(spec["problem"] | {"policy": policy}, folder) for policy in policies]

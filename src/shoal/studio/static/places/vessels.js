@@ -2,8 +2,9 @@
 import { ask, cancelJob, fileAddress, newest, on, run, state, upload } from "../shared/api.js";
 import { comparison } from "./vessels/compare.js";
 import { driving } from "./vessels/drive.js";
-import { Editor, pack, toolbar, unpack } from "./vessels/editor.js";
-import { makeForm, written } from "../shared/form.js";
+import { Editor, pack, unpack } from "./vessels/editor.js";
+import { toolbar } from "./vessels/toolbar.js";
+import { makeForm, seedIn, written } from "../shared/form.js";
 import { duration, el, guarded, number, say, tabs, told } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
 import { exports, failure, showCopies } from "../shared/share.js";
@@ -39,7 +40,7 @@ export function vessels({ remember }) {
   const tools = toolbar(editor);
   const form = makeForm(schema, SECTIONS, { hidden: ["map"], ends: ENDS, changed });
   const source = el("b.source", {}), facts = el("p.facts", {}), warning = el("p.warning", { role: "status", hidden: true });
-  const seedInput = el("input.short", { type: "number", min: 0, value: 0, id: "vesselsSeed", onchange: () => { seed = Number(seedInput.value) || 0; load(); } });
+  const seedInput = el("input.short", { type: "number", min: 0, value: 0, id: "vesselsSeed", onchange: () => { seed = seedIn(seedInput); load(); } });
 
   function fields() {
     return { kind: "swarm", map: problem.map, ...form.values() };

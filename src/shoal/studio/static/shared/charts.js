@@ -13,6 +13,9 @@ function ticksOf(low, high, count) {
   return found;
 }
 
+/** Whether the page is one column: then a chart has fewer words beside it. */
+const isNarrow = () => matchMedia("(max-width: 40rem)").matches;
+
 const ends = (one) => [one.mean, one.low ?? one.mean, one.high ?? one.mean];
 
 /** Ends of an axis that holds all values, with a little room. */
@@ -23,18 +26,18 @@ function span(values) {
 
 /** Rows: each a label, a mean, its interval, and perhaps its trials; `best` rows stand out. */
 export function rowsChart(rows, words) {
-  const width = 640, row = 46, left = 190, right = 30, height = rows.length * row + 34;
+  const narrow = isNarrow(), width = narrow ? 360 : 640, row = 46, left = narrow ? 120 : 190, right = narrow ? 14 : 30, most = narrow ? 16 : 26, height = rows.length * row + 34;
   const [low, high] = span(rows.flatMap((one) => [...(one.values ?? []), ...ends(one)]));
   const x = (value) => left + ((value - low) / (high - low)) * (width - left - right);
   return svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": words },
-    ticksOf(low, high, 5).flatMap((tick) => [
+    ticksOf(low, high, narrow ? 3 : 5).flatMap((tick) => [
       svg("line", { class: "rule", x1: x(tick), x2: x(tick), y1: 4, y2: height - 24 }),
       svg("text", { class: "tick", x: x(tick), y: height - 8, "text-anchor": "middle" }, number(tick)),
     ]),
     rows.map((one, i) => {
       const y = i * row + row / 2 + 4;
       return svg("g", { class: one.best ? "best" : "" },
-        svg("text", { class: "name", x: left - 14, y: y + 4, "text-anchor": "end" }, one.label.length > 26 ? `${one.label.slice(0, 25)}…` : one.label),
+        svg("text", { class: "name", x: left - 14, y: y + 4, "text-anchor": "end" }, one.label.length > most ? `${one.label.slice(0, most - 1)}…` : one.label),
         (one.values ?? []).slice(0, 300).map((value) => svg("circle", { class: "trial", cx: x(value), cy: y, r: 3 })),
         one.low === null || one.low === undefined ? [] : svg("line", { class: "interval", x1: x(one.low), x2: x(one.high), y1: y, y2: y }),
         svg("circle", { class: "mean", cx: x(one.mean), cy: y, r: 6 }));
@@ -43,13 +46,13 @@ export function rowsChart(rows, words) {
 
 /** Lines: each a label and points {x, mean, low, high}; the horizontal axis is logarithmic if its numbers span a lot. */
 export function linesChart(lines, { axis, measure }) {
-  const width = 640, height = 340, left = 62, right = 20, top = 12, bottom = 46;
+  const narrow = isNarrow(), width = narrow ? 360 : 640, height = narrow ? 280 : 340, left = 62, right = 20, top = 12, bottom = 46;
   const points = lines.flatMap((line) => line.points), numbers = [...new Set(points.map((one) => one.x))].sort((a, b) => a - b);
   const log = numbers[0] > 0 && numbers.at(-1) / numbers[0] >= 20, of = log ? Math.log : (value) => value;
   const [west, east] = span(numbers.map(of)), [low, high] = span(points.flatMap(ends));
   const x = (value) => left + ((of(value) - west) / (east - west)) * (width - left - right);
   const y = (value) => top + ((high - value) / (high - low)) * (height - top - bottom);
-  const every = Math.ceil(numbers.length / 9);
+  const every = Math.ceil(numbers.length / (narrow ? 5 : 9));
   return svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${measure} against ${axis}` },
     ticksOf(low, high, 5).flatMap((tick) => [
       svg("line", { class: "rule", x1: left, x2: width - right, y1: y(tick), y2: y(tick) }),

@@ -1,6 +1,12 @@
 /* Forms made from the schema of a problem: no field is written here. */
 import { el } from "./page.js";
 
+/** Names that mean nothing without options after a colon. */
+export const NEED_OPTIONS = ["manual", "offline"];
+
+/** A seed as it is typed; those above 53 bits stay text, so that none of their digits are lost. */
+export const seedIn = (input) => (Number.isSafeInteger(Number(input.value)) ? Number(input.value) : input.value);
+
 let made = 0;
 
 /** Where sliders are worth having: fields between two bounds; a place may name narrower ends for the hand. */

@@ -1,6 +1,6 @@
 /* A new sweep: a form made from what is declared of problems, and its file beside it; each follows the other. */
 import { ask, newest, run } from "../../shared/api.js";
-import { makeForm, parsed } from "../../shared/form.js";
+import { NEED_OPTIONS, makeForm, parsed } from "../../shared/form.js";
 import { el, guarded, number, told } from "../../shared/page.js";
 import { failure, showForms } from "../../shared/share.js";
 
@@ -57,7 +57,7 @@ export function drafting({ shown, started }) {
     else same.checked = paired;
 
     function showChips() {
-      const field = properties[choice.value], words = field.names ?? field.enum ?? (String(field.type).includes("boolean") ? ["yes", "no"] : []);
+      const field = properties[choice.value], words = field.names?.filter((word) => !NEED_OPTIONS.includes(word)) ?? field.enum ?? (String(field.type).includes("boolean") ? ["yes", "no"] : []);
       const there = () => input.value.trim().split(/\s+/).filter(Boolean);
       chips.replaceChildren(...words.map((word) => el("label.pick", {}, el("input", {
         type: "checkbox", checked: there().includes(word),
@@ -144,9 +144,9 @@ export function drafting({ shown, started }) {
 
   const element = el("div.labTwo.drafting", {},
     el("section.setting", { "aria-label": "Form" },
-      el("div.quartet", {}, labelled("Name", name), labelled("What is played", kind), labelled("Trials at each point", trials), labelled("Seed", seed)),
-      el("h3", {}, "What varies"), axes, add, room),
-    el("section.setting.file", { "aria-label": "File" }, el("h3", {}, el("label", { htmlFor: text.id }, "The same as a file")), el("p.help", {}, "Change it here or in the form. ", el("code", {}, "shoal sweep run"), " takes it as it is."),
+      el("div.quartet", {}, labelled("Name", name), labelled("What is played", kind), labelled("Trials a point", trials), labelled("Seed", seed)),
+      el("h2", {}, "What varies"), axes, add, room),
+    el("section.setting.file", { "aria-label": "File" }, el("h2", {}, el("label", { htmlFor: text.id }, "The same as a file")), el("p.help", {}, "Change it here or in the form. ", el("code", {}, "shoal sweep run"), " takes it as it is."),
       text, problem, info, el("div.actions", {}, go, el("button.second", { type: "button", onclick: guarded(async () => { if (answer?.copies) showForms(answer.copies); }) }, "As Python …"))));
 
   async function ready() {

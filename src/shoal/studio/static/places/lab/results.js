@@ -63,7 +63,7 @@ export function results({ shown, change }) {
     const one = sweeps.find((other) => key(other) === chosen);
     if (!one) return;
     if (one.error || one.begins) {
-      detail.replaceChildren(el("h2", {}, one.name ?? one.store), one.error ? el("p.warning", {}, one.error) : el("p.soft", { role: "status" }, "The sweep begins: maps are opened and every point is checked."));
+      detail.replaceChildren(el("div.actions", {}, el("h2", {}, one.name ?? one.store), one.begins ? pause(one) : []), one.error ? el("p.warning", {}, one.error) : el("p.soft", { role: "status" }, "The sweep begins: maps are opened and every point is checked."));
       drawn = "";
       return;
     }
@@ -93,11 +93,16 @@ export function results({ shown, change }) {
     if (focus) measure.focus();
   }
 
+  function pause(one) {
+    const job = atWork(one);
+    return job ? el("button.second", { type: "button", onclick: guarded(() => cancelJob(job.id)) }, "Pause") : [];
+  }
+
   function buttons(one, found) {
     const job = atWork(one);
     const resume = guarded(async () => { await addJob("sweep", { toml: found.toml, store: one.store, sweep: one.name }); });
     return [
-      job ? el("button.second", { type: "button", onclick: guarded(() => cancelJob(job.id)) }, "Pause") : [],
+      pause(one),
       !job && !found.complete && !found.running && found.kind !== "function" ? el("button.main", { type: "button", onclick: resume }, found.done ? "Resume" : "Run") : [],
       el("button.second", { type: "button", onclick: () => change(found.toml) }, "Extend …"),
       el("button.second", { type: "button", onclick: guarded(async () => {

@@ -1,5 +1,6 @@
 /* Several policies from the same starts: means with intervals as they come in, and the first start of each to watch. */
 import { ask, cancelJob, run } from "../../shared/api.js";
+import { NEED_OPTIONS } from "../../shared/form.js";
 import { rowsChart } from "../../shared/charts.js";
 import { dataTable, el, guarded, number, told } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
@@ -9,7 +10,7 @@ const MOST = 4;
 
 export function comparison({ names, problem, seed }) {
   const chosen = new Set(["best", "closest-frontier"].filter((name) => names.includes(name)));
-  const boxes = names.filter((name) => !["manual", "offline"].includes(name)).map((name) => {
+  const boxes = names.filter((name) => !NEED_OPTIONS.includes(name)).map((name) => {
     const box = el("input", { type: "checkbox", checked: chosen.has(name), value: name });
     box.addEventListener("change", () => {
       if (box.checked) chosen.add(name);

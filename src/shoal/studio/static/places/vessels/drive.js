@@ -1,5 +1,6 @@
 /* Drive it yourself: the arrow keys move the swarm, and a ghost shows what a policy did from the same start. */
 import { run } from "../../shared/api.js";
+import { NEED_OPTIONS } from "../../shared/form.js";
 import { el, guarded, say, symbol, told } from "../../shared/page.js";
 import { PlayerFrame } from "../../shared/player.js";
 import { exports, failure } from "../../shared/share.js";
@@ -9,7 +10,7 @@ const PAD = [["u", "up", "M12 19V5M6 11l6-6 6 6"], ["l", "left", "M19 12H5M11 6l
 
 export function driving({ names, problem, seed }) {
   const frame = new PlayerFrame("swarm", { title: "Your swarm: drive it with the arrow keys", bare: "driven" });
-  const rivals = el("select", { id: "rival" }, names.filter((name) => !["manual", "auto", "offline"].includes(name)).map((name) => el("option", { value: name }, name)));
+  const rivals = el("select", { id: "rival" }, names.filter((name) => ![...NEED_OPTIONS, "auto"].includes(name)).map((name) => el("option", { value: name }, name)));
   const mine = bar("You"), theirs = bar("The ghost"), verdict = el("p.verdict", { role: "status" }), kept = el("div.result", {});
   const pad = el("div.pad", { role: "group", "aria-label": "Move the swarm", hidden: true }, PAD.map(([letter, words, path]) => el("button.tool", {
     type: "button", "data-letter": letter, "aria-label": `Move ${words}`, onclick: () => drive?.drive(letter),

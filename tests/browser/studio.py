@@ -1,0 +1,75 @@
+"""A studio for tests: a server of a folder, a browser on it, and what people do there."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from playwright.sync_api import Page
+
+import shoal
+
+FORMS = [(theme, *size) for theme in ("light", "dark") for size in ((1280, 800), (390, 844))]
+HOSTILE = "<img src=x onerror=alert(1)>"
+
+
+class Studio:
+    """A server of a folder, and a browser on it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.begin()
+
+    def begin(self) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "shoal", "studio", str(self.folder), "--no-browser"], stderr=subprocess.PIPE, text=True
+        )
+        assert self.process.stderr is not None
+        found = re.search(r"http://127\.0\.0\.1:(\d+)/\?token=\S+", self.process.stderr.readline())
+        assert found is not None
+        self.address, self.root = found[0], f"http://127.0.0.1:{found[1]}/"
+
+    def end(self, how: int = signal.SIGINT) -> None:
+        self.process.send_signal(how)
+        self.process.wait(20)
+        assert self.process.stderr is not None
+        self.process.stderr.close()
+
+    def open(self, page: Page, place: str = "", given: dict[str, Any] | None = None) -> None:
+        page.goto("about:blank")
+        page.goto(self.root + (f"#{place}?{quote(json.dumps(given))}" if place else ""))
+        page.wait_for_selector("body[data-ready]")
+
+
+def wear(page: Page, theme: Any, width: int, height: int) -> None:
+    """Show a page in one of the four forms."""
+    page.set_viewport_size({"width": width, "height": height})
+    page.emulate_media(color_scheme=theme, reduced_motion="reduce")
+
+
+def tab(page: Page, name: str) -> None:
+    page.get_by_role("tab", name=name, exact=True).click()
+
+
+def run_and_load(page: Page, studio: Studio, button: str = "Run") -> Any:
+    before = set(studio.folder.iterdir())
+    page.get_by_role("button", name=button, exact=True).click()
+    page.wait_for_selector(".panel:not([hidden]) .exports")
+    (new,) = [path for path in set(studio.folder.iterdir()) - before if path.suffix in (".npz", ".json")]
+    return shoal.load(new)
+
+
+def written_by(page: Page, studio: Studio, button: str) -> Path:
+    """Click on an export and return the file that it writes."""
+    page.locator(".exports:visible").get_by_role("button", name=button).click()
+    note = page.locator(".note", has_text="Written into the folder").last
+    note.wait_for()
+    name = note.locator("span").inner_text().partition(": ")[2]
+    note.get_by_role("button", name="Close").click()
+    return studio.folder / name

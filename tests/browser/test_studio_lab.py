@@ -1,0 +1,284 @@
+"""The studio's lab, used as people use it, and every page as people with other needs find it."""
+
+from __future__ import annotations
+
+import csv
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import axe_playwright_python
+import pytest
+from playwright.sync_api import Page
+from tests.browser.studio import FORMS, Studio, tab, wear, written_by
+
+import shoal
+from shoal.lab import Store, Sweep, run_sweep
+from shoal.lab.summaries import compare_along, summarise
+from shoal.lab.sweeps.toml_writing import as_toml
+from shoal.swarm import SwarmProblem
+
+pytestmark = pytest.mark.browser
+POLICIES = ["closest-frontier", "greedy-classify"]
+
+
+def small(name: str, trials: int = 4, **more: Any) -> dict[str, Any]:
+    problem = {"kind": "swarm", "map": "maze:9x7", "particles": 3}
+    return {
+        "name": name,
+        "trials": trials,
+        "seed": 1,
+        "paired": ["policy"],
+        "problem": problem,
+        "axes": {"policy": POLICIES} | more,
+    }
+
+
+def run_from_the_form(page: Page, studio: Studio, sweep: dict[str, Any]) -> None:
+    studio.open(page, "lab", {"tab": "new", "toml": as_toml(sweep)})
+    page.locator(".drafting [role=status]", has_text="trials").wait_for()
+    page.get_by_role("button", name="Run the sweep").click()
+    complete(page, sweep["name"])
+
+
+def complete(page: Page, name: str) -> None:
+    page.locator(".sweepCard[aria-current]", has=page.get_by_text(name, exact=True)).get_by_text("complete").wait_for(
+        timeout=90_000
+    )
+    page.locator(".sweep > [role=status]", has_text="complete").wait_for()
+
+
+def shown_table(page: Page, name: str) -> list[list[str]]:
+    rows = page.get_by_role("region", name=name, exact=True).locator("tbody tr").all()
+    return [row.locator("th, td").all_inner_texts() for row in rows]
+
+
+@pytest.fixture(scope="module")
+def mazes(studio: Studio) -> str:
+    """A store in the folder, as a command makes it."""
+    run_sweep(Sweep(**small("mazes", particles=[2, 4])), studio.folder / "mazes.sqlite", workers=0)
+    return "mazes.sqlite"
+
+
+def test_a_sweep_from_the_form_answers_which_policy_is_better(page: Page, studio: Studio) -> None:
+    studio.open(page, "lab", {"tab": "new"})
+    page.get_by_text("2 points, 40 trials").wait_for()
+    page.get_by_label("Name").fill("better")
+    page.get_by_label("Trials a point").fill("4")
+    page.get_by_label("Values").fill("closest-frontier")
+    page.get_by_label("greedy-classify").check()
+    page.get_by_label("map", exact=True).fill("maze:9x7")
+    page.get_by_label("map", exact=True).press("Tab")
+    page.get_by_text("2 points, 8 trials").wait_for()
+    page.get_by_role("button", name="Run the sweep").click()
+    complete(page, "better")
+    with Store(studio.folder / "better.sqlite") as store:
+        rows, ((_, _, _, found),) = summarise(store, "better", "moves"), compare_along(store, "better", "moves", "policy")
+    assert [cells[1] for cells in shown_table(page, "Means")] == [f"{row.estimate.mean:.4g}" for row in rows if row.estimate]
+    assert found is not None
+    assert shown_table(page, "Comparisons")[0][2] == f"{found.difference.mean:.4g}"
+    told = "do not tell" if found.difference.low <= 0 <= found.difference.high else "moves than"
+    assert told in page.locator(".verdict").inner_text()
+    assert Sweep.load(studio.folder / "better.toml").problem["map"] == "maze:9x7"
+    episodes = [shoal.run(SwarmProblem("maze:9x7", particles=20, policy=name), seed=0) for name in POLICIES]
+    assert all(episodes)
+
+
+def test_the_file_and_the_form_follow_each_other(page: Page, studio: Studio) -> None:
+    studio.open(page, "lab", {"tab": "new"})
+    text = page.get_by_label("The same as a file")
+    page.get_by_text("2 points, 40 trials").wait_for()
+    text.fill(as_toml(small("other", particles={"from": 2, "to": 8, "step": 2})))
+    page.get_by_text("8 points, 32 trials").wait_for()
+    assert page.get_by_label("Name").input_value() == "other"
+    assert page.get_by_label("Values").last.input_value() == "2 to 8 step 2"
+    page.get_by_label("Values").last.fill("1 to 100 in 3 values log")
+    page.get_by_text("6 points, 24 trials").wait_for()
+    assert 'particles = { from = 1, to = 100, count = 3, scale = "log" }' in text.input_value()
+    text.fill(text.input_value().replace("maze:9x7", 'maze:9x7"\nmpa = "x'))
+    page.locator(".drafting .warning", has_text="line 9: problem").wait_for()
+    assert page.get_by_role("button", name="Run the sweep").is_disabled()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("maze:9x7", "../../etc/passwd"), "expected a name inside the folder"),
+        (('"greedy-classify"', '"os:system"'), "runs the code of the Python module"),
+        (('kind = "swarm"', 'kind = "function"\nfunction = "os:system"'), "runs code of your own"),
+    ],
+)
+def test_a_sweep_from_a_page_names_no_code_and_no_file_elsewhere(page: Page, studio: Studio, change: Any, words: str) -> None:
+    studio.open(page, "lab", {"tab": "new"})
+    page.get_by_text("2 points, 40 trials").wait_for()
+    page.get_by_label("The same as a file").fill(as_toml(small("bad")).replace(*change))
+    page.locator(".drafting .warning", has_text=words).wait_for()
+    asked = page.evaluate(
+        """async (toml) => {
+          const job = await (await fetch('/api/jobs', {method: 'POST', headers: {'content-type': 'application/json'},
+            body: JSON.stringify({kind: 'sweep', spec: {toml, store: 'bad.sqlite', sweep: 'bad'}})})).json();
+          for (;;) {
+            const {jobs} = await (await fetch('/api/jobs')).json(), now = jobs.find((one) => one.id === job.id);
+            if (now.state === 'failed') return now.result.error;
+            await new Promise((resolve) => setTimeout(resolve, 30));
+          }
+        }""",
+        as_toml(small("bad")).replace(*change),
+    )
+    assert words in asked
+    assert not (studio.folder / "bad.sqlite").exists()
+
+
+def test_a_sweep_of_the_command_is_found_and_exported(page: Page, studio: Studio, mazes: str) -> None:
+    studio.open(page, "lab", {"store": mazes, "sweep": "mazes", "measure": "scans"})
+    page.locator(".sweep h2", has_text="mazes").wait_for()
+    assert page.get_by_label("Measure").input_value() == "scans"
+    page.get_by_label("Measure").select_option("moves")
+    page.locator("svg[aria-label='moves against particles']").wait_for()
+    assert page.locator(".chartArea .line circle").count() == 4
+    with Store(studio.folder / mazes) as store:
+        expected = [[str(value) for value in row] for row in store.rows("mazes")]
+        means = [f"{row.estimate.mean:.4g}" for row in summarise(store, "mazes", "moves") if row.estimate]
+    assert [cells[1] for cells in shown_table(page, "Means")] == means
+    table = written_by(page, studio, "Table as CSV")
+    assert list(csv.reader(table.read_text().splitlines()))[1:] == expected
+    assert written_by(page, studio, "Figure as PNG").read_bytes()[:4] == b"\x89PNG"
+    assert b"mazes" in written_by(page, studio, "Figure as SVG").read_bytes()
+
+
+def test_a_sweep_as_python_gives_the_same_means(
+    page: Page, studio: Studio, mazes: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    studio.open(page, "lab", {"store": mazes, "sweep": "mazes"})
+    page.locator(".sweep").get_by_role("button", name="As Python").click()
+    page.wait_for_selector(".sheet[open]")
+    script = page.locator(".code").last.inner_text()
+    tab(page, "As file")
+    (tmp_path / "mazes.toml").write_text(page.locator(".sheet .code").inner_text())
+    tab(page, "As command")
+    assert page.locator(".sheet .code").inner_text().startswith("shoal sweep run mazes.toml --store mazes.sqlite")
+    page.keyboard.press("Escape")
+    monkeypatch.chdir(tmp_path)
+    exec(script, {})
+    with Store(studio.folder / mazes) as store:
+        assert capsys.readouterr().out.splitlines() == [f"{row.values} {row}" for row in summarise(store, "mazes", "moves")]
+
+
+def test_the_first_trial_of_a_point_is_watched(page: Page, studio: Studio, mazes: str) -> None:
+    studio.open(page, "lab", {"store": mazes, "sweep": "mazes"})
+    page.get_by_role("link", name="Watch the first trial at policy greedy-classify, particles 4").click()
+    page.locator(".underStage .facts", has_text="4 particles").wait_for()
+    page.get_by_role("button", name="Run", exact=True).click()
+    page.wait_for_selector(".panel:not([hidden]) .exports")
+    episode: Any = shoal.load(max(studio.folder.glob("maze-9x7-greedy*.npz"), key=lambda path: path.stat().st_mtime))
+    with Store(studio.folder / mazes) as store:
+        row = next(row for row in store.rows("mazes") if row[:3] == ("greedy-classify", 4, 0))
+    assert (episode.seed, episode.moves) == (row[3], row[5])
+
+
+def test_a_sweep_is_extended(page: Page, studio: Studio) -> None:
+    run_from_the_form(page, studio, small("grows", trials=2))
+    page.get_by_role("button", name="Extend").click()
+    page.get_by_text("grows.sqlite is there").wait_for()
+    page.get_by_label("Trials a point").fill("3")
+    page.get_by_text("2 points, 6 trials").wait_for()
+    page.get_by_role("button", name="Run the sweep").click()
+    page.locator(".sweepCard[aria-current]", has_text="6 trials, complete").wait_for()
+    with Store(studio.folder / "grows.sqlite") as store:
+        assert store.status("grows").done == 6
+
+
+def test_a_sweep_pauses_and_goes_on_to_the_same_rows(page: Page, studio: Studio) -> None:
+    sweep = small("pauses", trials=20_000) | {"problem": {"kind": "swarm", "map": "maze:31x31", "particles": 3}}
+    studio.open(page, "lab", {"tab": "new", "toml": as_toml(sweep)})
+    page.get_by_text("2 points, 40,000 trials").wait_for()
+    page.get_by_role("button", name="Run the sweep").click()
+    page.get_by_role("button", name="Pause", exact=True).click()
+    page.get_by_role("button", name="Resume").wait_for()
+    with Store(studio.folder / "pauses.sqlite") as store:
+        assert not store.status("pauses").complete
+    page.get_by_role("button", name="Resume").click()
+    page.get_by_role("button", name="Pause", exact=True).wait_for()
+    page.get_by_role("button", name="Pause", exact=True).click()
+    page.get_by_role("button", name="Resume").wait_for()
+
+
+def test_a_damaged_store_is_said_and_the_others_are_shown(page: Page, studio: Studio, mazes: str) -> None:
+    (studio.folder / "broken.sqlite").write_bytes(b"no store at all")
+    with sqlite3.connect(studio.folder / "notes.sqlite") as other:
+        other.execute("CREATE TABLE notes (text)")
+    studio.open(page, "lab", {"store": mazes, "sweep": "mazes"})
+    page.locator(".sweepCard", has_text="broken.sqlite").click()
+    page.locator(".sweep .warning", has_text="broken.sqlite").wait_for()
+    assert page.locator(".sweepCard", has_text="cannot be read").count() == 2
+    page.locator(".sweepCard", has=page.get_by_text("mazes", exact=True)).click()
+    page.locator(".sweep h2", has_text="mazes").wait_for()
+    for name in ("broken.sqlite", "notes.sqlite"):
+        (studio.folder / name).unlink()
+
+
+def test_a_comparison_goes_on_in_the_lab(page: Page, studio: Studio) -> None:
+    studio.open(page, "vessels", {"problem": {"map": "maze:9x7", "particles": 5}, "seed": 3})
+    tab(page, "Compare")
+    page.get_by_role("button", name="Over more settings").click()
+    page.get_by_text("2 points, 20 trials").wait_for()
+    text = page.get_by_label("The same as a file").input_value()
+    assert 'map = "maze:9x7"' in text
+    assert "seed = 3" in text
+
+
+def test_the_gallery_shows_episodes_and_plays_them(page: Page, studio: Studio) -> None:
+    episode = shoal.run(SwarmProblem("maze:9x7", particles=4, policy="closest-frontier"), seed=9)
+    episode.save(studio.folder / "shelf.npz")
+    studio.open(page, "lab", {"tab": "episodes"})
+    card = page.locator(".card", has_text="shelf.npz")
+    card.get_by_text(episode.sentence).wait_for()
+    assert card.locator("img").evaluate("image => image.decode().then(() => image.naturalWidth)") > 100
+    card.click()
+    frame = page.frame_locator(".watching iframe:not([hidden])")
+    frame.locator("#of", has_text=f"of {episode.moves}").wait_for()
+
+
+def test_a_sweep_is_run_by_keys_alone(page: Page, studio: Studio) -> None:
+    studio.open(page, "lab", {"tab": "new", "toml": as_toml(small("keys", trials=2))})
+    page.get_by_text("2 points, 4 trials").wait_for()
+    press_until(page, "Run the sweep")
+    page.keyboard.press("Enter")
+    complete(page, "keys")
+
+
+def press_until(page: Page, words: str) -> None:
+    """Press Tab until the button with these words has the focus."""
+    for _ in range(150):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement.textContent") == words:
+            return
+    raise AssertionError(f"Tab never came to {words}")
+
+
+AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text()
+STATES: dict[str, tuple[str, dict[str, Any], str]] = {
+    "vessels": ("vessels", {"problem": {"map": "maze:9x7", "particles": 3}, "seed": 0}, ".underStage .facts:has-text('free')"),
+    "steering": ("steering", {}, ".reach >> nth=0"),
+    "sweeps": ("lab", {"store": "mazes.sqlite", "sweep": "mazes"}, ".verdict"),
+    "new sweep": ("lab", {"tab": "new"}, ".drafting [role=status]:has-text('trials')"),
+    "episodes": ("lab", {"tab": "episodes"}, ".card img >> nth=0"),
+    "papers": ("papers", {}, ".paper >> nth=0"),
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_pages_have_no_serious_fault_in_four_forms(page: Page, studio: Studio, mazes: str, state: str) -> None:
+    """Axe finds none, of the frames inside neither, and a narrow page scrolls one way only."""
+    place, given, there = STATES[state]
+    studio.open(page, place, given)
+    page.wait_for_selector(there, state="attached")
+    for frame in page.frames:
+        frame.evaluate(AXE)
+    for theme, width, height in FORMS:
+        wear(page, theme, width, height)
+        found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+        faults = [f"{one['id']}: {one['nodes'][0]['target']}" for one in found if one["impact"] in ("serious", "critical")]
+        assert faults == [], (theme, width)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert page.evaluate("document.querySelector('main').firstElementChild.scrollWidth") <= width
