@@ -15,9 +15,8 @@ from shoal.search.problem import SearchProblem
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
 from shoal.studio.answers.drawings import drawing_of, frame_of, placed_problem
-from shoal.studio.answers.shared import checked_seed
 from shoal.studio.folder import Folder
-from shoal.studio.forms import checked_fields
+from shoal.studio.forms import checked_fields, checked_seed
 
 MOST_DRAWN = 40_000
 """Cells of a plan whose ways are drawn."""

@@ -8,12 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from shoal.checks import check_integer
 from shoal.errors import InvalidInputError
 from shoal.files import atomic
 from shoal.search.problem import SearchProblem
 from shoal.studio.folder import Folder
-from shoal.studio.forms import as_command, checked_fields, checked_problem, mission_words
+from shoal.studio.forms import as_command, checked_fields, checked_problem, checked_seed, mission_words
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # so that the same missions are the same zip
 
@@ -24,7 +23,7 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Callable[[str, Any],
     from shoal.search.missions import check_missions
     from shoal.views.search.mission_folder import MAP, MissionFolder, write_check
 
-    problem, seed = checked_problem(spec["problem"], folder), check_integer(spec.get("seed", 0), what="seed", least=0)
+    problem, seed = checked_problem(spec["problem"], folder), checked_seed(spec)
     if not isinstance(problem, SearchProblem):
         raise InvalidInputError(f"problem: expected a search, got {problem.part}")
     if problem.vehicle is None:
