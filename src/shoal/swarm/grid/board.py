@@ -40,12 +40,12 @@ class GridLayout:
         """2 or 3."""
         return len(self.shape)
 
-    @property
+    @cached_property
     def window(self) -> tuple[int, ...]:
         """Shape with the rim: (H + 2, W + 2) or (D + 2, H + 2, W + 2)."""
         return tuple(size + 2 for size in self.shape)
 
-    @property
+    @cached_property
     def layers(self) -> int:
         """Layers with the rim; 1 in 2-D."""
         return self.window[0] if self.ndim == 3 else 1
@@ -60,7 +60,7 @@ class GridLayout:
         """Columns with the rim."""
         return self.window[-1]
 
-    @property
+    @cached_property
     def words(self) -> tuple[int, int]:
         """Shape of the packed words: (layers x rows, words of a row)."""
         return self.layers * self.rows, -(-self.columns // 64)
