@@ -19,6 +19,7 @@ from shoal.search.tours import make_tour
 TOURS = ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree", "open-hilbert")
 ALLOCATORS = ("stay", "common-shift", "individual-shift", "two-way", "hop")
 _STEPWISE = 0.3  # share of scenarios in which robots go from cell to cell and meet obstacles
+_VOLUMES = 0.15  # share of scenarios in several layers
 _LARGEST = 7  # rows and columns
 _MOST_ROBOTS = 16
 
@@ -32,8 +33,8 @@ def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
     True
     """
     rng = np.random.default_rng(seed)
-    tour = make_tour(str(rng.choice(TOURS)), random_mask(rng))
-    distances = CellDistances(tour) if rng.random() < _STEPWISE else None
+    tour = make_tour(str(rng.choice(TOURS)), volume_of(random_mask(rng), np.random.default_rng([seed, 3])))
+    distances = CellDistances(tour) if rng.random() < _STEPWISE and len(tour.shape) == 2 else None
     tour_cost = TourCost(tour, turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])), distances=distances, reckoned=wide)
     n, m = len(tour_cost), int(rng.integers(1, _MOST_ROBOTS + 1) if rng.random() < 0.1 else min(rng.geometric(0.18), _MOST_ROBOTS))
     whole = tour_cost.whole
@@ -84,6 +85,17 @@ def random_mask(rng: Generator) -> NDArray[np.bool_]:
     if not mask.any():
         mask[rng.integers(shape[0]), rng.integers(shape[1])] = True
     return mask
+
+
+def volume_of(mask: NDArray[np.bool_], rng: Generator) -> NDArray[np.bool_]:
+    """Return a mask, or as often as `_VOLUMES` says two or three layers of up to four rows and columns that differ in some cells."""
+    if rng.random() >= _VOLUMES:
+        return mask
+    layer = mask[:4, :4]
+    volume = layer & (rng.random((int(rng.integers(2, 4)), *layer.shape)) < rng.choice([0.7, 1.0]))
+    if not volume.any():
+        volume.flat[int(rng.integers(volume.size))] = True
+    return np.asarray(volume)
 
 
 def random_network(rng: Generator, whole: float) -> RadioNetwork:

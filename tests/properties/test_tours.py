@@ -54,6 +54,24 @@ def test_restricting_commutes(mask, name):
     assert np.array_equal(make_tour(name, mask).cells, whole[mask[tuple(whole.T)]])
 
 
+@given(st.tuples(st.integers(1, 4), st.integers(1, 6), st.integers(1, 6)), st.integers(0, 2**32), st.sampled_from(list(TOURS)))
+def test_every_cell_of_all_layers_once(shape, seed, name):
+    mask = np.random.default_rng(seed).random(shape) < 0.7
+    mask.flat[0] = True
+    tour = make_tour(name, mask)
+    assert sorted(map(tuple, tour.cells.tolist())) == sorted(map(tuple, np.argwhere(mask).tolist()))
+    assert tour.closed == (name != "open-hilbert")
+
+
+@given(st.integers(2, 4), st.integers(1, 5), st.integers(1, 5))
+def test_spanning_tree_of_layers_of_full_blocks_is_as_short_as_can_be(layers, rows, columns):
+    """Two climbs take the place of two steps a layer: each cell costs one step, to a neighbour."""
+    tour = make_tour("spanning-tree", (layers, 2 * rows, 2 * columns))
+    assert (tour.steps == 1).all()
+    climbs = np.abs(np.diff(np.append(tour.cells[:, 0], tour.cells[0, 0])))
+    assert climbs.sum() == 2 * (layers - 1)
+
+
 @given(st.tuples(st.integers(1, 12), st.integers(1, 12), st.integers(1, 12)), st.integers(0, 2**32))
 def test_every_cell_of_a_box_once(shape, seed):
     mask = np.random.default_rng(seed).random(shape) < 0.7

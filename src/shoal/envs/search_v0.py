@@ -30,8 +30,8 @@ from shoal.search.tours.bitset import at_least, bits_to_array
 PLANES = ("region", "own", "searched", "obstacles", "found")
 """Planes of an agent's observation: cells of the region; where it is; as far as it knows: searched, obstacles, something found."""
 
-DIRECTIONS = ((0, 0), (0, -1), (-1, 0), (0, 1), (1, 0))
-"""Of the actions 1 to 5: here, left, up, right, down."""
+DIRECTIONS = ((0, 0, 0), (0, 0, -1), (0, -1, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0), (-1, 0, 0))
+"""Of the actions 1 to 5: here, left, up, right, down; with several layers 6 and 7, to the layer above and to that beneath."""
 
 Observation = dict[str, NDArray[Any]]
 
@@ -45,10 +45,11 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     that is on its way, or at a search, goes on. Cells already occupied, obstacles, energy, faults and messages are those of the
     simulation of `shoal.search`; after ``reset(seed=s)`` starts and faults are those of ``shoal.run(problem, seed=s)``.
 
-    An agent sees what its robot knows: ``planes``, uint8, shape (5, H, W), one after another `PLANES`; ``position``, its row and
-    column; ``heard``, how long ago it heard of each robot, directly or from others, in steps, -1 if never; ``told``, how many cells
-    each is said to have searched; ``energy``, the share that is left; ``time``, in steps. A robot that dies is terminated and
-    leaves ``agents``. All are terminated when all cells that can be reached are searched, and truncated after ``max_steps``.
+    An agent sees what its robot knows: ``planes``, uint8, shape (5, H, W) or (5, L, H, W), one after another `PLANES`;
+    ``position``, its row and column, before them its layer if there are several; ``heard``, how long ago it heard of each robot,
+    directly or from others, in steps, -1 if never; ``told``, how many cells each is said to have searched; ``energy``, the share
+    that is left; ``time``, in steps. A robot that dies is terminated and leaves ``agents``. All are terminated when all cells that
+    can be reached are searched, and truncated after ``max_steps``.
 
     Parameters
     ----------
@@ -89,13 +90,13 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         cells, robots, shape, most = len(self._tour), self.problem.robots, self._tour.position.shape, self.options.max_steps
         spaces: dict[str, gymnasium.Space[Any]] = {
             "planes": gymnasium.spaces.Box(0, 1, (len(PLANES), *shape), np.uint8),
-            "position": gymnasium.spaces.Box(np.zeros(2, np.int64), np.array(shape) - 1, dtype=np.int64),
+            "position": gymnasium.spaces.Box(np.zeros(len(shape), np.int64), np.array(shape) - 1, dtype=np.int64),
             "heard": gymnasium.spaces.Box(-1.0, float(most), (robots,), np.float32),
             "told": gymnasium.spaces.Box(0, cells, (robots,), np.int64),
             "energy": gymnasium.spaces.Box(0.0, 1.0, (1,), np.float32),
             "time": gymnasium.spaces.Box(0, most, (1,), np.int64),
         }
-        self._count = 1 + (cells if self.options.action == "cell" else len(DIRECTIONS))
+        self._count = 1 + (cells if self.options.action == "cell" else len(DIRECTIONS) - 2 * (len(shape) == 2))
         self.observation_spaces = {agent: gymnasium.spaces.Dict(spaces) for agent in self.possible_agents}
         self.action_spaces = {agent: gymnasium.spaces.Discrete(self._count) for agent in self.possible_agents}
         self._rng = np.random.default_rng()
@@ -204,10 +205,10 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         """Return the cell, as a number on the tour, that an action means; -1 if there is none."""
         if self.options.action == "cell":
             return choice - 1
-        row, column = self._tour.cells[self._robot(number).cell] + DIRECTIONS[choice - 1]
         position = self._tour.position
-        inside = 0 <= row < position.shape[0] and 0 <= column < position.shape[1]
-        return int(position[row, column]) if inside else -1
+        cell = self._tour.cells[self._robot(number).cell] + np.array(DIRECTIONS[choice - 1][-position.ndim :])
+        inside = (cell >= 0).all() and (cell < position.shape).all()
+        return int(position[tuple(cell)]) if inside else -1
 
     def _mask(self, number: int) -> NDArray[np.int8]:
         """Return which actions an agent can take; int8, shape (actions,)."""
@@ -268,14 +269,17 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return rendered(self, self._picture, self._text)
 
     def _codes(self) -> NDArray[np.int64]:
-        """Return for each cell 0 outside, 1 unsearched, 2 searched, 2 + k with robot k in it, 2 + k + robots if that is dead."""
+        """Return for each cell 0 outside, 1 unsearched, 2 searched, 2 + k with robot k in it, 2 + k + robots if that is dead.
+
+        Layers stand one under the other, the lowest on top, with an empty row between.
+        """
         assert self._world is not None
         codes = (self._tour.position >= 0).astype(np.int64)
         done = at_least(list(self._world.searched.values()), self.problem.multiplicity)
         codes[tuple(self._tour.cells[bits_to_array(done, len(self._tour))].T)] = 2
         for number, vehicle in self._world.vehicles.items():
             codes[tuple(self._tour.cells[vehicle.place])] = 2 + number + self.problem.robots * (not vehicle.alive)
-        return codes
+        return codes if codes.ndim == 2 else np.pad(codes, ((0, 0), (0, 1), (0, 0))).reshape(-1, codes.shape[2])[:-1]
 
     def _text(self) -> str:
         """Return one character a cell: blank outside, ? unsearched, . searched, a digit for a robot, x for a dead one."""

@@ -100,10 +100,12 @@ class LayeredGrid:
     def ordinals(self, cells: ArrayLike) -> Numbers:
         """Return the place of each cell (layer, row, col) among `cells`; int64, shape (n,)."""
         array = np.asarray(cells)
-        found = np.empty(len(array), dtype=np.int64)
-        for number, layer in enumerate(self.layers):
-            mine = array[:, 0] == number
-            found[mine] = layer.ordinals(array[mine, 1:]) + self.starts[number]
+        return np.asarray(self._ordinal[array[:, 0], array[:, 1], array[:, 2]])
+
+    @cached_property
+    def _ordinal(self) -> Numbers:
+        found = np.full(self.shape, -1, dtype=np.int64)
+        found[tuple(self.cells.T)] = np.arange(self.n_cells)
         return found
 
     def cell_of(self, points: ArrayLike, layer: int = 0) -> Numbers:
@@ -263,9 +265,16 @@ class LayeredDistances:
         self._paths, self._numbers, self._layers = paths, numbers, layers
         grid = paths.grid
         self._sizes = [layer.size / grid.size for layer in grid.layers]
-        self._places = grid.viewpoints[grid.viewpoint_starts[grid.ordinals(numbers.tour.cells)]]
-        self._ups = self._places[:, 2] * grid.climb / grid.size
         self._known: dict[tuple[int, int], float] = {}
+
+    @cached_property
+    def _places(self) -> Points:
+        grid = self._paths.grid
+        return np.asarray(grid.viewpoints[grid.viewpoint_starts[grid.ordinals(self._numbers.tour.cells)]])
+
+    @cached_property
+    def _ups(self) -> NDArray[np.float64]:
+        return np.asarray(self._places[:, 2] * self._paths.grid.climb / self._paths.grid.size)
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
         """Return the length of a way, in sides of a cell; ``closed`` must be 0."""

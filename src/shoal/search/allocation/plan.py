@@ -301,12 +301,13 @@ def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> T
 def _of_layers(laid: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:
     """Return what of the cost of a tour through layers is that of each layer by itself."""
     numbers = LayerNumbers(laid.tour, tuple(layer.tour for layer in laid.layers))
-    known = {layer: _tour_cost(layer, 0.0) for layer in dict.fromkeys(laid.layers)}
-    costs = [known[layer] for layer in laid.layers]
-    found: dict[str, Any] = {"footprint": LayeredFootprint(numbers, [cost.footprint for cost in costs])}
-    found["least"] = sum(cost.least * layer.grid.size for cost, layer in zip(costs, laid.layers, strict=True)) / laid.grid.size
-    ways = [] if straight else [cost.distances for cost in costs if cost.distances is not None]
-    return found | {"distances": LayeredDistances(paths, numbers, ways)}
+    own = {layer: {} if straight else vars(_tour_cost(layer, 0.0)) for layer in dict.fromkeys(laid.layers)}
+    seen = {layer: RegionFootprint(grid, layer.tour) for layer, grid in zip(laid.layers, layers_of(laid.grid), strict=True)}
+    return {
+        "footprint": LayeredFootprint(numbers, [seen[layer] for layer in laid.layers]),
+        "least": sum(layer.grid.n_cells * layer.grid.size for layer in laid.layers) / laid.grid.size,
+        "distances": LayeredDistances(paths, numbers, [own[layer]["distances"] for layer in laid.layers] if not straight else ()),
+    }
 
 
 def _is_convex(area: Any) -> bool:

@@ -210,6 +210,8 @@ class SearchProblem(Problem):
                 raise InvalidInputError(f"faults: expected a robot from 1 to {self.robots}, got {fault_text(fault)}")
         if self.multiplicity > self.robots:
             raise InvalidInputError(f"multiplicity: expected at most {self.robots}, as there are robots, got {self.multiplicity}")
+        if (self.bands or self._volume) and self._asked_vehicle.kind == "rover":
+            raise InvalidInputError("vehicle: expected one that flies for bands or a box, got a rover")
         if self.has_layers and self.stepwise:
             raise InvalidInputError("obstacles: expected none where several layers or passes are searched, got some")
         if self.crashes > self.robots:
@@ -276,8 +278,6 @@ class SearchProblem(Problem):
         asked = self._asked_vehicle
         if self.bands is None and not self._volume:
             return asked
-        if asked.kind == "rover":
-            raise InvalidInputError("vehicle: expected one that flies for bands or a box, got a rover")
         speeds = {name: getattr(asked, name) or asked.cruise for name in ("climb_speed", "sink_speed")}
         return asked.replaced(altitude=self.altitudes[0], **speeds)
 

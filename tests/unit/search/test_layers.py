@@ -1,0 +1,218 @@
+"""Search in three dimensions: volumes, altitude bands, passes."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import shapely
+
+from shoal import InvalidInputError, run
+from shoal.cli import run as call
+from shoal.search import SearchEpisode, SearchProblem, make_tour, open_region, plan_search
+from shoal.search.flight.flight import Flight, climbs_apart
+from shoal.search.flight.staggering import Separation
+from shoal.search.flight.terrain import Terrain
+from shoal.search.flight.vehicle import vehicle_of
+from shoal.search.missions import check_missions, missions_of, write_missions
+from shoal.search.missions.deconfliction import missions_approach, plan_missions
+from shoal.search.missions.files import read_mission
+from shoal.search.tours.layers import joined
+from shoal.views import figure
+from shoal.views.search.history import SearchHistory
+from shoal.views.search.page import page_data
+
+CAMERA = "multirotor,sensor_width=13,sensor_height=8.8,focal_length=30"
+DEGREES = {"type": "Polygon", "coordinates": [[[7.0, 50.0], [7.001, 50.0], [7.001, 50.0006], [7.0, 50.0006], [7.0, 50.0]]]}
+
+
+@pytest.fixture(scope="module")
+def box():
+    """A search of a box in which a robot dies."""
+    problem = SearchProblem("box:60x40x30", robots=3, vehicle="multirotor", faults="crash:2@15", targets=2)
+    return run(problem, seed=1)
+
+
+@pytest.fixture(scope="module")
+def bands():
+    """A search of a ring from two altitudes; the camera sees more from the higher one."""
+    return run(SearchProblem("ring:60x25", bands=(30, 50), robots=2, vehicle=CAMERA), seed=1)
+
+
+@pytest.fixture(scope="module")
+def passes():
+    """A search twice, rows across rows."""
+    return run(SearchProblem("rectangle:60x40", passes=2, robots=2, angle=10), seed=1)
+
+
+def test_all_of_a_box_is_searched_and_climbs_take_their_time(box):
+    grid, vehicle = box.plan.grid, box.plan.vehicle
+    assert grid.n_cells == 6 * 4 * 3 == len(box.plan.tour)
+    assert box.plan.altitudes == [5.0, 15.0, 25.0]
+    assert vehicle.height == 5.0
+    assert grid.climb == pytest.approx((1 / 2.5 + 1 / 1.5) / 2 * 5.0)
+    assert box and [seen.covered_fraction for seen in box.coverages] == [1.0] * 3
+    assert box.trace.takeovers
+    for route in box.routes:
+        legs = np.abs(np.diff(route.points, axis=0))
+        assert not (legs[:, :2].any(axis=1) & (legs[:, 2] > 0)).any()  # straight up or down, or level
+    steps = box.plan.tour_cost.steps
+    climbs = np.diff(np.append(box.plan.tour.cells[:, 0], box.plan.tour.cells[0, 0])) != 0
+    assert climbs.sum() == 4  # two a pair of layers
+    assert steps[climbs] == pytest.approx(grid.climb)
+    assert steps[~climbs] == pytest.approx(1.0)
+    assert box.plan.tour_cost.least == 72
+
+
+def test_a_box_saved_and_loaded_is_verified(box, tmp_path):
+    box.save(tmp_path / "box.json")
+    again = SearchEpisode.load(tmp_path / "box.json")
+    assert again.verify()
+    assert again.report()["layers"] == box.report()["layers"]
+
+
+def test_a_region_with_a_height_is_saved_whole(tmp_path):
+    region = open_region("box:30x20x20")
+    episode = run(SearchProblem(region, robots=1, simulate=False), seed=1)
+    episode.save(tmp_path / "box.json")
+    assert SearchEpisode.load(tmp_path / "box.json").problem.place.height == 20
+
+
+def test_each_band_has_the_cells_of_its_footprint(bands):
+    low, high = bands.plan.grid.layers
+    assert (low.size, high.size) == pytest.approx((8.8, 8.8 * 5 / 3))
+    assert bands and [seen.covered_fraction for seen in bands.coverages] == [1.0, 1.0]
+    assert bands.plan.tour_cost.least == pytest.approx(low.n_cells + high.n_cells * 5 / 3)
+    assert bands.plan.allocation.lower_bound == pytest.approx(bands.plan.tour_cost.least / 2)
+    assert sorted({*bands.routes[0].points[:, 2], *bands.routes[1].points[:, 2]}) == [30.0, 50.0]
+
+
+def test_ways_between_layers_lead_around_walls_and_up(bands):
+    """From the west of the ring below to its east above: half round and 20 m up."""
+    cost, cells = bands.plan.tour_cost, bands.plan.tour.cells
+    places = bands.plan.positions(np.arange(len(cells)))
+    west = int(np.argmin(places[:, 0] + 1e3 * cells[:, 0]))
+    east = int(np.argmax(places[:, 0] + 1e3 * cells[:, 0]))
+    level = bands.plan.paths.leg(places[west, :2], places[east, :2])[:, :2]
+    assert np.hypot(*np.diff(level, axis=0).T).sum() > 1.05 * np.hypot(*(places[east] - places[west])[:2])
+    expected = (np.hypot(*np.diff(level, axis=0).T).sum() + 20 * bands.plan.grid.climb) / bands.plan.grid.size
+    assert cost.length(west, east) == cost.length(east, west) == pytest.approx(expected)
+    far = cost.distances.lengths(west)
+    assert far[west] == 0
+    assert far[east] == pytest.approx(expected, rel=0.15)
+
+
+def test_rows_of_the_second_pass_cross_those_of_the_first(passes):
+    first, second = passes.plan.grid.layers
+    assert (first.angle, second.angle) == (10.0, 100.0)
+    assert passes.plan.tour.name == "boustrophedon"
+    assert passes and [seen.covered_fraction for seen in passes.coverages] == [1.0, 1.0]
+    assert passes.plan.altitudes == [30.0, 30.0]
+
+
+def test_wide_footprints_see_their_own_layer():
+    plan = plan_search(SearchProblem("box:90x90x20", robots=2, footprint=(10, 30)), seed=1)
+    middle = int(plan.tour.position[1, 4, 4])
+    seen = plan.tour.cells[plan.seen(1, [middle])[0]]
+    assert len(seen) == 9
+    assert {*seen[:, 0]} == {1}
+
+
+@pytest.mark.parametrize("form", ["plan", "wpl", "geojson", "kml", "gpx", "csv"])
+def test_missions_hold_each_altitude_in_every_format(form, tmp_path):
+    (tmp_path / "field.json").write_text(json.dumps(DEGREES))
+    problem = SearchProblem(tmp_path / "field.json", bands=(30, 50, 70), robots=2, footprint=20, vehicle="multirotor")
+    plan = plan_search(problem, seed=1)
+    missions = plan_missions(plan, separation=Separation())
+    write_missions(missions, tmp_path / "out", formats=[form])
+    region = plan.grid.region
+    for mission in missions:
+        path = next(path for path in (tmp_path / "out").iterdir() if path.name.startswith(f"{mission.name}."))
+        found = read_mission(path)
+        assert found.heights_above_home == pytest.approx(mission.heights_above_home, abs=0.01)
+        assert {*np.round(found.levels)} <= {30, 35, 50, 55, 70, 75}
+    near = missions_approach(missions, Separation(), region.frame, vehicle=plan.vehicle)
+    assert near is None or near.horizontal > 9.99
+    check = check_missions(tmp_path / "out", region, 20.0, bands=(30, 50, 70), separation=Separation())
+    if form != "gpx":  # which has no heights where that of home is not known
+        assert not check.diagnostics
+    assert [seen.covered_fraction for seen in check.coverages] == pytest.approx([1.0] * 3, abs=1e-4)
+    assert check_missions(tmp_path / "out", region, 20.0, bands=(30, 90)).coverage.covered_fraction == pytest.approx(0.5, abs=1e-4)
+
+
+def test_vehicles_in_a_box_stay_in_the_middle_of_layers(box):
+    missions = plan_missions(box.plan, separation=Separation())
+    assert {*np.concatenate([mission.heights_above_home for mission in missions])} <= {5.0, 15.0, 25.0}
+    near = missions_approach(missions, Separation(), None, vehicle=box.plan.vehicle)
+    assert near is None or near.horizontal > 9.99
+
+
+def test_bands_above_terrain_keep_their_heights():
+    slope = Terrain(np.array([[0.0, 40.0], [0.0, 40.0]]), -50.0, 50.0, (100.0, 100.0), None)
+    way = [(-40.0, 0.0, 30.0), (40.0, 0.0, 30.0), (40.0, 0.0, 50.0), (-40.0, 10.0, 50.0), (-40.0, 20.0, 30.0)]
+    (mission,) = missions_of(way, None, altitude_frame="ground", terrain=slope, vehicle="multirotor", home=(0, 0))
+    ground = slope.at(mission.waypoints, None) - slope.at([(0.0, 0.0)], None)
+    assert mission.heights_above_home - ground == pytest.approx(mission.levels, abs=2.0)
+    assert {*np.round(mission.levels).tolist()} == {30.0, 50.0}
+    with pytest.raises(InvalidInputError, match="altitude: expected more than"):
+        missions_of(np.array(way) - [0, 0, 25], None, terrain=slope, vehicle="multirotor", home=(0, 0))
+
+
+def test_climbs_come_before_ways_and_descents_after_them():
+    way, ups = climbs_apart(np.array([(0.0, 0.0), (0.0, 0.0), (9.0, 0.0)]), np.array([30.0, 50.0, 30.0]))
+    assert np.column_stack([way, ups]).tolist() == [[0, 0, 30], [0, 0, 50], [9, 0, 50], [9, 0, 30]]
+
+
+def test_fixed_wings_are_told_that_they_cannot_climb_on_the_spot():
+    flight = Flight(vehicle_of("fixed-wing"), np.zeros(2))
+    with pytest.raises(InvalidInputError, match="expected one that climbs where it stands for several altitudes, got a fixed wing"):
+        flight.waypoints(np.array([(0.0, 0.0, 80.0), (900.0, 0.0, 80.0), (900.0, 0.0, 120.0)]))
+
+
+def test_pictures_show_all_layers(box, bands, passes):
+    for episode, labels in ((box, ["5 m", "15 m", "25 m"]), (bands, ["30 m", "50 m"]), (passes, ["rows at 10°", "rows at 100°"])):
+        history = SearchHistory(episode)
+        assert [words for words, *_ in history.panels.labels] == labels
+        numbers = history.panels.numbers
+        assert {*numbers.ravel().tolist()} - {-1} == {*range(history.n_cells)}
+        drawn = figure(episode)
+        assert {text.get_text() for text in drawn.axes[0].texts} >= {*labels}
+        told = page_data(episode)
+        assert [label[0] for label in told["labels"]] == labels
+        parts = shapely.union_all([shapely.Polygon(rings[0]) for rings in history.panels.parts])
+        inside = [history.trajectories[robot].points[-1] for robot in range(history.n_robots)]
+        assert shapely.contains(parts.buffer(1e-6), shapely.points(inside)).all()
+
+
+def test_layers_of_one_cell_and_of_different_ones_are_joined():
+    tour = joined([make_tour("comb", (1, 1)), make_tour("comb", (2, 3)), make_tour("comb", (1, 1))])
+    assert len(tour) == 8
+    assert tour.metrics().longest_step <= np.sqrt(6)
+
+
+def test_commands_search_and_check_a_box(tmp_path, capsys):
+    folder = str(tmp_path / "missions")
+    arguments = ["search", "box:40x40x20", "--robots", "2", "--footprint", "10", "--missions", folder, "--json"]
+    assert call(arguments) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [layer["altitude_m"] for layer in told["layers"]] == [5.0, 15.0]
+    assert call(["missions", "check", folder, "box:40x40x20", "--footprint", "10", "--json"]) == 0
+    assert [band["covered_fraction"] for band in json.loads(capsys.readouterr().out)["bands"]] == [1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"bands": (30, 30)}, "bands: expected one altitude or more, each once"),
+        ({"bands": (0, 30)}, "bands: expected a number, above 0, got 0"),
+        ({"bands": (30, 50), "obstacles": 2}, "obstacles: expected none where several layers or passes are searched, got some"),
+        ({"bands": (30, 50), "vehicle": "rover"}, "vehicle: expected one that flies for bands or a box, got a rover"),
+        ({"region": "box:20x20x10", "bands": (5, 15)}, "bands: expected altitudes up to 10 m, the top, got 15"),
+        ({"region": "box:20x20"}, "expected box:WIDTHxDEPTHxHEIGHT"),
+        ({"passes": 0}, "passes: expected a whole number from 1 to 100, got 0"),
+    ],
+)
+def test_bad_input_is_refused_in_one_sentence(fields, message):
+    with pytest.raises(InvalidInputError, match=message):
+        plan_search(SearchProblem(**{"region": "square:40", "robots": 1} | fields))
