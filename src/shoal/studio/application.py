@@ -87,12 +87,15 @@ class Studio:
         return JSONResponse(told | await asyncio.to_thread(self._forms) | {"files": await asyncio.to_thread(self.folder.files)})
 
     def _forms(self) -> dict[str, Any]:
+        from shoal.search.flight.vehicle import PRESETS
         from shoal.studio.forms import schema_of
         from shoal.swarm.maps.generators import GENERATORS
 
         made = (GENERATORS.get(name) for name in GENERATORS)
         maps = [{"name": one.name, "summary": one.summary, "example": one.example, "size": one.size} for one in made]
-        return {"schemas": {part: schema_of(part) for part in (*PARTS, "vehicle", "missions")}, "maps": maps}
+        schemas = {part: schema_of(part) for part in (*PARTS, "vehicle", "missions")}
+        schemas["vehicle"]["presets"] = PRESETS
+        return {"schemas": schemas, "maps": maps}
 
     async def files(self, request: Request) -> Response:
         """Return the files of the folder."""

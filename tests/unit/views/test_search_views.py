@@ -118,6 +118,14 @@ def test_robots_go_home_to_recharge():
             np.testing.assert_allclose(trajectory.at(time), found.episode.plan.tour_cost.points[cell] * 10, atol=1e-6)
 
 
+def test_robots_from_outside_may_die_on_their_way_in():
+    died = SearchHistory(search("square:60", robots=2, launch="-15,-5", faults="crash:2@2", footprint=10, seed=0))
+    (home, *_), last = died.trajectories[1].points.tolist(), died.trajectories[1].times[-1]
+    assert (home, last) == ([-15.0, -5.0], 2.0)
+    fallen = search("box:40x40x20", robots=2, launch="-15,-5", faults="crash:2@3", footprint=10, seed=0)
+    assert SearchHistory(fallen).trajectories[1].times[-1] == 3.0
+
+
 def test_first_searched_is_what_the_logs_tell(history):
     times, by = history.first
     logs = history.episode.trace.robots

@@ -42,6 +42,7 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "cells": made.grid.n_cells,
         "cell": made.grid.size,
         "angle": made.grid.angle,
+        "layers": len(made.altitudes),
         "tour": made.tour.name,
         "allocation": allocation.allocator,
         "compared": len(made.compared),
@@ -88,7 +89,7 @@ def _region(region: SearchRegion, canvas: _Canvas) -> dict[str, Any]:
 
 def _tour(plan: SearchPlan) -> Points:
     cells = plan.tour.cells
-    return plan.paths.route(np.concatenate([cells, cells[:1]])).points
+    return plan.paths.route(np.concatenate([cells, cells[:1]])).points[:, :2]
 
 
 def _robot(plan: SearchPlan, robot: int, canvas: _Canvas, *, drawn: bool) -> dict[str, Any]:
@@ -98,9 +99,9 @@ def _robot(plan: SearchPlan, robot: int, canvas: _Canvas, *, drawn: bool) -> dic
         return told | {"way": [], "stops": len(stops), "length": None, "turns": None}
     points = plan.route(robot, stops).points
     return told | {
-        "way": canvas.points(points),
+        "way": canvas.points(points[:, :2]),
         "stops": len(stops),
-        "length": float(np.hypot(*np.diff(points, axis=0).T).sum()),
+        "length": float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()),
         "turns": int(turns_of(points).sum()),
     }
 

@@ -4,10 +4,11 @@ import { duration, el, guarded, told } from "./shared/page.js";
 import { failure } from "./shared/share.js";
 import { lab } from "./places/lab.js";
 import { papers } from "./places/papers.js";
+import { search } from "./places/search.js";
 import { steering } from "./places/steering.js";
 import { vessels } from "./places/vessels.js";
 
-const PLACES = { vessels: ["Vessels", vessels], steering: ["Steering", steering], lab: ["Lab", lab], papers: ["Papers", papers] };
+const PLACES = { vessels: ["Vessels", vessels], steering: ["Steering", steering], search: ["Search", search], lab: ["Lab", lab], papers: ["Papers", papers] };
 const opened = new Map();
 const $ = (id) => document.getElementById(id);
 
@@ -57,7 +58,7 @@ const show = guarded(async () => {
 
 // ---- jobs ----
 
-const WORDS = { play: "Episode", compare: "Comparison", export: "Export", reproduce: "Figure of a paper", sweep: "Sweep", table: "Table" };
+const WORDS = { play: "Episode", compare: "Comparison", export: "Export", reproduce: "Figure of a paper", missions: "Missions", sweep: "Sweep", table: "Table" };
 const STATES = { queued: "waits", running: "runs", done: "done", failed: "failed", cancelled: "cancelled", interrupted: "interrupted" };
 
 function drawJobs() {

@@ -103,7 +103,8 @@ def files_of(part: str, *, volume: bool = False, recorded: bool = False) -> tupl
     """Return the styles and scripts of a player; for the parameters see `served_page`."""
     if part != "swarm":
         scripts = [name.format(part=part) for name in (*_TRAJECTORIES, *_FRAME)]
-        return ["shared/style.css", f"{part}/style.css"], scripts
+        colours = ["search/colours.css"] if part == "search" else []
+        return ["shared/style.css", *colours, f"{part}/style.css"], scripts
     pictures = ["swarm/volume.js" if volume else "swarm/picture.js", "swarm/chart.js"]
     frame = [name.format(part=part) for name in _FRAME]
     styles = ["shared/style.css", *(["swarm/volume.css"] if volume else [])]

@@ -81,10 +81,15 @@ class RobotWays:
         plan = self.episode.plan
         ups = np.array(plan.altitudes)
         if len(ups) == 1:
-            found = plan.paths.legs(np.stack([start, end])).points
+            found = plan.leg(start, end)
             return found, np.concatenate([[0.0], np.cumsum(plan.leg_lengths(found))])
         ends = np.array([[*place[:2], place[2] if len(place) == 3 else 0.0] for place in (start, end)])
-        found = plan.paths.legs(np.column_stack([ends[:, :2], ups[ends[:, 2].astype(np.int64)]])).points
+        heights = ups[ends[:, 2].astype(np.int64)]
+        if plan.grid.region.contains(ends[:, :2]).all():
+            found = plan.paths.legs(np.column_stack([ends[:, :2], heights])).points
+        else:  # a launch point outside: it changes its height where the way begins
+            found = plan.leg(start, end)
+            found = np.column_stack([found, np.where(np.arange(len(found)) == 0, *heights)])
         nearer = np.argmin(np.abs(found[:, 2, None] - ups[ends[:, 2].astype(np.int64)]), axis=1)
         far = np.concatenate([[0.0], np.cumsum(plan.leg_lengths(found))])
         return np.column_stack([found[:, :2], ends[nearer, 2]]), far

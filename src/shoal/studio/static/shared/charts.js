@@ -7,7 +7,7 @@ function niceStep(rough) {
   return [1, 2, 5, 10].find((step) => step * power >= rough) * power;
 }
 
-function ticksOf(low, high, count) {
+export function ticksOf(low, high, count) {
   const step = niceStep((high - low) / count), found = [];
   for (let tick = Math.ceil(low / step) * step; tick <= high + step * 1e-9; tick += step) found.push(tick);
   return found;

@@ -19,7 +19,7 @@ function kindOf(field) {
 
 const nullable = (field) => Array.isArray(field.type);
 
-/** Text to value, for fields that hold more than a number: points '1,2 3,4', numbers, words. */
+/** Text to value, where a list of values is typed: points '1,2 3,4', numbers, words. */
 export function parsed(text) {
   const plain = text.trim();
   if (plain === "") return undefined;
@@ -38,12 +38,12 @@ export function parsed(text) {
 
 export function written(value) {
   if (value === null || value === undefined) return "";
-  if (Array.isArray(value)) return value.map((point) => (Array.isArray(point) ? point.join(",") : point)).join(" ");
+  if (Array.isArray(value)) return value.some(Array.isArray) ? value.map((point) => point.join(",")).join(" ") : value.join(",");
   return typeof value === "object" ? JSON.stringify(value) : String(value);
 }
 
 /** A control for one field: an element, and functions that read and write its value (undefined: the default). */
-function control(name, field, ends, changed) {
+function control(name, field, ends, changed, understood) {
   const id = `field-${name}-${++made}`, kind = kindOf(field), about = { id, "aria-describedby": `${id}-help` };
   if (field.names) return named(field, about, changed);
   if (field.enum || (kind === "boolean" && nullable(field))) {
@@ -63,7 +63,8 @@ function control(name, field, ends, changed) {
   }
   if (kind === "number" || kind === "integer") return isSlider(field, ends) ? slider(field, about, ends, changed) : numeric(field, about, kind, changed);
   const input = el("input", { ...about, type: "text", autocomplete: "off", spellcheck: false, placeholder: written(field.default) || "none", onchange: changed });
-  return { id, element: input, read: () => parsed(input.value), write: (value) => { input.value = written(value); } };
+  const words = () => input.value.split(",").map((word) => word.trim()).filter(Boolean);
+  return { id, element: input, read: () => (input.value.trim() === "" ? undefined : field.repeated ? words() : understood(input.value.trim())), write: (value) => { input.value = written(value); } };
 }
 
 function numeric(field, about, kind, changed) {
@@ -110,8 +111,9 @@ function named(field, about, changed) {
 }
 
 /** A form of sections; `sections` lists names of fields for the eye only, and those that none names come last, under "More".
- *  `changed(values, name)` is told of every change; values hold what differs from the defaults. */
-export function makeForm(schema, sections, { hidden = [], ends = {}, changed }) {
+ *  `changed(values, name)` is told of every change; values hold what differs from the defaults. Texts stay as they are, since the
+ *  server reads them as the command does, if `understood` does not make values of them. */
+export function makeForm(schema, sections, { hidden = [], ends = {}, label = "Settings", changed, understood = (text) => text }) {
   const controls = new Map(), fields = schema.properties;
   const namedFields = new Set([...hidden, ...sections.flatMap((section) => section.fields)]);
   const rest = Object.keys(fields).filter((name) => !namedFields.has(name));
@@ -123,7 +125,7 @@ export function makeForm(schema, sections, { hidden = [], ends = {}, changed }) 
     section.after ?? []));
 
   function row(name, field) {
-    const one = control(name, field, ends[name], () => changed(values(), name));
+    const one = control(name, field, ends[name], () => changed(values(), name), understood);
     controls.set(name, one);
     one.write(undefined);
     const label = el("label", { htmlFor: one.id }, field.title, field.unit ? el("span.unit", {}, field.unit) : []);
@@ -134,13 +136,13 @@ export function makeForm(schema, sections, { hidden = [], ends = {}, changed }) 
     const found = {};
     for (const [name, one] of controls) {
       const value = one.read(), usual = fields[name].default;
-      if (value !== undefined && value !== usual) found[name] = value;
+      if (value !== undefined && value !== usual && written(value) !== "") found[name] = value;
     }
     return found;
   }
 
   return {
-    element: el("form.form", { onsubmit: (event) => event.preventDefault(), "aria-label": "Settings" }, parts),
+    element: el("form.form", { onsubmit: (event) => event.preventDefault(), "aria-label": label }, parts),
     values,
     write(given) { for (const [name, one] of controls) one.write(given[name]); },
     row: (name) => controls.get(name),

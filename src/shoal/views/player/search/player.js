@@ -249,6 +249,13 @@
         zoomed: () => view.zoom > 1,
         held: (on) => $("stage").classList.toggle("dragged", on),
       });
+      let pressed = [0, 0];
+      $("picture").addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
+      $("picture").addEventListener("click", (event) => {
+        if (Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return; // a drag
+        const k = scene.robotAt(event.offsetX * scene.ratio, event.offsetY * scene.ratio, time);
+        if (k >= 0) (player.onRobot ?? choose)(k, time);
+      });
       const sizes = new ResizeObserver(resize);
       for (const box of ["stage", "chart"]) sizes.observe($(box));
     }
@@ -261,8 +268,9 @@
     resize();
     caption();
     report();
-    return {
+    const player = {
       length: history.end, play, pause, seek: goTo, setTheme,
+      onRobot: null, // called instead of following a robot that is clicked, with its number from 0 and the time
       get time() { return time; },
       get playing() { return playing; },
       get searched() { return history.searchedAt(time); },
@@ -273,6 +281,7 @@
       get zoom() { return view.zoom; },
       drawNow() { scene.draw(time, colours); rows.draw(time, colours); },
     };
+    return player;
   }
 
   ShoalDesk.open((data) => new ShoalSearch.History(data), (data, history) => play(history));

@@ -108,6 +108,13 @@ const ShoalSearch = (() => {
       this.view.resize(this.canvas.width, this.canvas.height, MARGIN * this.unit, MARGIN * this.unit);
     }
 
+    /** The robot drawn at a place, the nearest one; -1 for none. */
+    robotAt(x, y, time) {
+      const away = this.history.robots.map((robot) => { const [right, down] = this.view.at(robot.at(time)); return Math.hypot(right - x, down - y); });
+      const nearest = Math.min(...away);
+      return nearest <= 14 * this.unit ? away.indexOf(nearest) : -1;
+    }
+
     /** Forget the colours of cells: the theme or the robot that is followed is another one. */
     forget() {
       this.shown = 0;

@@ -92,7 +92,7 @@ export function drafting({ shown, started }) {
     kind.value = Object.hasOwn(forms, set.kind) ? set.kind : "swarm";
     const { schema } = forms[kind.value], all = Object.entries(schema.properties);
     const main = all.filter(([key, field]) => field.place || field.names || schema.required.includes(key)).map(([key]) => key);
-    form = makeForm(schema, [{ title: "What stays the same", open: true, fields: main }], { changed });
+    form = makeForm(schema, [{ title: "What stays the same", open: true, fields: main }], { changed, understood: parsed });
     form.write(set);
     room.replaceChildren(form.element);
     rows = [];

@@ -1,0 +1,304 @@
+/* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes, simulations, missions. */
+import { ask, newest, on, state, upload } from "../shared/api.js";
+import { makeForm } from "../shared/form.js";
+import { el, guarded, number, svg, tabbed } from "../shared/page.js";
+import { showCopies } from "../shared/share.js";
+import { MetricCanvas, handle } from "./search/canvas.js";
+import { Drawing } from "./search/drawing.js";
+import { earthAt, pointText, pointsOf } from "./search/earth.js";
+import { missionsPanel } from "./search/missions.js";
+import { lasting, simulation } from "./search/simulate.js";
+import { Underlay } from "./search/underlay.js";
+import { vehicleForm } from "./search/vehicle.js";
+
+const SECTIONS = [
+  { title: "Robots", open: true, fields: ["robots", "footprint", "launch", "land", "starts"] },
+  { title: "Rows", open: true, fields: ["angle", "margin", "tour", "allocation", "multiplicity"] },
+  { title: "Messages and faults", fields: ["loss", "network", "packet", "faults", "crashes", "rates"] },
+  { title: "Things to find", fields: ["targets", "detection", "false_alarm", "obstacles"] },
+  { title: "How the file is read", fields: ["no_go", "layer", "inner", "across_zones", "transit"] },
+];
+const BEGIN = {
+  problem: { robots: 4, footprint: "20", vehicle: { preset: "multirotor" }, launch: "8.4971,47.3987" },
+  drawing: { frame: [8.5, 47.4], parts: [[[-210, -140], [120, -165], [250, -40], [205, 130], [20, 175], [-190, 95]]], zones: [[[10, -35], [85, -30], [80, 40], [25, 50]]] },
+};
+const REGIONS = /\.(geojson|json|kml|kmz|gpkg|shp|zip|csv)$/i, PARTS = /\.(shx|dbf|prj|cpg)$/i;
+const REST = 600; // milliseconds after which what takes longer is asked
+const ring = (points) => points.map((point, k) => `${k ? "L" : "M"}${point.join(" ")}`).join("");
+const closed = (polygons) => polygons.flat().map((points) => `${ring(points)}Z`).join("");
+
+export function search({ remember }) {
+  const schema = state.start.schemas.search;
+  let region = null, seed = 0, plan = null, waiting = 0, chosen = -1, fleet = null;
+
+  // ---- what is set ----
+
+  const form = makeForm(schema, SECTIONS, { hidden: ["region", "vehicle"], changed: (_, name) => { if (name === "robots") spread(); redo(); } });
+  const vehicle = vehicleForm(() => redo());
+  const canvas = new MetricCanvas("The region. Arrow keys move the canvas, plus and minus zoom. Tab goes to corners and launch points.", { tap, over });
+  const drawing = new Drawing(canvas, { changed: drawn, launched: (point) => launch([...launches(), point]) });
+  const underlay = new Underlay(canvas, {
+    frame: () => frame(), changed: ({ fit = false } = {}) => { if (fit) canvas.draw(); keep(); },
+    setFrame: (given) => drawing.edit((told) => { told.frame = given; }),
+  });
+  const layers = Object.fromEntries(["region", "drawn", "tour", "ways"].map((name) => [name, name === "drawn" ? drawing.layer : svg("g", { class: name })]));
+  canvas.world.append(...Object.values(layers));
+  const warning = el("p.warning", { role: "status", hidden: true }), source = el("b.source", {}), facts = el("p.facts", {}), where = el("p.soft.where", {});
+  const list = el("ul.fleet", { "aria-label": "Robots" });
+  const seedInput = el("input.short", { type: "number", min: 0, value: 0, id: "searchSeed", onchange: () => { seed = Number(seedInput.value) || 0; redo(); } });
+
+  const frame = () => drawing.told.frame ?? plan?.frame ?? null;
+  const fields = () => ({ kind: "search", ...(region ? { region } : {}), ...form.values(), vehicle: vehicle.value() });
+  const keep = () => remember({ problem: fields(), drawing: drawing.empty && !drawing.told.frame ? null : drawing.told, under: underlay.told.file ? underlay.told : null, missions: missions.form.values(), seed });
+
+  /** The problem with what was drawn written as a file, once. */
+  async function ready() {
+    const given = fields(), { told } = drawing;
+    if (drawing.empty) return given;
+    if (!told.file) {
+      told.file = (await ask("draw", { problem: given, drawing: drawing.asked })).file;
+      keep();
+    }
+    return told.parts.length ? { ...given, region: told.file } : { ...given, no_go: [...[given.no_go ?? []].flat(), told.file] };
+  }
+
+  function set(values) {
+    for (const [name, value] of Object.entries(values)) form.row(name).write(value);
+    keep();
+  }
+
+  // ---- launch points: in the form's field, as text ----
+
+  const launches = () => {
+    const points = pointsOf(form.values().launch, frame() ? canvas.earth : null) ?? [], seen = new Set();
+    return points.filter((point) => { const key = point.map((x) => x.toFixed(1)).join(); return !seen.has(key) && seen.add(key); });
+  };
+
+  /** One point is for all; several are shared out among the robots. */
+  function launch(points, { quiet = false } = {}) {
+    const count = form.values().robots ?? schema.properties.robots.default, all = points.length > 1 ? Array.from({ length: Math.max(count, points.length) }, (_, k) => points[k % points.length]) : points;
+    if (points.length > count) form.row("robots").write(points.length);
+    form.row("launch").write(all.map((point) => pointText(point, frame() ? canvas.earth : null)).join(";") || undefined);
+    if (quiet) show();
+    else redo();
+  }
+  const spread = () => { const points = launches(); if (points.length > 1) launch(points.slice(0, form.values().robots ?? 4), { quiet: true }); };
+
+  // ---- the plan ----
+
+  function redo() {
+    keep();
+    simulate.refresh();
+    load();
+  }
+
+  const load = newest(async () => {
+    facts.classList.add("loading");
+    try {
+      if (drawing.told.frame) canvas.earth = await earthAt(drawing.told.frame);
+      if (!region && !drawing.told.parts.length) {
+        plan = fleet = null;
+        complain("Draw a region, drop a file, or name one.");
+      } else {
+        const found = await ask("plan", { problem: fields(), drawing: drawing.asked, frame: drawing.told.frame, seed });
+        canvas.earth = found.frame ? await earthAt(found.frame) : null;
+        plan = found;
+        fleet = null;
+        complain(found.problem);
+      }
+    } catch (error) {
+      complain(error.message);
+    }
+    facts.classList.remove("loading");
+    canvas.show([...(plan?.outline.flat(2) ?? []), ...drawing.points, ...(plan?.robots?.map((robot) => robot.place) ?? [])]);
+    show();
+    clearTimeout(waiting);
+    waiting = setTimeout(after, REST);
+  });
+
+  /** What takes longer: sorties, heights and the nearest approach. */
+  const after = newest(async () => {
+    if (!plan?.robots) return;
+    const asked = plan;
+    try {
+      const found = await ask("missions", { problem: fields(), drawing: drawing.asked, missions: missions.form.values(), frame: frame(), seed, slow: true });
+      if (asked === plan) fleet = found;
+    } catch (error) {
+      if (asked === plan) fleet = { problem: error.message };
+    }
+    show();
+  });
+
+  function complain(sentence) {
+    warning.hidden = !sentence;
+    warning.textContent = sentence ?? "";
+  }
+
+  // ---- what is shown ----
+
+  function show() {
+    const robots = plan?.robots ?? [], own = drawing.told.parts.length;
+    layers.region.replaceChildren(...(plan ? [
+      svg("path", { class: "land", "fill-rule": "evenodd", d: own ? "" : closed(plan.outline) }), svg("path", { class: "zone", d: own ? "" : closed(plan.no_go) }),
+      svg("path", { class: "margin", "fill-rule": "evenodd", d: closed(plan.free) }),
+    ] : []));
+    layers.tour.replaceChildren(svg("path", { d: plan?.closed?.length ? ring(plan.closed) : "" }));
+    layers.ways.replaceChildren(...robots.map((robot, k) => svg("path", { class: `way r${k % 12}${chosen >= 0 && chosen !== k ? " dim" : ""}`, d: ring(robot.way) })));
+    drawMarks(drawing.show());
+    drawList(robots);
+    source.textContent = drawing.told.file ?? (own ? "drawn" : region ?? "");
+    facts.textContent = plan?.cells ? [
+      plan.area >= 1e4 ? `${number(plan.area / 1e4)} ha` : `${number(plan.area)} m²`, `${number(plan.cells, 9)} cells of ${number(plan.cell)} m`,
+      `${plan.tour} at ${number(plan.angle, 3)}°, ${plan.allocation}`, `searched in ${lasting(plan.makespan)}`, nearest(),
+    ].filter(Boolean).join(" · ") : "";
+    drawing.numbers.fill();
+  }
+
+  function nearest() {
+    if (!fleet) return "";
+    const near = fleet.nearest_approach;
+    return fleet.problem ?? (near ? `nearest approach ${number(near.horizontal_m, 3)} m` : "vehicles keep apart in height");
+  }
+
+  function drawMarks(corners) {
+    const points = launches(), starts = plan?.robots ?? [], near = fleet?.nearest_approach;
+    const home = points.map((point, k) => handle(canvas, `launch${k}`, point, `Launch point ${k + 1}. Arrow keys move it, Delete removes it.`, [svg("path", { class: "home", d: "M0 -9L8 6H-8Z" })], {
+      move: (to) => launch(points.map((one, i) => (i === k ? to : one)), { quiet: true }), done: redo, remove: () => launch(points.filter((_, i) => i !== k)),
+    }));
+    const places = points.length ? [] : starts.map((robot, k) => ({ point: robot.place, element: svg("g", { class: `spot r${k % 12}` }, svg("rect", { x: -4, y: -4, width: 8, height: 8 })) }));
+    const heads = starts.length > 30 ? [] : starts.flatMap((robot, k) => (robot.way.length < 2 ? [] : [{ point: robot.way[robot.way.length >> 1], element: svg("g", { class: `head r${k % 12}${chosen >= 0 && chosen !== k ? " dim" : ""}` }, svg("circle", { r: 8 }), svg("text", { y: 3.6, "text-anchor": "middle" }, String(k + 1))) }]));
+    const meeting = near ? [{ point: near.place, element: svg("g", { class: "near" }, svg("circle", { r: 11 }), svg("title", {}, `Robots ${near.robots.join(" and ")} come within ${number(near.horizontal_m, 3)} m`)) }] : [];
+    canvas.setMarks([...heads, ...meeting, ...places, ...corners, ...home]);
+    canvas.draw();
+  }
+
+  function drawList(robots) {
+    list.replaceChildren(...robots.slice(0, 200).map((robot, k) => {
+      const flights = fleet?.starts?.filter((one) => one.robot === k + 1) ?? [];
+      const more = flights.length ? [flights.length > 1 ? `${flights.length} sorties` : "", `at ${number(flights[0].altitude_m)} m`, flights[0].delay_s ? `after ${lasting(flights[0].delay_s)}` : ""].filter(Boolean).join(", ") : "";
+      const words = robot.stops ? [lasting(robot.seconds), robot.length === null ? "" : robot.length >= 1000 ? `${number(robot.length / 1000, 3)} km` : `${number(robot.length, 3)} m`, robot.turns === null ? "" : `${robot.turns} turns`].filter(Boolean).join(" · ") : "in reserve";
+      return el("li", {}, el("button", { type: "button", class: `r${k % 12}`, "aria-pressed": String(chosen === k), onclick: () => { chosen = chosen === k ? -1 : k; show(); } }, el("b.no", {}, String(k + 1)), el("span", {}, words), el("span.soft", {}, more)));
+    }));
+  }
+
+  // ---- hands ----
+
+  function tap(point) {
+    if (underlay.tap(point)) return;
+    drawing.tap(point);
+  }
+
+  function over(point) {
+    where.textContent = !point ? "" : canvas.earth ? canvas.earth.degrees(point).map((x) => x.toFixed(6)).join(", ") : `${point.map((x) => x.toFixed(1)).join(", ")} m`;
+  }
+
+  function drawn({ drawnOnly = false } = {}) {
+    if (drawnOnly) drawMarks(drawing.show());
+    else redo();
+  }
+
+  // ---- where the region comes from ----
+
+  async function choose(name) {
+    region = name || null;
+    drawing.load(null);
+    form.row("launch").write(undefined);
+    form.row("no_go").write(undefined);
+    canvas.moved = false;
+    typed.value = name;
+    stages.pick("plan");
+    redo();
+  }
+
+  /** Corners of what a file holds, to be moved: it becomes a drawing. */
+  function loosen() {
+    if (!plan || drawing.told.parts.length) return;
+    const corners = plan.outline.map((rings) => rings.map((points) => (String(points[0]) === String(points.at(-1)) ? points.slice(0, -1) : points)));
+    drawing.edit((told) => {
+      told.frame = plan.frame;
+      told.parts = corners.map(([shell]) => shell);
+      told.zones = [...told.zones, ...corners.flatMap(([, ...holes]) => holes)];
+    });
+    region = null;
+    redo();
+  }
+
+  async function bring(files) {
+    const shape = files.find((file) => /\.shp$/i.test(file.name)), rest = files.filter((file) => file !== shape);
+    const main = shape ?? rest.find((file) => REGIONS.test(file.name));
+    if (!main) {
+      if (!files.every((file) => PARTS.test(file.name)) && files[0]) { await underlay.load({ file: await upload(files[0]) }); keep(); return; }
+      throw new Error("A Shapefile comes with its .shp file: drop all of its files together.");
+    }
+    const name = await upload(main);
+    for (const part of shape ? rest.filter((file) => PARTS.test(file.name)) : []) await upload(new File([part], name.replace(/\.shp$/i, part.name.slice(part.name.lastIndexOf(".")).toLowerCase())));
+    await choose(name);
+  }
+
+  const choices = el("select", { id: "searchFile", onchange: guarded(() => choices.value && choose(choices.value)) });
+  function listFiles() {
+    const found = state.files.filter((file) => file.kind === "region" || /\.csv$/i.test(file.name)).filter((file) => !/^papers\//.test(file.name)), kept = region;
+    choices.replaceChildren(el("option", { value: "" }, found.length ? "from the folder" : "no file yet"), ...found.map((file) => el("option", { value: file.name }, file.name)));
+    choices.value = found.some((file) => file.name === kept) ? kept : "";
+  }
+  const picked = el("input", { type: "file", multiple: true, hidden: true, onchange: guarded(() => picked.files.length && bring([...picked.files])) });
+  const typed = el("input", { type: "text", spellcheck: false, autocomplete: "off", id: "searchRegion", placeholder: "square:400", "aria-describedby": "searchRegionHelp", onchange: guarded(() => typed.value && choose(typed.value.trim())) });
+  const drop = el("button.drop", { type: "button", onclick: () => picked.click() }, el("b", {}, "Drop a region here"), el("span.soft", {}, "GeoJSON, KML, GeoPackage, Shapefile (its files or a zip), CSV"));
+  const blank = el("button.second", { type: "button", onclick: () => { const kept = drawing.told.frame ?? plan?.frame ?? null; region = null; drawing.load({ frame: kept }); form.row("launch").write(undefined); typed.value = ""; plan = null; stages.pick("plan"); drawing.pick("parts"); redo(); } }, "Draw a region");
+  const loose = el("button.second", { type: "button", title: "Make a drawing of it, whose corners can be moved", onclick: guarded(loosen) }, "Edit its corners");
+  const chooser = el("section.chooser", { "aria-label": "Region" }, drop, picked,
+    el("div.pair", {}, el("label.unseen", { htmlFor: "searchFile" }, "A file of the folder"), choices, blank),
+    el("div.pair", {}, el("label.unseen", { htmlFor: "searchRegion" }, "By name"), typed, loose), el("p.help", { id: "searchRegionHelp" }, "Or by name: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER, in metres."));
+
+  // ---- the stages ----
+
+  const simulate = simulation({ ready, seed: () => seed, fields, set, open: () => stages.pick("simulate") });
+  const missions = missionsPanel({ ready, seed: () => seed, changed: redo });
+  const stages = tabbed("Search", [
+    ["plan", "Plan", el("div.stageHead", {}, drawing.toolbar), canvas.element, el("div.underStage", {}, source, facts, where), list],
+    ["simulate", "Simulate", ...simulate.children],
+    ["missions", "Missions", ...missions.children],
+  ], {
+    chosen: (name) => {
+      missions.form.element.hidden = name !== "missions";
+      if (name === "simulate") guarded(() => simulate.enter())();
+    },
+  });
+  stages.panels[2].classList.add("scrolls");
+  stages.pick("plan");
+  on("files", listFiles);
+  listFiles();
+
+  const element = el("div.place.search-place", {},
+    el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, stages.panels),
+    el("section.panel-side", { "aria-label": "Settings" }, chooser, missions.form.element, form.element, vehicle.element, underlay.element),
+    el("footer.bottom", {}, el("label", { htmlFor: "searchSeed" }, "Seed"), seedInput, simulate.word, simulate.bar,
+      el("button.second", { type: "button", onclick: guarded(async () => showCopies(await ready(), seed)) }, "As Python …"), simulate.go));
+  for (const kind of ["dragover", "dragenter"]) element.addEventListener(kind, (event) => { event.preventDefault(); element.classList.add("dropping"); });
+  for (const kind of ["dragleave", "drop"]) element.addEventListener(kind, () => element.classList.remove("dropping"));
+  element.addEventListener("drop", guarded(async (event) => {
+    event.preventDefault();
+    if (event.dataTransfer.files.length) await bring([...event.dataTransfer.files]);
+  }));
+
+  return {
+    element,
+    title: "Search",
+    async open(given) {
+      if (!given?.problem && (plan || drawing.points.length)) return;
+      const { problem, drawing: told, under, missions: options = {}, seed: start = 0 } = given?.problem ? given : BEGIN;
+      seed = start;
+      seedInput.value = seed;
+      region = typeof problem.region === "string" ? problem.region : null;
+      typed.value = region ?? "";
+      form.write(problem);
+      vehicle.write(problem.vehicle);
+      missions.form.write(options);
+      drawing.load(told);
+      canvas.moved = false;
+      if (under) await underlay.load(under);
+      listFiles();
+      redo();
+    },
+  };
+}

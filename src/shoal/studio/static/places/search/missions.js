@@ -1,0 +1,54 @@
+/* Missions: files for vehicles, checked, as a zip. */
+import { cancelJob, fileAddress, run, state } from "../../shared/api.js";
+import { makeForm } from "../../shared/form.js";
+import { dataTable, duration, el, guarded, number, told } from "../../shared/page.js";
+import { failure } from "../../shared/share.js";
+import { lasting } from "./simulate.js";
+
+const SECTIONS = [{ title: "Missions", open: true, fields: ["format", "autopilot", "separation", "delay_tolerance", "altitude_frame", "terrain", "terrain_error", "rally", "cap"] }];
+
+export function missionsPanel({ ready, seed, changed }) {
+  const form = makeForm(state.start.schemas.missions, SECTIONS, { label: "Settings of missions", changed });
+  const word = el("p.soft", { role: "status" }), bar = el("progress", { max: 1, hidden: true, "aria-label": "Done" });
+  const go = el("button.main", { type: "button", onclick: guarded(start) }, "Write missions");
+  const stop = el("button.second", { type: "button", hidden: true }, "Cancel");
+  const result = el("div.missions", {}), empty = el("p.empty", {}, "Press Write missions: files for PX4 and ArduPilot, GeoJSON, KML, GPX and CSV, read back and flown on paper.");
+
+  async function start() {
+    const problem = await ready();
+    go.disabled = true;
+    bar.hidden = stop.hidden = false;
+    const free = () => { go.disabled = false; bar.hidden = stop.hidden = true; word.textContent = ""; };
+    const job = await run("missions", { problem, missions: form.values(), seed: seed() }, {
+      job: (now) => { bar.value = now.done ?? 0; word.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", "); },
+      done: (found) => { free(); show(found); },
+      failed: (now) => { free(); if (now.state !== "cancelled") told(new Error(failure(now))); },
+    }).catch((error) => { free(); throw error; });
+    stop.onclick = guarded(() => cancelJob(job.id));
+  }
+
+  function show({ file, map, missions, check, command }) {
+    const near = missions.nearest_approach, good = !check.errors && (check.covered_fraction ?? 1) > 0.999;
+    const facts = [
+      ["Seen", check.covered_fraction === null ? "not measured" : `${number(100 * check.covered_fraction, 6)} %`],
+      ["Mistakes", `${check.errors}, and ${check.warnings} warnings`],
+      ["Nearest approach", !missions.separation_m ? "not asked for" : near ? `${number(near.horizontal_m)} m: robots ${near.robots.join(" and ")} after ${lasting(near.time_s)}` : `none nearer than ${number(missions.separation_m[1])} m in height`],
+      ["Sorties", String(missions.sorties)], ["Waypoints", number(check.waypoints, 9)],
+    ];
+    go.className = "second";
+    empty.hidden = true;
+    result.replaceChildren(
+      el("div.verdictLine", {}, el(`span.verdictChip.${good ? "agrees" : "differs"}`, {}, good ? "checked: nothing wrong" : "checked: look below"),
+        el("a.main.download", { href: fileAddress(file), download: file }, "Download the zip"), el("span.soft", {}, file)),
+      el("dl.measures", {}, facts.map(([term, value]) => el("div", {}, el("dt", {}, term), el("dd", {}, value)))),
+      check.diagnostics.length ? dataTable("Mistakes and warnings", ["File", "What"], check.diagnostics.slice(0, 50).map((one) => [one.file ?? "", one.sentence ?? one.message ?? ""])) : [],
+      el("figure.missionMap", {}, el("img", { src: `${fileAddress(map)}?${Date.now()}`, alt: "Map of the missions: ways by altitude, launch points, zones, fence" })),
+      dataTable("Sorties", ["Robot", "Sortie", "Sets out after", "Altitude"], missions.starts.map((one) => [String(one.robot), String(one.sortie), lasting(one.delay_s), `${number(one.altitude_m)} m`])),
+      el("p.soft", {}, "The same in a terminal"), el("pre.code", { tabIndex: 0 }, command));
+  }
+
+  return {
+    form,
+    children: [el("div.stageHead", {}, go, stop, bar, word), result, empty],
+  };
+}

@@ -1,0 +1,112 @@
+/* Simulate: the run in the player; message loss on a slider, and robots that die by a click while it plays. */
+import { ask, newest, run } from "../../shared/api.js";
+import { duration, el, guarded, say, told } from "../../shared/page.js";
+import { PlayerFrame } from "../../shared/player.js";
+import { exports, failure } from "../../shared/share.js";
+
+const CRASH = /^crash:(\d+)@([\d.]+)$/;
+export const lasting = (seconds) => {
+  const whole = Math.round(seconds), two = (n) => String(n).padStart(2, "0");
+  return seconds < 59.5 ? `${Number(seconds.toPrecision(3))} s` : `${Math.floor(whole / 3600) ? `${Math.floor(whole / 3600)}:` : ""}${whole >= 3600 ? two(Math.floor(whole / 60) % 60) : Math.floor(whole / 60)}:${two(whole % 60)}${whole < 3600 ? " min" : " h"}`;
+};
+
+/** `ready()` gives the problem as it is run, `seed()` its seed; `set(fields)` writes fields of the form; `open()` shows this panel. */
+export function simulation({ ready, seed, fields, set, open }) {
+  const frame = new PlayerFrame("search", { title: "The search as it is played" });
+  const loss = el("input", { type: "range", min: 0, max: 0.95, step: 0.05, value: 0, id: "searchLoss" }), lossWord = el("output", { htmlFor: "searchLoss" }, "0 %");
+  const result = el("div.result", {}), faults = el("div.faults", {}), robots = el("div.group.deaths", { role: "group", "aria-label": "Let a robot die now" });
+  const word = el("p.soft", { role: "status" }), bar = el("progress", { max: 1, hidden: true, "aria-label": "Done" });
+  const keep = el("button.second.keep", { type: "button", hidden: true, onclick: guarded(play) }, "Keep this run");
+  const go = el("button.main", { type: "button", onclick: guarded(play) }, "Simulate");
+  const empty = el("p.empty", {}, "Press Simulate: the robots search here. Then lose messages, and let robots die.");
+  let shown = null; // the problem that is played
+
+  const crashes = () => [fields().faults ?? []].flat();
+  const same = (problem) => shown && JSON.stringify(problem) === JSON.stringify(shown);
+
+  async function show(data, { at = 0, playing = true }) {
+    const inside = await frame.open(data), player = inside.shoalPlayer;
+    if (!player) throw new Error("The search cannot be shown: it is too large for a browser.");
+    player.onRobot = (k) => guarded(die)(k);
+    if (at) player.seek(at);
+    if (playing) player.play();
+    robots.replaceChildren(el("span.soft", {}, "Dies now:"), ...data.robots.map((_, k) => el("button.chip.death", { type: "button", class: `chip death r${k % 12}`, "aria-label": `Robot ${k + 1} dies now`, onclick: guarded(() => die(k)) }, String(k + 1))));
+    drawFaults(data.cellTime, data.climb);
+  }
+
+  function drawFaults(cell, climb) {
+    faults.replaceChildren(...crashes().map((text, k) => {
+      const [, robot, time] = text.match(CRASH) ?? [], words = robot ? `Robot ${robot} dies at ${lasting(climb + Number(time) * cell)}` : text;
+      return el("span.chip", {}, words, el("button.quiet.icon", { type: "button", "aria-label": `Take back: ${words}`, onclick: () => { set({ faults: crashes().filter((_one, i) => i !== k) }); vary(); } }, "×"));
+    }));
+  }
+
+  /** The robot stops at the moment that is shown; all is computed anew, and until then the same. */
+  async function die(k) {
+    const player = frame.player, at = Math.round(1000 * player.time) / 1000;
+    if (player.doing[k] === "dead") return say(`Robot ${k + 1} is dead already.`);
+    const playing = player.playing;
+    player.pause();
+    set({ faults: [...crashes(), `crash:${k + 1}@${at}`] });
+    await vary({ at, playing });
+    return undefined;
+  }
+
+  const vary = newest(async ({ at = null, playing = null } = {}) => {
+    const before = frame.player, problem = await ready();
+    word.textContent = "simulating …";
+    try {
+      const found = await ask("simulate", { problem, seed: seed(), slow: true });
+      shown = null;
+      await show(found.data, { at: at ?? before?.time ?? 0, playing: playing ?? before?.playing ?? true });
+      result.replaceChildren(el("p", {}, found.sentence), el("p.soft", {}, `${found.lost} of ${found.sent} messages lost, ${found.takeovers} taken over, ${(100 * found.seen).toFixed(1)} % seen`));
+      keep.hidden = false;
+    } catch (error) {
+      told(error);
+    }
+    word.textContent = "";
+  });
+
+  async function play() {
+    const problem = await ready();
+    open();
+    const again = frame.player && !keep.hidden ? { at: frame.player.time, playing: frame.player.playing } : {};
+    go.disabled = true;
+    bar.hidden = false;
+    const free = () => { go.disabled = false; bar.hidden = true; word.textContent = ""; };
+    await run("play", { problem, seed: seed() }, {
+      job: (now) => { bar.value = now.done ?? 0; word.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", "); },
+      done: guarded(async ({ file, sentence }) => {
+        free();
+        result.replaceChildren(el("p", {}, sentence), exports(file));
+        keep.hidden = true;
+        shown = problem;
+        const { data } = await ask("page", { file, slow: true });
+        await show(data, again);
+      }),
+      failed: (now) => { free(); told(new Error(failure(now))); },
+    }).catch((error) => { free(); throw error; });
+  }
+
+  loss.addEventListener("input", () => {
+    lossWord.textContent = `${Math.round(100 * loss.value)} %`;
+    set({ loss: Number(loss.value) || undefined });
+    if (frame.shown) vary({ at: 0, playing: true });
+  });
+
+  return {
+    go, word, bar,
+    children: [el("div.stageHead", {}, el("span.slider", {}, el("label", { htmlFor: "searchLoss" }, "Messages lost"), loss, lossWord), robots, keep), faults, el("div.stageHead", {}, result), frame.element, empty],
+    /** The form was changed elsewhere. */
+    refresh() {
+      const { loss: now = 0 } = fields();
+      loss.value = now;
+      lossWord.textContent = `${Math.round(100 * now)} %`;
+    },
+    /** The panel is shown: what was played before is played anew if the form is another one. */
+    async enter() {
+      this.refresh();
+      if (frame.shown && !same(await ready())) vary();
+    },
+  };
+}
