@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import time
 
@@ -28,3 +29,12 @@ def wait_with_child(connection):
         os._exit(0)
     connection.send(child)
     time.sleep(60)
+
+
+def play_on_a_full_disk(connection, root, spec):
+    """Play an episode where no file may have more than a hundred bytes."""
+    from shoal.studio.jobs.work import work  # not for the others, which need it not
+
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+    work(connection, root, "play", spec, 1)

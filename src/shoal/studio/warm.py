@@ -6,16 +6,18 @@ import gc
 
 import shoal.steering.run
 import shoal.studio.answers
-import shoal.studio.jobs.work
 from shoal.steering.problem import SteeringProblem
+from shoal.studio.jobs.work import play_live
 from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.run import load_kernels
 
 
 def _load() -> None:
-    """Load the kernels that are asked for first: those of the default policy, and of plans for two particles."""
+    """Load what is asked for first: kernels of the default policy and of plans for two particles, and all that a run needs."""
     for policy in ("best", "closest-frontier"):
-        load_kernels(SwarmProblem([[1, 1]], particles=1, policy=policy))
+        problem = SwarmProblem([[1, 1]], particles=1, policy=policy)
+        load_kernels(problem)
+    play_live(problem, 0, lambda _word, _what: None)
     for planner in ("greedy", "shortest"):
         start, goal = [(0.2, 0.3), (0.5, 0.35)], [(0.8, 0.2), (0.3, 0.75)]
         shoal.steering.run.run(SteeringProblem("square", start, goal, planner=planner))

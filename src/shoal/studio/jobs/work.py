@@ -50,7 +50,7 @@ def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     """Play an episode; what is played is told as it goes."""
     problem, seed = checked_problem(spec["problem"], folder), checked_seed(spec)
     if problem.part == "swarm" and problem.noise is None:  # type: ignore[attr-defined]  # a swarm's problem has it
-        episode: Any = _shown_while_played(problem, seed, say)
+        episode: Any = play_live(problem, seed, say)
     else:
         say("progress", (0.0, "planning"))
         episode = shoal.run(problem, seed=seed)
@@ -62,7 +62,8 @@ def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     return {"file": name, "sentence": episode.sentence, "report": episode.report()}
 
 
-def _shown_while_played(problem: Any, seed: int, say: Say) -> Any:
+def play_live(problem: Any, seed: int, say: Say) -> Any:
+    """Play an episode of a swarm; its begin, its moves as they are played and its end are told."""
     from shoal.episode import Status
     from shoal.swarm.episode import SwarmEpisode
     from shoal.swarm.grid.commands import decode
