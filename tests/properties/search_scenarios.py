@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
@@ -50,6 +51,7 @@ def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
         recharge=float(rng.integers(0, 5)),
     )
     starts = _starts(rng, n, m)
+    brief = with_launches(brief, starts, np.random.default_rng([seed, 3]))
     air = np.random.default_rng([seed, 2])
     signed, packet = air.random() < 0.2, int(air.choice([0, 0, 0, 0, 64, 100, 1200]))
     rates = (1.0,) * m if rng.random() < 0.6 else tuple(float(rate) for rate in rng.uniform(0.5, 2.0, size=m))
@@ -68,6 +70,29 @@ def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
         packet=packet,
         seed=seed,
     )
+
+
+@dataclass(frozen=True)
+class FarLaunches:
+    """Launch points outside, as `WaysOut` tells of them: each so far from the cell in which its robot starts, by number."""
+
+    away: dict[int, float]
+    starts: tuple[int, ...]
+    tour_cost: TourCost
+
+    def __contains__(self, number: int) -> bool:
+        return number in self.away
+
+    def length(self, number: int, cell: int) -> float:
+        return self.away[number] + self.tour_cost.length(self.starts[number - 1], cell)
+
+
+def with_launches(brief: Brief, starts: tuple[int, ...], rng: Generator) -> Brief:
+    """Return a brief in which, now and then, robots set out late, or outside; not where that could take all of their energy."""
+    delays, away = np.round(rng.exponential(20.0, len(starts)), 2), rng.exponential(10.0, len(starts))
+    late, outside = rng.random(2) < 0.2
+    far = FarLaunches({k + 1: float(away[k]) for k in range(0, len(starts), 2)}, starts, brief.tour_cost)
+    return replace(brief, delays=tuple(delays.tolist()) if late else (), ways_out=far if outside and brief.energy == inf else None)  # type: ignore[arg-type]  # it is asked for nothing else
 
 
 def random_mask(rng: Generator) -> NDArray[np.bool_]:

@@ -6,7 +6,7 @@ import time
 from math import inf
 
 from shoal.errors import InvalidInputError
-from shoal.search.allocation.plan import plan_search
+from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.episode import SearchEpisode
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.keys import read_key
@@ -18,7 +18,7 @@ from shoal.version import versions
 SIMULATED = 1_000_000  # cells times robots: larger searches are not simulated unless asked for
 
 
-def run(problem: SearchProblem, *, seed: int = 0) -> SearchEpisode:
+def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None) -> SearchEpisode:
     """Search a region with robots that have no coordinator.
 
     Parameters
@@ -26,6 +26,8 @@ def run(problem: SearchProblem, *, seed: int = 0) -> SearchEpisode:
     problem : SearchProblem
     seed : int
         Of random starts, targets, obstacles and crashes, and of the simulation.
+    plan : SearchPlan, optional
+        That of the problem and the seed, where it is known already.
 
     Raises
     ------
@@ -41,7 +43,7 @@ def run(problem: SearchProblem, *, seed: int = 0) -> SearchEpisode:
     """
     began = time.perf_counter()
     key = b"" if problem.key is None else read_key(problem.key)
-    plan = plan_search(problem, seed=seed)
+    plan = plan_search(problem, seed=seed) if plan is None else plan
     scenario = scenario_of(problem, plan, seed)
     cells, robots = len(plan.tour_cost), problem.robots
     simulated = problem.live is None and (cells * robots <= SIMULATED if problem.simulate is None else problem.simulate)

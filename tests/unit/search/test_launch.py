@@ -11,11 +11,15 @@ import shapely
 from shoal.errors import InvalidInputError
 from shoal.search import SearchEpisode, open_region
 from shoal.search.cells.transits import Transits
+from shoal.search.missions.deconfliction import plan_missions
 from shoal.search.problem import SearchProblem
+from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.regions.margin import with_margin
 from shoal.search.regions.places import places_of
 from shoal.search.regions.region import region_of
 from shoal.search.run import run
+from shoal.views.search.history import SearchHistory
+from shoal.views.search.mission_folder import MissionFolder
 
 FIELD = shapely.box(0, 0, 200, 100)
 ZONES = shapely.MultiPolygon([shapely.box(-60, -20, -20, 120), shapely.box(80, 40, 110, 60)])
@@ -89,3 +93,50 @@ def test_a_search_from_outside_is_planned_verified_and_saved(tmp_path):
     again = SearchEpisode.load(tmp_path / "episode.json")
     assert again.verify()
     assert again.plan.landing.tolist() == episode.plan.landing.tolist()
+
+
+def test_simulated_time_holds_the_way_out_and_the_delay():
+    """A robot sees its first cell no sooner than it can have come there from its launch point, and so does the player."""
+    near = SearchProblem(region_of(FIELD), robots=3, footprint=20, launch="-1,50", rates=(1, 1, 2))
+    far = near.replaced(launch="-300,50")
+    delayed = far.replaced(delays=(0, 100, 250))
+    found = [run(problem, seed=1) for problem in (near, far, delayed)]
+    assert found[1].makespan > found[0].makespan + 290 / 2
+    for episode in found:
+        assert episode.status.done
+        for robot, (log, route, rate) in enumerate(zip(episode.trace.robots, episode.routes, (1, 1, 2), strict=True)):
+            first = np.hypot(*np.diff(route.points[: route.stops[1] + 1], axis=0).T).sum() / episode.plan.grid.size
+            out = 1.0 + episode.plan.delays[robot] / episode.cell_time + (first + 1.0) / rate  # listening, delay, way, the cell
+            assert log.times[0] == pytest.approx(out, abs=1e-9)
+            shown = SearchHistory(episode).trajectories[robot]
+            assert not np.hypot(*(shown.at(out - (first + 1.0) / rate - 0.01) - shown.at(0.0)))
+    planned = run(delayed.replaced(simulate=False), seed=1)
+    simulated = [log.times[0] for log in found[2].trace.robots]
+    np.testing.assert_allclose([log.times[0] + 1.0 for log in planned.trace.robots], simulated, atol=1e-9)
+    with pytest.raises(InvalidInputError, match="delays: expected 3 times, one a robot, got 2"):
+        SearchProblem("square:20", robots=3, delays=(1, 2))
+
+
+def test_sorties_from_outside_fly_there_and_back_and_faults_stay_mended():
+    """Each sortie's way out and home counts; the search ends although a robot dies on the ground and another far away."""
+    problem = SearchProblem(region_of(FIELD), robots=3, footprint=10, launch="-60,50", faults="crash:2@1,crash:3@40")
+    brief = run(problem, seed=1)
+    tired = run(problem.replaced(vehicle="ideal,endurance=9,reserve=0,recharge=1"), seed=1)
+    assert brief.status.done
+    assert tired.status.done
+    assert tired.makespan > brief.makespan + 2 * 60
+
+
+def test_missions_kept_apart_by_delays_make_the_simulation_late(tmp_path):
+    options = MissionOptions(format=("csv",))
+    problem = SearchProblem(region_of(FIELD), robots=3, footprint=20, launch="-20,50", vehicle="multirotor")
+    folder = MissionFolder(tmp_path / "missions", problem, options)
+    episode = folder.run(problem, seed=1)
+    delays = [mission.delay for mission in folder.missions]
+    assert max(delays) > 0
+    assert episode.problem.delays == tuple(delays)
+    ends = [mission.delay for mission in plan_missions(episode.plan, separation=options.kept_apart)]
+    assert ends == delays
+    assert min(log.times[0] * episode.cell_time - late for log, late in zip(episode.trace.robots, delays, strict=True)) > 0
+    episode.save(tmp_path / "search.json")
+    assert SearchEpisode.load(tmp_path / "search.json").verify()

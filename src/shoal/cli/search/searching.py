@@ -62,7 +62,7 @@ def search(
     writer = None if missions is None else _mission_folder(missions, problem, options)
     check_outputs(out, film)
     with nullcontext() if problem.live is None else patience("searching with one process a robot ..."):
-        episode = run(problem, seed=seed)
+        episode = run(problem, seed=seed) if writer is None else writer.run(problem, seed=seed)
     finish(episode, [] if writer is None else writer.write(episode.plan), out, film, json_=json_, writer=writer)
 
 
@@ -130,8 +130,6 @@ def replay_search(
 
 def demo_search(out: Path, *, seed: int, json_: bool) -> None:
     """Search a marsh around a lake with 12 robots, three of which die: ``shoal demo search``."""
-    from shoal.search.run import run
-
     check_folder(out)
     problem = SearchProblem(
         Path(__file__).parents[1] / "data" / "marsh.geojson",
@@ -142,9 +140,10 @@ def demo_search(out: Path, *, seed: int, json_: bool) -> None:
         targets=8,
         vehicle="multirotor",
     )
-    episode = run(problem, seed=seed)
+    writer = _mission_folder(out / "missions", problem, MissionOptions(format=("plan", "kml")))
+    episode = writer.run(problem, seed=seed)
     result = episode.report()
-    written = _mission_folder(out / "missions", problem, MissionOptions(format=("plan", "kml"))).write(episode.plan)
+    written = writer.write(episode.plan)
     written += write_outputs(episode, result, out, [out / "search.html"])
     if json_:
         print_json(result | {"files": [str(path) for path in written]})

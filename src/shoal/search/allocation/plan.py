@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,7 @@ from shoal.search.cells.distances import CellDistances, RegionDistances
 from shoal.search.cells.footprint import RegionFootprint, cell_side, widths_of
 from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.routing import RegionPaths, Route, leg_lengths
-from shoal.search.cells.transits import Transits
+from shoal.search.cells.transits import Transits, WaysOut
 from shoal.search.flight.pace import turn_cells, working_seconds
 from shoal.search.flight.timing import turns_of
 from shoal.search.flight.vehicle import Vehicle
@@ -75,6 +76,8 @@ class SearchPlan:
         Where the robots end, metres; where they start if not given.
     vehicle : Vehicle
         What each robot is, but for its speed.
+    delays : ndarray of float64, shape (m,)
+        How long after the first each robot sets out, seconds; all at once if not given.
     compared : tuple of Candidate
         Tours and then allocations among which the plan was chosen, the best of each first; empty where nothing was to be chosen.
     """
@@ -89,7 +92,12 @@ class SearchPlan:
     transit: bool = False
     landing: Points | None = None
     vehicle: Vehicle = Vehicle(preset="ideal")
+    delays: NDArray[np.float64] = None  # type: ignore[assignment]  # settled below
     compared: tuple[Candidate, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.delays is None:
+            object.__setattr__(self, "delays", np.zeros(len(self.places)))
 
     @property
     def tour(self) -> Tour:
@@ -183,6 +191,15 @@ class SearchPlan:
     def _transits(self) -> Transits:
         return Transits(self.grid.region, np.vstack([self.places, self.places if self.landing is None else self.landing]))
 
+    @cached_property
+    def ways_out(self) -> WaysOut | None:
+        """The ways from launch points outside of the region; None if there is none."""
+        outside = np.flatnonzero(~self.grid.region.contains(self.places)).tolist()
+        if not outside:
+            return None
+        launches = {robot + 1: self.places[robot] for robot in outside}
+        return WaysOut(self._transits, launches, self.tour_cost.points * self.grid.size, self.grid.size)
+
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
         """Return a way between a launch or landing point and a place on a route: inside where both are, else a transit."""
         both = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])[:, :2]
@@ -233,7 +250,8 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     landing = None if problem.land is None else places_of(problem.land, grid.region, robots, what="land")
     numbers = tour.position[tuple(grid.cell_of(places).T)]
     widths = widths_of(footprints, ground.size)
-    middles, cell = with_climb_cost(grid, places) / grid.size, grid.size / vehicle.mean_speed(grid.angle)
+    # Robots tell one another their cells only: what is shared by them is all that they can agree on.
+    middles, cell = tour_cost.points[numbers], grid.size / vehicle.mean_speed(grid.angle)
     given, times = best_allocation(
         tour_cost,
         numbers,
@@ -249,7 +267,20 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
         team = zip(range(1, robots + 1), numbers.tolist(), speeds.tolist(), widths.tolist(), strict=True)
         given = in_passes(tour_cost, given, tuple(team), middles, problem.multiplicity)
     plan = (grid, tour_cost, places, numbers, speeds, given, footprints, problem.transit, landing, vehicle)
-    return SearchPlan(*plan, compared=laid.compared + tuple(shared if len(shared) > 1 else ()))
+    delays = np.zeros(robots) if problem.delays is None else np.array(problem.delays)
+    made = SearchPlan(*plan, delays=delays, compared=laid.compared + tuple(shared if len(shared) > 1 else ()))
+    return replace(made, allocation=replace(given, times=given.times + _late(made)))
+
+
+def _late(plan: SearchPlan) -> NDArray[np.float64]:
+    """Return how much later robots are done than from the cells where they start, in the time of a cell; shape (m,)."""
+    late = plan.delays / plan.cell_seconds
+    for robot, arcs in enumerate(plan.allocation.work):
+        if arcs and plan.ways_out is not None and robot + 1 in plan.ways_out:
+            first, start = int(plan.stops(robot)[0]), int(plan.starts[robot])
+            way = plan.ways_out.length(robot + 1, first) - plan.tour_cost.length(start, first)
+            late[robot] += way / plan.rates[robot]
+    return late
 
 
 def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64]) -> GridTour:

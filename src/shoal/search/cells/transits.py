@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.errors import InvalidInputError
+from shoal.search.cells.routing import length_of
 from shoal.search.cells.visibility_graph import VisibilityGraph, inside
 from shoal.search.regions.margin import coarse, grown
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
@@ -79,3 +81,36 @@ class Transits:
             places = f"{text_of(ends[0])} m to {text_of(ends[1])} m"
             raise InvalidInputError(f"launch: expected a way from {places} around no-go zones, got none")
         return found
+
+
+class WaysOut:
+    """How far it is from launch points outside of a region to places where robots search, in sides of a cell.
+
+    Parameters
+    ----------
+    transits : Transits
+    launches : mapping of int to ndarray of float64, shape (2,)
+        The launch point of each robot that sets out outside, by its number from 1; metres.
+    stops : ndarray of float64, shape (N, 2) or (N, 3)
+        Where robots stand in each cell, by its number on the tour; metres, a climb as long as what else takes its time. Launch
+        points are at the lowest height of all.
+    size : float
+        Side of a cell, metres.
+    """
+
+    def __init__(self, transits: Transits, launches: Mapping[int, Points], stops: Points, size: float) -> None:
+        self._transits, self._launches, self._stops, self._size = transits, launches, stops, size
+        self._known: dict[tuple[float, ...], float] = {}
+
+    def __contains__(self, number: int) -> bool:
+        return number in self._launches
+
+    def length(self, number: int, cell: int) -> float:
+        """Return the length of the way from the launch point of a robot to a cell."""
+        launch = self._launches[number]
+        key = (*launch.tolist(), cell)
+        if key not in self._known:
+            stop = self._stops[cell]
+            up = float((stop[2:] - self._stops[:, 2:].min(axis=0)).sum())
+            self._known[key] = (length_of(self._transits.way(launch, stop[:2])) + up) / self._size
+        return self._known[key]

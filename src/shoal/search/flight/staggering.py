@@ -39,7 +39,7 @@ class Separation:
 
 
 def staggered(
-    flights: Sequence[Flights], separation: Separation, layers: Sequence[int] | None = None
+    flights: Sequence[Flights], separation: Separation, layers: Sequence[int] | None = None, earliest: Floats | None = None
 ) -> tuple[NDArray[np.int64], Floats]:
     """Return layers and delays with which no two vehicles in flight come nearer than the separation.
 
@@ -54,6 +54,8 @@ def staggered(
     separation : Separation
     layers : sequence of int, optional
         The layers, if they are settled: only delays are looked for.
+    earliest : ndarray of float64, shape (m,), optional
+        Delays of which none is less, seconds.
 
     Returns
     -------
@@ -72,6 +74,7 @@ def staggered(
     flown = [cache(flight) for flight in flights]
     lasting = np.array([max((one.duration for one in flight(0)), default=0.0) for flight in flown])
     chosen, delays = np.zeros(len(flights), dtype=np.int64), np.zeros(len(flights))
+    least = np.zeros(len(flights)) if earliest is None else earliest
     settled: list[int] = []
     end, opened = float(lasting.max(initial=0.0)), 1
     for vehicle in np.argsort(-lasting, kind="stable").tolist():
@@ -81,7 +84,7 @@ def staggered(
         before = [(flown[one](int(chosen[one])), float(delays[one])) for one in settled]
         found: list[tuple[float, int, float]] = []
         for layer in options:
-            delay = _earliest(flown[vehicle](layer), before, separation)
+            delay = _earliest(flown[vehicle](layer), before, separation, float(least[vehicle]))
             dear = _WORTH * float(lasting.max()) if layer == opened and layers is None else 0.0
             found.append((max(delay + lasting[vehicle], end) + dear, layer, delay))
             if found[-1][0] <= end:
@@ -92,15 +95,16 @@ def staggered(
     return chosen, delays
 
 
-def _earliest(mine: Sequence[Trajectory], others: list[tuple[Sequence[Trajectory], float]], separation: Separation) -> float:
-    """Return the least delay with which a vehicle keeps its separation from others whose delays are settled."""
+def _earliest(
+    mine: Sequence[Trajectory], others: list[tuple[Sequence[Trajectory], float]], separation: Separation, delay: float
+) -> float:
+    """Return the least delay, that one or more, with which a vehicle keeps its separation from others whose delays are settled."""
     barred = [np.zeros((0, 2))]
     for theirs, started in others:
         for one, other in zip(mine, theirs, strict=True):
             apart = conflicts(one, other, horizontal=separation.horizontal, vertical=separation.vertical)
             # Both late by up to a delay: mine begins later by delay - started, give or take that.
             barred.append(started - apart[:, ::-1] + separation.delay * np.array([-1.0, 1.0]))
-    delay = 0.0
     for low, high in merged_intervals(np.concatenate(barred)).tolist():
         if low - _AFTER < delay < high + _AFTER:
             delay = high + _AFTER

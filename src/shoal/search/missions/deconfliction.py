@@ -30,7 +30,8 @@ def plan_missions(
 ) -> tuple[Mission, ...]:
     """Return the missions of all robots of a plan: what each does if nothing goes wrong.
 
-    The first sorties of all robots begin at one time, but for their delays; the second ones when all have landed, and so on.
+    The first sorties of all robots begin at one time, but for their delays, which are those of the plan or longer; the second ones
+    when all have landed, and so on.
 
     Parameters
     ----------
@@ -55,6 +56,7 @@ def plan_missions(
 
     robots = range(len(plan.places))
     made = [sorties(robot, 0) for robot in robots]
+    made = [(replace(one[0], delay=float(delay)), *one[1:]) if one else () for one, delay in zip(made, plan.delays, strict=True)]
     if separation is not None:
         made = _separated(made, sorties, plan, separation)
     return _fenced([mission for one in made for mission in one], plan, np.zeros((0, 2)) if rally is None else rally)
@@ -106,10 +108,12 @@ def _separated(
     layers: Sequence[int] = [0] * len(made)
     if plan.vehicle.kind != "rover" and not plan.grid.region.height:  # nothing of a volume is seen from between its layers
         first = [flights(robot, 0, made, True) for robot in robots]
-        layers = staggered(first, separation)[0].tolist()
+        layers = staggered(first, separation, earliest=plan.delays)[0].tolist()
     made = [sorties(robot, layer) if layer else made[robot] for robot, layer in zip(robots, layers, strict=True)]
     delays = [
-        staggered([flights(robot, sortie, made, False) for robot in robots], separation, layers)[1].tolist()
+        staggered([flights(robot, sortie, made, False) for robot in robots], separation, layers, None if sortie else plan.delays)[
+            1
+        ].tolist()
         for sortie in range(max(map(len, made), default=0))
     ]
     return [tuple(replace(mission, delay=delays[number][robot]) for number, mission in enumerate(made[robot])) for robot in robots]

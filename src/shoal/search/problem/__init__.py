@@ -18,6 +18,7 @@ from shoal.search.problem.fields import (
     check_angle,
     check_bands,
     check_cells_at,
+    check_delays,
     check_footprint,
     check_network,
     check_no_go,
@@ -116,6 +117,10 @@ class SearchProblem(Problem):
         metavar="POINTS|FILE",
         check=check_places("land"),
     )
+    delays: tuple[float, ...] | None = option(
+        None, help="How long after the first each robot sets out; those that keep missions apart if these are written.", unit="s",
+        metavar="S,S,...", parse=parse_numbers, check=check_delays,
+    )  # fmt: skip
     tour: str = option(
         "auto", help=f"{', '.join(TOURS)} or MODULE:ATTRIBUTE; auto is spanning-tree, or where turns take time or the angle is "
         "chosen the sooner one of boustrophedon and spanning-tree.", names=TOURS,
@@ -198,12 +203,12 @@ class SearchProblem(Problem):
 
     def check_together(self) -> None:
         """Refuse fields that do not go together; nothing is opened yet."""
-        for name in ("footprint", "rates", "starts"):
+        for name in ("footprint", "rates", "starts", "delays"):
             value = getattr(self, name)
             if isinstance(value, tuple) and len(value) != self.robots:
-                what = {"footprint": "one length, or {}, one a robot", "rates": "{} speeds, one a robot"}.get(
-                    name, "{} points, one a robot"
-                )
+                what = {"footprint": "one length, or {}", "rates": "{} speeds", "delays": "{} times"}.get(
+                    name, "{} points"
+                ) + ", one a robot"
                 raise InvalidInputError(f"{name}: expected {what.format(self.robots)}, got {len(value)}")
         for fault in self.faults:
             if fault.robot > self.robots:

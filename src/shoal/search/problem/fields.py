@@ -141,6 +141,13 @@ def check_positive(value: Any, what: str, kind: str = "numbers above 0, one a ro
     return tuple(check_number(one, what=what, above=0) for one in value)
 
 
+def check_delays(value: Any) -> tuple[float, ...]:
+    """Return seconds, one a robot."""
+    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
+        raise InvalidInputError(f"delays: expected numbers, 0 or more, one a robot, got {shortened(value)}")
+    return tuple(check_number(one, what="delays", least=0) for one in value)
+
+
 def parse_angle(text: str) -> float | str:
     """Return the angle that a text of the command line says, or "auto"."""
     return text if text == AUTO else float(text)

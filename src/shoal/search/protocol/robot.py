@@ -74,7 +74,9 @@ def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decisio
     time = event.time
     match event:
         case Begin():
-            robot = robot.but(began=time, next_beat=time, cell=robot.start, left=robot.brief.energy, passed=1 << robot.start)
+            robot = robot.but(
+                began=time, next_beat=time, cell=robot.start, at_launch=True, left=robot.brief.energy, passed=1 << robot.start
+            )
         case Heard():
             robot = heard(robot, event.beacon, time)
         case Sensed():
@@ -84,8 +86,10 @@ def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decisio
         case Obstructed():
             robot = obstructed(robot, event.cell, event.at)
         case Recharged():
-            robot = robot.but(cell=robot.start, fresh=True, target=None, left=robot.brief.energy, lag=robot.lag_at(time))
-    if robot.status == "listening" and time >= robot.began + robot.brief.hello - 1e-9:
+            robot = robot.but(
+                cell=robot.start, fresh=True, at_launch=True, target=None, left=robot.brief.energy, lag=robot.lag_at(time)
+            )
+    if robot.status == "listening" and time >= robot.began + robot.brief.listening(robot.number) - 1e-9:
         robot = _allotted(robot, time)
     wake = inf
     if robot.status in ("searching", "waiting") and robot.target is None:
@@ -96,7 +100,7 @@ def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decisio
         robot = _beaconed(robot, time, actions)
         wake = min(wake, robot.next_beat)
         if robot.status == "listening":
-            wake = min(wake, robot.began + robot.brief.hello)
+            wake = min(wake, robot.began + robot.brief.listening(robot.number))
         actions.append(WakeAt(wake))
     return robot, actions
 
@@ -105,7 +109,8 @@ def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
     """Add the beacon that is due."""
     if time < robot.next_beat - 1e-9:
         return robot
-    pause = robot.brief.beat if robot.status != "listening" else min(robot.brief.beat, robot.brief.hello / _HELLOS)
+    hello = robot.status == "listening" and time < robot.began + robot.brief.hello - 1e-9
+    pause = min(robot.brief.beat, robot.brief.hello / _HELLOS) if hello else robot.brief.beat
     robot = robot.but(count=robot.count + 1, next_beat=time + pause)
     if robot.status == "complete":
         robot = robot.but(lingering=robot.lingering - 1)
@@ -172,12 +177,16 @@ def _allotted(robot: Robot, time: float) -> Robot:
 def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
     """Return what it costs to search what it wants to, from a cell on: first its own work, then all the rest round the tour."""
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
-    cost = 0.0
+    cost, away = 0.0, robot.at_launch and fresh
     for arc in _arcs_to_search(robot):
         for first, count in arc.stretches(wanted, n):
+            if away:
+                cost, away = robot.way_out(first), False
             cost += tour_cost.way(here, first, fresh=fresh, closed=closed) + tour_cost.search_cost(first, count, arc.step)
             here, fresh = (first + arc.step * (count - 1)) % n, False
         wanted &= ~arc.bits(n)
+    if away and (cell := next_in(wanted, here, n)) is not None:
+        cost = robot.way_out(cell)
     return cost + cost_of_all(tour_cost, wanted, here, fresh, closed)
 
 
@@ -223,7 +232,7 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
     part = next(part for part in robot.parts if part.bits >> cell & 1)
 
     def cost(stop: int) -> float:
-        return step_cost(tour_cost, robot.cell, stop, robot.fresh, closed)
+        return step_cost(tour_cost, robot.cell, stop, robot.fresh, closed) + robot.way_out(stop)
 
     shut = (robot.avoided if time < robot.avoided_until else 0) | robot.brief.everything & ~own | closed
     stop = best_viewpoint(tour_cost, robot.width, robot.cell, bits_to_array(wanted & part.bits, n), cell, cost, shut)
@@ -235,23 +244,24 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
 def head_for(robot: Robot, cell: int, time: float) -> Decision:
     """Go to a cell, or home if the energy would not last for both."""
     tour_cost, distances = robot.brief.tour_cost, robot.brief.tour_cost.distances
-    unsure = 0
+    unsure, back = 0, robot.brief.from_launch(robot.number, robot.start, cell)
     through: tuple[int, ...] = ()
     home: tuple[int, ...] = ()
     if isinstance(distances, CellDistances):
         closed = obstacles(robot)
-        cost = step_cost(tour_cost, robot.cell, cell, robot.fresh, closed)
+        cost = step_cost(tour_cost, robot.cell, cell, robot.fresh, closed) + robot.way_out(cell)
         through = tour_cost.through(robot.cell, cell, fresh=robot.fresh, closed=closed)
         unsure = robot.brief.everything & ~known_free(robot)
         home = distances.cells(robot.cell, robot.start, unsure)
         need = (
-            2 * cost + LOOK + distances.length(robot.cell, robot.start, unsure)
+            2 * cost + LOOK + distances.length(robot.cell, robot.start, unsure) + back - robot.way_out(cell)
         )  # it may have to come back by the way that it went
     else:
-        cost = step_cost(tour_cost, robot.cell, cell, robot.fresh)
-        need = cost + (tour_cost.length(cell, robot.start) if robot.left < inf else 0.0)
+        cost = step_cost(tour_cost, robot.cell, cell, robot.fresh) + robot.way_out(cell)
+        need = cost + (tour_cost.length(cell, robot.start) + back if robot.left < inf else 0.0)
     if need > robot.left and robot.left < robot.brief.energy:
         cost = tour_cost.length(robot.cell, robot.start, unsure) + robot.brief.recharge * robot.rate
+        cost += robot.brief.from_launch(robot.number, robot.start, robot.cell)
         return robot.but(status="searching", target=-1, since=time, cost=cost), GoHome(home), inf
     return robot.but(status="searching", target=cell, through=through, since=time, cost=cost), Go(cell, through), inf
 
@@ -278,7 +288,7 @@ def _left_cell(robot: Robot, wanted: int, own: int, mine: int | None, time: floa
     """
     cell = cell_to_help(robot, wanted, own, time)
     if cell is not None and not (_hops(robot, cell) and leaves_to_others(robot, own, time)):
-        need = step_cost(robot.brief.tour_cost, robot.cell, cell, robot.fresh, obstacles(robot))
+        need = step_cost(robot.brief.tour_cost, robot.cell, cell, robot.fresh, obstacles(robot)) + robot.way_out(cell)
         need += _alone(robot, wanted & ~(1 << cell), cell, False)
         if time + need / robot.rate <= robot.deadline + 1e-9:
             return cell, inf

@@ -10,6 +10,7 @@ from typing import Any
 from shoal.dataclass import dataclass
 from shoal.search.allocation.partition import Part
 from shoal.search.allocation.tour_cost import TourCost
+from shoal.search.cells.transits import WaysOut
 from shoal.search.protocol.messages import Heartbeat, Status
 
 _LINGER = 12  # beacons that a robot sends when all is done
@@ -34,6 +35,10 @@ class Brief:
         How long a robot can move before it must be back at its start to recharge.
     recharge : float
         How long that takes.
+    ways_out : WaysOut, optional
+        Of robots that set out outside of the region.
+    delays : tuple of float
+        How long after the others each sets out, by number from 1; none for none.
     """
 
     tour_cost: TourCost
@@ -43,6 +48,23 @@ class Brief:
     beat: float = 1.0
     energy: float = inf
     recharge: float = 0.0
+    ways_out: WaysOut | None = None
+    delays: tuple[float, ...] = ()
+
+    def listening(self, number: int) -> float:
+        """Return how long a robot listens, until it sets out."""
+        return self.hello + (self.delays[number - 1] if self.delays else 0.0)
+
+    def from_launch(self, number: int, start: int, cell: int) -> float:
+        """Return how much longer the way to a cell is from where a robot sets out than from the cell where it starts.
+
+        Shorter where it is less than 0. A robot that goes from cell to cell comes in where it starts.
+        """
+        if self.ways_out is None or number not in self.ways_out:
+            return 0.0
+        if self.tour_cost.stepwise:
+            return self.ways_out.length(number, start)
+        return self.ways_out.length(number, cell) - self.tour_cost.length(start, cell)
 
     @property
     def everything(self) -> int:
@@ -80,6 +102,8 @@ class Robot:
         Where it has been last, the number on the tour.
     fresh : bool
         Whether it has searched nothing since it was in ``cell`` without searching it.
+    at_launch : bool
+        Whether it is where it sets out, which may be outside of the region.
     target : int or None
         The cell that it is on the way to.
     aim : int or None
@@ -139,6 +163,7 @@ class Robot:
     status: Status = "listening"
     cell: int = 0
     fresh: bool = True
+    at_launch: bool = False
     target: int | None = None
     aim: int | None = None
     through: tuple[int, ...] = ()
@@ -171,6 +196,10 @@ class Robot:
     def mine(self) -> int:
         """The cells that it has searched itself, as bits."""
         return self.searched.get(self.number, 0)
+
+    def way_out(self, cell: int) -> float:
+        """Return how much longer its way to a cell is than from the cell where it starts; 0 once it has set out."""
+        return self.brief.from_launch(self.number, self.start, cell) if self.at_launch else 0.0
 
     def lag_at(self, time: float) -> float:
         """Return how far it is behind what it has declared, the way that it is on included."""

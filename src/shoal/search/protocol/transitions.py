@@ -20,12 +20,14 @@ def sensed(robot: Robot, event: Sensed) -> Robot:
         found = {**found, one: found.get(one, 0) | 1 << robot.number}
     free = passed(robot, robot.through)
     left = robot.left - robot.cost
-    return robot.but(searched=searched, found=found, cell=cell, fresh=False, target=None, through=(), passed=free, left=left)
+    return robot.but(
+        searched=searched, found=found, cell=cell, fresh=False, at_launch=False, target=None, through=(), passed=free, left=left
+    )
 
 
 def blocked(robot: Robot, cell: int, time: float) -> Robot:
     """Go elsewhere for a while: two robots that want to pass one another would stand there for ever."""
-    at = robot.but(cell=cell, fresh=True, target=None, through=(), left=robot.left - robot.cost)
+    at = robot.but(cell=cell, fresh=True, at_launch=False, target=None, through=(), left=robot.left - robot.cost)
     free = passed(robot, robot.through)
     return at.but(passed=free, avoided=robot.avoided | 1 << cell, avoided_until=time + _AVOIDED)
 
@@ -34,10 +36,10 @@ def obstructed(robot: Robot, cell: int, at: int) -> Robot:
     """Stand before an obstacle, and tell of it."""
     tour_cost = robot.brief.tour_cost
     way = robot.through[: robot.through.index(at) + 1] if at in robot.through else ()
-    left = robot.left - tour_cost.length(robot.cell, at) - LOOK
+    left = robot.left - tour_cost.length(robot.cell, at) - robot.way_out(at) - LOOK
     closed = {**robot.closed, robot.number: robot.closed.get(robot.number, 0) | 1 << cell}
     free, fresh = passed(robot, way), robot.fresh or at != robot.cell
-    return robot.but(target=None, through=(), cell=at, fresh=fresh, closed=closed, passed=free, left=left)
+    return robot.but(target=None, at_launch=False, through=(), cell=at, fresh=fresh, closed=closed, passed=free, left=left)
 
 
 def passed(robot: Robot, way: tuple[int, ...]) -> int:

@@ -153,6 +153,8 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
         multiplicity=problem.multiplicity,
         energy=working_seconds(vehicle) * float(plan.rates.min()) / cell,
         recharge=(vehicle.recharge_seconds + climbing_seconds(vehicle)) / cell,
+        ways_out=plan.ways_out,
+        delays=tuple((plan.delays / cell).tolist()) if plan.delays.any() else (),
     )
     cells = np.arange(len(plan.tour_cost))
     return Scenario(

@@ -164,7 +164,7 @@ def planned_trace(plan: SearchPlan) -> SearchTrace:
         if len(cells):
             steps = np.array([1.0 + tour_cost.way(here, cell) for here, cell in pairwise(cells.tolist())])
             first = float(plan.leg_lengths(plan.route(robot, cells[:1]).points).sum()) / plan.grid.size + 1.0
-            times = np.cumsum(np.concatenate([[first], steps])) / plan.rates[robot]
+            times = plan.delays[robot] / plan.cell_seconds + np.cumsum(np.concatenate([[first], steps])) / plan.rates[robot]
         ends = float(times[-1]) if len(times) else 0.0
         covered_at = max(covered_at, ends)
         logs.append(RobotLog(cells, times, ((0.0, "searching"), (ends, "complete")), ()))

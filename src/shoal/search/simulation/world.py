@@ -244,6 +244,7 @@ class SearchWorld:
                 self._go(vehicle, cell, through)
             case GoHome(through):
                 away = self._length(vehicle.place, through or (vehicle.robot.start,))
+                away += self.scenario.brief.from_launch(number, vehicle.robot.start, vehicle.place)
                 vehicle.searching = None
                 vehicle.passing += through
                 if self._spend(vehicle, away):
@@ -274,7 +275,7 @@ class SearchWorld:
         if obstacle is not None:
             self._stop_before(vehicle, obstacle, through[:free])
             return
-        cost = robot.cost if through else step_cost(tour_cost, vehicle.place, cell, robot.fresh)
+        cost = robot.cost if through else step_cost(tour_cost, vehicle.place, cell, robot.fresh) + self._way_out(vehicle, cell)
         if not self._spend(vehicle, cost):
             return
         if cost > 1.0 + 1e-12:
@@ -282,12 +283,17 @@ class SearchWorld:
         self._post(self.time + (cost - 1.0) / self._rate(vehicle), robot.number, "enter", cell)
 
     def _stop_before(self, vehicle: SimulatedRobot, obstacle: int, way: tuple[int, ...]) -> None:
-        cost = self._length(vehicle.place, way) + LOOK
+        cost = self._length(vehicle.place, way) + LOOK + self._way_out(vehicle, vehicle.place)
         vehicle.searching = None
         if self._spend(vehicle, cost):
             at = way[-1] if way else vehicle.place
             vehicle.passing += way
             self._post(self.time + cost / self._rate(vehicle), vehicle.robot.number, "obstructed", (obstacle, at))
+
+    def _way_out(self, vehicle: SimulatedRobot, cell: int) -> float:
+        """Return how much longer the way to a cell is for a robot that has not set out than from the cell where it starts."""
+        robot = vehicle.robot
+        return self.scenario.brief.from_launch(robot.number, vehicle.place, cell) if robot.at_launch else 0.0
 
     def _takes_over(self, vehicle: SimulatedRobot) -> bool:
         """Tell whether a robot begins with the part of another one that it takes for dead."""

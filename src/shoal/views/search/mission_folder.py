@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from shoal.files import write_json
-from shoal.search.allocation.plan import SearchPlan
+from shoal.search.allocation.plan import SearchPlan, plan_search
+from shoal.search.episode import SearchEpisode
 from shoal.search.flight.terrain_files import open_terrain
 from shoal.search.missions import FORMATS, Mission, MissionCheck, write_missions
 from shoal.search.missions.deconfliction import MissionApproach, missions_approach, plan_missions
@@ -14,6 +18,7 @@ from shoal.search.missions.files import UNCOVERED
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.regions.places import read_points
+from shoal.search.run import run
 from shoal.views.drawing.charts import save_figure
 from shoal.views.search.missions import missions_figure
 
@@ -57,9 +62,21 @@ class MissionFolder:
         if given.kept_apart is not None:
             self.approach = missions_approach(self.missions, given.kept_apart, region.frame, vehicle=plan.vehicle)
 
-    def write(self, plan: SearchPlan) -> list[Path]:
-        """Make the missions of a plan and write them, with their map; return the files."""
+    def run(self, problem: SearchProblem, *, seed: int) -> SearchEpisode:
+        """Search as the missions say: robots set out with the delays that keep them apart."""
+        plan = plan_search(problem, seed=seed)
         self.plan(plan)
+        delays = {mission.robot: mission.delay for mission in self.missions if mission.sortie == 1}
+        if any(delays.values()):
+            seconds = tuple(delays.get(robot + 1, 0.0) for robot in range(problem.robots))
+            problem = problem.replaced(delays=seconds).at_place(problem.place)
+            plan = replace(plan, delays=np.array(seconds))
+        return run(problem, seed=seed, plan=plan)
+
+    def write(self, plan: SearchPlan) -> list[Path]:
+        """Make the missions of a plan, if they are not made, and write them, with their map; return the files."""
+        if not self.missions:
+            self.plan(plan)
         written = write_missions(self.missions, self.folder, formats=self.given.format or None)
         save_figure(missions_figure(self.missions, plan.grid.region, self.approach), self.folder / MAP)
         return [*written, self.folder / MAP]

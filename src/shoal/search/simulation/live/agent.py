@@ -182,7 +182,7 @@ class Agent:
         elif self._cell is None:
             length = max(dist(self.vehicle.place, self._stops_of(cell)), 1.0) + tour_cost.turn_cost
         else:
-            length = step_cost(tour_cost, self._cell, cell, self.robot.fresh)
+            length = step_cost(tour_cost, self._cell, cell, self.robot.fresh) + self.robot.way_out(cell)
         way = length - 1.0 if self.robot.fresh and self._cell is not None else length
         self._drive_to(aim, cell, way, length)
         if length > 1.0 + 1e-12:
@@ -192,13 +192,14 @@ class Agent:
         """Begin a leg to the cell before an obstacle; coming up to that and back is a part of it."""
         at = way[-1] if way else self.robot.cell
         self._passed += way
-        cost = self._length_of(way) + LOOK
+        cost = self._length_of(way) + LOOK + self.robot.way_out(at)
         self._drive_to(Halt(obstacle, at), at, cost, cost + 1.0)  # it ends one cell before the end
         self._leave()
 
     def _go_home(self, aim: GoHome) -> None:
         home = self.robot.start
         away = self._length_of(aim.through) if aim.through else dist(self.vehicle.place, self._stops_of(home))
+        away += self.task.brief.from_launch(self.robot.number, home, self.robot.cell)
         self._passed += aim.through
         self.report("home")
         self._drive_to(aim, home, away, away + 1.0)
