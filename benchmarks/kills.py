@@ -163,7 +163,7 @@ def fill(spec: Path, folder: Path, disks: int, size: int) -> list[str]:
     for number in range(disks):
         disk = folder / f"disk-{number}"
         disk.mkdir()
-        room = int(4096 * (1.1 * size / 4096) ** (number / max(disks - 1, 1)))
+        room = 4096 + 2 * size * number // max(disks - 1, 1)  # the log is as large as the file
         _mount(disk, f"size={room}")
         store = disk / "store"
         ended = subprocess.run(sweep_command(spec, store), capture_output=True, text=True, check=False)

@@ -179,6 +179,7 @@ def _in_gzip(content: bytes, chance: random.Random) -> bytes:
 _ARCHIVES: dict[str, Callable[[bytes, random.Random], bytes]] = {
     ".npz": _in_zip,
     ".kmz": _in_zip,
+    ".zip": _in_zip,
     ".gz": _in_gzip,
 }
 

@@ -135,6 +135,7 @@ def _regions(folder: Path) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
         pyogrio.raw.write(path, shapes, marks, ["no_go"], crs="EPSG:4326", geometry_type="Polygon", driver=driver, layer="a")
         others = sorted(other for other in path.parent.iterdir() if other != path)
         layered[f"region {suffix}"] = (open_region, [{one.name: one.read_bytes() for one in (path, *others)}])
+    zipped = _zipped(layered["region shp"][1][0])
     words = [" ".join(f"{x},{y},0" for x, y in ring) for ring in (FIELD, POND)]
     kml = (
         '<?xml version="1.0" encoding="UTF-8"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark><name>a</name><Polygon>'
@@ -148,6 +149,7 @@ def _regions(folder: Path) -> dict[str, tuple[Reader, list[dict[str, bytes]]]]:
     return layered | {
         "region geojson": (open_region, [{"a.geojson": json.dumps(one).encode()} for one in (polygon, collection)]),
         "region kml": (open_region, [{"a.kml": kml}]),
+        "region zip": (open_region, [{"a.zip": zipped}]),
         "region kmz": (open_region, [{"a.kmz": _zipped({"doc.kml": kml})}]),
         "region csv": (open_region, [{"a.csv": b"x_m,y_m,ring\n0,0,1\n90,0,1\n90,60,1\n\n20,20,2\n30,20,2\n30,30,2\n"}]),
         "points csv": (_points, [{"a.csv": b"x_m,y_m\n1,1\n9,9\n"}, {"a.csv": b"# here\n5;6\n7;8\n"}]),

@@ -9,6 +9,7 @@ import sqlite3
 import struct
 import subprocess
 import sys
+import tempfile
 from contextlib import closing
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from shoal.swarm.maps.files import FORMATS as MAPS
 
 ROOT = Path(__file__).parents[2]
 FILES = 10  # of each format
+FOUND = {"saved steering.json": 2108, "saved search.json": 105}  # seeds that were taken wrongly once
 LEAST = 20  # kinds of hostile files, for each reader
 CONFINED = """
 import os, socket, sys
@@ -42,7 +44,7 @@ def every(tmp_path_factory):
 
 def test_damaged_files(every, tmp_path):
     for name, sample in every.items():
-        for seed in range(FILES):
+        for seed in {*range(FILES), FOUND.get(name, 0)}:
             folder = tmp_path / f"{name} {seed}"
             folder.mkdir()
             assert not play(name, sample, seed, folder), (name, seed)
@@ -51,7 +53,7 @@ def test_damaged_files(every, tmp_path):
 def test_whole_files_are_taken_and_every_format_is_among_them(every, tmp_path):
     for name, (read, valid) in every.items():
         for number, files in enumerate(valid):
-            with watched(tmp_path) as seen:
+            with watched(tmp_path, Path(tempfile.gettempdir())) as seen:
                 read(lay_out(files, tmp_path / f"{name} {number}"))
             assert not seen
     suffixes = [("map ", MAPS), ("region ", (*_READERS, _LAYERED)), ("mission ", MISSIONS), ("workspace ", SUFFIXES)]
@@ -92,7 +94,7 @@ def test_every_kind_of_hostile_file(every, tmp_path):
         for number, (kind, change) in enumerate((CONTENTS | PLACES).items()):
             path = lay_out(files, tmp_path / f"{name} {number}")
             path.write_bytes(CONTENTS[kind](content)) if kind in CONTENTS else change(path)
-            with watched(tmp_path) as seen:
+            with watched(tmp_path, Path(tempfile.gettempdir())) as seen:
                 wrong = faults(read, path)
             assert not wrong, (name, kind)
             assert not seen, (name, kind)

@@ -29,6 +29,7 @@ _FORBIDDEN = (
     "os.fork",
 )
 _CHANGES = ("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.truncate", "os.chmod", "os.symlink", "os.link")
+_IN_FOLDERS = ("os.remove", "os.rmdir", "os.mkdir")  # which may be told by a descriptor
 _allowed: list[Path] = []
 _seen: list[str] = []
 
@@ -41,7 +42,9 @@ def _watch(event: str, arguments: tuple[Any, ...]) -> None:
     elif event == "import" and str(arguments[0]).startswith(STRANGER):
         _seen.append(f"import {arguments[0]}")
     elif event in _CHANGES or (event == "open" and isinstance(arguments[2], int) and arguments[2] & _WRITES):
-        path = arguments[0]
+        path, folder = arguments[0], arguments[-1] if event in _IN_FOLDERS else -1
+        if folder >= 0:
+            path = os.path.join(os.readlink(f"/proc/self/fd/{folder}"), os.fsdecode(path))
         if isinstance(path, str | bytes | os.PathLike) and not _is_allowed(os.fsdecode(path)):
             _seen.append(f"{event} {os.fsdecode(path)}")
 

@@ -47,6 +47,7 @@ def changed_store(tmp_path, *statements):
         "UPDATE sweeps SET spec = '{'", "UPDATE sweeps SET spec = '[1]'", "UPDATE sweeps SET spec = '{\"name\": 3}'",
         f"UPDATE sweeps SET spec = '{'[' * 90000}'", "UPDATE sweeps SET inputs = '3'", "UPDATE sweeps SET measures = '7'",
         "UPDATE sweeps SET measures = '[]'", "UPDATE sweeps SET measures = x'ff'", "UPDATE sweeps SET trials = 'many'",
+        "UPDATE batches SET version = x'00'",
         "UPDATE points SET axes = '[1, 2]'", "UPDATE points SET axes = '}'", "UPDATE trials SET result = '[1'",
         "UPDATE trials SET result = '[1]'", "UPDATE trials SET result = '3'", f"UPDATE trials SET result = '{'[' * 90000}'",
         f"UPDATE trials SET result = '[\"complete\", {'9' * 400}, 1, 1, 1]'", "UPDATE trials SET result = '[1, [2], 1, 1, 1]'",

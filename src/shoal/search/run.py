@@ -15,7 +15,8 @@ from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
 from shoal.version import versions
 
-SIMULATED = 1_000_000  # cells times robots: larger searches are not simulated unless asked for
+SIMULATED = 1_000_000
+"""Cells times robots, or half the cube of the robots, as each tells each of a share of all; more is simulated if asked for only."""
 
 
 def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None) -> SearchEpisode:
@@ -46,7 +47,9 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
     plan = plan_search(problem, seed=seed) if plan is None else plan
     scenario = scenario_of(problem, plan, seed)
     cells, robots = len(plan.tour_cost), problem.robots
-    simulated = problem.live is None and (cells * robots <= SIMULATED if problem.simulate is None else problem.simulate)
+    simulated = problem.live is None and (
+        robots * max(cells, robots**2 // 2) <= SIMULATED if problem.simulate is None else problem.simulate
+    )
     if problem.live is not None:
         scenario, trace = live_trace(scenario, live=problem.live, loss=problem.loss, key=key)
     elif simulated:
@@ -56,8 +59,8 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
         if problem.simulate is False:
             raise InvalidInputError(f"{what}, got simulate = false (--no-simulate)")
         raise InvalidInputError(
-            f"{what}, got {cells} cells times {robots} robots, more than the {SIMULATED} that are simulated unless asked for; "
-            "ask for the simulation to have it anyway"
+            f"{what}, got {cells} cells and {robots} robots, more than are simulated unless asked for; ask for the simulation to "
+            "have it anyway"
         )
     else:
         trace = planned_trace(plan)

@@ -195,14 +195,14 @@ class SteeringEpisode(Episode):
             d = problem.place.dimensions
             inputs = _array(data["inputs"], "inputs", (None, d), empty=(0, d))
             states = _array(data["states"], "states", (len(inputs) + 1, problem.n_particles, d))
-            order = _array(data["order"], "order", (problem.n_particles,)).astype(np.int64)
+            order = _array(data["order"], "order", (problem.n_particles,))
             if sorted(order.tolist()) != list(range(problem.n_particles)):
                 raise InvalidInputError(f"order: expected a goal for each particle, got {shortened(data['order'])}")
             if not isinstance(data["versions"], dict):
                 raise InvalidInputError(f"versions: expected names with versions, got {shortened(data['versions'])}")
             bound = data["lower_bound"]
             return cls(
-                problem=problem, inputs=inputs, states=states, order=order,
+                problem=problem, inputs=inputs, states=states, order=order.astype(np.int64),
                 planner=check_text(data["planner"], what="planner"),
                 status=Status(check_choice(data["status"], what="status", choices=STATUSES)),
                 reason=check_text(data["reason"], what="reason"),

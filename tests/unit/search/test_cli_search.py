@@ -127,7 +127,7 @@ def test_a_search_that_nobody_survives_fails(capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("square:100 --robots 0 --footprint 10", "robots: expected a whole number, 1 or more, got 0"),
+        ("square:100 --robots 0 --footprint 10", "robots: expected a whole number from 1 to 1000, got 0"),
         ("square:100 --robots 2 --footprint -1", "footprint"),
         ("square:100 --robots 2 --footprint 10 --faults crash:3@1", "faults: expected a robot from 1 to 2, got crash:3@1"),
         ("square:100 --robots 2 --footprint 10 --loss 2", "loss: expected a number from 0 to 1, got 2"),

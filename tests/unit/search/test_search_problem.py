@@ -81,7 +81,7 @@ def test_faults_are_spelled(fault):
         ({"no_go": 5}, "no_go: expected zones, got 5"),
         ({"no_go": ["a.json", [1, 2]]}, "no-go zone 2: expected a file, a Shapely polygon or points"),
         ({"targets": -1}, "targets: expected a whole number, 0 or more, got -1"),
-        ({"robots": True}, "robots: expected a whole number, 1 or more, got True"),
+        ({"robots": True}, "robots: expected a whole number from 1 to 1000, got True"),
     ],
 )
 def test_bad_fields_are_refused_in_a_sentence(fields, words):
@@ -119,6 +119,7 @@ def test_an_episode_says_what_auto_chose_and_what_came_of_it():
     assert list(episode.metrics)[: len(SearchProblem.measures)] == list(SearchProblem.measures)
     assert episode.makespan == episode.metrics["makespan"] == report["makespan_s"]
     assert episode.reason.startswith("all 36 cells that robots can reach were searched after ")
+    assert not run(SearchProblem("square:40", robots=127, footprint=8)).simulated  # each tells each of a share of all
     assert run(SearchProblem("square:60", robots=2, simulate=False)).reason.endswith("nothing was simulated")
     dead = run(SearchProblem("square:60", robots=2, faults="crash:1@3,crash:2@4"))
     assert not dead

@@ -25,6 +25,11 @@ _RANGES: dict[str, dict[str, tuple[float, float]]] = {
     "points": {"id": (0, 10**18), "number": (0, 10**18)},
     "batches": {"trials": (0, 10**18), "seconds": (0, 1e12), "finished": (0, 1e12)},
 }  # a damaged file may have anything in a column, and text is above every number
+_TEXTS = {
+    "sweeps": ("name", "spec", "inputs", "measures", "version"),
+    "points": ("key", "axes"),
+    "batches": ("spec", "version", "worker"),
+}
 _AT_ONCE = 2**16  # bytes
 _WAIT = 30.0  # seconds for another process to finish its commit
 
@@ -199,9 +204,10 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
             f"{__version__}; upgrade, nothing was changed"
         )
     for table, ranges in _RANGES.items():
-        wrong = " OR ".join(f"({column} BETWEEN {least} AND {most}) IS NOT 1" for column, (least, most) in ranges.items())
-        if connection.execute(f"SELECT 1 FROM {table} WHERE {wrong} LIMIT 1").fetchone():
-            raise InvalidInputError(f"{path}: table {table}: expected {' and '.join(ranges)} in range, got a damaged row")
+        wrong = [f"({column} BETWEEN {least} AND {most}) IS NOT 1" for column, (least, most) in ranges.items()]
+        wrong += [f"typeof({column}) != 'text'" for column in _TEXTS[table]]
+        if connection.execute(f"SELECT 1 FROM {table} WHERE {' OR '.join(wrong)} LIMIT 1").fetchone():
+            raise InvalidInputError(f"{path}: table {table}: expected {' and '.join(ranges)} in range and texts, got a damaged row")
 
 
 def _make_durable(connection: sqlite3.Connection) -> None:

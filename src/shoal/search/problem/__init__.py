@@ -48,6 +48,9 @@ AUTO_TOURS = ("boustrophedon", "spanning-tree")
 FOOTPRINT = 10.0
 """Metres: the side of what a robot sees of which nothing is said."""
 
+MOST_ROBOTS = 1000
+"""Robots of a search: sharing a tour takes memory for each pair of them."""
+
 LIVE_FAULTS = ("crash", "slow")
 
 TOURS = ("spanning-tree", "boustrophedon", "comb", "hilbert-rectangle", "hilbert", "moore", "open-hilbert")
@@ -89,7 +92,7 @@ class SearchProblem(Problem):
         ".json, .kml, .gpkg, .kmz, .shp, .zip (a Shapefile) or .csv (metres).",
         argument=True, metavar="REGION", check=check_region, dump=dump_region,
     )  # fmt: skip
-    robots: int = option(4, help="How many there are.", least=1)
+    robots: int = option(4, help="How many there are.", least=1, most=MOST_ROBOTS)
     footprint: float | tuple[float, ...] | None = option(
         None, help="Side of the square that a robot sees; where they differ, one a robot: 2,2,6. By default what the vehicle's "
         "camera or detector sees, or 10.", unit="m", metavar="METRES", parse=parse_numbers, check=check_footprint,
@@ -194,7 +197,7 @@ class SearchProblem(Problem):
         "With any, robots go from cell to cell.", metavar="N|FILE", parse=parse_count_or_path, check=check_cells_at("obstacles"),
     )  # fmt: skip
     simulate: bool | None = option(
-        None, help="Simulate robots and messages; by default if cells times robots are a million or less."
+        None, help="Simulate robots and messages; by default if cells times robots are a million or less, and robots 126 or less."
     )
     live: float | None = option(
         None, help="One process a robot over real UDP instead of a simulation, so many cells a second; a crash kills the process.",

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.checks import check_integer, check_number, check_points, check_text, read_polygon, shortened
+from shoal.checks import FARTHEST, check_integer, check_number, check_points, check_text, read_polygon, shortened
 from shoal.errors import InvalidInputError
 from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.problem.faults import Fault, fault_text
@@ -116,7 +116,7 @@ def check_footprint(value: Any) -> float | tuple[float, ...]:
     """Return the side of the square that all robots see, or one for each."""
     if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
         return check_positive(value, "footprint")
-    return check_number(value, what="footprint", above=0)
+    return check_number(value, what="footprint", above=0, most=FARTHEST)
 
 
 def check_bands(value: Any) -> tuple[float, ...]:
@@ -138,7 +138,7 @@ def check_positive(value: Any, what: str, kind: str = "numbers above 0, one a ro
         value = (value,)  # of one robot
     if not isinstance(value, list | tuple | np.ndarray):
         raise InvalidInputError(f"{what}: expected {kind}, got {shortened(value)}")
-    return tuple(check_number(one, what=what, above=0) for one in value)
+    return tuple(check_number(one, what=what, above=0, most=FARTHEST) for one in value)
 
 
 def check_delays(value: Any) -> tuple[float, ...]:
