@@ -9,7 +9,8 @@ import pytest
 from tests.swarm_runs import run, run_trials
 
 from shoal import InvalidInputError, UnknownNameError, open_map
-from shoal.swarm import POLICIES, GridWorkspace, make_policy
+from shoal.swarm import POLICIES, Coverage, GridWorkspace, make_policy
+from shoal.swarm.simulation.compiled import is_compiled
 from shoal.testing import check_policy, check_task
 
 STEPS = {"l": (0, -1), "u": (-1, 0), "r": (0, 1), "d": (1, 0)}
@@ -82,6 +83,22 @@ def test_conformance(policy):
 
 def test_random_moves_conform_where_they_can_end():
     check_policy("random-moves", rules=["block", "merge"], max_moves=200_000)
+
+
+class Corner(Coverage):
+    """Only the first free cell is to be covered."""
+
+    name = "corner"
+
+    def choose_targets(self, workspace, rng):
+        return workspace.free & (np.cumsum(workspace.free).reshape(workspace.shape) == 1)
+
+
+def test_a_task_that_only_chooses_targets_is_compiled():
+    check_task(Corner())
+    assert is_compiled(Corner())
+    whole, steps = (run(open_map("maze:9x7"), task=Corner(), particles=2, stepwise=stepwise) for stepwise in (False, True))
+    assert whole.commands == steps.commands
 
 
 @pytest.mark.parametrize("task", ["mapping", "coverage", "subset-coverage", "subset-coverage:fraction=0.5"])

@@ -17,7 +17,7 @@ from shoal.swarm.grid.commands import encode, letters_of
 from shoal.swarm.grid.fields import RULE_CODES, board_of, empty_boards, field_of, state_of
 from shoal.swarm.grid.scans import EVERY_MOVE, ScanRule
 from shoal.swarm.grid.state import SwarmState
-from shoal.swarm.grid.tasks import Coverage, Mapping, SubsetCoverage
+from shoal.swarm.grid.tasks import Coverage, Mapping
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.kernels.dynamics import moves
 from shoal.swarm.kernels.episodes import planner_episode, policy_episode, scan_runs
@@ -236,8 +236,10 @@ class NoisyGame:
 
 
 def is_compiled(task: Any) -> bool:
-    """Tell whether kernels know a task: subclasses of third parties may update beliefs in another way."""
-    return type(task) in (Mapping, Coverage, SubsetCoverage)
+    """Tell whether kernels know a task: a built-in one, or a subclass that begins and updates beliefs in the same way."""
+    parts = ("begin", "update", "mapping")
+    builtin = (known for known in (Mapping, Coverage) if isinstance(task, known))
+    return any(all(getattr(type(task), part) is getattr(known, part) for part in parts) for known in builtin)
 
 
 def largest_piece(field: moves.Field) -> int:
