@@ -101,6 +101,7 @@ soak: $(VENV)/.dev-installed $(VENV)/.kernels-compiled
 	@$(BIN)/python -m benchmarks.livelock
 	@$(BIN)/python -m benchmarks.noise --endings 20000
 	@$(BIN)/python -m benchmarks.termination
+	@$(BIN)/python -m benchmarks.studio --attacks
 	@SHOAL_SOAK=100000 $(BIN)/python -m pytest -q -n 2 tests/properties/test_soak.py -k random_searches
 
 docs: $(VENV)/.dev-installed

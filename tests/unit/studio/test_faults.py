@@ -67,12 +67,11 @@ def test_jobs_on_a_full_disk_are_refused_and_ends_are_kept_until_there_is_room(t
 def test_long_jobs_leave_a_processor_for_what_somebody_looks_at(tmp_path, monkeypatch):
     monkeypatch.setattr(queue_module, "default_workers", lambda: 4)
     begun = []
-    monkeypatch.setattr(
-        JobQueue, "_follow", lambda self, running: begun.append((running.job["kind"], running.processors)) or done()
-    )
 
-    async def done():
-        pass
+    async def follow(_queue, running):
+        begun.append((running.job["kind"], running.processors))
+
+    monkeypatch.setattr(JobQueue, "_follow", follow)
 
     async def scenario():
         queue = JobQueue(Folder(tmp_path), lambda _: None)
@@ -85,9 +84,8 @@ def test_long_jobs_leave_a_processor_for_what_somebody_looks_at(tmp_path, monkey
     assert {"sweep", "reproduce"} == {*LONG}
 
 
-SWEEP = {
-    "name": "killed", "trials": 40, "seed": 1, "problem": {"kind": "line", "cells": 30, "placements": 200}, "axes": {"particles": [2, 3]},
-}  # fmt: skip
+PROBLEM = {"kind": "line", "cells": 30, "placements": 200}
+SWEEP = {"name": "killed", "trials": 40, "seed": 1, "problem": PROBLEM, "axes": {"particles": [2, 3]}}
 
 
 def test_a_sweep_that_is_killed_goes_on_with_what_is_missing(tmp_path):

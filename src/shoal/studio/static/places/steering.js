@@ -240,10 +240,14 @@ export function steering({ remember }) {
   room.addEventListener("pointerdown", (event) => {
     if (!corners || event.button !== 0) return;
     const corner = pointOf(event).map((x) => Math.max(0, Math.min(1, x)));
+    const near = (other) => other && Math.hypot(corner[0] - other[0], corner[1] - other[1]) < 0.015;
+    if (near(corners.at(-1)) || (corners.length > 2 && near(corners[0]))) { // a double click, or the first corner again, closes it
+      endSketch();
+      return;
+    }
     corners.push(corner);
     drawRoom();
   });
-  room.addEventListener("dblclick", () => corners && endSketch());
   function listFiles() {
     const found = state.files.filter((file) => ["workspace", "region"].includes(file.kind) && /\.(svg|wkt|geojson)$/i.test(file.name));
     files.replaceChildren(el("option", { value: "" }, found.length ? "a file of the folder" : "no drawing yet"), ...found.map((file) => el("option", { value: file.name }, file.name)));
