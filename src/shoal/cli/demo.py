@@ -24,15 +24,15 @@ def demo(
         str,
         typer.Argument(
             metavar="[steer|search]",
-            help="steer: two particles, one input; search: robots in a marsh; without it: an eye's vessels.",
+            help="steer (two particles, one input) or search (robots in a marsh). Default: the vessels of an eye.",
         ),
     ] = "vessels",
     particles: Annotated[int, typer.Option("-n", "--particles", help="Number of particles.")] = 300,
     seed: options.Seed = 0,
-    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where the results go.")] = Path("demo"),
+    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Folder for the results.")] = Path("demo"),
     json_: options.Json = False,
 ) -> None:
-    """Map the vessels of a real eye: a fundus photograph, 300 particles, one shared command.
+    """Map the vessels of a real eye from a photograph with 300 particles that obey one shared command.
 
     Writes the photograph, beside its vessels and with their outline, the vessel map, the picture at the end, the frontier by move,
     a film (MP4), the HTML player and the episode.

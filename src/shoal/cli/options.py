@@ -14,11 +14,13 @@ from shoal.checks import parse_json, read_text, shortened
 from shoal.errors import InvalidInputError
 from shoal.problem import LARGEST_PROBLEM, Declaration, Problem
 
-Trials = Annotated[int, typer.Option("--trials", help="How many times, each from another start.")]
-Seed = Annotated[int, typer.Option("--seed", help="The same seed gives the same result, whatever the workers.")]
+Trials = Annotated[int, typer.Option("--trials", help="Number of trials, each from another start.")]
+Seed = Annotated[
+    int, typer.Option("--seed", help="Seed of all random numbers. The same seed gives the same result for any number of workers.")
+]
 Workers = Annotated[
     int | None,
-    typer.Option("--workers", help="Trials that run at once; default: one a processor.", show_default=False),
+    typer.Option("--workers", help="Number of trials that run at once. Default: one for each processor.", show_default=False),
 ]
 Out = Annotated[
     Path | None,
@@ -38,7 +40,9 @@ Film = Annotated[
         show_default=False,
     ),
 ]
-Trust = Annotated[bool, typer.Option("--trust", help="Run code that a file names as MODULE:ATTRIBUTE. Know whose it is.")]
+Trust = Annotated[
+    bool, typer.Option("--trust", help="Run code that a file names as MODULE:ATTRIBUTE. Use it only for files that you trust.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")]
 
 

@@ -18,7 +18,7 @@ def replay(
         Path,
         typer.Argument(
             metavar="EPISODE",
-            help="An episode file: .npz of map and cover, .json of steer and search; or the .jsonl of drive.",
+            help="Episode file: .npz of map and cover, .json of steer and search, or .jsonl of drive.",
             show_default=False,
         ),
     ],

@@ -21,28 +21,40 @@ EXAMPLE = "Example: shoal reproduce h-fig5 --quick --trials 20 --out figures"
 
 def reproduce(
     figure: Annotated[
-        str | None, typer.Argument(metavar="[FIGURE]", help="Such as m-fig7; without one all are listed.", show_default=False)
+        str | None,
+        typer.Argument(
+            metavar="[FIGURE]", help="Figure to reproduce, such as m-fig7. Without one, all figures are listed.", show_default=False
+        ),
     ] = None,
-    all_: Annotated[bool, typer.Option("--all", help="Every figure, the checks of all errata, and a page of results.")] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer trials and coarser maps.")] = False,
+    all_: Annotated[
+        bool, typer.Option("--all", help="Reproduce every figure, run the checks of all errata, and write a page of results.")
+    ] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Use fewer trials and coarser maps.")] = False,
     trials: Annotated[
-        int | None, typer.Option("--trials", help="Trials a point, instead of the figure's.", show_default=False)
+        int | None, typer.Option("--trials", help="Number of trials at each point, instead of the figure's.", show_default=False)
     ] = None,
     map_: Annotated[
         str | None,
-        typer.Option("--map", metavar="PATH", help='A picture or a map\'s name instead of the "complex" map.', show_default=False),
+        typer.Option(
+            "--map", metavar="PATH", help='Picture or name of a map to use instead of the "complex" map.', show_default=False
+        ),
     ] = None,
     seed: options.Seed = 0,
     workers: Annotated[
         int | None,
-        typer.Option("--workers", help="Worker processes; default: one a processor. 0: all in this one.", show_default=False),
+        typer.Option(
+            "--workers",
+            help="Number of worker processes. Default: one for each processor; 0 runs everything in this process.",
+            show_default=False,
+        ),
     ] = None,
     out: Annotated[
-        Path, typer.Option("--out", metavar="FOLDER", help="Figures, data and results.sqlite; a later call goes on.")
+        Path,
+        typer.Option("--out", metavar="FOLDER", help="Folder for figures, data and results.sqlite. A later call continues there."),
     ] = Path("figures"),
     json_: options.Json = False,
 ) -> None:
-    """Reproduce figures of the papers: what is printed beside ours, and whether the two agree, differ, or cannot be compared.
+    """Reproduce figures of the papers and compare the printed numbers with ours: they agree, differ, or are not comparable.
 
     Exit code 1 if one of all figures could not be made; that ours differ from a paper is an answer, not an error.
     """

@@ -41,7 +41,7 @@ def steer(
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Bring two particles to two goals with one shared input, by walls that hold what is pushed into them.
+    """Bring two particles to two goals with one shared input, using walls that hold particles.
 
     A problem file holds an object with "workspace" (a name, a file, or what docs/concepts/steering.md says of polygons, disks,
     prisms, cylinders and regions), "start" and "goal" (lists of points), and any other option as a field. Options replace what the
@@ -117,12 +117,12 @@ def replay_steering(
 @takes_problem(SteeringProblem, only=("workspace", "start"))
 def reach(
     problem: SteeringProblem,
-    moves: Annotated[int, typer.Option("--moves", help="Even: 2, 4, ...")] = 6,
-    seed: Annotated[int, typer.Option("--seed", help="Of a random start; nothing else here is random.")] = 0,
+    moves: Annotated[int, typer.Option("--moves", help="Number of moves, even: 2, 4, ...")] = 6,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of a random start.")] = 0,
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Which differences of two particles 2, 4, ... moves can make, and what share of all differences that is."""
+    """Compute which differences of two particles 2, 4, ... moves can make, as a share of all differences."""
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
 
     room = problem.place

@@ -15,13 +15,15 @@ EXAMPLE = "Example: shoal studio figures"
 
 
 def studio(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Its files are shown, and results are written there.")] = Path(),
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Folder whose files are shown and where results are written.")
+    ] = Path(),
     port: Annotated[
-        int | None, typer.Option("--port", help="Where to serve; by default 8790, or any free one.", show_default=False)
+        int | None, typer.Option("--port", help="Port of the server. Default: 8790, or a free one.", show_default=False)
     ] = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
 ) -> None:
-    """Open the studio: find vessels, place particles, watch and compare policies, steer by hand, all in the browser.
+    """Open the studio in the browser: find vessels, place particles, watch and compare policies, steer by hand.
 
     It is served to this machine only, at an address that nobody else knows. Nothing is kept anywhere but in the folder.
     """

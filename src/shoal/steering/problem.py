@@ -136,46 +136,47 @@ class SteeringProblem(Problem):
         argument=True, metavar="WORKSPACE", check=_check_workspace, dump=_dump_workspace,
     )  # fmt: skip
     start: Any = option(
-        RANDOM, help="Where the particles are; random points are drawn with the seed.", metavar="'X,Y X,Y'",
+        RANDOM, help="Start points of the particles, or random (drawn with the seed).", metavar="'X,Y X,Y'",
         parse=_parse_places, check=_check_places("start"), dump=_dump_places,
     )  # fmt: skip
     goal: Any = option(
-        RANDOM, help="Where each is to be.", metavar="'X,Y X,Y'",
+        RANDOM, help="Goal points of the particles, or random (drawn with the seed).", metavar="'X,Y X,Y'",
         parse=_parse_places, check=_check_places("goal"), dump=_dump_places,
     )  # fmt: skip
-    tolerance: float = option(1e-6, help="How far from its goal each particle may end; 1e-8 of the size or more.", least=0)
+    tolerance: float = option(
+        1e-6, help="Largest distance of a particle from its goal at the end; at least 1e-8 of the size.", least=0
+    )
     interchangeable: bool = option(False, help="Any particle may go to any goal.")
     planner: Any = option(
         "auto",
-        help=f"auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto is shortest for two particles in a "
+        help=f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto is shortest for two particles in a "
         "convex workspace, else sampling.",
         check=_check_planner, dump=_dump_planner, names=PLANNER_NAMES,
     )  # fmt: skip
     time: float | None = option(
-        None, help="Seconds that planning may take: then the best plan so far is played, never a longer one than greedy's.",
+        None, help="Time limit of planning. The best plan so far is then played; it is never longer than greedy's.",
         unit="s", above=0, metavar="SECONDS",
     )  # fmt: skip
-    max_moves: int = option(100, help="Longer plans are of no use.", least=1)
+    max_moves: int = option(100, help="Largest number of moves of a plan.", least=1)
     friction: float = option(
-        inf, help="Coefficient of friction of the walls; if infinite, nothing that is pushed into a wall slides.",
+        inf, help="Coefficient of friction of the walls. If it is infinite, a particle that is pushed into a wall never"
+        " slides.",
         check=_check_friction, dump=_dump_friction,
     )  # fmt: skip
     particle_radius: float = option(0.0, help="Radius of the particles.", least=0)
-    execution: float = option(
-        0.0, help="Noise of the input: standard deviation of what is added to each coordinate of a move.", least=0
-    )
+    execution: float = option(0.0, help="Input noise: standard deviation of the error of each coordinate of a move.", least=0)
     measurement: float = option(
-        0.0, help="Noise of the camera: standard deviation of what is added to each coordinate of a particle.", least=0
+        0.0, help="Camera noise: standard deviation of the error of each coordinate of a particle.", least=0
     )
     gain: float = option(
         0.0,
-        help="By how much of itself the response to the input varies over the workspace, along a direction that the seed draws: "
-        "0.2 is from 0.9 to 1.1.",
+        help="Variation of the response over the workspace, along a direction drawn with the seed: 0.2 means a "
+        "gain from 0.9 to 1.1.",
         least=0, below=2,
     )  # fmt: skip
-    goal_x: float | None = option(None, help="X of the goal of one particle, in place of what 'goal' says; it may be outside.")
-    goal_y: float | None = option(None, help="Its y.")
-    varied: int = option(2, help="Which particle's goal goal_x and goal_y are; the first is 1.", least=1)
+    goal_x: float | None = option(None, help="X of one particle's goal, in place of 'goal'; it may lie outside of the workspace.")
+    goal_y: float | None = option(None, help="Y of the same goal.")
+    varied: int = option(2, help="Number of the particle whose goal is goal_x, goal_y; the first is 1.", least=1)
 
     def check_together(self) -> None:
         """Refuse fields that do not go together."""

@@ -143,73 +143,83 @@ class SwarmProblem(Problem):
     censored: ClassVar[tuple[str, ...]] = ("moves", "scans", "cost", "distance")
 
     map: Any = option(
-        help="A generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy, .csv, NIfTI, a "
+        help="Map: a generated one such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy, .csv, NIfTI, a "
         "TIFF of several pages, or a folder of slices.",
         argument=True, metavar="MAP", check=_check_map, dump=lambda given: given if isinstance(given, str) else given.to_dict(),
     )  # fmt: skip
-    task: Any = option("mapping", help=f"{', '.join(TASK_NAMES)} or MODULE:ATTRIBUTE.", names=TASK_NAMES, **_named("task"))
-    subset: float | None = option(None, help="Coverages: cover a random share of the free cells only.", above=0, most=1)
+    task: Any = option("mapping", help=f"Task: {', '.join(TASK_NAMES)} or MODULE:ATTRIBUTE.", names=TASK_NAMES, **_named("task"))
+    subset: float | None = option(None, help="For coverage: share of the free cells to cover, chosen at random.", above=0, most=1)
     particles: int = option(100, help="Number of particles.", short="-n", least=1)
     placement: Any = option(
-        "uniform", help=f"Where the particles start: {', '.join(PLACEMENT_NAMES)} or MODULE:ATTRIBUTE.", names=PLACEMENT_NAMES,
+        "uniform", help=f"Placement of the particles: {', '.join(PLACEMENT_NAMES)} or MODULE:ATTRIBUTE.", names=PLACEMENT_NAMES,
         **_named("placement"),
     )  # fmt: skip
     start: Cells | None = option(
-        None, help="Cells where the particles start, instead of a placement, as '0,3 0,4': row, column (in 3-D layer first).",
+        None, help="Start cells of the particles, instead of a placement: row,column pairs such as '0,3 0,4' (in 3-D "
+        "layer,row,column).",
         metavar="CELLS", parse=_parse_start, check=_check_start, dump=lambda given: [list(cell) for cell in given],
     )  # fmt: skip
     rule: str = option("block", help="Move rule.", choices=tuple(RULES))
     policy: Any = option(
         "auto",
-        help="auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, depth-first, "
-        "sweep, offline (coverages), manual:COMMANDS or MODULE:ATTRIBUTE; options follow a colon, as in "
+        help="Policy: auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, "
+        "depth-first, "
+        "sweep, offline (coverages), manual:COMMANDS or MODULE:ATTRIBUTE. Options follow a colon, as in "
         "closest-frontier:ties=row-major. auto is best for mappings without noise that scan after each move, under the rules "
         "block and merge, else closest-frontier.",
         names=POLICY_NAMES, **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
-        None, help="Planners (best, rollout, offline): moves that may be simulated for each move sent, on average; best and "
-        "rollout are given more for other than 1000 particles, up to ten times.", above=0, most=1e12,
+        None, help="For planners (best, rollout, offline): mean number of moves that may be simulated for each move sent. best and "
+        "rollout get up to ten times as many if there are not 1000 particles.", above=0, most=1e12,
     )  # fmt: skip
     time_per_move: float | None = option(
-        None, help="Planners: time for each move, on average, instead of a budget; the commands then depend on the machine.",
+        None, help="For planners: mean time for each move, instead of a budget. The commands then depend on the machine.",
         metavar="MS", unit="ms", above=0, most=1e9,
     )  # fmt: skip
-    max_moves: int = option(1_000_000, help="Stop an episode there, with status limit.", least=0)
+    max_moves: int = option(1_000_000, help="Number of moves after which an episode ends with the status limit.", least=0)
     scan_every: int | str = option(
-        1, help="Equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most cells for its price). With "
-        "noise a number: so many commands of a plan, or fewer where it ends.", metavar="RULE", check=_check_scan_every,
+        1, help="Number of equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most cells for its "
+        "price). With noise: a number of commands of a plan, or fewer where the plan ends.", metavar="RULE",
+        check=_check_scan_every,
     )  # fmt: skip
     scan_cost: float = option(SCAN_COST, help="Price of a scan, in any unit.", least=0, most=DEAREST)
     move_cost: float = option(MOVE_COST, help="Price of a move, in the same unit.", least=0, most=DEAREST)
-    slip: float = _rate("Probability that a particle does not move at a command.")
-    misplace: float = _rate("Probability that one is seen in a neighbouring cell instead of its own.")
+    slip: float = _rate("Probability that a particle does not obey a command.")
+    misplace: float = _rate("Probability that a particle is seen in a neighbouring cell.")
     miss: float = _rate("Probability that a particle is not seen in a scan.")
     confidence: float = option(
-        0.99, help="With noise: the probability from which a cell counts as classified.", above=0.75, most=0.99999
+        0.99, help="With noise: probability from which a cell counts as classified.", above=0.75, most=0.99999
     )
-    vessels: bool = option(False, help="MAP is a photograph: segment its vessels (needs the extra 'imaging').")
+    vessels: bool = option(False, help="Take MAP as a photograph and find its vessels (needs the extra 'imaging').")
     width: int | None = option(None, help="With --vessels: larger side of the map.", unit="cells", least=1)
     low: float = option(
-        0.6, help="With --vessels: response above which a vessel goes on, over the one that splits vessels from ground best.",
+        0.6, help="With --vessels: filter response down to which a vessel is followed, as a multiple of the best "
+        "threshold.",
         above=0, most=10,
     )  # fmt: skip
-    high: float = option(1.2, help="With --vessels: response that a vessel reaches somewhere; lower finds more.", above=0, most=10)
+    high: float = option(
+        1.2,
+        help="With --vessels: filter response that every vessel must reach somewhere, as a multiple of the best "
+        "threshold. Lower values find more vessels.",
+        above=0,
+        most=10,
+    )
     bright: bool | None = option(
-        None, help="With --vessels: vessels are brighter than what is around them; by default the picture says."
+        None, help="With --vessels: vessels are brighter than their surroundings. By default the picture decides."
     )
     thickest: float | None = option(
         None,
-        help="With --vessels: width of the thickest vessel, as a share of the picture's larger side; by default 0.0185 in a round "
-        "field of view, else 0.035.", above=0, most=0.5,
+        help="With --vessels: width of the thickest vessel, as a share of the picture's larger side. Default: "
+        "0.0185 in a round field of view, else 0.035.", above=0, most=0.5,
     )  # fmt: skip
-    threshold: float = option(0.5, help="Pictures: pixels at least this bright are free.", least=0, most=1)
-    invert: bool = option(False, help="Pictures: dark pixels are free.")
-    scale: float = option(1.0, help="Pictures: cells a pixel; 0.5 halves both sides.", above=0, most=64)
-    level: float | None = option(None, help="Arrays, volumes: cells of at least this number are free.")
-    label: int | None = option(None, help="Arrays, volumes: cells of exactly this number are free.")
+    threshold: float = option(0.5, help="For pictures: brightness from which a pixel is free.", least=0, most=1)
+    invert: bool = option(False, help="For pictures: dark pixels are free.")
+    scale: float = option(1.0, help="For pictures: cells for each pixel. 0.5 halves both sides.", above=0, most=64)
+    level: float | None = option(None, help="For arrays and volumes: value from which a cell is free.")
+    label: int | None = option(None, help="For arrays and volumes: value of the free cells.")
     largest_component: bool = option(False, help="Keep only the largest connected part of the free space.")
-    cell_size: float | None = option(None, help="Side of a cell; by default what the file says.", unit="mm", above=0, most=1e6)
+    cell_size: float | None = option(None, help="Side of a cell. By default the file decides.", unit="mm", above=0, most=1e6)
 
     def check_together(self) -> None:
         """Refuse fields that do not go together; nothing is opened yet."""

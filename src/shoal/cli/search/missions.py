@@ -49,7 +49,7 @@ Angle = Annotated[
     typer.Option(
         "--angle",
         metavar="DEGREES",
-        help="By how much the footprints are turned, counter-clockwise from east; default: as most of the legs are.",
+        help="Angle of the footprints, counter-clockwise from east. Default: the direction of most legs.",
         show_default=False,
     ),
 ]
@@ -58,17 +58,21 @@ Format = Annotated[
     str | None,
     typer.Option(
         "--format",
-        help="Whose files to fly: plan, wpl, geojson, kml, gpx or csv; default: the first that is there.",
+        help="Format of the files to fly: plan, wpl, geojson, kml, gpx or csv. Default: the first one found.",
         show_default=False,
     ),
 ]
 Cap = Annotated[
     int | None,
     typer.Option(
-        "--cap", help="Most mission items that the autopilot stores; default: 2000 for PX4, 700 for ArduPilot.", show_default=False
+        "--cap",
+        help="Number of mission items that the autopilot stores. Default: 2000 for PX4, 700 for ArduPilot.",
+        show_default=False,
     ),
 ]
-Autopilot = Annotated[str | None, typer.Option("--autopilot", help="px4 or ardupilot: which one it has to be.", show_default=False)]
+Autopilot = Annotated[
+    str | None, typer.Option("--autopilot", help="Autopilot that the missions must be for: px4 or ardupilot.", show_default=False)
+]
 _KEPT = MissionOptions.declarations()
 SEPARATION, DELAY = _KEPT["separation"].text(_KEPT["separation"].default), _KEPT["delay_tolerance"].default
 Separated = Annotated[
@@ -80,7 +84,7 @@ FlownBy = Annotated[
     typer.Option(
         "--vehicle",
         metavar="NAME|FILE[,FIELD=VALUE...]",
-        help="How fast vehicles climb and turn, for the nearest approach; default: all at the speed in the file.",
+        help="Vehicle whose climbs and turns are used for the nearest approach. Default: the speed in the file for everything.",
         show_default=False,
     ),
 ]
@@ -89,11 +93,11 @@ Bands = Annotated[
     typer.Option(
         "--bands",
         metavar=_FIELDS["bands"].option.metavar,
-        help="Altitudes at each of which all must be seen. Of a box, those of its layers.",
+        help="Altitudes at each of which everything must be seen. Default for a box: those of its layers.",
         show_default=False,
     ),
 ]
-Seed = Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")]
+Seed = Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")]
 Out = Annotated[
     Path | None,
     typer.Option(
@@ -127,7 +131,7 @@ def check(
     out: Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Read mission files back: look for mistakes, and measure what vehicles that follow them see of a region.
+    """Check mission files: read them back, report mistakes, and measure how much of a region the vehicles see.
 
     Nothing of the planner is asked. Exit code 1 if there are mistakes or less than --least is seen.
     """

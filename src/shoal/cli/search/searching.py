@@ -27,7 +27,10 @@ def search(
     problem: SearchProblem,
     options: MissionOptions,
     missions: Annotated[
-        Path | None, typer.Option("--missions", metavar="DIR", help="Write a mission for each robot there.", show_default=False)
+        Path | None,
+        typer.Option(
+            "--missions", metavar="DIR", help="Folder for the missions, one for each robot and sortie.", show_default=False
+        ),
     ] = None,
     seed: Seed = 0,
     out: Annotated[
@@ -50,7 +53,7 @@ def search(
     ] = None,
     json_: Json = False,
 ) -> None:
-    """Search a region with robots that have no coordinator: they share a closed tour, and who lives takes over from who dies.
+    """Search a region with robots that have no coordinator: they share a closed tour, and live robots take over from dead ones.
 
     Exit code 1 if the search was not completed.
     """

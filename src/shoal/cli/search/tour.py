@@ -38,7 +38,7 @@ def tour(
             show_default=False,
         ),
     ],
-    seed: Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")] = 0,
     out: Annotated[
         Path | None,
         typer.Option(

@@ -32,7 +32,7 @@ def drive(
         str | None,
         typer.Argument(
             metavar="[MAP]",
-            help="The true map: what a simulated rig moves in; for a rig what its map is compared with, if it is known.",
+            help="True map. A simulated rig moves in it; the map of a real rig is compared with it.",
             show_default=False,
         ),
     ] = None,
@@ -48,21 +48,28 @@ def drive(
     size: Annotated[
         str | None,
         typer.Option(
-            "--size", metavar="SIZE", help="Refuse a rig that sees another number of cells, such as 40x60.", show_default=False
+            "--size",
+            metavar="SIZE",
+            help="Number of cells that the rig must see, such as 40x60; any other rig is refused.",
+            show_default=False,
         ),
     ] = None,
     seed: options.Seed = 0,
-    timeout: Annotated[float, typer.Option("--timeout", help="Seconds to wait for an answer before asking again.")] = 5.0,
-    patience_: Annotated[float, typer.Option("--patience", help="Seconds without any answer before the rig is given up.")] = 60.0,
+    timeout: Annotated[
+        float, typer.Option("--timeout", help="Time to wait for an answer before a request is repeated, in seconds.")
+    ] = 5.0,
+    patience_: Annotated[
+        float, typer.Option("--patience", help="Time without an answer after which the drive ends, in seconds.")
+    ] = 60.0,
     log: Annotated[
         Path | None,
-        typer.Option("--log", metavar="FILE", help="Write everything there as it happens (JSON lines).", show_default=False),
+        typer.Option("--log", metavar="FILE", help="Log file (JSON lines), written as things happen.", show_default=False),
     ] = None,
     out: options.Out = None,
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Map what a rig moves in: commands out, positions in. However it ends, by Ctrl-C too, the rig is stopped.
+    """Drive a rig and map what its particles move in. The rig is stopped however the drive ends, also by Ctrl-C.
 
     --particles, --placement, --start and --rule are those of a simulated rig; a rig says its own. --slip, --misplace and --miss say
     how a rig fails, and make a simulated one fail so. The protocol is in docs/concepts/rigs.md.

@@ -59,7 +59,7 @@ def cover(
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Cover a known workspace: let some particle stand in every free cell, or in each of a random subset of them."""
+    """Cover a known workspace: a particle must stand in every free cell, or in each cell of a random subset."""
     _play(problem, trials, seed, workers, out, film, json_)
 
 

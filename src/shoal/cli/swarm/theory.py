@@ -47,7 +47,7 @@ def line(
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """One dimension: mean moves until both ends are found and until all cells are visited, and the largest gap."""
+    """Compute one dimension exactly: mean moves until both ends are found and all cells are visited, and the largest gap."""
     from shoal.swarm.theory.one_dimension import Line, sample
 
     chosen = Line(cells, particles)
@@ -123,13 +123,13 @@ def schedule(
     scan_cost: Annotated[str, typer.Option("--scan-cost", metavar="PRICE", help="Price of a scan.", show_default=False)],
     move_cost: Annotated[str, typer.Option("--move-cost", metavar="PRICE", help="Price of a move.", show_default=False)],
     max_distance: Annotated[
-        str, typer.Option("--max-distance", metavar="D", help="The wall is at most so far away; 1e100 and 10^100 will do.")
+        str, typer.Option("--max-distance", metavar="D", help="Largest distance of the wall, such as 1000, 1e100 or 10^100.")
     ] = "1000",
-    seed: Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")] = 0,
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """When to scan on the way to a wall at an unknown distance: the best schedule for your prices, beside the classic ones."""
+    """Find the best schedule of scans on the way to a wall at an unknown distance, for your prices, beside the classic ones."""
     from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers, check_prices, optimal_schedule
 
     scan, move = check_prices(scan_cost, move_cost)

@@ -24,9 +24,9 @@ CHECK_EXAMPLE = "Example: shoal sweep check results.sqlite"
 
 StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="The file with the results.", show_default=False)]
 SweepName = Annotated[
-    str | None, typer.Option("--sweep", metavar="NAME", help="Which sweep, if there are several.", show_default=False)
+    str | None, typer.Option("--sweep", metavar="NAME", help="Name of the sweep, if the store holds several.", show_default=False)
 ]
-Unused = Annotated[int, typer.Option("--seed", help="Not used: nothing here is random.")]
+Unused = Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")]
 
 
 def check_table(out: Path) -> None:
@@ -41,26 +41,31 @@ def check_table(out: Path) -> None:
 def summary(
     store: StoreFile,
     name: SweepName = None,
-    measure: Annotated[str | None, typer.Option("--measure", help="What to look at, such as moves.", show_default=False)] = None,
+    measure: Annotated[
+        str | None, typer.Option("--measure", help="Measure to summarise, such as moves.", show_default=False)
+    ] = None,
     compare: Annotated[
         str | None,
         typer.Option(
             "--compare", metavar="AXIS", help="Compare the values of this paired axis with its first.", show_default=False
         ),
     ] = None,
-    level: Annotated[float, typer.Option("--level", help="Of confidence.")] = 0.95,
+    level: Annotated[float, typer.Option("--level", help="Confidence level of the intervals.")] = 0.95,
     method: Annotated[
         str,
         typer.Option(
             "--method",
-            help="Of the intervals: t (Student), log (Student on a log scale: none below 0), bootstrap; auto is log for counts.",
+            help="Method of the intervals: t (Student), log (Student on a log scale, never below 0) or bootstrap. auto"
+            " is log for counts.",
         ),
     ] = "auto",
-    seed: Annotated[int, typer.Option("--seed", help="Not used: the bootstrap draws the same numbers each time.")] = 0,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it as JSON, too.", show_default=False)] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Not used, because the bootstrap draws the same numbers each time.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.", show_default=False)
+    ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Show means with confidence intervals, and what differs along a paired axis.
+    """Show means with confidence intervals, and differences along a paired axis.
 
     Where trials ended before their task was done, it says how many, and a mean of what they needed is a restricted one: it counts
     no value above the least at which one ended.
@@ -137,12 +142,12 @@ def _numbers(found: Any) -> Any:
 
 def export_(
     store: StoreFile,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The table: .csv or .parquet.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File for the table: .csv or .parquet.", show_default=False)],
     name: SweepName = None,
     seed: Unused = 0,
     json_: options.Json = False,
 ) -> None:
-    """Write the table of a sweep: its axes, trial, seed and what was measured."""
+    """Write the table of a sweep: axes, trial, seed and measures."""
     from shoal.lab import Store
     from shoal.lab.storage.export import export
 
@@ -159,11 +164,11 @@ def export_(
 
 def merge(
     stores: Annotated[list[Path], typer.Argument(metavar="STORES", help="The files with the results.", show_default=False)],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The new store.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File for the new store.", show_default=False)],
     seed: Unused = 0,
     json_: options.Json = False,
 ) -> None:
-    """Write the results of several stores into a new one: the same sweeps, run in several places.
+    """Merge stores of the same sweeps, run in several places, into a new one.
 
     A trial that several stores have must have ended in the same way.
     """
@@ -183,7 +188,9 @@ def merge(
 def check(
     store: StoreFile,
     seed: Unused = 0,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it as JSON, too.", show_default=False)] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.", show_default=False)
+    ] = None,
     json_: options.Json = False,
 ) -> None:
     """Check that a store is whole: its structure, keys, seeds and rows. Exit code 1 if it is not."""

@@ -30,32 +30,37 @@ _EVERY = 2.0  # seconds between two looks of --watch
 
 
 def run(
-    spec: Annotated[Path, typer.Argument(metavar="SPEC", help="What to run: a TOML file.", show_default=False)],
+    spec: Annotated[Path, typer.Argument(metavar="SPEC", help="TOML file that describes the sweep.", show_default=False)],
     store: Annotated[
-        Path, typer.Option("--store", metavar="FILE", help="Where results go; made if it is not there.", show_default=False)
+        Path,
+        typer.Option(
+            "--store", metavar="FILE", help="Store for the results. It is created if it does not exist.", show_default=False
+        ),
     ],
     workers: Annotated[
         int | None,
-        typer.Option("--workers", help="Worker processes; default: one a processor. 0: all in this one.", show_default=False),
+        typer.Option(
+            "--workers",
+            help="Number of worker processes. Default: one for each processor; 0 runs everything in this process.",
+            show_default=False,
+        ),
     ] = None,
     dask: Annotated[
         str | None,
         typer.Option("--dask", metavar="ADDRESS", help="Use the workers of the Dask scheduler at HOST:PORT.", show_default=False),
     ] = None,
     trials: Annotated[
-        int | None, typer.Option("--trials", help="Trials a point, instead of the file's.", show_default=False)
+        int | None, typer.Option("--trials", help="Number of trials at each point, instead of the file's.", show_default=False)
     ] = None,
     seed: Annotated[int | None, typer.Option("--seed", help="Seed, instead of the file's.", show_default=False)] = None,
-    extend: Annotated[
-        bool, typer.Option("--extend", help="The sweep is there already, and this one adds trials or points to it.")
-    ] = False,
+    extend: Annotated[bool, typer.Option("--extend", help="Add trials or points to a sweep that is in the store already.")] = False,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="Then write the table: .csv or .parquet.", show_default=False),
+        typer.Option("--out", metavar="FILE", help="Write the table at the end: .csv or .parquet.", show_default=False),
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Run a sweep, or what is missing of it: stopped at any moment, the same command goes on.
+    """Run a sweep, or the missing part of it. The same command continues a sweep that was stopped.
 
     Exit code 1 if trials failed.
     """
@@ -165,12 +170,14 @@ def _rows(status: SweepStatus) -> list[tuple[str, str]]:
 
 def status(
     store: StoreFile,
-    watch: Annotated[bool, typer.Option("--watch", help="Look again every two seconds until nothing is running.")] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Repeat every two seconds until nothing is running.")] = False,
     seed: Unused = 0,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it as JSON, too.", show_default=False)] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.", show_default=False)
+    ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Show how far the sweeps in a store are; also while another process runs them."""
+    """Show the progress of the sweeps in a store, also while another process runs them."""
     from shoal.lab import Store
 
     if watch and json_:

@@ -31,7 +31,7 @@ class FunctionProblem(MeasuredProblem):
     part = "function"
 
     function: str = option(help="The function, as MODULE:ATTRIBUTE.", names=())
-    arguments: Mapping[str, Any] | None = option(None, help="What it is called with, besides a seed.", check=_check_arguments)
+    arguments: Mapping[str, Any] | None = option(None, help="Arguments of the function, besides the seed.", check=_check_arguments)
 
     @property
     def measures(self) -> tuple[str, ...]:  # type: ignore[override]  # of other problems a class says it

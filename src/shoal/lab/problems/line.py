@@ -22,9 +22,9 @@ class LineProblem(MeasuredProblem):
     part = "line"
     measures = ("first", "last", "largest_gap", "spread", "boundary", "coverage", "printed_coverage")
 
-    cells: int = option(help="Cells of the line.", least=1)
+    cells: int = option(help="Number of cells of the line.", least=1)
     particles: int = option(help="Number of particles.", least=1)
-    placements: int = option(1, help="Random placements of a trial.", least=1)
+    placements: int = option(1, help="Number of random placements in each trial.", least=1)
 
     @cached_property
     def line(self) -> Line:
@@ -48,9 +48,11 @@ class ScheduleProblem(MeasuredProblem):
     part = "schedule"
     measures = ("distance", "moves", "scans", "move_ratio", "scan_ratio", "weighted_ratio")
 
-    schedule: str = option("i^i", help="every-step, i^i, powers:K or one-jump:M.")
-    max_distance: int = option(1000, help="The distance is drawn from 0 to this.", least=0, most=10**15)
-    distance: int | None = option(None, help="The distance, instead of a random one.", least=0, most=10**15)
+    schedule: str = option("i^i", help="Schedule of scans: every-step, i^i, powers:K or one-jump:M.")
+    max_distance: int = option(
+        1000, help="Largest distance of the wall. The distance is drawn between 0 and this.", least=0, most=10**15
+    )
+    distance: int | None = option(None, help="Distance of the wall, instead of a random one.", least=0, most=10**15)
     scan_cost: float = option(10.0, help="Price of a scan.", least=0)
     move_cost: float = option(1.0, help="Price of a move, in the same unit.", least=0)
 

@@ -62,44 +62,65 @@ class Vehicle(Problem):
 
     part: ClassVar[str] = "vehicle"
 
-    preset: str = option("multirotor", help="What it is, and where values that are not given come from.", choices=tuple(PRESETS))
-    cruise_speed: float | None = option(
-        None, help="Through the air, or over the ground for a rover.", unit="m/s", above=0, most=100
+    preset: str = option(
+        "multirotor", help="Kind of vehicle. It gives the values of all fields that are not set.", choices=tuple(PRESETS)
     )
-    climb_speed: float | None = option(None, help="Upwards.", unit="m/s", above=0, most=50)
-    sink_speed: float | None = option(None, help="Downwards.", unit="m/s", above=0, most=50)
-    acceleration: float | None = option(None, help="With which it stops before a turn and starts after it.", unit="m/s2", above=0)
+    cruise_speed: float | None = option(
+        None, help="Cruise speed through the air; for a rover, over ground.", unit="m/s", above=0, most=100
+    )
+    climb_speed: float | None = option(None, help="Climb speed.", unit="m/s", above=0, most=50)
+    sink_speed: float | None = option(None, help="Sink speed.", unit="m/s", above=0, most=50)
+    acceleration: float | None = option(
+        None, help="Acceleration with which the vehicle stops before a turn and starts after it.", unit="m/s2", above=0
+    )
     turn_time: float | None = option(
-        None, help="That a turn adds; without it cruise_speed over acceleration.", unit="s", least=0, most=600
+        None, help="Time that a turn adds. Default: cruise_speed / acceleration.", unit="s", least=0, most=600
     )
     turn_radius: float | None = option(
-        None, help="Of a fixed wing's narrowest turn without wind; all else turns on the spot.", unit="m", least=0, most=10_000
+        None,
+        help="Radius of a fixed wing's narrowest turn without wind. Other vehicles turn on the spot.",
+        unit="m",
+        least=0,
+        most=10_000,
     )
-    altitude: float | None = option(None, help="Of the search; 0 for a rover.", unit="m", least=0, most=10_000)
-    endurance: float | None = option(None, help="From take-off until the battery is empty.", unit="min", above=0, most=100_000)
-    reserve: float | None = option(None, help="Share of the endurance that no mission touches.", least=0, below=1)
-    recharge: float | None = option(None, help="On the ground between two sorties.", unit="min", least=0, most=100_000)
-    wind_speed: float | None = option(None, help="Of the wind; below cruise_speed.", unit="m/s", least=0, most=100)
+    altitude: float | None = option(None, help="Altitude of the search; 0 for a rover.", unit="m", least=0, most=10_000)
+    endurance: float | None = option(None, help="Time from take-off until the battery is empty.", unit="min", above=0, most=100_000)
+    reserve: float | None = option(None, help="Share of the endurance that no mission uses.", least=0, below=1)
+    recharge: float | None = option(None, help="Time on the ground between two sorties.", unit="min", least=0, most=100_000)
+    wind_speed: float | None = option(None, help="Wind speed; below cruise_speed.", unit="m/s", least=0, most=100)
     wind_from: float | None = option(
-        None, help="Where the wind comes from, clockwise from north.", unit="degrees", least=-360, most=360
+        None, help="Direction from which the wind blows, clockwise from north.", unit="degrees", least=-360, most=360
     )
     detector_width: float | None = option(
-        None, help="That a sonar or another detector sees across its way; distance of the rows.", unit="m", above=0, most=100_000
+        None,
+        help="Width that a sonar or another detector sees across its way; it sets the distance of the rows.",
+        unit="m",
+        above=0,
+        most=100_000,
     )
-    sensor_width: float | None = option(None, help="Of the camera's sensor, across the way.", unit="mm", above=0, most=1000)
-    sensor_height: float | None = option(None, help="Of the camera's sensor, along the way.", unit="mm", above=0, most=1000)
-    focal_length: float | None = option(None, help="Of the camera.", unit="mm", above=0, most=10_000)
-    image_width: float | None = option(None, help="Across the way.", unit="pixels", least=1, most=1_000_000)
-    image_height: float | None = option(None, help="Along the way.", unit="pixels", least=1, most=1_000_000)
-    side_overlap: float | None = option(None, help="Share of an image that the one beside it has, too.", least=0, most=0.95)
-    front_overlap: float | None = option(None, help="Share of an image that the next one has, too.", least=0, most=0.95)
-    gimbal_pitch: float | None = option(None, help="Of the camera: -90 is down.", unit="degrees", least=-90, most=90)
+    sensor_width: float | None = option(None, help="Width of the camera's sensor, across the way.", unit="mm", above=0, most=1000)
+    sensor_height: float | None = option(None, help="Height of the camera's sensor, along the way.", unit="mm", above=0, most=1000)
+    focal_length: float | None = option(None, help="Focal length of the camera.", unit="mm", above=0, most=10_000)
+    image_width: float | None = option(None, help="Width of an image, across the way.", unit="pixels", least=1, most=1_000_000)
+    image_height: float | None = option(None, help="Height of an image, along the way.", unit="pixels", least=1, most=1_000_000)
+    side_overlap: float | None = option(
+        None, help="Overlap of images in neighbouring rows, as a share of an image.", least=0, most=0.95
+    )
+    front_overlap: float | None = option(
+        None, help="Overlap of successive images in a row, as a share of an image.", least=0, most=0.95
+    )
+    gimbal_pitch: float | None = option(None, help="Pitch of the camera; -90 looks down.", unit="degrees", least=-90, most=90)
     yaw: float | None = option(
-        None, help="Heading that a multirotor keeps, clockwise from north; without it, it looks where it goes.", unit="degrees",
+        None, help="Heading that a multirotor keeps, clockwise from north. By default it faces its direction of flight.",
+        unit="degrees",
         least=-360, most=360,
     )  # fmt: skip
     acceptance_radius: float | None = option(
-        None, help="How near to a waypoint it counts as reached; without it as the autopilot is set.", unit="m", above=0, most=1000
+        None,
+        help="Distance from a waypoint at which it counts as reached. Default: the autopilot's own setting.",
+        unit="m",
+        above=0,
+        most=1000,
     )
 
     def __post_init__(self) -> None:

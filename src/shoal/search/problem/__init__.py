@@ -88,35 +88,41 @@ class SearchProblem(Problem):
     )  # fmt: skip
 
     region: Any = option(
-        help="square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER or box:WxDxH, a volume, in metres, or a file: .geojson, "
-        ".json, .kml, .gpkg, .kmz, .shp, .zip (a Shapefile) or .csv (metres).",
+        help="Region: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER or box:WxDxH (a volume) in metres, or a file: "
+        ".geojson, .json, .kml, .gpkg, .kmz, .shp, .zip (a Shapefile) or .csv (metres).",
         argument=True, metavar="REGION", check=check_region, dump=dump_region,
     )  # fmt: skip
-    robots: int = option(4, help="How many there are.", least=1, most=MOST_ROBOTS)
+    robots: int = option(4, help="Number of robots.", least=1, most=MOST_ROBOTS)
     footprint: float | tuple[float, ...] | None = option(
-        None, help="Side of the square that a robot sees; where they differ, one a robot: 2,2,6. By default what the vehicle's "
-        "camera or detector sees, or 10.", unit="m", metavar="METRES", parse=parse_numbers, check=check_footprint,
+        None, help="Side of the square that a robot sees: one number, or one for each robot such as 2,2,6. Default: what"
+        " the vehicle's camera or detector sees, or 10.",
+        unit="m", metavar="METRES", parse=parse_numbers, check=check_footprint,
     )  # fmt: skip
     bands: tuple[float, ...] | None = option(
-        None, help="Altitudes at which all is searched, one tour through all of them. By default the vehicle's; of a box those of "
-        "as many layers as footprints are needed from the ground to the top.", unit="m", metavar="H,H,...", parse=parse_numbers,
+        None, help="Altitudes at which the whole region is searched, along one tour. Default: the vehicle's altitude; "
+        "for a box, as many layers as footprints fill its height.", unit="m", metavar="H,H,...", parse=parse_numbers,
         check=check_bands,
     )  # fmt: skip
     passes: int = option(
-        1, help="How often all is searched, by any robots. Rows of every other pass are turned by 90 degrees.", least=1, most=100
+        1,
+        help="Number of times that the whole region is searched, by any robots. Every second pass has its rows "
+        "turned by 90 degrees.",
+        least=1,
+        most=100,
     )
     starts: str | tuple[tuple[float, float], ...] = option(
-        "random", help="random, clustered, line, or a CSV file of points, one a robot: x and y in metres, or longitude and "
-        "latitude for a region on the earth.", check=check_starts,
+        "random", help="Start of the robots: random, clustered, line, or a CSV file with a point for each robot (x and y in "
+        "metres; longitude and latitude for a region on Earth).", check=check_starts,
     )  # fmt: skip
     launch: str | tuple[tuple[float, float], ...] | None = option(
-        None, help="Where robots set out, anywhere, instead of --starts: x,y in metres, or longitude,latitude for a region on the "
-        "earth, one for all or with semicolons one a robot; or a CSV or GeoJSON file of points or of a line, a road, along which "
-        "they space themselves.", metavar="POINTS|FILE", check=check_places("launch"),
+        None, help="Launch points anywhere, instead of --starts: one x,y for all robots, or one for each with semicolons"
+        " between (metres; longitude,latitude for a region on Earth). Or a CSV or GeoJSON file of points, or "
+        "of a line such as a road, along which robots space themselves.",
+        metavar="POINTS|FILE", check=check_places("launch"),
     )  # fmt: skip
     land: str | tuple[tuple[float, float], ...] | None = option(
         None,
-        help="Where missions end, as --launch; by default where they begin.",
+        help="Landing points, in the form of --launch. Default: the launch points.",
         metavar="POINTS|FILE",
         check=check_places("land"),
     )
@@ -125,18 +131,18 @@ class SearchProblem(Problem):
         metavar="S,S,...", parse=parse_numbers, check=check_delays,
     )  # fmt: skip
     tour: str = option(
-        "auto", help=f"{', '.join(TOURS)} or MODULE:ATTRIBUTE; auto is spanning-tree, or where turns take time or the angle is "
-        "chosen the sooner one of boustrophedon and spanning-tree.", names=TOURS,
+        "auto", help=f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. auto is spanning-tree; where turns take time, or "
+        "the angle is chosen, it is the faster one of spanning-tree and boustrophedon.", names=TOURS,
     )  # fmt: skip
     allocation: str = option(
-        "auto", help=f"Who searches which part of the tour: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE; "
-        "auto is the one that is done first, flights home to recharge included; hop for more than 100,000 cells times robots.",
+        "auto", help=f"Rule that divides the tour among the robots: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE. auto "
+        "plans all and takes the one that ends first; above 100,000 cells times robots it is hop.",
         names=ALLOCATIONS,
     )  # fmt: skip
     angle: float | str | None = option(
-        None, help="Of the rows of cells, counter-clockwise from east. auto takes the angle, the shift of the rows and, where "
-        "--tour is auto, the tour that is soonest once round, turns included; where turns cost "
-        "nothing, one counts as a cell. By default auto for a region on the earth, else 0.", unit="degrees",
+        None, help="Angle of the rows of cells, counter-clockwise from east. auto chooses the angle, the shift of the rows and, if "
+        "--tour is auto, the tour that is fastest for one robot, turns included. Default: auto for a region on Earth, else 0.",
+        unit="degrees",
         metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
     )  # fmt: skip
     no_go: tuple[Any, ...] = option(
@@ -144,26 +150,27 @@ class SearchProblem(Problem):
         check=check_no_go, dump=dump_no_go,
     )  # fmt: skip
     margin: float = option(
-        0.0, help="How far robots keep from the border of the region and from no-go zones, on all of their ways in it.", unit="m",
+        0.0, help="Distance that all ways keep from the border of the region and from no-go zones.", unit="m",
         least=0,
     )  # fmt: skip
-    layer: str | None = option(None, help="Which layer of a GeoPackage; needed if it has several.")
+    layer: str | None = option(None, help="Layer of a GeoPackage; needed if it has several.")
     inner: str | None = option(
-        None, help="What a polygon is that lies in another one and is not marked as a no-go zone: no-go or search. A file with "
-        "one is refused if this is not said.", choices=INNER,
+        None, help="Meaning of an unmarked polygon inside another one: no-go or search. Without this option a file with "
+        "such a polygon is refused.", choices=INNER,
     )  # fmt: skip
-    across_zones: bool = option(False, help="Accept a region on both sides of a border between UTM zones.")
+    across_zones: bool = option(False, help="Accept a region that lies in two UTM zones.")
     vehicle: Vehicle | str | None = option(
-        None, help="What searches: multirotor, fixed-wing, rover, ideal (1 m/s, turns that take no time, no battery), or a file "
-        ".toml or .json, and what differs from it: rover,cruise_speed=2. By default ideal, with missions multirotor.",
+        None, help="Vehicle: multirotor, fixed-wing, rover, ideal (1 m/s, turns take no time, no battery) or a file .toml or "
+        ".json, "
+        "then fields that differ, as in rover,cruise_speed=2. Default: ideal; with missions, multirotor.",
         metavar="NAME|FILE[,FIELD=VALUE...]", check=check_vehicle, dump=Vehicle.to_dict,
     )  # fmt: skip
     rates: tuple[float, ...] | None = option(
-        None, help="Speeds of the robots, as multiples of the vehicle's.", metavar="R,R,...",
+        None, help="Speed of each robot, as a multiple of the vehicle's.", metavar="R,R,...",
         parse=parse_numbers, check=lambda value: check_positive(value, "rates"),
     )  # fmt: skip
-    multiplicity: int = option(1, help="How many different robots must search each cell.", least=1)
-    transit: bool = option(False, help="Robots fly: they may cross what lies between the parts of a region.")
+    multiplicity: int = option(1, help="Number of different robots that must search each cell.", least=1)
+    transit: bool = option(False, help="Robots fly and may cross the ground between the parts of a region.")
     loss: float = option(0.0, help="Probability that a message is lost.", least=0, most=1)
     network: str = option(
         "perfect",
@@ -172,35 +179,38 @@ class SearchProblem(Problem):
         metavar="MODEL,...", check=check_network,
     )  # fmt: skip
     key: str | None = option(
-        None, help="File with the secret by which robots sign their messages, at least 16 bytes that only its owner can read; "
-        "messages that are not signed so, and those that were heard before, are refused.", metavar="FILE",
+        None, help="File with the key that signs the messages: at least 16 bytes, readable by its owner only. Unsigned "
+        "and repeated messages are refused.", metavar="FILE",
         check=lambda value: check_path(value, "key", "the path of a file"),
     )  # fmt: skip
     packet: int | None = option(
-        None, help="How long a message may be; longer ones go in several, each of use without the others.", unit="bytes", least=64,
+        None, help="Length limit of a message. Longer beacons go in several messages, each of use without the others.",
+        unit="bytes", least=64,
         most=65_507,
     )  # fmt: skip
     faults: tuple[Fault, ...] = option(
         (), help="Robot faults: crash:R@TIME, pause:R@TIME:UNTIL, slow:R@TIME:FACTOR, battery:R:ENERGY, "
-        "wrong-position:R:CELLS, liar:R, for robot R, counted from 1; times, and the energy, are those of so many cells. May be "
-        "given again.", metavar="FAULT,...", repeated=True, parse=list, check=check_faults, dump=dump_faults,
+        "wrong-position:R:CELLS, liar:R. Robots R count from 1; times and energy count in cells. May be given again.",
+        metavar="FAULT,...", repeated=True, parse=list, check=check_faults, dump=dump_faults,
     )  # fmt: skip
-    crashes: int = option(0, help="How many random robots crash at random times, which the seed draws.", least=0)
+    crashes: int = option(0, help="Number of random robots that crash at random times, drawn with the seed.", least=0)
     targets: Any = option(
-        0, help="Things to find: a number in random cells, or a CSV file of points.", metavar="N|FILE",
+        0, help="Targets to find: a number of random cells, or a CSV file of points.", metavar="N|FILE",
         parse=parse_count_or_path, check=check_cells_at("targets"),
     )  # fmt: skip
-    detection: float = option(1.0, help="Probability that a robot finds what is in a cell.", least=0, most=1)
-    false_alarm: float = option(0.0, help="Probability that it finds what is not there.", least=0, most=1)
+    detection: float = option(1.0, help="Probability that a robot detects a target in a cell.", least=0, most=1)
+    false_alarm: float = option(0.0, help="Probability that a robot reports a target in an empty cell.", least=0, most=1)
     obstacles: Any = option(
-        0, help="Cells that cannot be entered, as robots find out on the way: a number of random ones, or a CSV file of points. "
-        "With any, robots go from cell to cell.", metavar="N|FILE", parse=parse_count_or_path, check=check_cells_at("obstacles"),
+        0, help="Obstacles that no map shows: a number of random cells, or a CSV file of points. Robots discover them"
+        " on the way and move from cell to cell.",
+        metavar="N|FILE", parse=parse_count_or_path, check=check_cells_at("obstacles"),
     )  # fmt: skip
     simulate: bool | None = option(
-        None, help="Simulate robots and messages; by default if cells times robots are a million or less, and robots 126 or less."
+        None, help="Simulate robots and messages. Default: with at most 126 robots, and cells times robots at most a million."
     )
     live: float | None = option(
-        None, help="One process a robot over real UDP instead of a simulation, so many cells a second; a crash kills the process.",
+        None, help="Run one process for each robot, with real UDP, at this speed instead of a simulation. A crash kills "
+        "the process.",
         unit="cells/s", metavar="RATE", above=0,
     )  # fmt: skip
 

@@ -76,27 +76,32 @@ class MissionOptions(Problem):
     part: ClassVar[str] = "missions"
 
     format: tuple[str, ...] = option(
-        (), help="Formats of the missions: plan, wpl, geojson, kml, gpx, csv; default: all that can say where the region is.",
+        (), help="Formats of the missions: plan, wpl, geojson, kml, gpx, csv. Default: all that can describe the region.",
         metavar="NAME,...", parse=_parse_names, check=_check_names,
     )  # fmt: skip
-    autopilot: str = option("px4", help="Of the missions.", choices=tuple(CAPS))
-    altitude_frame: str = option("home", help="What the vehicle's altitude counts from in missions.", choices=FRAMES)
-    terrain: str | None = option(None, help="Heights of the ground: GeoTIFF or ESRI ASCII grid.", metavar="FILE")
+    autopilot: str = option("px4", help="Autopilot of the missions.", choices=tuple(CAPS))
+    altitude_frame: str = option("home", help="Reference of the vehicle's altitude in missions.", choices=FRAMES)
+    terrain: str | None = option(None, help="Heights of the ground: a GeoTIFF or an ESRI ASCII grid.", metavar="FILE")
     terrain_error: float = option(
-        TERRAIN_ERROR, help="By how much the height above ground may differ, between waypoints, too.", unit="m", least=0.01,
+        TERRAIN_ERROR, help="Largest error of the height above ground, also between waypoints.", unit="m", least=0.01,
         metavar="METRES",
     )  # fmt: skip
     separation: tuple[float, ...] = option(
-        (HORIZONTAL, VERTICAL), help="Metres of which vehicles in flight keep one at least; 0 for none.",
+        (HORIZONTAL, VERTICAL), help="Distances seen from above and in height, in metres. Vehicles in flight keep at least "
+        "one of them; 0 for none.",
         metavar="HORIZONTAL[,VERTICAL]", parse=parse_separation, check=check_separation,
     )  # fmt: skip
     delay_tolerance: float = option(
-        DELAY, help="How late each vehicle may be, independently of the others.", unit="s", least=0, metavar="SECONDS"
+        DELAY,
+        help="Largest delay of each vehicle, independently of the others, for which the separation holds.",
+        unit="s",
+        least=0,
+        metavar="SECONDS",
     )
     rally: str | None = option(
-        None, help="Points where vehicles may come down in need: CSV or GeoJSON.", metavar="FILE"
+        None, help="File of rally points, where vehicles may land in an emergency: CSV or GeoJSON.", metavar="FILE"
     )  # fmt: skip
-    cap: int | None = option(None, help="Mission items that the autopilot stores.", least=1)
+    cap: int | None = option(None, help="Number of mission items that the autopilot stores.", least=1)
 
     @property
     def kept_apart(self) -> Separation | None:
