@@ -104,12 +104,9 @@ class SearchProblem(Problem):
         check=check_bands,
     )  # fmt: skip
     passes: int = option(
-        1,
-        help="Number of times that the whole region is searched, by any robots. Every second pass has its rows "
-        "turned by 90 degrees.",
-        least=1,
-        most=100,
-    )
+        1, help="Number of searches of the whole region, by any robots. Every second one has its rows turned by 90 degrees.",
+        least=1, most=100,
+    )  # fmt: skip
     starts: str | tuple[tuple[float, float], ...] = option(
         "random", help="Start of the robots: random, clustered, line, or a CSV file with a point for each robot (x and y in "
         "metres; longitude and latitude for a region on Earth).", check=check_starts,
@@ -121,13 +118,11 @@ class SearchProblem(Problem):
         metavar="POINTS|FILE", check=check_places("launch"),
     )  # fmt: skip
     land: str | tuple[tuple[float, float], ...] | None = option(
-        None,
-        help="Landing points, in the form of --launch. Default: the launch points.",
-        metavar="POINTS|FILE",
+        None, help="Landing points, in the form of --launch. Default: the launch points.", metavar="POINTS|FILE",
         check=check_places("land"),
-    )
+    )  # fmt: skip
     delays: tuple[float, ...] | None = option(
-        None, help="How long after the first each robot sets out; those that keep missions apart if these are written.", unit="s",
+        None, help="Delay of each robot's start. Default: if missions are written, the delays that keep them apart.", unit="s",
         metavar="S,S,...", parse=parse_numbers, check=check_delays,
     )  # fmt: skip
     tour: str = option(
@@ -142,17 +137,15 @@ class SearchProblem(Problem):
     angle: float | str | None = option(
         None, help="Angle of the rows of cells, counter-clockwise from east. auto chooses the angle, the shift of the rows and, if "
         "--tour is auto, the tour that is fastest for one robot, turns included. Default: auto for a region on Earth, else 0.",
-        unit="degrees",
-        metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
+        unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
     )  # fmt: skip
     no_go: tuple[Any, ...] = option(
         (), help="Zones to keep out of, in the units of REGION. May be given again.", metavar="FILE", repeated=True, parse=list,
         check=check_no_go, dump=dump_no_go,
     )  # fmt: skip
     margin: float = option(
-        0.0, help="Distance that all ways keep from the border of the region and from no-go zones.", unit="m",
-        least=0,
-    )  # fmt: skip
+        0.0, help="Distance that all ways keep from the border of the region and from no-go zones.", unit="m", least=0
+    )
     layer: str | None = option(None, help="Layer of a GeoPackage; needed if it has several.")
     inner: str | None = option(
         None, help="Meaning of an unmarked polygon inside another one: no-go or search. Without this option a file with "
@@ -161,8 +154,7 @@ class SearchProblem(Problem):
     across_zones: bool = option(False, help="Accept a region that lies in two UTM zones.")
     vehicle: Vehicle | str | None = option(
         None, help="Vehicle: multirotor, fixed-wing, rover, ideal (1 m/s, turns take no time, no battery) or a file .toml or "
-        ".json, "
-        "then fields that differ, as in rover,cruise_speed=2. Default: ideal; with missions, multirotor.",
+        ".json, then fields that differ, as in rover,cruise_speed=2. Default: ideal; with missions, multirotor.",
         metavar="NAME|FILE[,FIELD=VALUE...]", check=check_vehicle, dump=Vehicle.to_dict,
     )  # fmt: skip
     rates: tuple[float, ...] | None = option(
@@ -174,7 +166,7 @@ class SearchProblem(Problem):
     loss: float = option(0.0, help="Probability that a message is lost.", least=0, most=1)
     network: str = option(
         "perfect",
-        help="perfect, loss:P, bursts:WORSEN:MEND, range:CELLS, partition:SINCE:UNTIL, delay:MEAN, duplicates:P, corruption:P, "
+        help="Network: perfect, loss:P, bursts:WORSEN:MEND, range:CELLS, partition:SINCE:UNTIL, delay:MEAN, duplicates:P, corruption:P, "
         "replays:P, forgeries:P (with --key).",
         metavar="MODEL,...", check=check_network,
     )  # fmt: skip
@@ -185,8 +177,7 @@ class SearchProblem(Problem):
     )  # fmt: skip
     packet: int | None = option(
         None, help="Length limit of a message. Longer beacons go in several messages, each of use without the others.",
-        unit="bytes", least=64,
-        most=65_507,
+        unit="bytes", least=64, most=65_507,
     )  # fmt: skip
     faults: tuple[Fault, ...] = option(
         (), help="Robot faults: crash:R@TIME, pause:R@TIME:UNTIL, slow:R@TIME:FACTOR, battery:R:ENERGY, "
@@ -210,8 +201,7 @@ class SearchProblem(Problem):
     )
     live: float | None = option(
         None, help="Run one process for each robot, with real UDP, at this speed instead of a simulation. A crash kills "
-        "the process.",
-        unit="cells/s", metavar="RATE", above=0,
+        "the process.", unit="cells/s", metavar="RATE", above=0,
     )  # fmt: skip
 
     def check_together(self) -> None:
