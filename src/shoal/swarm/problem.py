@@ -163,8 +163,7 @@ class SwarmProblem(Problem):
     policy: Any = option(
         "auto",
         help="Policy: auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, "
-        "depth-first, "
-        "sweep, offline (coverages), manual:COMMANDS or MODULE:ATTRIBUTE. Options follow a colon, as in "
+        "depth-first, sweep, offline (coverages), manual:COMMANDS or MODULE:ATTRIBUTE. Options follow a colon, as in "
         "closest-frontier:ties=row-major. auto is best for mappings without noise that scan after each move, under the rules "
         "block and merge, else closest-frontier.",
         names=POLICY_NAMES, **_named("policy"),
@@ -180,37 +179,28 @@ class SwarmProblem(Problem):
     max_moves: int = option(1_000_000, help="Number of moves after which an episode ends with the status limit.", least=0)
     scan_every: int | str = option(
         1, help="Number of equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most cells for its "
-        "price). With noise: a number of commands of a plan, or fewer where the plan ends.", metavar="RULE",
-        check=_check_scan_every,
+        "price). With noise: a number of commands of a plan, or fewer at its end.", metavar="RULE", check=_check_scan_every,
     )  # fmt: skip
     scan_cost: float = option(SCAN_COST, help="Price of a scan, in any unit.", least=0, most=DEAREST)
     move_cost: float = option(MOVE_COST, help="Price of a move, in the same unit.", least=0, most=DEAREST)
     slip: float = _rate("Probability that a particle does not obey a command.")
     misplace: float = _rate("Probability that a particle is seen in a neighbouring cell.")
     miss: float = _rate("Probability that a particle is not seen in a scan.")
-    confidence: float = option(
-        0.99, help="With noise: probability from which a cell counts as classified.", above=0.75, most=0.99999
-    )
+    confidence: float = option(0.99, help="With noise: probability that classifies a cell.", above=0.75, most=0.99999)
     vessels: bool = option(False, help="Take MAP as a photograph and find its vessels (needs the extra 'imaging').")
     width: int | None = option(None, help="With --vessels: larger side of the map.", unit="cells", least=1)
     low: float = option(
-        0.6, help="With --vessels: filter response down to which a vessel is followed, as a multiple of the best "
-        "threshold.",
-        above=0, most=10,
-    )  # fmt: skip
-    high: float = option(
-        1.2,
-        help="With --vessels: filter response that every vessel must reach somewhere, as a multiple of the best "
-        "threshold. Lower values find more vessels.",
-        above=0,
-        most=10,
+        0.6, help="With --vessels: filter response down to which vessels are followed, over the best threshold.", above=0, most=10
     )
+    high: float = option(
+        1.2, help="With --vessels: filter response that every vessel reaches somewhere, over the best threshold. Lower values find "
+        "more vessels.", above=0, most=10,
+    )  # fmt: skip
     bright: bool | None = option(
         None, help="With --vessels: vessels are brighter than their surroundings. By default the picture decides."
     )
     thickest: float | None = option(
-        None,
-        help="With --vessels: width of the thickest vessel, as a share of the picture's larger side. Default: "
+        None, help="With --vessels: width of the thickest vessel, as a share of the picture's larger side. Default: "
         "0.0185 in a round field of view, else 0.035.", above=0, most=0.5,
     )  # fmt: skip
     threshold: float = option(0.5, help="For pictures: brightness from which a pixel is free.", least=0, most=1)

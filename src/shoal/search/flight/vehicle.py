@@ -62,26 +62,18 @@ class Vehicle(Problem):
 
     part: ClassVar[str] = "vehicle"
 
-    preset: str = option(
-        "multirotor", help="Kind of vehicle. It gives the values of all fields that are not set.", choices=tuple(PRESETS)
-    )
+    preset: str = option("multirotor", help="Kind of vehicle; it gives all values that are not set.", choices=tuple(PRESETS))
     cruise_speed: float | None = option(
-        None, help="Cruise speed through the air; for a rover, over ground.", unit="m/s", above=0, most=100
+        None, help="Speed through the air; for a rover, over ground.", unit="m/s", above=0, most=100
     )
     climb_speed: float | None = option(None, help="Climb speed.", unit="m/s", above=0, most=50)
     sink_speed: float | None = option(None, help="Sink speed.", unit="m/s", above=0, most=50)
-    acceleration: float | None = option(
-        None, help="Acceleration with which the vehicle stops before a turn and starts after it.", unit="m/s2", above=0
-    )
+    acceleration: float | None = option(None, help="Acceleration before and after a turn.", unit="m/s2", above=0)
     turn_time: float | None = option(
-        None, help="Time that a turn adds. Default: cruise_speed / acceleration.", unit="s", least=0, most=600
+        None, help="Time of a turn. Default: cruise_speed / acceleration.", unit="s", least=0, most=600
     )
     turn_radius: float | None = option(
-        None,
-        help="Radius of a fixed wing's narrowest turn without wind. Other vehicles turn on the spot.",
-        unit="m",
-        least=0,
-        most=10_000,
+        None, help="Radius of a fixed wing's narrowest turn without wind. Others turn on the spot.", unit="m", least=0, most=10_000
     )
     altitude: float | None = option(None, help="Altitude of the search; 0 for a rover.", unit="m", least=0, most=10_000)
     endurance: float | None = option(None, help="Time from take-off until the battery is empty.", unit="min", above=0, most=100_000)
@@ -92,35 +84,22 @@ class Vehicle(Problem):
         None, help="Direction from which the wind blows, clockwise from north.", unit="degrees", least=-360, most=360
     )
     detector_width: float | None = option(
-        None,
-        help="Width that a sonar or another detector sees across its way; it sets the distance of the rows.",
-        unit="m",
-        above=0,
-        most=100_000,
+        None, help="Width that a sonar or another detector sees; it sets the distance of the rows.", unit="m", above=0, most=100_000
     )
     sensor_width: float | None = option(None, help="Width of the camera's sensor, across the way.", unit="mm", above=0, most=1000)
     sensor_height: float | None = option(None, help="Height of the camera's sensor, along the way.", unit="mm", above=0, most=1000)
     focal_length: float | None = option(None, help="Focal length of the camera.", unit="mm", above=0, most=10_000)
     image_width: float | None = option(None, help="Width of an image, across the way.", unit="pixels", least=1, most=1_000_000)
     image_height: float | None = option(None, help="Height of an image, along the way.", unit="pixels", least=1, most=1_000_000)
-    side_overlap: float | None = option(
-        None, help="Overlap of images in neighbouring rows, as a share of an image.", least=0, most=0.95
-    )
-    front_overlap: float | None = option(
-        None, help="Overlap of successive images in a row, as a share of an image.", least=0, most=0.95
-    )
+    side_overlap: float | None = option(None, help="Share of an image that the next row's image repeats.", least=0, most=0.95)
+    front_overlap: float | None = option(None, help="Share of an image that the next image of the row repeats.", least=0, most=0.95)
     gimbal_pitch: float | None = option(None, help="Pitch of the camera; -90 looks down.", unit="degrees", least=-90, most=90)
     yaw: float | None = option(
         None, help="Heading that a multirotor keeps, clockwise from north. By default it faces its direction of flight.",
-        unit="degrees",
-        least=-360, most=360,
+        unit="degrees", least=-360, most=360,
     )  # fmt: skip
     acceptance_radius: float | None = option(
-        None,
-        help="Distance from a waypoint at which it counts as reached. Default: the autopilot's own setting.",
-        unit="m",
-        above=0,
-        most=1000,
+        None, help="Distance at which a waypoint counts as reached. Default: the autopilot's own.", unit="m", above=0, most=1000
     )
 
     def __post_init__(self) -> None:

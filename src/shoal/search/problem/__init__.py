@@ -166,8 +166,8 @@ class SearchProblem(Problem):
     loss: float = option(0.0, help="Probability that a message is lost.", least=0, most=1)
     network: str = option(
         "perfect",
-        help="Network: perfect, loss:P, bursts:WORSEN:MEND, range:CELLS, partition:SINCE:UNTIL, delay:MEAN, duplicates:P, corruption:P, "
-        "replays:P, forgeries:P (with --key).",
+        help="Network: perfect, loss:P, bursts:WORSEN:MEND, range:CELLS, partition:SINCE:UNTIL, delay:MEAN, duplicates:P, "
+        "corruption:P, replays:P, forgeries:P (with --key).",
         metavar="MODEL,...", check=check_network,
     )  # fmt: skip
     key: str | None = option(
