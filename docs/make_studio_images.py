@@ -58,10 +58,52 @@ def play(page: Page) -> None:
     page.locator(".panel:not([hidden]) .exports").wait_for()
 
 
+def lab(page: Page) -> None:
+    new_sweep(page)
+    if not page.locator("[role=status]:has-text('is there')").count():
+        page.locator("#sweepToml").fill(SWEEP)
+        page.locator(".drafting [role=status]:has-text('12 points')").wait_for()
+        page.get_by_role("button", name="Run the sweep").click()
+    page.get_by_role("tab", name="Sweeps").click()
+    page.locator(".sweepCard:has-text('complete')").wait_for(timeout=180_000)
+    page.locator(".chartArea .line").first.wait_for()
+
+
+def new_sweep(page: Page) -> None:
+    page.get_by_role("link", name="Lab").click()
+    page.get_by_role("tab", name="New sweep").click()
+    page.locator(".drafting [role=status]:has-text('trials')").wait_for()
+
+
+def episodes(page: Page) -> None:
+    page.get_by_role("tab", name="Episodes").click()
+    page.locator(".card img").first.wait_for()
+
+
+def papers(page: Page) -> None:
+    page.get_by_role("link", name="Papers").click()
+    page.locator(".paper").first.wait_for()
+
+
+SWEEP = """name = "vessels"
+trials = 12
+seed = 1
+paired = ["policy"]
+
+[problem]
+kind = "swarm"
+map = "vessels:300"
+
+[axes]
+policy = ["closest-frontier", "greedy-classify", "elect-particle"]
+particles = { from = 5, to = 40, count = 4, scale = "log" }
+"""
+
 PAGES: dict[str, Callable[[Page], None]] = {
     "vessels": vessels, "run": run, "race": race, "compare": compare, "steering": steering, "play": play,
+    "lab": lab, "new": new_sweep, "episodes": episodes, "papers": papers,
 }  # fmt: skip
-KEPT = ("vessels", "compare", "steering")
+KEPT = ("vessels", "compare", "steering", "lab")
 FORMS = [(theme, *size) for theme in ("light", "dark") for size in ((1280, 800), (390, 844))]
 
 
