@@ -58,6 +58,27 @@ def play(page: Page) -> None:
     page.locator(".panel:not([hidden]) .exports").wait_for()
 
 
+def search(page: Page) -> None:
+    page.get_by_role("link", name="Search").click()
+    page.locator(".search-place .facts:has-text('nearest')").wait_for()
+
+
+def simulate(page: Page) -> None:
+    page.get_by_role("button", name="Simulate", exact=True).click()
+    page.locator(".panel:not([hidden]) .exports").wait_for()
+    page.locator(".panel:not([hidden]) iframe:not([hidden])").wait_for()
+    page.wait_for_timeout(4000)
+    page.get_by_role("button", name="Robot 3 dies now").click()
+    page.get_by_role("button", name="Keep this run").wait_for()
+    page.wait_for_timeout(3000)
+
+
+def missions(page: Page) -> None:
+    page.get_by_role("tab", name="Missions").click()
+    page.get_by_role("button", name="Write missions").click()
+    page.locator(".missionMap img").wait_for()
+
+
 def lab(page: Page) -> None:
     new_sweep(page)
     if not page.locator("[role=status]:has-text('is there')").count():
@@ -99,11 +120,13 @@ policy = ["closest-frontier", "greedy-classify", "elect-particle"]
 particles = { from = 5, to = 40, count = 4, scale = "log" }
 """
 
+
 PAGES: dict[str, Callable[[Page], None]] = {
     "vessels": vessels, "run": run, "race": race, "compare": compare, "steering": steering, "play": play,
+    "search": search, "simulate": simulate, "missions": missions,
     "lab": lab, "new": new_sweep, "episodes": episodes, "papers": papers,
 }  # fmt: skip
-KEPT = ("vessels", "compare", "steering", "lab")
+KEPT = ("vessels", "compare", "steering", "search", "lab")
 FORMS = [(theme, *size) for theme in ("light", "dark") for size in ((1280, 800), (390, 844))]
 
 

@@ -260,6 +260,7 @@ AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text()
 STATES: dict[str, tuple[str, dict[str, Any], str]] = {
     "vessels": ("vessels", {"problem": {"map": "maze:9x7", "particles": 3}, "seed": 0}, ".underStage .facts:has-text('free')"),
     "steering": ("steering", {}, ".reach >> nth=0"),
+    "search": ("search", {}, ".fleet .soft:has-text('at')"),
     "sweeps": ("lab", {"store": "mazes.sqlite", "sweep": "mazes"}, ".verdict"),
     "new sweep": ("lab", {"tab": "new"}, ".drafting [role=status]:has-text('trials')"),
     "episodes": ("lab", {"tab": "episodes"}, ".card img >> nth=0"),

@@ -244,7 +244,22 @@ export function search({ remember }) {
   const picked = el("input", { type: "file", multiple: true, hidden: true, onchange: guarded(() => picked.files.length && bring([...picked.files])) });
   const typed = el("input", { type: "text", spellcheck: false, autocomplete: "off", id: "searchRegion", placeholder: "square:400", "aria-describedby": "searchRegionHelp", onchange: guarded(() => typed.value && choose(typed.value.trim())) });
   const drop = el("button.drop", { type: "button", onclick: () => picked.click() }, el("b", {}, "Drop a region here"), el("span.soft", {}, "GeoJSON, KML, GeoPackage, Shapefile (its files or a zip), CSV"));
-  const blank = el("button.second", { type: "button", onclick: () => { const kept = drawing.told.frame ?? plan?.frame ?? null; region = null; drawing.load({ frame: kept }); form.row("launch").write(undefined); typed.value = ""; plan = null; stages.pick("plan"); drawing.pick("parts"); redo(); } }, "Draw a region");
+  const blank = el("button.second", { type: "button", onclick: begin }, "Draw a region");
+  /** An empty canvas, where it was on Earth; one with a picture below stays as it is. */
+  function begin() {
+    const kept = frame();
+    region = plan = null;
+    drawing.load({ frame: kept });
+    form.row("launch").write(undefined);
+    typed.value = "";
+    stages.pick("plan");
+    drawing.pick("parts");
+    if (!underlay.told.file) {
+      canvas.bounds = null;
+      canvas.fit();
+    }
+    redo();
+  }
   const loose = el("button.second", { type: "button", title: "Make a drawing of it, whose corners can be moved", onclick: guarded(loosen) }, "Edit its corners");
   const chooser = el("section.chooser", { "aria-label": "Region" }, drop, picked,
     el("div.pair", {}, el("label.unseen", { htmlFor: "searchFile" }, "A file of the folder"), choices, blank),

@@ -101,6 +101,7 @@ export class Drawing {
       ? draft.length > 2 ? "Click the first corner, or Close, to end it." : "Click its corners, one after the other."
       : this.tool === LAUNCH ? "Click where robots set out." : "";
     this.closing.hidden = draft.length < 3;
+    this.guide.hidden = !this.hint.textContent;
     const corners = this.points.length <= MOST_HANDLES ? [PART, ZONE].flatMap((kind) => this.told[kind].flatMap((ring, k) => this.cornersOf(kind, ring, k))) : [];
     return [...corners, ...draft.map((point) => ({ point, element: svg("circle", { class: "corner draft", r: 5 }) }))];
   }
@@ -145,7 +146,7 @@ export class Drawing {
       [ZONE, "No-go", "M12 4a8 8 0 1 0 .01 0zM6.5 6.5l11 11", "Draw a zone to keep out of: click its corners"],
       [LAUNCH, "Launch", "M12 4l6 14H6zM12 18v3", "Click where robots set out"],
     ];
-    this.buttons = tools.map(([tool, words, symbolPath, help]) => el("button.tool", { type: "button", title: help, "aria-pressed": String(tool === LOOK), "data-tool": tool, onclick: () => { this.pick(tool); this.changed({ drawnOnly: true }); } }, symbol(symbolPath), el("span", {}, words)));
+    this.buttons = tools.map(([tool, words, symbolPath, help]) => el("button.tool", { type: "button", title: help, "aria-label": words, "aria-pressed": String(tool === LOOK), "data-tool": tool, onclick: () => { this.pick(tool); this.changed({ drawnOnly: true }); } }, symbol(symbolPath), el("span", {}, words)));
     this.closing = el("button.second.small", { type: "button", hidden: true, onclick: () => this.close() }, "Close");
     this.hint = el("span.soft.hint", { role: "status" });
     const undo = el("button.tool", { type: "button", title: "Undo (Ctrl Z)", "aria-label": "Undo", onclick: () => this.step(this.done, this.undone) }, symbol("M9 5L4 10l5 5M4 10h10a5 5 0 0 1 0 10h-3"));
@@ -159,7 +160,9 @@ export class Drawing {
     });
     this.canvas.plane.addEventListener("dblclick", () => { if (this.draft) this.close(); });
     this.numbers = byNumbers(this);
-    return el("div.toolbar", { role: "toolbar", "aria-label": "Drawing" }, el("div.group", {}, this.buttons), el("div.group", {}, undo, redo), this.numbers.element, this.closing, this.hint);
+    this.guide = el("div.guide", { hidden: true }, this.hint, this.closing); // on the canvas, whose size must not change under the hand
+    this.canvas.element.append(this.guide);
+    return el("div.toolbar", { role: "toolbar", "aria-label": "Drawing" }, el("div.group", {}, this.buttons), el("div.group", {}, undo, redo), this.numbers.element);
   }
 }
 

@@ -30,7 +30,7 @@ export function missionsPanel({ ready, seed, changed }) {
   function show({ file, map, missions, check, command }) {
     const near = missions.nearest_approach, good = !check.errors && (check.covered_fraction ?? 1) > 0.999;
     const facts = [
-      ["Seen", check.covered_fraction === null ? "not measured" : `${number(100 * check.covered_fraction, 6)} %`],
+      ["Seen", check.covered_fraction === null ? "not measured" : `${Number((100 * check.covered_fraction).toPrecision(6))} %`],
       ["Mistakes", `${check.errors}, and ${check.warnings} warnings`],
       ["Nearest approach", !missions.separation_m ? "not asked for" : near ? `${number(near.horizontal_m)} m: robots ${near.robots.join(" and ")} after ${lasting(near.time_s)}` : `none nearer than ${number(missions.separation_m[1])} m in height`],
       ["Sorties", String(missions.sorties)], ["Waypoints", number(check.waypoints, 9)],

@@ -4,7 +4,7 @@ import { el, guarded, svg } from "../../shared/page.js";
 import { earthAt } from "./earth.js";
 
 const PICTURES = /\.(png|jpe?g|bmp|tiff?)$/i;
-const EMPTY = { file: null, spots: [null, null], places: [null, null], degrees: false, opacity: 0.7 };
+const EMPTY = { file: null, spots: [[null, null], [null, null]], places: [null, null], degrees: false, opacity: 0.7 };
 
 export class Underlay {
   /** `frame()` is the place on Earth of the canvas, or null; `setFrame(frame)` gives it one; `changed()` is called when the picture moves. */
@@ -22,6 +22,7 @@ export class Underlay {
 
   async open() {
     this.image.removeAttribute("href");
+    this.canvas.element.classList.remove("pictured");
     this.size = null;
     this.fill();
     if (!this.told.file) return;
@@ -34,7 +35,7 @@ export class Underlay {
   /** Pixels to metres: a turn, a scale and a shift; y of the picture goes down. Before two points are known it lies in the middle. */
   async transform() {
     const [wide, high] = this.size, spots = this.told.spots, places = this.told.places;
-    if (spots.includes(null) || places.includes(null)) {
+    if (spots.flat().includes(null) || places.includes(null)) {
       const [left, low, right, top] = this.canvas.bounds ?? [-250, -150, 250, 150], scale = Math.max((right - left) / wide, (top - low) / high);
       return [scale, 0, (left + right) / 2 - (scale * wide) / 2, (low + top) / 2 + (scale * high) / 2];
     }
@@ -57,6 +58,7 @@ export class Underlay {
     const [a, b, x, y] = this.matrix = await this.transform();
     this.image.setAttribute("transform", `matrix(${a} ${b} ${b} ${-a} ${x} ${y})`);
     this.image.setAttribute("opacity", this.told.opacity);
+    this.canvas.element.classList.add("pictured");
     this.fill();
   }
 
@@ -80,11 +82,11 @@ export class Underlay {
       const pick = el("button.second.small", { type: "button", "aria-pressed": "false", onclick: () => { this.picking = this.picking === k ? -1 : k; this.fill(); } }, `Point ${k + 1}`);
       return { inputs, pick };
     });
-    const spotInputs = [0, 1].map((k) => ["column", "row"].map((word) => el("input", { type: "number", step: "any", "aria-label": `Point ${k + 1}, ${word} of the picture`, placeholder: word, onchange: (event) => { const spot = this.told.spots[k] ?? [0, 0]; spot[word === "row" ? 1 : 0] = Number(event.target.value); this.told.spots[k] = spot; } })));
+    const spotInputs = [0, 1].map((k) => ["column", "row"].map((word) => el("input", { type: "number", step: "any", "aria-label": `Point ${k + 1}, ${word} of the picture`, placeholder: word, oninput: (event) => { this.told.spots[k][word === "row" ? 1 : 0] = event.target.value === "" ? null : Number(event.target.value); } })));
     const seen = el("input", { type: "range", min: 0.1, max: 1, step: 0.05, id: "underlayOpacity", oninput: () => { this.told.opacity = Number(seen.value); this.image.setAttribute("opacity", seen.value); this.changed(); } });
     const apply = el("button.second", { type: "button", onclick: guarded(async () => {
       const places = rows.map(({ inputs }) => inputs.map((input) => (input.value === "" ? NaN : Number(input.value))));
-      if (places.flat().some(Number.isNaN) || this.told.spots.includes(null)) throw new Error("Each of the two points needs a place in the picture and two coordinates.");
+      if (places.flat().some(Number.isNaN) || this.told.spots.flat().includes(null)) throw new Error("Each of the two points needs a place in the picture and two coordinates.");
       this.told = { ...this.told, places, degrees: unit.value === "degrees" };
       await this.draw();
       this.changed({ fit: true });
@@ -104,7 +106,7 @@ export class Underlay {
       seen.value = this.told.opacity;
       rows.forEach(({ inputs, pick }, k) => {
         pick.setAttribute("aria-pressed", String(this.picking === k));
-        spotInputs[k].forEach((input, axis) => { input.value = spots[k]?.[axis] ?? ""; });
+        spotInputs[k].forEach((input, axis) => { input.value = spots[k][axis] ?? ""; });
         if (places[k]) inputs.forEach((input, axis) => { input.value = places[k][axis]; });
       });
       word.textContent = this.picking >= 0 ? `Click point ${this.picking + 1} in the picture.` : "Press Point 1, click it in the picture, write its coordinates; then Point 2.";

@@ -1,0 +1,308 @@
+"""The place Search: regions dropped, named and drawn; plans, simulations and missions are the library's."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from PIL import Image
+from playwright.sync_api import Locator, Page
+from tests.browser.studio import FORMS, Studio, run_and_load, tab, wear, written_by
+from tests.browser.waiting import until
+
+import shoal
+from shoal.cli import run as run_command
+from shoal.search import SearchProblem, open_region
+from shoal.search.allocation.plan import plan_search
+from shoal.search.regions.projection import LocalFrame
+
+pytestmark = pytest.mark.browser
+FIELD = [(8.5, 47.4), (8.5008, 47.4), (8.5008, 47.4004), (8.5003, 47.40055)]
+FAST = {"robots": 2, "footprint": "10", "vehicle": {"preset": "multirotor"}}
+
+
+def planned(page: Page) -> Locator:
+    return page.locator(".search-place .facts:has-text('searched in'):not(.loading)")
+
+
+def opened(page: Page, studio: Studio, region: str = "square:40", **more: Any) -> None:
+    studio.open(page, "search", {"problem": {"region": region, **FAST, **more}, "seed": 1})
+    planned(page).wait_for()
+
+
+def lasting(seconds: float) -> str:
+    if seconds < 59.5:
+        return f"{float(f'{seconds:.3g}'):g} s"
+    return f"{round(seconds) // 60}:{round(seconds) % 60:02d} min"
+
+
+def shown(page: Page, **fields: Any) -> None:
+    """The plan on the page is that of the library: its time, and each robot's."""
+    plan = plan_search(SearchProblem(**{"footprint": 10, "robots": 2, "vehicle": "multirotor", **fields}), seed=1)
+    planned(page).get_by_text(f"searched in {lasting(plan.seconds(plan.allocation.makespan))}").wait_for()
+    for time, row in zip(plan.allocation.times, page.locator(".fleet button").all(), strict=True):
+        assert lasting(plan.seconds(float(time))) in row.inner_text()
+
+
+def shapefile(folder: Path) -> list[Path]:
+    import pyogrio
+
+    shapes = np.array([shapely.to_wkb(shapely.Polygon(FIELD))], dtype=object)
+    pyogrio.raw.write(folder / "meadow.shp", shapes, [], [], crs="EPSG:4326", geometry_type="Polygon", driver="ESRI Shapefile")
+    return sorted(folder.glob("meadow.*"))
+
+
+@pytest.mark.parametrize("kind", ["geojson", "kml", "shapefile", "zip"])
+def test_a_region_is_brought(page: Page, studio: Studio, tmp_path: Path, kind: str) -> None:
+    ring = [*FIELD, FIELD[0]]
+    if kind == "geojson":
+        files = [tmp_path / "meadow.geojson"]
+        files[0].write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    elif kind == "kml":
+        files = [tmp_path / "meadow.kml"]
+        corners = " ".join(f"{x},{y}" for x, y in ring)
+        edge = f"<outerBoundaryIs><LinearRing><coordinates>{corners}</coordinates></LinearRing></outerBoundaryIs>"
+        files[0].write_text(f"<kml><Placemark><Polygon>{edge}</Polygon></Placemark></kml>")
+    else:
+        files = shapefile(tmp_path)
+        if kind == "zip":
+            with zipfile.ZipFile(tmp_path / "packed.zip", "w") as archive:
+                for file in files:
+                    archive.write(file, f"inside/{file.name}")
+            files = [tmp_path / "packed.zip"]
+    opened(page, studio)
+    page.locator(".search-place .chooser input[type=file]").set_input_files(files)
+    page.locator(".search-place .source", has_text="meadow" if kind != "zip" else "packed").wait_for()
+    name = page.locator(".search-place .source").inner_text()
+    assert open_region(studio.folder / name).area_m2 == pytest.approx(
+        open_region(str(files[-1 if len(files) == 1 else -2])).area_m2
+    )
+    shown(page, region=str(studio.folder / name))
+
+
+def test_a_region_is_named_and_simulated_by_keys_alone(page: Page, studio: Studio) -> None:
+    opened(page, studio)
+    page.get_by_label("By name").focus()
+    page.keyboard.press("Control+a")
+    page.keyboard.type("rectangle:60x30\n")
+    page.locator(".search-place .source", has_text="rectangle:60x30").wait_for()
+    shown(page, region="rectangle:60x30")
+    while page.evaluate("document.activeElement.textContent") != "Simulate":
+        page.keyboard.press("Tab")
+    before = set(studio.folder.iterdir())
+    page.keyboard.press("Enter")
+    page.wait_for_selector(".panel:not([hidden]) .exports")
+    (new,) = set(studio.folder.iterdir()) - before
+    expected = shoal.run(SearchProblem("rectangle:60x30", **(FAST | {"footprint": 10})), seed=1)
+    assert shoal.load(new).trace.covered_at == expected.trace.covered_at
+
+
+def spot(page: Page, point: tuple[float, float], scale: float, middle: tuple[float, float]) -> tuple[float, float]:
+    box = page.locator(".plane").bounding_box()
+    assert box is not None
+    return box["x"] + box["width"] / 2 + (point[0] - middle[0]) * scale, box["y"] + box["height"] / 2 - (
+        point[1] - middle[1]
+    ) * scale
+
+
+@pytest.mark.parametrize("form", [FORMS[0], FORMS[3]])
+def test_a_region_a_zone_and_a_launch_point_are_drawn(page: Page, studio: Studio, form: tuple[Any, ...]) -> None:
+    wear(page, *form)
+    opened(page, studio)
+    page.get_by_role("button", name="Draw a region", exact=True).click()
+    points = [(-90, -60), (90, -60), (90, 60), (-90, 60)]
+    middle, scale = (0.0, 0.0), None
+    page.locator(".plane").scroll_into_view_if_needed()
+    box = page.locator(".plane").bounding_box()
+    assert box is not None
+    scale = min((box["width"] - 72) / 500, (box["height"] - 72) / 300)  # an empty canvas shows 500 by 300 m
+
+    def click(some: list[tuple[float, float]]) -> None:
+        for point in some:
+            page.mouse.click(*spot(page, point, scale, middle))
+
+    click([*points, points[0]])
+    planned(page).wait_for()
+    page.locator(".zooms").get_by_role("button", name="Show all of it").click()
+    scale = min((box["width"] - 72) / 180, (box["height"] - 72) / 120)
+    page.get_by_role("button", name="No-go").click()
+    click([(-20, -20), (20, -20), (20, 15), (-20, -20)])
+    page.get_by_role("button", name="Launch").click()
+    click([(-60, 30)])
+    page.get_by_role("button", name="Launch point 1").wait_for()
+    planned(page).get_by_text("searched in").wait_for()
+    episode = run_and_load(page, studio, "Simulate")
+    region = episode.plan.grid.region
+    assert region.area_m2 == pytest.approx(180 * 120 - 40 * 35 / 2, rel=0.03)
+    assert region.no_go_zones == 1
+    assert np.abs(episode.plan.places - (-60, 30)).max() < 3
+    assert list(studio.folder.glob("drawn-region*.csv"))
+
+
+def test_corners_are_written_as_a_list_and_taken_back(page: Page, studio: Studio) -> None:
+    opened(page, studio)
+    page.get_by_role("button", name="Draw a region", exact=True).click()
+    page.get_by_text("By numbers").click()
+    page.get_by_label("Longitude").fill("8.5")
+    page.get_by_label("Latitude").fill("47.4")
+    page.get_by_role("button", name="Place it").click()
+    page.get_by_text("longitude, latitude a line").wait_for()
+    page.locator("#cornersText").fill("\n".join(f"{x}, {y}" for x, y in FIELD))
+    page.get_by_role("button", name="Apply").click()
+    planned(page).wait_for()
+    page.get_by_label("Which outline").select_option("zones 0")
+    page.locator("#cornersText").fill("8.5003, 47.4001\n8.5005, 47.4001\n8.5005, 47.4002")
+    page.get_by_role("button", name="Apply").click()
+    page.get_by_role("button", name="No-go zone 1, corner 1").wait_for()
+    page.get_by_text("By numbers").click()
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_role("button", name="No-go zone 1, corner 1").wait_for(state="detached")
+    page.get_by_role("button", name="Redo").click()
+    page.get_by_role("button", name="No-go zone 1, corner 1").wait_for()
+    episode = run_and_load(page, studio, "Simulate")
+    frame = LocalFrame.around(FIELD)
+    zone = shapely.Polygon(frame.to_metres([(8.5003, 47.4001), (8.5005, 47.4001), (8.5005, 47.4002)]))
+    assert episode.plan.grid.region.area_m2 == pytest.approx(shapely.Polygon(frame.to_metres(FIELD)).area - zone.area, abs=0.1)
+
+
+def test_a_launch_point_is_moved_by_keys(page: Page, studio: Studio) -> None:
+    opened(page, studio, launch="-10,-10")
+    mark = page.get_by_role("button", name="Launch point 1")
+    mark.press("Shift+ArrowUp")
+    until(page, "document.querySelector('[data-field=launch] input').value !== '-10,-10'")
+    moved = page.locator("[data-field=launch] input").input_value()
+    assert moved.startswith("-10,-")
+    shown(page, region="square:40", launch=moved)
+    page.get_by_role("button", name="Launch point 1").press("Delete")
+    shown(page, region="square:40")
+
+
+def player(page: Page) -> Any:
+    page.wait_for_selector(".panel:not([hidden]) iframe:not([hidden])")
+    found = [frame for frame in page.frames if frame.url.endswith("/play/search") and frame.evaluate("!!window.shoalPlayer")]
+    return found[-1]
+
+
+def test_a_robot_dies_by_a_click_and_messages_are_lost(page: Page, studio: Studio) -> None:
+    opened(page, studio)
+    run_and_load(page, studio, "Simulate")
+    inside = player(page)
+    inside.evaluate("shoalPlayer.pause(); shoalPlayer.seek(2.25); shoalPlayer.drawNow()")
+    x, y = inside.evaluate("""() => {
+        const box = document.getElementById('picture').getBoundingClientRect(), [x, y] = shoalPlayer.points[1];
+        const scale = Math.min(box.width - 44, box.height - 44) / 40;
+        return [box.left + box.width / 2 + (x - 20) * scale, box.top + box.height / 2 - (y - 20) * scale];
+    }""")
+    frame = page.locator(".panel:not([hidden]) iframe:not([hidden])").bounding_box()
+    assert frame is not None
+    page.mouse.click(frame["x"] + x, frame["y"] + y)
+    page.locator(".faults .chip", has_text="Robot 2 dies").wait_for()
+    page.get_by_role("button", name="Keep this run").wait_for()
+    assert player(page).evaluate("shoalPlayer.time") == 2.25
+    page.locator("#searchLoss").fill("0.3")
+    page.get_by_text(" messages lost, ").wait_for()
+    episode = run_and_load(page, studio, "Keep this run")
+    assert episode.problem.to_dict()["faults"] == ["crash:2@2.25"]
+    expected = shoal.run(SearchProblem("square:40", faults="crash:2@2.25", loss=0.3, **(FAST | {"footprint": 10})), seed=1)
+    assert (episode.trace.sent, episode.trace.lost) == (expected.trace.sent, expected.trace.lost)
+    page.get_by_role("button", name="As Python").click()
+    names: dict[str, Any] = {}
+    exec(page.locator(".code:visible").inner_text(), names)
+    page.keyboard.press("Escape")
+    assert names["episode"].trace.covered_at == expected.trace.covered_at
+    assert written_by(page, studio, "Player page as HTML").stat().st_size > 50_000
+    page.get_by_role("button", name="Take back: Robot 2 dies").click()
+    until(page, "!document.querySelector('.faults .chip')")
+
+
+def test_missions_are_written_and_checked(page: Page, studio: Studio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (studio.folder / "paddock.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [[*FIELD, FIELD[0]]]}))
+    opened(page, studio, "paddock.geojson")
+    tab(page, "Missions")
+    page.get_by_label("format", exact=True).fill("plan")
+    page.get_by_label("format", exact=True).press("Tab")
+    page.get_by_role("button", name="Write missions").click()
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Download the zip").click()
+    assert download.value.suggested_filename == "paddock.missions.zip"
+    until(page, "document.querySelector('.missionMap img').naturalWidth > 100")
+    with zipfile.ZipFile(studio.folder / "paddock.missions.zip") as archive:
+        archive.extractall(tmp_path)
+    told = json.loads((tmp_path / "check/check.json").read_text())
+    assert told["errors"] == 0
+    assert f"{float(format(100 * told['covered_fraction'], '.6g')):g} %" in page.locator(".measures").inner_text()
+    command = shlex.split(page.locator(".missions .code").inner_text())
+    monkeypatch.chdir(studio.folder)
+    monkeypatch.setattr("shoal.views.search.mission_folder.save_figure", lambda *_: None)
+    assert command[-1] == "--format=plan"
+    assert run_command([*command[1:], f"--missions={tmp_path / 'again'}"]) == 0
+    for name in ("robot-01.plan", "robot-02.plan"):
+        assert (tmp_path / "again" / name).read_text() == (tmp_path / "missions" / name).read_text()
+
+
+def test_a_picture_lies_where_two_points_of_it_are_known(page: Page, studio: Studio) -> None:
+    Image.new("RGB", (200, 100), "#88aa66").save(studio.folder / "above.png")
+    opened(page, studio)
+    page.get_by_text("A picture below").click()
+    page.get_by_label("Picture below the canvas").select_option("above.png")
+    words = ("column of the picture", "row of the picture", "first coordinate", "second coordinate")
+    for point, values in ((1, (20, 80, 0, 0)), (2, (120, 80, 0, 50))):  # 100 pixels to the right are 50 m north
+        for what, value in zip(words, values, strict=True):
+            page.get_by_label(f"Point {point}, {what}").fill(str(value))
+    page.get_by_role("button", name="Place the picture").click()
+    until(page, "document.querySelector('.plane image').getAttribute('transform')?.startsWith('matrix(0 0.5')")
+    told = page.locator(".plane image").get_attribute("transform")
+    assert told is not None
+    a, b, c, d, x, y = map(float, told.removeprefix("matrix(").removesuffix(")").split())
+    assert np.allclose([a * 20 + c * 80 + x, b * 20 + d * 80 + y], [0, 0])
+    assert np.allclose([a * 120 + c * 80 + x, b * 120 + d * 80 + y], [0, 50])
+    page.reload()
+    page.wait_for_selector("body[data-ready]")
+    until(page, "document.querySelector('.plane image').getAttribute('transform')?.startsWith('matrix(0 0.5')")
+
+
+def test_a_vehicle_is_set_or_comes_from_a_file(page: Page, studio: Studio) -> None:
+    (studio.folder / "drone.toml").write_text('preset = "multirotor"\ncruise_speed = 7.5\n')
+    opened(page, studio)
+    page.locator("[data-field=cruise_speed] input").fill("6.5")
+    shown(page, region="square:40", vehicle="multirotor,cruise_speed=6.5")
+    page.locator("[data-field=cruise_speed] input").fill("")
+    page.get_by_label("From a file").select_option("drone.toml")
+    shown(page, region="square:40", vehicle="multirotor,cruise_speed=7.5")
+    page.get_by_role("button", name="As Python").click()
+    page.get_by_role("tab", name="As command").click()
+    words = shlex.split(page.locator(".code:visible").inner_text())
+    page.keyboard.press("Escape")
+    assert "--vehicle=multirotor,cruise_speed=7.5" in words
+
+
+def test_a_link_opens_the_same_plan(page: Page, studio: Studio) -> None:
+    opened(page, studio, "rectangle:80x30", angle="90", margin=2)
+    page.get_by_role("button", name="Edit its corners").click()
+    page.get_by_role("button", name="Region 1, corner 2").press("Shift+ArrowRight")
+    until(page, "document.querySelector('.search-place .source').textContent === 'drawn'")
+    page.wait_for_timeout(100)
+    planned(page).wait_for()
+    told = page.locator(".fleet").inner_text().split("\n")[:2]
+    page.reload()
+    page.wait_for_selector("body[data-ready]")
+    planned(page).wait_for()
+    assert page.locator(".fleet").inner_text().split("\n")[:2] == told
+    page.get_by_role("button", name="As Python").click()
+    page.get_by_role("tab", name="As command").click()
+    assert "drawn-region" in page.locator(".code:visible").inner_text()
+    page.keyboard.press("Escape")
+
+
+def test_what_is_wrong_is_said_beside_the_region(page: Page, studio: Studio) -> None:
+    opened(page, studio)
+    page.locator("[data-field=launch] input").fill("1,2;3,4;5,6")
+    page.locator("[data-field=launch] input").press("Tab")
+    page.locator(".search-place .warning", has_text="launch: expected one point for all, or 2, one a robot, got 3").wait_for()
+    assert page.locator(".plane .land").get_attribute("d")
