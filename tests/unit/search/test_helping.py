@@ -50,6 +50,14 @@ def test_a_slow_robot_loses_what_it_would_do_too_late(faults, most, loss, health
     assert ring_time(*faults, loss=loss) <= most * healthy
 
 
+def test_a_slow_robot_that_has_far_to_go_to_its_part_is_helped_there():
+    """Others do not leave to it what it comes to so late: with parts in two directions its way there may be as long as a part."""
+    well, slow = (
+        search("ring:200x150", robots=6, footprint=10, allocation="two-way", faults=faults, seed=3) for faults in ((), "slow:2@0:5")
+    )
+    assert slow.trace.covered_at <= 1.5 * well.trace.covered_at
+
+
 def test_the_last_robot_alive_ends_however_slow_it_is(healthy):
     crashes = [Crash(number, 10.0) for number in range(2, 7)]
     assert ring_time(Slow(1, 5.0), *crashes) < 5.2 * 400

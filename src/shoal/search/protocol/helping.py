@@ -20,17 +20,21 @@ _WORTH = 1.0  # cells: what helping must gain
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Cells in a row that are left, in the order of the search, and how fast it goes from the front: 0 if nobody is there."""
+    """Cells in a row that are left, in the order of the search, and how fast it goes from the front: 0 if nobody is there.
+
+    ``late`` is how long who searches from the front is still on the way there.
+    """
 
     first: int
     count: int
     step: int
     pace: float = 0.0
+    late: float = 0.0
 
-    def halves(self, ahead: int, pace: float, n: int) -> list[Stretch]:
+    def halves(self, ahead: int, pace: float, n: int, late: float = 0.0) -> list[Stretch]:
         """Return what it becomes when a robot of a pace enters it so many cells after its front."""
-        front = Stretch(self.first, ahead, self.step, self.pace)
-        rest = Stretch((self.first + self.step * ahead) % n, self.count - ahead, self.step, pace)
+        front = Stretch(self.first, ahead, self.step, self.pace, self.late)
+        rest = Stretch((self.first + self.step * ahead) % n, self.count - ahead, self.step, pace, late)
         return [half for half in (front, rest) if half.count]
 
 
@@ -90,23 +94,26 @@ def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: flo
     """Yield the stretches of an arc in the order of its work, from robot to robot that searches there."""
     n = len(robot.brief.tour_cost)
     left = arc.bits(n) & wanted
-    fronts: dict[int, float] = {}
+    fronts: dict[int, tuple[float, float]] = {}
     for number in others:
-        heartbeat = robot.peers[number].heartbeat
+        peer = robot.peers[number]
+        heartbeat = peer.heartbeat
         ahead = (heartbeat.place - arc.first) * arc.step % n
         if heartbeat.status == "searching" and ahead < arc.count:
             cell, own = heartbeat.place % n, robot.searched.get(number, 0) & ~left
+            rate, pace = speed_of(robot, number, time)
+            late = max(peer.since + peer.way / rate - time, 0.0) if left >> cell & 1 else 0.0
             while own >> cell & 1:  # what it has searched since it told of its place
                 own, cell = own & ~(1 << cell), (cell + arc.step) % n
             if left >> cell & 1:
-                fronts[cell] = max(fronts.get(cell, 0.0), speed_of(robot, number, time)[1])
+                fronts[cell] = max(fronts.get(cell, (0.0, 0.0)), (pace, late))
     for first, length in arc.stretches(left, n):
         stretch = Stretch(first, length, arc.step)
-        places = sorted(((cell - stretch.first) * arc.step % n, pace) for cell, pace in fronts.items())
+        places = sorted(((cell - stretch.first) * arc.step % n, *front) for cell, front in fronts.items())
         halves = [stretch]
-        for ahead, pace in [place for place in places if place[0] < length]:
+        for ahead, pace, late in [place for place in places if place[0] < length]:
             *before, last = halves
-            halves = before + last.halves(ahead - (last.first - stretch.first) * arc.step % n, pace, n)
+            halves = before + last.halves(ahead - (last.first - stretch.first) * arc.step % n, pace, n, late)
         yield from halves
 
 
@@ -118,7 +125,7 @@ def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Str
     best, most = None, _WORTH / pace
     for stretch in stretches:
         way = tour_cost.length(at, stretch.first) / rate
-        alone = min(stretch.count / stretch.pace, longest) if stretch.pace else 2 * longest
+        alone = min(stretch.late + stretch.count / stretch.pace, longest) if stretch.pace else 2 * longest
         ahead = _ahead(stretch, way, pace)
         gain = (
             alone - way - (stretch.count - ahead) / pace
@@ -132,4 +139,4 @@ def _ahead(stretch: Stretch, way: float, pace: float) -> int:
     """Return how far from the front a helper that takes so long to come enters a stretch."""
     if not stretch.pace or stretch.count == 1:  # one that takes very long for its last cell may not be in it yet
         return 0
-    return max(ceil((way + stretch.count / pace) / (1 / stretch.pace + 1 / pace)), 1)
+    return max(ceil((way - stretch.late + stretch.count / pace) / (1 / stretch.pace + 1 / pace)), int(stretch.late <= way))

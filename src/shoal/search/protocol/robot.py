@@ -38,7 +38,7 @@ from shoal.search.protocol.events import (
 )
 from shoal.search.protocol.helping import cell_to_help, is_taken, leaves_to_others
 from shoal.search.protocol.inference import MARK, known_free, obstacles, reachable, settled, silence_limit, step_cost
-from shoal.search.protocol.messages import Beacon
+from shoal.search.protocol.messages import Beacon, Heartbeat
 from shoal.search.protocol.state import Brief, Peer, Robot
 from shoal.search.protocol.telling import with_beacon
 from shoal.search.protocol.transitions import LOOK, blocked, obstructed, sensed
@@ -130,7 +130,9 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
             continue
         if heartbeat.robot == beacon.sender and known is not None:
             lost, got = lost + heartbeat.count - known.heartbeat.count - 1, got + 1
-        peers[heartbeat.robot] = Peer(heartbeat, time, _marks(robot, known, heartbeat.lag, time))
+        peers[heartbeat.robot] = Peer(
+            heartbeat, time, _marks(robot, known, heartbeat.lag, time), *_leg(robot, known, heartbeat, time)
+        )
     closed = _told(robot, robot.closed, beacon.closed) if beacon.closed else robot.closed
     found = robot.found
     for cell, witnesses in beacon.found:
@@ -146,6 +148,14 @@ def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[t
     if time - known.marks[1][0] < MARK * robot.brief.beat:
         return known.marks
     return known.marks[1], (time, lag)
+
+
+def _leg(robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float) -> tuple[float, float]:
+    """Return since when a peer is on its way to the place that it tells, and how long that way is."""
+    before, n = heartbeat.start if known is None else known.heartbeat.place, len(robot.brief.tour_cost)
+    if known is not None and before == heartbeat.place:
+        return known.since, known.way
+    return time, robot.brief.tour_cost.length(before % n, heartbeat.place % n)
 
 
 def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], ...]) -> Mapping[int, int]:

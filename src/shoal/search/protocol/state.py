@@ -74,11 +74,16 @@ class Brief:
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """What a robot knows of another one: its latest heartbeat, when it came, and at two earlier moments how far it was behind."""
+    """What a robot knows of another one: its latest heartbeat, when it came, and at two earlier moments how far it was behind.
+
+    ``since`` is when it was first heard to be on its way to where it is going, and ``way`` how long that is, in sides of a cell.
+    """
 
     heartbeat: Heartbeat
     heard: float
     marks: tuple[tuple[float, float], tuple[float, float]]
+    since: float
+    way: float
 
 
 @dataclass(frozen=True)
