@@ -77,6 +77,8 @@ def searches() -> None:
     faults = (Crash(2, 20.0), Pause(3, 5, 40))
     episode = run_search(SearchProblem("ring:200x150", robots=6, footprint=10, loss=0.3, faults=faults, targets=5), seed=3)
     save("search-ring.png", routes_figure(episode), colours=256)
+    box = SearchProblem("box:200x120x30", robots=4, vehicle="multirotor", faults=(Crash(2, 60.0),), targets=3)
+    save("search-box.png", routes_figure(run_search(box, seed=1)), colours=256)
     save("search-timeline.png", timeline_figure(episode), colours=256)
     save("search-expected-time.png", expected_time_figure())
 

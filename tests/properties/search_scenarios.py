@@ -113,7 +113,7 @@ def random_mask(rng: Generator) -> NDArray[np.bool_]:
 
 
 def volume_of(mask: NDArray[np.bool_], rng: Generator) -> NDArray[np.bool_]:
-    """Return a mask, or as often as `_VOLUMES` says two or three layers of up to four rows and columns that differ in some cells."""
+    """Return a mask, or as often as `_VOLUMES` says a few layers of up to four rows and columns that differ in some cells."""
     if rng.random() >= _VOLUMES:
         return mask
     layer = mask[:4, :4]

@@ -52,7 +52,8 @@ def test_all_of_a_box_is_searched_and_climbs_take_their_time(box):
     assert box.plan.altitudes == [5.0, 15.0, 25.0]
     assert vehicle.height == 5.0
     assert grid.climb == pytest.approx((1 / 2.5 + 1 / 1.5) / 2 * 5.0)
-    assert box and [seen.covered_fraction for seen in box.coverages] == [1.0] * 3
+    assert box
+    assert [seen.covered_fraction for seen in box.coverages] == [1.0] * 3
     assert box.trace.takeovers
     for route in box.routes:
         legs = np.abs(np.diff(route.points, axis=0))
@@ -82,7 +83,8 @@ def test_a_region_with_a_height_is_saved_whole(tmp_path):
 def test_each_band_has_the_cells_of_its_footprint(bands):
     low, high = bands.plan.grid.layers
     assert (low.size, high.size) == pytest.approx((8.8, 8.8 * 5 / 3))
-    assert bands and [seen.covered_fraction for seen in bands.coverages] == [1.0, 1.0]
+    assert bands
+    assert [seen.covered_fraction for seen in bands.coverages] == [1.0, 1.0]
     assert bands.plan.tour_cost.least == pytest.approx(low.n_cells + high.n_cells * 5 / 3)
     assert bands.plan.allocation.lower_bound == pytest.approx(bands.plan.tour_cost.least / 2)
     assert sorted({*bands.routes[0].points[:, 2], *bands.routes[1].points[:, 2]}) == [30.0, 50.0]
@@ -107,7 +109,8 @@ def test_rows_of_the_second_pass_cross_those_of_the_first(passes):
     first, second = passes.plan.grid.layers
     assert (first.angle, second.angle) == (10.0, 100.0)
     assert passes.plan.tour.name == "boustrophedon"
-    assert passes and [seen.covered_fraction for seen in passes.coverages] == [1.0, 1.0]
+    assert passes
+    assert [seen.covered_fraction for seen in passes.coverages] == [1.0, 1.0]
     assert passes.plan.altitudes == [30.0, 30.0]
 
 
