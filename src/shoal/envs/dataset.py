@@ -30,7 +30,7 @@ def record_episodes(
     seed: int = 0,
     name: str | None = None,
 ) -> Any:
-    """Play a policy in an environment, and store what it observed and did in Minari's layout (HDF5).
+    """Play a policy in an environment, and store observations and actions in Minari's layout (HDF5).
 
     Parameters
     ----------

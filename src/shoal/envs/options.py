@@ -50,7 +50,7 @@ def _check_window(given: Any) -> int:
 
 @dataclass(frozen=True, eq=False)
 class SwarmEnvOptions(EnvOptions):
-    """What the environments of swarms have beyond the fields of a SwarmProblem: observation and reward."""
+    """Options of the swarm environments beside the fields of a SwarmProblem: observation and reward."""
 
     part: ClassVar[str] = "swarm-environment"
     decided: ClassVar[tuple[str, ...]] = ("policy", "budget", "time_per_move")
@@ -73,7 +73,7 @@ class SwarmEnvOptions(EnvOptions):
 
 @dataclass(frozen=True, eq=False)
 class SteeringEnvOptions(EnvOptions):
-    """What the environment of steering has beyond the fields of a SteeringProblem: its input and its reward."""
+    """Options of the steering environment beside the fields of a SteeringProblem: input and reward."""
 
     part: ClassVar[str] = "steering-environment"
     decided: ClassVar[tuple[str, ...]] = ("planner", "time")

@@ -44,7 +44,7 @@ def run_sweep(
     on_progress: OnProgress | None = None,
     batch_seconds: float = BATCH_SECONDS,
 ) -> SweepStatus:
-    """Run a sweep, or what is missing of it, into a store.
+    """Run a sweep, or the missing part of it, into a store.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class SearchEpisode(Episode):
 
     @cached_property
     def status(self) -> Status:  # type: ignore[override]  # found when it is asked for
-        """Complete if all that some robot can reach was searched, and every robot that lives has found that out."""
+        """Complete if all that some robot can reach was searched, and every live robot knows it."""
         return Status.COMPLETE if self.trace.covered_at < inf and not self._unaware else Status.INCOMPLETE
 
     @property
@@ -82,8 +82,8 @@ class SearchEpisode(Episode):
         if self._as_planned:
             return f"{told}, if all goes as planned: nothing was simulated"
         if self._unaware:
-            return f"{told}, but {len(self._unaware)} of the robots that live have not found that out"
-        return f"{told}, and every robot that lives has found that out"
+            return f"{told}, but {len(self._unaware)} live robots do not know it"
+        return f"{told}, and every live robot knows it"
 
     @property
     def _as_planned(self) -> bool:

@@ -57,7 +57,7 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
 
 
 def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[int, int], None] | None = None) -> None:
-    """Write a film of an episode of any part; the suffix says which kind.
+    """Write a film of an episode of any part; the suffix gives the kind.
 
     Parameters
     ----------

@@ -233,7 +233,7 @@ def approach_text(near: dict[str, Any] | None, horizontal: float, vertical: floa
     sortie = f" of sortie {near['sortie']}" if near["sortie"] > 1 else ""
     return (
         f"{near['horizontal_m']:.4g} m, and {near['vertical_m']:.3g} m in height: robots {one} and {other} "
-        f"after {near['time_s']:.0f} s{sortie} at {place}; at least {horizontal:g} m or {vertical:g} m are asked for"
+        f"after {near['time_s']:.0f} s{sortie} at {place}; required: {horizontal:g} m, or {vertical:g} m in height"
     )
 
 

@@ -16,7 +16,7 @@ Write = Callable[[str, Sequence[Any]], int]
 
 
 def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]) -> list[str]:
-    """Write what stores have into a new one; return the names of the sweeps in it.
+    """Merge stores into a new one; return the names of its sweeps.
 
     Sweeps of one name must be the same one. A trial that several stores have must have ended in the same way.
 

@@ -27,7 +27,7 @@ _AT_ONCE = 10_000  # rows read at once
 
 
 class Store:
-    """Every finished trial, committed as soon as its batch is done.
+    """The store of a sweep: every finished trial, committed as soon as its batch is done.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from shoal.lab.sweeps.sweep import Point
 
 @dataclass(frozen=True)
 class SweepStatus:
-    """How far a sweep is.
+    """Progress of a sweep in a store.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class SweepProgress:
-    """How far a running sweep is.
+    """Progress of a running sweep.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ __all__ = ["Allocation", "Arc", "allocate", "arcs_of", "work_time"]
 
 @dataclass(frozen=True, eq=False)
 class Allocation:
-    """What each robot is to search.
+    """The parts of the tour that each robot searches.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from shoal.search.tours.bitset import arc_bits, runs, turned
 
 @dataclass(frozen=True)
 class Arc:
-    """Cells to search one after another.
+    """Cells of the tour to search one after another.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ _CLUSTER = 0.05  # of the larger side: the spread of clustered starts
 
 @dataclass(frozen=True, eq=False)
 class SearchPlan:
-    """All that is settled before robots move.
+    """The plan of a search: cells, tour, allocation and starts.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ _RECKONED = 1_000_000  # cells times robots: ways between more are taken as stra
 
 @dataclass(frozen=True, eq=False)
 class TourCost:
-    """A tour as robots pay for it, in cells: the time in which a robot of speed 1 searches one cell and goes on to its neighbour.
+    """The cost of a tour in cells: the unit is the time in which a robot of speed 1 searches a cell and goes on to its neighbour.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ __all__ = ["RegionPaths", "Route", "length_of", "merge_collinear"]
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """A way through several stops.
+    """A route through several stops.
 
     Parameters
     ----------

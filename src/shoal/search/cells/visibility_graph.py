@@ -176,7 +176,7 @@ def pulled(region: SearchRegion, way: Points) -> Points:
 
 
 def merge_collinear(points: Points) -> Points:
-    """Return a way without repeated points and without those on a straight leg; turns back are kept.
+    """Return a way without repeated points and without points on straight legs; turns back are kept.
 
     Examples
     --------

@@ -147,7 +147,7 @@ def check_missions(
     vehicle: Vehicle | None = None,
     bands: Sequence[float] | None = None,
 ) -> MissionCheck:
-    """Read mission files back and measure what vehicles that follow them see of a region.
+    """Read mission files back and measure how much of a region the vehicles see.
 
     Nothing of the planner is asked: waypoints come from the files, the area from Shapely. What counts is seen between the first
     waypoint and the last of each mission, not on the way from home and back.

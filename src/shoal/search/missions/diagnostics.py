@@ -80,7 +80,7 @@ RULES: dict[str, Rule] = {
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """One mistake.
+    """A mistake in a mission file.
 
     Parameters
     ----------

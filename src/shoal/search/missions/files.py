@@ -215,7 +215,7 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
 
 
 def read_mission(path: str | os.PathLike[str]) -> Mission:
-    """Return the mission in a file, in any of our formats.
+    """Read a mission from a file in any format.
 
     ``.plan`` and WPL files do not say which robot and sortie they are for: their name does, else they are the first of robot 1. WPL
     files do not say the autopilot, which is taken to be PX4, nor the kind of vehicle: it flies if a waypoint is above ground.

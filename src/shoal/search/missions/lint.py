@@ -28,7 +28,7 @@ def lint(
     cap: int | None = None,
     autopilot: str | None = None,
 ) -> list[Diagnostic]:
-    """Return what is wrong with a mission file, or with those of a folder, one by one and together.
+    """Return the mistakes in a mission file, or in the files of a folder, one by one and together.
 
     Parameters
     ----------

@@ -221,7 +221,7 @@ def missions_of(
     ways: Ways | None = None,
     landing: ArrayLike | None = None,
 ) -> tuple[Mission, ...]:
-    """Return the missions that take a robot along a route, one a sortie.
+    """Return the missions of a robot's route, one for each sortie.
 
     Each begins at home, goes on where the one before ended, and returns home before the battery's reserve is touched: climb, ways
     out and home, turns, wind and descent counted. A leg may be cut anywhere.

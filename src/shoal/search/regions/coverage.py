@@ -21,7 +21,7 @@ _SMALLEST = 0.5  # of a footprint: blocks are not cut further, for what lies abo
 
 @dataclass(frozen=True, eq=False)
 class AreaCoverage:
-    """What was covered.
+    """The area that was covered, and the ways outside of the region.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class AreaCoverage:
 def coverage_check(
     region: SearchRegion, routes: Sequence[ArrayLike], footprint: ArrayLike, *, tolerance: float = TOUCH, angle: float = 0.0
 ) -> AreaCoverage:
-    """Return what vehicles on some routes saw and where they left the region.
+    """Measure the area that vehicles on some routes see, and where they leave the region.
 
     A vehicle sees the square of side ``footprint`` around it, its sides along the axes or turned, all along its legs. From inside,
     a vehicle can see every point of the region, for it can stand there: so the whole area counts.

@@ -18,7 +18,7 @@ TOUCH = 1e-6  # metres: who is nearer to the region than this is in it
 
 @dataclass(frozen=True, eq=False)
 class SearchRegion:
-    """What is to be searched, and where the robots may be. Made by `open_region` and `region_of`.
+    """A region to search: its area, holes and no-go zones. Made by `open_region` and `region_of`.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class SearchRegion:
 def region_of(
     area: Any, *, frame: LocalFrame | None = None, no_go: Any = None, name: str = "region", no_go_zones: int | None = None
 ) -> SearchRegion:
-    """Return the region of a Shapely polygon in metres, less the zones that robots must keep out of.
+    """Return the region of a Shapely polygon in metres, without its no-go zones.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ _HORIZON = 60.0  # times the way of one robot alone
 
 @dataclass(frozen=True, eq=False)
 class RobotLog:
-    """What one robot did.
+    """The log of one robot: cells, ways and status.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class RobotLog:
 
 @dataclass(frozen=True, eq=False)
 class SearchTrace:
-    """What the robots did.
+    """The trace of a search: what each robot did, event by event.
 
     Parameters
     ----------

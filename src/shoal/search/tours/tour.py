@@ -16,7 +16,7 @@ from shoal.search.tours.masks import deep
 
 @dataclass(frozen=True)
 class TourMetrics:
-    """What was measured of a tour.
+    """The measures of a tour.
 
     Attributes
     ----------

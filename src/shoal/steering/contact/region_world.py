@@ -17,7 +17,7 @@ from shoal.steering.workspaces.region import Region
 
 @dataclass(frozen=True, eq=False)
 class RegionWorld(SteeringWorld):
-    """The dynamics of particles under one shared displacement, in a region whose walls hold what is pushed into them.
+    """The dynamics of particles under one shared displacement, in a region whose walls hold particles.
 
     A particle on an edge does not move while that edge has ``N u <= 0``, N its inward normal. In a corner that is narrower than
     180 degrees either edge holds; at one that is wider, as those of obstacles are, it is held only if both would, so that it moves

@@ -26,7 +26,7 @@ _LEVEL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class DiskReach:
-    """What can be reached on a disk after an even number of moves, Δ at the start turned to point right.
+    """The differences that an even number of moves reaches on a disk, with Δ at the start turned to point right.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ _CLOSE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class PolygonReach:
-    """What can be reached on a polygon after an even number of moves.
+    """The differences that an even number of moves reaches in a polygon.
 
     Parameters
     ----------

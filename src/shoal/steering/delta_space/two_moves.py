@@ -21,7 +21,7 @@ from shoal.steering.workspaces.convex_geometry import Points, clipped, hull
 
 @dataclass(frozen=True)
 class Crossing:
-    """How two moves change Δ: which particle touches which wall, and where.
+    """A cycle of two moves that changes Δ: which particle touches which wall, and where.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Crossing:
 
 
 def reached_in_two_moves(workspace: ConvexWorkspace, before: ArrayLike, after: ArrayLike) -> Crossing | None:
-    """Return how two moves turn one Δ into another, the way with the most room; None if none does.
+    """Return the two moves that turn one Δ into another with the most room; None if there are none.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ _WIDER = (1e-7, 1e-6, 1e-5)  # margins for chains whose moves are fragile
 
 @dataclass(frozen=True, eq=False)
 class SteeringTask:
-    """From one state to another in a world: what planners plan.
+    """The task of a planner: from one state to another in a world.
 
     Parameters
     ----------

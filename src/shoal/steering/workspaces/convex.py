@@ -18,7 +18,7 @@ TOUCH = 1e-9  # of the size: who is nearer to a wall than this is on it
 
 @dataclass(frozen=True, eq=False)
 class ConvexWorkspace:
-    """A convex region: what lies inside of some flat walls, and of a circle if there is one.
+    """A convex workspace: the inside of flat walls, and of a circle if there is one.
 
     Made by `polygon`, `disk`, `regular_polygon`, `prism` and `cylinder`. Points are (x, y) or (x, y, z), y up.
 

@@ -37,7 +37,7 @@ _GEOJSON = ("Polygon", "MultiPolygon", "Feature", "FeatureCollection", "Geometry
 
 
 def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace:
-    """Return a workspace by name, from a file, from well-known text or from what JSON says of it.
+    """Return a workspace by name, from a file, from well-known text or from a JSON description.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from shoal.steering.workspaces.convex_geometry import Points, check_inside
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """What lies inside an outline and outside of obstacles. Made by `region`.
+    """A workspace with obstacles: inside an outline and outside of obstacles. Made by `region`.
 
     Parameters
     ----------

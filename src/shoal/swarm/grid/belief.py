@@ -12,7 +12,7 @@ from shoal.swarm.maps.raster import FREE, FRONTIER, OBSTACLE, PARTICLE, UNKNOWN,
 
 @dataclass(frozen=True)
 class Belief:
-    """What is known of each cell.
+    """The belief: the known state of each cell.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ def check_cells(cells: ArrayLike, shape: tuple[int, ...], *, what: str, rim: int
 
 @dataclass(frozen=True, eq=False)
 class SwarmState:
-    """Where the particles are.
+    """The state of a swarm: the cells of the particles.
 
     Parameters
     ----------

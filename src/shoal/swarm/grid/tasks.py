@@ -20,7 +20,7 @@ from shoal.swarm.maps.workspace import GridWorkspace
 
 @runtime_checkable
 class Task(Protocol):
-    """What a task must have; `shoal.testing.check_task` tests it.
+    """The protocol of tasks; `shoal.testing.check_task` tests it.
 
     ``begin`` returns the belief at the start, ``update`` the belief after one push (see `GridWorld.pushes`). A task is
     complete when the frontier of its belief is empty. Both are pure.

@@ -65,7 +65,7 @@ FORMATS: dict[str, MapFormat] = {
 
 
 def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
-    """Read a workspace from a file; the suffix says the format.
+    """Read a workspace from a file; the suffix gives the format.
 
     Parameters
     ----------

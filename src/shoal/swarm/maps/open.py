@@ -31,7 +31,7 @@ def open_map(
     thickest: float | None = None,
     **options: Any,
 ) -> GridWorkspace:
-    """Return the workspace that ``place`` means.
+    """Open a workspace: by name, from a file, or from an array.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ POLICIES.add("best", BeamRollout)  # an alias, which may stand for another one s
 
 
 def make_policy(policy: str | Policy) -> Policy:
-    """Return a policy by name, or the given one.
+    """Return a policy by name, or the given object itself.
 
     Parameters
     ----------

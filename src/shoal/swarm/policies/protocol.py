@@ -16,7 +16,7 @@ Decision = tuple[str, Any]
 
 @dataclass(frozen=True)
 class View:
-    """What a policy may see.
+    """The view of a policy: everything that it may see.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class View:
 
 @runtime_checkable
 class Policy(Protocol):
-    """What a policy must have; `shoal.testing.check_policy` tests it.
+    """The protocol of policies; `shoal.testing.check_policy` tests it.
 
     ``decide(view, memory, rng)`` returns ``(commands, memory)``: the commands are all sent before it is asked again (fewer if the
     task is complete before); "" says that the policy can make no progress. Memory is None at the first decision; a policy

@@ -31,7 +31,7 @@ class Controlled(Protocol):
 
     @property
     def state(self) -> SwarmState:
-        """Where the particles are."""
+        """The state of a swarm: the cells of the particles."""
 
     @property
     def rule(self) -> str:
