@@ -55,7 +55,8 @@ def shown_table(page: Page, name: str) -> list[list[str]]:
 
 @pytest.fixture(scope="module")
 def mazes(studio: Studio) -> str:
-    """A store in the folder, as a command makes it."""
+    """A store in the folder, as a command makes it, and an episode."""
+    shoal.run(SwarmProblem("maze:9x7", particles=2, policy="closest-frontier"), seed=1).save(studio.folder / "episode.npz")
     run_sweep(Sweep(**small("mazes", particles=[2, 4])), studio.folder / "mazes.sqlite", workers=0)
     return "mazes.sqlite"
 
@@ -264,6 +265,7 @@ STATES: dict[str, tuple[str, dict[str, Any], str]] = {
     "sweeps": ("lab", {"store": "mazes.sqlite", "sweep": "mazes"}, ".verdict"),
     "new sweep": ("lab", {"tab": "new"}, ".drafting [role=status]:has-text('trials')"),
     "episodes": ("lab", {"tab": "episodes"}, ".card img >> nth=0"),
+    "search": ("search", {}, ".underStage .facts:not(:empty)"),
     "papers": ("papers", {}, ".paper >> nth=0"),
 }
 

@@ -60,7 +60,7 @@ export function linesChart(lines, { axis, measure }) {
     ]),
     numbers.filter((_, i) => i % every === 0).map((tick) => svg("text", { class: "tick", x: x(tick), y: height - 26, "text-anchor": "middle" }, number(tick))),
     svg("text", { class: "tick", x: (left + width - right) / 2, y: height - 6, "text-anchor": "middle" }, axis.replaceAll("_", " ")),
-    lines.map((line, i) => svg("g", { class: `line p${i % 5}` },
+    lines.map((line, i) => svg("g", { class: `line p${i % 5}`, transform: `translate(${4 * (i - (lines.length - 1) / 2)} 0)` }, // side by side, not over each other
       svg("polyline", { class: "way", points: line.points.map((one) => `${x(one.x)},${y(one.mean)}`).join(" ") }),
       line.points.flatMap((one) => [
         one.low === null || one.low === undefined ? [] : svg("line", { class: "interval", x1: x(one.x), x2: x(one.x), y1: y(one.low), y2: y(one.high) }),

@@ -95,7 +95,7 @@ export function results({ shown, change }) {
 
   function pause(one) {
     const job = atWork(one);
-    return job ? el("button.second", { type: "button", onclick: guarded(() => cancelJob(job.id)) }, "Pause") : [];
+    return job ? el("button.second", { type: "button", onclick: guarded(() => cancelJob(job.id)) }, one.begins ? "Cancel" : "Pause") : [];
   }
 
   function buttons(one, found) {
@@ -126,8 +126,11 @@ export function results({ shown, change }) {
       return `${where}${second} has ${number(Math.abs(d.mean))} ${d.mean < 0 ? "less" : "more"} ${what} than ${first} (95 %: ${interval(low, high)}), on ${d.count} pairs.`;
     };
     if (told_.length <= 3) return told_.map(sentence).join(" ");
-    const differ = told_.filter(({ comparison: { difference: d } }) => d.low > 0 || d.high < 0).length;
-    return `${differ} of ${told_.length} comparisons of ${compared} differ in ${what} with 95 % confidence.`;
+    const pairs = Map.groupBy(told_, (one) => `${one.second} ${one.first}`);
+    return [...pairs.values()].slice(0, 4).map((group) => {
+      const less = group.filter((one) => one.comparison.difference.high < 0).length, more = group.filter((one) => one.comparison.difference.low > 0).length;
+      return `${group[0].second} has less ${what} than ${group[0].first} at ${less} of ${group.length} points, more at ${more}, with 95 % confidence.`;
+    }).join(" ");
   }
 
   function chart({ points: all, comparisons: pairs, measure }) {
