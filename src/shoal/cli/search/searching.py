@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from shoal.search import SearchEpisode
     from shoal.views.search.mission_folder import MissionFolder
 
-SEARCH_EXAMPLE = "Example: shoal search ring:200x150 --robots 6 --footprint 10 --loss 0.3 --faults crash:2@20 --out found"
+SEARCH_EXAMPLE = "Example: shoal search ring:100x70 --robots 6 --footprint 10 --loss 0.3 --faults crash:2@20 --out found"
 
 
 @takes_problem(SearchProblem, from_file=True, options=MissionOptions)
