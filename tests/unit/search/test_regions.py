@@ -410,3 +410,27 @@ def test_a_ring_that_is_cut_where_it_only_touches_is_measured():
     ring = open_region("ring:60x30")
     ways = [[(x, y) for y in range(-60, 61)] for x in range(-60, 61)]
     assert coverage_check(ring, ways, 10).covered_fraction == 1.0
+
+
+def test_polygons_are_points_or_shapes_in_metres_or_degrees():
+    corners, hole = (
+        [(8.5, 47.4), (8.504, 47.4), (8.504, 47.402), (8.5, 47.402)],
+        [(8.501, 47.4005), (8.502, 47.4005), (8.502, 47.401)],
+    )
+    region = open_region(corners, holes=[hole], geographic=True, name="field")
+    same = open_region(shapely.Polygon(corners, [hole]), geographic=True, name="field")
+    assert (region.name, len(region.parts[0].interiors)) == ("field", 1)
+    assert region.frame is not None
+    assert region.area.equals(same.area)
+    assert region.area_m2 == pytest.approx(67_000 - 2_100, rel=0.01)
+    shapes, hole = [np.array([(0, 0), (9, 0), (9, 9)]), shapely.box(20, 0, 30, 10)], [(21, 1), (22, 1), (22, 2)]
+    two = open_region(shapes, holes=hole, no_go=[shapely.box(25, 0, 26, 1)])
+    assert (len(two.parts), two.no_go_zones, two.area_m2) == (2, 1, 40.5 + 100 - 0.5 - 1)
+    with pytest.raises(InvalidInputError, match="hole 1: expected one in a polygon"):
+        open_region([(0, 0), (9, 0), (9, 9)], holes=[(20, 20), (21, 20), (21, 21)])
+    with pytest.raises(InvalidInputError, match="polygon 1: expected a Shapely polygon or points"):
+        open_region([1, 2, 3])
+    with pytest.raises(InvalidInputError, match="polygon, vertex 1: expected"):
+        open_region([(500, 0), (9, 0), (9, 9)], geographic=True)
+    with pytest.raises(InvalidInputError, match="expected polygons with holes"):
+        open_region("square:10", geographic=True)

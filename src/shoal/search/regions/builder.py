@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from shoal.checks import check_choice
 from shoal.errors import InvalidInputError
@@ -32,22 +33,32 @@ INNER = ("no-go", "search")
 
 
 def open_region(
-    source: str | os.PathLike[str],
+    source: str | os.PathLike[str] | ArrayLike,
     *,
+    holes: Any = None,
+    geographic: bool = False,
+    name: str | None = None,
     no_go: Any = None,
     layer: str | None = None,
     across_zones: bool = False,
     inner: str | None = None,
 ) -> SearchRegion:
-    """Return a region by name or from a file.
+    """Return a region by name, from a file, or of polygons.
 
     Parameters
     ----------
-    source : str or path
+    source : str, path, array_like or Shapely polygon
         A name, in metres: ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` (both from the origin), ``circle:RADIUS``,
         ``ring:OUTERxINNER`` (radii; both around the origin), ``box:WIDTHxDEPTHxHEIGHT`` (a
         volume, from the origin). Or a file: ``.geojson .json .kml .kmz .gpkg .shp .zip`` (degrees, or a
         projection that the file names) or ``.csv`` (metres); see `shoal.search.regions.formats`.
+        Or the corners of a polygon, shape (n, 2), a Shapely polygon, or a sequence of these.
+    holes : optional
+        Of polygons: corners of one, or a sequence of them, each in one of the polygons.
+    geographic : bool
+        Whether polygons are longitude and latitude, degrees; else metres.
+    name : str, optional
+        Of the region; if not given, that of the source, or "polygon".
     no_go : optional
         Zones that robots keep out of, in the units of the source (longitude and latitude, or metres): a file of one of the formats
         above, points of shape (n, 2), a Shapely polygon, or a sequence of these. A file may hold no-go zones itself.
@@ -74,22 +85,46 @@ def open_region(
     --------
     >>> open_region("rectangle:200x100")
     <SearchRegion 'rectangle:200x100': 20000 m2, 1 parts, 0 holes>
+    >>> open_region([(0, 0), (40, 0), (40, 30)], holes=[(30, 10), (35, 10), (35, 12)])
+    <SearchRegion 'polygon': 595 m2, 1 parts, 1 holes>
     >>> open_region("square:100", no_go=[(20, 20), (40, 20), (40, 40)]).area_m2
     9800.0
     """
+    extra = _several(no_go)
+    if not isinstance(source, str | os.PathLike):
+        drawn = _drawn(source, _several(holes), geographic=geographic)
+        return build_region(drawn, extra, name=name or "polygon", across_zones=across_zones, inner=inner)
+    if holes is not None or geographic:
+        raise InvalidInputError(f"region: expected polygons with holes or geographic, got {source!r}, which says these itself")
     text = os.fspath(source)
     if not isinstance(text, str):
         raise InvalidInputError(f"region: expected a name or the path of a file, got {source!r}")
-    extra = _several(no_go)
     if is_builtin(text) and not os.path.exists(text):
         if layer is not None:
             raise InvalidInputError(f"layer: expected it only with a GeoPackage, got {layer!r} with the region {text!r}")
-        return build_region(builtin_region(text), extra, name=text, across_zones=across_zones)
+        return build_region(builtin_region(text), extra, name=name or text, across_zones=across_zones)
     if inner is not None:
         check_choice(inner, what="inner", choices=INNER)
     found = read_outlines(text, layer=layer)
-    name = os.path.splitext(os.path.basename(text))[0].encode("utf-8", "replace").decode()
-    return build_region(found, extra, name=name, across_zones=across_zones, inner=inner)
+    stem = os.path.splitext(os.path.basename(text))[0].encode("utf-8", "replace").decode()
+    return build_region(found, extra, name=name or stem, across_zones=across_zones, inner=inner)
+
+
+def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutlines:
+    """Return polygons given as corners or Shapely objects, with their holes."""
+    import shapely
+
+    several = _several(source)
+    parts = [one for k, part in enumerate(several) for one in _rings(part, f"polygon {k + 1}" if len(several) > 1 else "polygon")]
+    for k, hole in enumerate(holes):
+        (ring,) = (one.shell for one in _rings(hole, f"hole {k + 1}"))
+        inner = check_polygon(RegionOutline(ring), closed=False)
+        around = [check_polygon(part, closed=False).covers(inner) for part in parts]
+        if not any(around):
+            raise InvalidInputError(f"hole {k + 1}: expected one in a polygon, got one outside, {shapely.to_wkt(inner)[:80]}")
+        part = parts[around.index(True)]
+        parts[around.index(True)] = replace(part, holes=(*part.holes, ring))
+    return RegionOutlines(tuple(parts), "region", geographic, closed=False)
 
 
 def build_region(
@@ -215,22 +250,27 @@ def _zone(zone: Any, what: str, found: RegionOutlines) -> list[RegionOutline]:
                 f"{read.where}: expected no-go zones in {units[found.geographic]}, as the region has, got {units[read.geographic]}"
             )
         return list(read.outlines)
-    if hasattr(zone, "geom_type"):
-        outlines = polygon_outlines(zone, what)
+    return [replace(one, no_go=True) for one in _rings(zone, what, "a file, ")]
+
+
+def _rings(given: Any, what: str, also: str = "") -> list[RegionOutline]:
+    """Return the polygons of a Shapely object, or that of corners."""
+    if hasattr(given, "geom_type"):
+        outlines = polygon_outlines(given, what)
         if not outlines:
-            raise InvalidInputError(f"{what}: expected a polygon, got {zone.geom_type}")
+            raise InvalidInputError(f"{what}: expected a polygon, got {given.geom_type}")
         return outlines
     try:
-        points = np.asarray(zone, dtype=np.float64)
+        points = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError):
         points = np.zeros(0)
     if points.ndim != 2 or points.shape[1] != 2:
-        raise InvalidInputError(f"{what}: expected a file, a Shapely polygon or points of shape (n, 2), got {str(zone)[:80]}")
-    return [RegionOutline(Ring(points, what), no_go=True)]
+        raise InvalidInputError(f"{what}: expected {also}a Shapely polygon or points of shape (n, 2), got {str(given)[:80]}")
+    return [RegionOutline(Ring(points, what))]
 
 
 def _several(no_go: Any) -> Sequence[Any]:
-    """Return no-go zones as a sequence: one that stands alone is a file, a Shapely object or points."""
+    """Return polygons as a sequence: one that stands alone is a file, a Shapely object or points."""
     if no_go is None:
         return []
     alone = isinstance(no_go, str | os.PathLike) or hasattr(no_go, "geom_type")
