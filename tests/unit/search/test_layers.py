@@ -21,6 +21,7 @@ from shoal.search.missions.files import read_mission
 from shoal.search.tours.layers import joined
 from shoal.views import figure
 from shoal.views.search.history import SearchHistory
+from shoal.views.search.missions import missions_figure
 from shoal.views.search.page import page_data
 
 CAMERA = "multirotor,sensor_width=13,sensor_height=8.8,focal_length=30"
@@ -149,6 +150,13 @@ def test_vehicles_in_a_box_stay_in_the_middle_of_layers(box):
     assert {*np.concatenate([mission.heights_above_home for mission in missions])} <= {5.0, 15.0, 25.0}
     near = missions_approach(missions, Separation(), None, vehicle=box.plan.vehicle)
     assert near is None or near.horizontal > 9.99
+
+
+def test_the_map_of_missions_shows_each_altitude_that_is_flown(box):
+    missions = plan_missions(box.plan, separation=Separation())
+    drawn = missions_figure(missions, box.plan.grid.region)
+    flown = {f"at {up:g} m" for mission in missions for up in mission.levels}
+    assert {text.get_text() for text in drawn.legends[0].texts} >= flown == {"at 5 m", "at 15 m", "at 25 m"}
 
 
 def test_bands_above_terrain_keep_their_heights():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,7 +27,7 @@ _PAD = 0.04  # of the longer side
 
 
 def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach: MissionApproach | None = None) -> Figure:
-    """Return the map of missions: those of one altitude in one colour, lighter and darker by robot.
+    """Return the map of missions: what is flown at one altitude in one colour, lighter and darker by robot.
 
     A triangle is where vehicles set out, a square where they come down, a cross in a ring a rally point; hatched red zones are
     those to keep out of, the dotted line is the fence. A black ring is the nearest approach.
@@ -53,7 +54,7 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     _draw_region(axes, region)
     for ring in rings:
         axes.plot(*np.vstack([ring, ring[:1]]).T, color=_FENCE, lw=1.0, ls=(0, (1, 2)), zorder=1.5)
-    heights = sorted({mission.altitude for mission in missions})
+    heights = sorted({*np.concatenate([np.round(mission.levels, 1) for mission in missions]).tolist()})
     _draw_ways(axes, missions, ways, heights)
     _draw_places(axes, missions, region)
     if approach is not None:
@@ -95,13 +96,19 @@ def _outline(rings: Sequence[Any]) -> Any:
 
 def _draw_ways(axes: Axes, missions: Sequence[Mission], ways: Sequence[Any], heights: list[float]) -> None:
     """Draw the ways: solid from the first waypoint to the last, dashed from home and to the end."""
-    by_layer = {height: sorted({one.robot for one in missions if one.altitude == height}) for height in heights}
-    for mission, way in zip(missions, ways, strict=True):
-        robots = by_layer[mission.altitude]
-        colour = _shade(_colour(heights, mission.altitude), robots.index(mission.robot) / max(len(robots) - 1, 1))
-        axes.plot(*way[:, :2].T, color=colour, lw=0.9, ls=(0, (3, 2)), zorder=2.5)
-        first = 2 + int(np.allclose(way[2, :2], way[0, :2], atol=0.01))  # a first waypoint over home is none of the search
-        axes.plot(*way[first:-2, :2].T, color=colour, lw=1.3, solid_joinstyle="round", zorder=3)
+    levels = [np.round(mission.levels, 1) for mission in missions]
+    flying = {height: sorted({one.robot for one, ups in zip(missions, levels, strict=True) if height in ups}) for height in heights}
+    for mission, way, ups in zip(missions, ways, levels, strict=True):
+        looks = [_shade(_colour(heights, up), flying[up].index(mission.robot) / max(len(flying[up]) - 1, 1)) for up in ups.tolist()]
+        axes.plot(*way[:3, :2].T, color=looks[0], lw=0.9, ls=(0, (3, 2)), zorder=2.5)
+        axes.plot(*way[-3:, :2].T, color=looks[-1], lw=0.9, ls=(0, (3, 2)), zorder=2.5)
+        first = int(np.allclose(way[2, :2], way[0, :2], atol=0.01))  # a first waypoint over home is none of the search
+        borders = [first, *(np.flatnonzero(np.diff(ups[first:])) + 1 + first).tolist(), len(ups)]
+        for begin, end in pairwise(borders):
+            stretch, rank = way[2 + begin : 2 + end, :2], heights.index(ups[end - 1])
+            under = len(heights) - 1 - rank if np.ptp(ups) else 0  # lower ones are wider, to be seen beneath higher ones
+            look: dict[str, Any] = {"color": looks[end - 1], "lw": 1.3 + 1.6 * under, "zorder": 3 - 0.01 * under}
+            axes.plot(*stretch.T, solid_joinstyle="round", **look)
 
 
 def _colour(heights: list[float], height: float) -> str:
