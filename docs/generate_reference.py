@@ -87,7 +87,7 @@ def table(problem: type[Problem]) -> str:
 ENVIRONMENT_PAGE = """# Environments
 
 What environments have beyond the fields of their [problems](problems.md). Those are options, too, but for what whoever steps the
-environment decides. How to use them: [Learn a policy](../how-to/environments.md).
+environment decides. How to use them: [use the environments](../how-to/environments.md).
 
 | id | class | options that are not at their field's default |
 |---|---|---|

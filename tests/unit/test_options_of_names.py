@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +12,10 @@ import shoal
 from shoal.cli import run as command
 from shoal.errors import InvalidInputError
 from shoal.registry import Registry, configured
+from shoal.search import problem
+from shoal.search.tours import TOURS
+from shoal.steering.planners import PLANNERS
+from shoal.steering.problem import PLANNER_NAMES
 
 MODULE = """
 from shoal.search.allocation.allocators import hop, stay
@@ -135,3 +141,16 @@ def test_functions_take_options_only_where_the_objects_are_functions():
     assert made == "abc"
     with pytest.raises(InvalidInputError, match="has no option 'text'"):
         configured(Registry("count", functions=True), "textwrap:shorten:text=abc,width=9")
+
+
+def test_help_names_all_that_is_registered():
+    assert set(problem.TOURS) == set(TOURS)
+    assert set(PLANNER_NAMES) == set(PLANNERS)
+
+
+def test_where_things_are():
+    text = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text()
+    places = re.findall(r"`((?:swarm|steering|search|studio|papers|cli|tests)/[\w/.-]*)`", text)
+    roots = (Path(__file__).parents[2] / "src" / "shoal", Path(__file__).parents[2])
+    assert len(places) > 25
+    assert [place for place in places if not any((root / place).exists() for root in roots)] == []

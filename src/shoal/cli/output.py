@@ -57,6 +57,20 @@ def print_table(rows: list[tuple[str, str]], *, title: str) -> None:
     print_drawn(table)
 
 
+def print_columns(names: list[str], values: list[str], rows: list[list[str]], *, title: str) -> None:
+    """Print rows with named columns on stdout; where the terminal is narrow the first ones are wrapped, never the last."""
+    from rich.table import Table
+
+    table = Table(title=cell(title), title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for name in names:
+        table.add_column(cell(name), overflow="fold", style="cyan")
+    for name in values:
+        table.add_column(cell(name), no_wrap=True)
+    for row in rows:
+        table.add_row(*map(cell, row))
+    print_drawn(table)
+
+
 def cell(text: str) -> str:
     """Return a text as it stands in a table: none of it is an order to Rich or to the terminal."""
     from rich.markup import escape

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.swarm.maps.generators import generate
-from shoal.swarm.maps.imaging import VesselFinder, find_vessels, segment_vessels
+from shoal.swarm.maps.imaging import VesselFinder, find_vessels, map_of_vessels, pixels_a_cell, segment_vessels
 
 pytest.importorskip("skimage")  # an extra
 
@@ -120,6 +120,15 @@ def test_the_polarity_can_be_given():
     assert np.count_nonzero(segment_vessels(picture, bright=True)) > 1000
     dark = segment_vessels(picture, bright=False)
     assert max(dark.shape) < 120
+
+
+def test_cells_have_so_many_pixels():
+    mask = np.zeros((60, 200), dtype=bool)
+    mask[20:26, 30:180] = True
+    assert pixels_a_cell(mask, width=50) == 3
+    assert map_of_vessels(mask, width=50).shape == (2, 50)
+    assert pixels_a_cell(mask) == 1
+    assert map_of_vessels(mask).shape == (6, 150)
 
 
 def test_thin_vessels_stay_connected_in_a_coarse_map():

@@ -40,7 +40,8 @@ Footprint = Annotated[
     typer.Option(
         "--footprint",
         metavar="METRES",
-        help=f"{help_of(_FIELDS['footprint'])} Without it coverage is not measured.",
+        help="Side of the square that a robot sees around each point of its way, or a side a robot, with commas. Default: what the "
+        "camera or detector of --vehicle sees; without either coverage is not measured.",
         show_default=False,
     ),
 ]
@@ -84,7 +85,8 @@ FlownBy = Annotated[
     typer.Option(
         "--vehicle",
         metavar="NAME|FILE[,FIELD=VALUE...]",
-        help="Vehicle whose climbs and turns are used for the nearest approach. Default: the speed in the file for everything.",
+        help="Vehicle whose climbs and turns are used for the nearest approach, and what it sees for coverage. "
+        "Default: the speed in the file for everything.",
         show_default=False,
     ),
 ]
@@ -147,6 +149,8 @@ def check(
     searched = open_region(region, no_go=no_go or None, layer=layer, inner=inner, across_zones=across_zones)
     kept = MissionOptions(separation=parse_separation(separation), delay_tolerance=delay_tolerance).kept_apart
     flown = None if vehicle is None else vehicle_of(vehicle)
+    if sides is None and flown is not None:
+        sides = flown.row_spacing
     searched = with_margin(searched, check_number(margin, what="--margin", least=0))
     result = check_missions(
         folder,
@@ -168,7 +172,7 @@ def check(
     if json_:
         print_json(result.report())
     else:
-        _print(result, written)
+        _print(result, written, timed=flown is not None)
     near = result.approach
     faults = [f"{len(distinct(result.errors))} mistakes in the mission files"] if result.errors else []
     if result.coverage is not None and result.coverage.covered_fraction < least:
@@ -180,13 +184,13 @@ def check(
         raise typer.Exit(1)
 
 
-def _print(result: MissionCheck, written: list[Path]) -> None:
+def _print(result: MissionCheck, written: list[Path], *, timed: bool) -> None:
     seen = result.coverage
     region = result.region
     rows = [("region", f"{region.name}, {region.area_m2:.6g} m²{zones_text(region.no_go_zones)}"), ("format", result.format)]
     rows += [("flown", f"{len(result.files)} missions, {result.n_waypoints} waypoints")]
     if seen is None:
-        rows.append(("coverage", "not measured: give --footprint"))
+        rows.append(("coverage", "not measured: give --footprint, or a --vehicle with a camera"))
     else:
         rows += [
             ("seen", f"{100 * seen.covered_fraction:.6g} % with {_footprint(result.footprint)}"),
@@ -199,7 +203,10 @@ def _print(result: MissionCheck, written: list[Path]) -> None:
         ]
     if result.separation is not None:
         told = None if result.approach is None else result.approach.report(region.frame)
-        rows.append(("nearest", approach_text(told, result.separation.horizontal, result.separation.vertical)))
+        nearest = approach_text(told, result.separation.horizontal, result.separation.vertical)
+        rows.append(
+            ("nearest", nearest if timed else f"{nearest}; by the speeds in the files, give --vehicle for climbs and turns")
+        )
     errors, warnings = (len(distinct(some)) for some in (result.errors, tuple({*result.diagnostics} - {*result.errors})))
     rows.append(("mistakes", f"{errors}, and {warnings} warnings"))
     rows += [(diagnostic.severity, text) for diagnostic, text in _shown(result.diagnostics)]

@@ -81,6 +81,7 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
     """Find the vessels in a photograph; say how sure they are, and write pictures of them."""
     from shoal.cli.swarm.exploration import overlay, vessels_of
     from shoal.swarm.maps.files import write_map
+    from shoal.swarm.maps.imaging import pixels_a_cell
     from shoal.views.swarm.photographs import mask_picture, save_picture
 
     if out is not None:
@@ -94,15 +95,22 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
     if out is not None:
         written = [save_picture(mask_picture(found.mask), out / "mask.png"), *overlay(problem, out), out / "map.png"]
         write_map(workspace, out / "map.png")
-    share = float(found.mask.mean())
+    share, side = float(found.mask.mean()), pixels_a_cell(found.mask, width=problem.width)
     if json_:
-        result = {"confidence": found.confidence, "bright": found.bright, "vessel_share": share, "files": [*map(str, written)]}
+        result = {
+            "confidence": found.confidence,
+            "bright": found.bright,
+            "vessel_share": share,
+            "pixels_a_cell": side,
+            "files": [*map(str, written)],
+        }
         print_json(_told(workspace) | result)
         return
     rows = [
         ("vessels", f"{'brighter' if found.bright else 'darker'} than the ground, {100 * share:.1f} % of the photograph"),
         ("confidence", f"{found.confidence:.2f} of 1"),
         ("map", _size(workspace)),
+        ("cell", f"{side:.4g} pixels a side"),
         *(("written", str(path)) for path in written),
     ]
     print_table(rows, title=workspace.name)

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_folder, print_json, print_table, say
+from shoal.cli.output import check_folder, print_columns, print_json, print_table, say
 from shoal.errors import InvalidInputError
 from shoal.files import write_json
 
 if TYPE_CHECKING:
     from shoal.lab import Store
+    from shoal.lab.statistics import Comparison
 
 SUMMARY_EXAMPLE = "Example: shoal sweep summary results.sqlite --measure moves --compare policy"
 EXPORT_EXAMPLE = "Example: shoal sweep export results.sqlite --out results.csv"
@@ -103,19 +104,28 @@ def summary(
     if json_:
         print_json(result)
         return
-    print_table(
-        [(_words(row.values), str(row)) for row in rows],
-        title=f"{wanted} of {chosen}: mean [{100 * level:g} % interval]",
+    print_columns(
+        [*rows[0].values],
+        [f"mean [{100 * level:g} % interval]"],
+        [[*map(str, row.values.values()), str(row)] for row in rows],
+        title=f"{wanted} of {chosen}",
     )
     if pairs:
-        lines = [
-            (
-                _words(others | {compare: f"{second} less {first}"}),
-                "not comparable: fewer than two trials of both, or none of them finished" if found is None else str(found),
-            )
-            for others, first, second, found in pairs
-        ]
-        print_table(lines, title=f"{wanted} along {compare}, on the same seeds")
+        print_columns(
+            [*pairs[0][0], str(compare)],
+            ["difference", "ratio", "effect", "p"],
+            [[*map(str, others.values()), *_compared(f"{second} less {first}", found)] for others, first, second, found in pairs],
+            title=f"{wanted} along {compare}, on the same seeds",
+        )
+
+
+def _compared(names: str, found: Comparison | None) -> list[str]:
+    if found is None:
+        return [f"{names}: not comparable, fewer than two trials of both, or none of them finished", *4 * ["-"]]
+    if found.unfinished:
+        restricted = "" if found.bound is None else f", values restricted to {found.bound:.6g}"
+        names = f"{names} ({found.unfinished} of {found.difference.count} pairs unfinished{restricted})"
+    return [names, str(found.difference), f"{found.ratio:.4g}", f"{found.effect:.3g}", f"{found.p_value:.2g}"]
 
 
 def _say_if_mixed(store: Store, name: str) -> None:
@@ -127,10 +137,6 @@ def _say_if_mixed(store: Store, name: str) -> None:
         names = told_apart(rows)
         counted = ", ".join(f"{count} rows by {names[text]}" for text, count in rows.items())
         say(f"shoal: warning: {store.path}: sweep {name}: expected rows of one version, got {counted}")
-
-
-def _words(values: dict[Any, Any]) -> str:
-    return ", ".join(f"{name} {value}" for name, value in values.items()) or "all"
 
 
 def _numbers(found: Any) -> Any:

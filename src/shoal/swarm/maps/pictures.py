@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from shoal.checks import check_file
 from shoal.errors import InvalidInputError
+from shoal.notices import tell_once
 from shoal.swarm.maps.reading import MAX_LAYERS, MapOptions, check_layers, check_size, reading
 from shoal.swarm.maps.workspace import GridWorkspace
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 PICTURES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
 LARGEST_FILE = 2**31  # bytes
+MIDDLE = 0.8  # share of the brightnesses that are neither black nor white
 _PILLOW_NAMES = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}
 
 
@@ -147,8 +149,15 @@ def _free_cells(path: Path, image: Image, options: MapOptions) -> NDArray[np.boo
         check_size(path, height, width)
         grey = np.asarray(Pillow.fromarray(_share(grey)).resize((width, height), Pillow.Resampling.BOX))
     # Of 8 bits by a table: brightness as fractions would take four times the memory.
-    table = _share(np.arange(256, dtype=np.uint8)) >= options.threshold
-    free = table[grey] if grey.dtype == np.uint8 else grey >= options.threshold
+    shares = _share(np.arange(256, dtype=np.uint8))
+    free = (shares >= options.threshold)[grey] if grey.dtype == np.uint8 else grey >= options.threshold
+    sample = grey[:: max(1, grey.shape[0] // 256), :: max(1, grey.shape[1] // 256)]
+    middle = np.abs((shares[sample] if grey.dtype == np.uint8 else sample) - 0.5) < MIDDLE / 2
+    if middle.mean() > 0.5:
+        tell_once(
+            f"shoal: warning: {path}: most pixels are neither black nor white, as in a photograph; {100 * free.mean():.3g} % of "
+            "them count as free (--vessels finds the vessels of a photograph)"
+        )
     return ~free if options.invert else free
 
 

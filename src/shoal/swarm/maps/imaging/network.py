@@ -50,17 +50,15 @@ def segment_vessels(
 def map_of_vessels(mask: Mask, *, width: int | None = None) -> Mask:
     """Return the largest connected network of a mask, shape (H, W), on cells; a thin vessel stays connected.
 
-    The larger side has at most ``width`` cells, 160 if None.
+    The network is cut to its bounding box. The larger side has at most ``width`` cells, 160 if None.
 
     Raises
     ------
     InvalidInputError
         If the width is below 1.
     """
-    if width is not None and width < 1:
-        raise InvalidInputError(f"expected a width of at least 1 cell, got {width}")
     vessels = crop(_joined(mask))
-    factor = min(1.0, (DEFAULT_WIDTH if width is None else width) / max(vessels.shape))
+    factor = 1 / _pixels_a_cell(vessels, width)
     rows, columns = (np.floor(np.arange(length) * factor).astype(np.int64) for length in vessels.shape)
     shape = (int(rows[-1]) + 1, int(columns[-1]) + 1)
     cell = rows[:, None] * shape[1] + columns
@@ -68,6 +66,23 @@ def map_of_vessels(mask: Mask, *, width: int | None = None) -> Mask:
     share = (np.bincount(cell.ravel(), vessels.ravel(), shape[0] * shape[1]) / pixels).reshape(shape)
     free = (share > 0.5) | _trace(imaging_module("morphology").skeletonize(vessels), rows, columns, share)
     return crop(largest_part(free))
+
+
+def pixels_a_cell(mask: Mask, *, width: int | None = None) -> float:
+    """Return how many pixels of a mask, shape (H, W), are a side of a cell of its map, `map_of_vessels`.
+
+    Raises
+    ------
+    InvalidInputError
+        If the width is below 1.
+    """
+    return _pixels_a_cell(crop(_joined(mask)), width)
+
+
+def _pixels_a_cell(network: Mask, width: int | None) -> float:
+    if width is not None and width < 1:
+        raise InvalidInputError(f"expected a width of at least 1 cell, got {width}")
+    return max(1.0, float(max(network.shape)) / (DEFAULT_WIDTH if width is None else width))
 
 
 def _joined(mask: Mask) -> Mask:
