@@ -11,6 +11,7 @@ import pytest
 import shapely
 from tests.reference.missions import read_beside, read_plan
 
+from shoal import notices
 from shoal.cli import run as command
 from shoal.errors import InvalidInputError
 from shoal.search import open_region
@@ -20,7 +21,9 @@ from shoal.search.flight.staggering import Separation, staggered
 from shoal.search.flight.timing import Trajectory
 from shoal.search.missions import Mission, check_missions, lint, read_mission, write_missions
 from shoal.search.missions.deconfliction import missions_approach, plan_missions
+from shoal.search.missions.fence import fence_of
 from shoal.search.problem import SearchProblem
+from shoal.search.regions.region import region_of
 
 OUTLINE = [[8.5, 47.4], [8.504, 47.4], [8.504, 47.402], [8.5, 47.402], [8.5, 47.4]]
 ZONE = [[8.501, 47.4008], [8.5016, 47.4008], [8.5016, 47.4012], [8.501, 47.4012], [8.501, 47.4008]]
@@ -267,3 +270,26 @@ def test_a_rally_point_in_a_no_go_zone_is_refused(team, region):
     inside = region.frame.to_metres([(8.5013, 47.401)])
     with pytest.raises(InvalidInputError, match="rally: expected points outside of no-go zones"):
         plan_missions(team[0], rally=inside)
+
+
+@pytest.mark.parametrize("most", [64, 30])
+def test_fences_with_too_many_corners_are_made_simpler_outwards(most):
+    """The plan stays inside, and zones stay barred; a zone that would come over a way keeps its corners."""
+    region = region_of(shapely.Point(0, 0).buffer(300, quad_segs=40), no_go=shapely.Point(60, 0).buffer(30, quad_segs=10))
+    ways = [np.array([(-250.0, 0.0), (26.0, 0.0), (26.0, 200.0)])]
+    whole, thin = fence_of(region, ways), fence_of(region, ways, most=most)
+    assert sum(map(len, whole.rings)) > 64 >= most >= sum(map(len, thin.rings))
+    outer, zone = (shapely.Polygon(ring) for ring in thin.rings)
+    assert outer.covers(region.outline)
+    assert zone.covers(shapely.Polygon(whole.exclusions[0]))
+    assert thin.area(None).covers(shapely.linestrings(ways[0]))
+    assert outer.area < 1.3 * region.outline.convex_hull.area
+
+
+def test_a_fence_that_cannot_be_made_so_simple_is_told(monkeypatch):
+    told = []
+    monkeypatch.setattr(notices, "listeners", [told.append])
+    posts = shapely.union_all([shapely.box(x, y, x + 1, y + 1) for x in range(10, 90, 16) for y in range(10, 90, 16)])
+    fence = fence_of(region_of(shapely.box(0, 0, 100, 100), no_go=posts), [], most=64)
+    assert sum(map(len, fence.rings)) > 64
+    assert told[0].startswith("fence: expected at most 64 corners")

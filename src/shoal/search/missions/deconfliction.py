@@ -17,7 +17,7 @@ from shoal.search.flight.staggering import Separation, staggered
 from shoal.search.flight.timing import Floats, Trajectory, trajectory
 from shoal.search.flight.turning import LINK
 from shoal.search.flight.vehicle import Vehicle
-from shoal.search.missions.fence import fence_of
+from shoal.search.missions.fence import CORNERS, fence_of
 from shoal.search.missions.mission import Mission, missions_of
 from shoal.search.regions.outline_checks import Points, text_of
 from shoal.search.regions.projection import LocalFrame
@@ -146,7 +146,7 @@ def _fenced(missions: Sequence[Mission], plan: SearchPlan, rally: Points) -> tup
     if not missions:
         return ()
     ways = [mission.way_in(region.frame)[:, :2] for mission in missions]
-    fence = fence_of(region, [*ways, *(point[None] for point in rally)])
+    fence = fence_of(region, [*ways, *(point[None] for point in rally)], most=CORNERS[missions[0].autopilot])
     area = fence.area(region.frame)
     import shapely
 

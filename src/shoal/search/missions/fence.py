@@ -6,11 +6,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from shoal.dataclass import dataclass
+from shoal.notices import tell_once
 from shoal.search.regions.outline_checks import Points
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
 
 ROOM = 15.0  # metres that the fence leaves around ways outside of the region
+CORNERS = {"ardupilot": 70, "px4": 64}
+"""Corners that an autopilot stores, of all rings together: ArduPilot as a Cube was tested, PX4 by its number of items."""
+
+_FINEST, _STEPS = 0.1, 22  # metres by which rings are made simpler at first, and how often by more: to 145 m
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,17 +47,20 @@ class Fence:
         return inside.difference(shapely.union_all(zones))
 
 
-def fence_of(region: SearchRegion, ways: Sequence[Points]) -> Fence:
+def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None = None) -> Fence:
     """Return the fence of a region and of the ways of all vehicles, metres; in degrees if the region is.
 
     Around the whole region and, outside of it, `ROOM` around each way; no-go zones and holes without ways are taken out. Autopilots
-    differ in what several outlines mean together: there is one, if need be the hull of all.
+    differ in what several outlines mean together: there is one, if need be the hull of all. Where there are too many corners, the
+    outer ring is made simpler outwards, and zones, too, as far as no way enters them; if that is not enough, it is told.
 
     Parameters
     ----------
     region : SearchRegion
     ways : sequence of ndarray of float64, each of shape (k, 2)
         Metres, with launch and landing points.
+    most : int, optional
+        How many corners the autopilot stores, of all rings together.
     """
     import shapely
 
@@ -63,9 +71,39 @@ def fence_of(region: SearchRegion, ways: Sequence[Points]) -> Fence:
     outer = whole if whole.geom_type == "Polygon" else whole.convex_hull
     barred = shapely.union_all([region.no_go, *_empty_holes(region, lines), *_empty_holes_of(outer, lines)])
     zones = [part for part in shapely.get_parts(barred.intersection(outer)) if part.geom_type == "Polygon" and part.area > 0]
-    rings = [shapely.get_coordinates(part.exterior)[:-1] for part in (outer, *zones)]
+    rings = [shapely.get_coordinates(part.exterior)[:-1] for part in _thinned([outer, *zones], lines, most)]
     placed = [ring if region.frame is None else region.frame.to_degrees(ring) for ring in rings]
     return Fence(placed[0], tuple(placed[1:]))
+
+
+def _thinned(shapes: list[Any], lines: list[Any], most: int | None) -> list[Any]:
+    """Return polygons, each holding the one that it was, with so many corners together at the most, if that can be.
+
+    A ring that is grown by a distance and then simplified by it holds what it held.
+    """
+    import shapely
+
+    if most is None or _corners(shapes) <= most:
+        return shapes
+    ways, thin = shapely.union_all(lines), shapes.copy()
+    for step in range(_STEPS):
+        by = _FINEST * 2.0 ** (step / 2)
+        for k, shape in enumerate(shapes):
+            wider = shape.buffer(by, join_style="mitre").simplify(by)
+            free = not k or shape.intersects(ways) or not wider.intersects(ways)
+            if free and wider.geom_type == "Polygon" and wider.is_valid and wider.covers(shape):
+                thin[k] = min([thin[k], wider], key=lambda one: len(one.exterior.coords))
+        if _corners(thin) <= most:
+            return thin
+    tell_once(
+        f"fence: expected at most {most} corners, as many as the autopilot stores, got {_corners(thin)} however simple it is made; "
+        "leave zones out, or load it onto a board that stores more"
+    )
+    return thin
+
+
+def _corners(shapes: list[Any]) -> int:
+    return sum(len(shape.exterior.coords) - 1 for shape in shapes)
 
 
 def _empty_holes(region: SearchRegion, lines: list[Any]) -> list[Any]:
