@@ -135,7 +135,7 @@ def demo_search(out: Path, *, seed: int, json_: bool) -> None:
     """Search a marsh around a lake with 12 robots, three of which die: ``shoal demo search``."""
     check_folder(out)
     problem = SearchProblem(
-        Path(__file__).parents[1] / "data" / "marsh.geojson",
+        Path(__file__).parents[1] / "demo" / "marsh.geojson",
         robots=12,
         footprint=20.0,
         loss=0.3,
