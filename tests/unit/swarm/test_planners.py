@@ -17,6 +17,7 @@ from tests.swarm_runs import run
 from shoal import open_map
 from shoal.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, make_policy
+from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.tasks import make_task
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.grid.world import GridWorld
@@ -154,18 +155,27 @@ def test_a_time_for_each_move():
 
 def test_thought_by_the_number_of_particles():
     """Few particles need many moves and gain more by thinking; many need few moves, and their plans are short."""
-    budget, variations, few, share = (
-        0,
-        *(1 + BeamRollout.tuning._fields.index(name) for name in ("variations", "end_frontier", "frontier_worth")),
-    )
+    names = ("variations", "end_frontier", "frontier_worth", "beam_width", "beam_depth")
+    budget, variations, few, share, width, depth = (0, *(1 + BeamRollout.tuning._fields.index(name) for name in names))
     usual = make_policy("best").settings(1000)
     for particles, times, plans in ((100, 10, 10), (5, 10, 10), (500, 4, 2), (2000, 2, 2), (10**6, 4, 4)):
         given_more = make_policy("best").settings(particles)
         assert (given_more[budget], given_more[variations]) == (times * usual[budget], plans * usual[variations])
         many = plans if particles > 1000 else 1
         assert (given_more[few], given_more[share]) == (many * usual[few], usual[share] / many)
+        assert (given_more[width], given_more[depth]) == (many**2 * usual[width], many**0.5 * usual[depth])
     for particles in (100, 4000):
-        assert make_policy("best:milliseconds=1").settings(particles)[variations] == usual[variations]
+        timed = make_policy("best:milliseconds=1").settings(particles)
+        assert (timed[variations], timed[width], timed[depth]) == (usual[variations], usual[width], usual[depth])
+
+
+def test_a_wide_beam_on_large_boards():
+    """Its states take a bounded room; on any board there are at least as many as for few particles."""
+    options = make_policy("best").settings(4000)
+    for side, width in ((40, 160), (1000, 65), (2000, 24)):
+        layout = GridLayout((side, side))
+        planner = state.planner_of(layout, SimpleNamespace(frontier=()), rule="block", mapping=True, seed=1, options=options)
+        assert (planner.beam.states.shape[1], planner.options.beam_width) == (width, width)
 
 
 def test_a_time_is_kept_to_from_the_first_moves_on(monkeypatch):

@@ -53,12 +53,17 @@ class BeamRollout(Budgeted):
     def settings(self, particles: int) -> tuple[float, ...]:
         """Return budget and tuning for so many particles.
 
-        The more thought that few and many are given goes into variations. The more they are, the sooner all is classified: then
-        the end is in sight of more frontier cells, and what is classified early counts less.
+        The more thought that few and many are given goes into variations, and that of many into a wider and deeper beam, too. The
+        more they are, the sooner all is classified: then the end is in sight of more frontier cells, and what is classified early
+        counts less.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
         tuning, many = self.tuning, max(1.0, more)
         tuning = tuning._replace(end_frontier=tuning.end_frontier * many, frontier_worth=tuning.frontier_worth / many)
         if not self.milliseconds:
-            tuning = tuning._replace(variations=tuning.variations * max(fewer, more))
+            tuning = tuning._replace(
+                variations=tuning.variations * max(fewer, more),
+                beam_width=tuning.beam_width * many**2,
+                beam_depth=tuning.beam_depth * many**0.5,
+            )
         return (super().settings(particles)[0], *tuning)

@@ -22,7 +22,7 @@ from shoal.swarm.policies.planners.learned_weights import learned_prior_of
 from shoal.swarm.policies.planners.tuning import Tuning
 
 OPTIONS = record_type(np.float64, "budget", *Tuning._fields)  # budget: moves that may be simulated for each move sent, on average
-BEAM_WIDTH, BEAM_DEPTH = 24, 12
+BEAM_WIDTH, BEAM_WORDS = 24, 2**20  # states of a beam on any board; words of all its boards of one kind, if it is to be wider
 LONGEST_PLAN = 2_000
 FIRST_RATE = 200.0  # simulated moves a millisecond, while nothing is known of the machine
 ADVANCE = 10  # moves whose time may be spent before they are sent: most is to be thought about in the first ones
@@ -65,6 +65,9 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
         **extents,
     )
     given = dict(zip(OPTIONS.names or (), options, strict=False))
+    if "beam_width" in given:
+        given["beam_width"] = min(int(given["beam_width"]), max(BEAM_WIDTH, BEAM_WORDS // size))
+    width, depth = (int(given.get(name, 0)) for name in ("beam_width", "beam_depth"))
     learned = mapping and layout.ndim == 2 and given.get("learned", 0) > 0
     memory = new_record(planner_state.MEMORY)
     memory.random = seed
@@ -90,10 +93,10 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
         incumbent=np.zeros(longest, dtype=np.int8),
         trial=np.zeros(longest, dtype=np.int8),
         beam=beam.Beam(
-            states=boards(2, BEAM_WIDTH, forward_model.BOARDS),
-            plans=np.zeros((2, BEAM_WIDTH, BEAM_DEPTH), dtype=np.int8),
-            values=np.zeros((2, BEAM_WIDTH)),
-            marks=np.zeros((2, BEAM_WIDTH), dtype=np.uint64),
+            states=boards(2, width, forward_model.BOARDS),
+            plans=np.zeros((2, width, depth), dtype=np.int8),
+            values=np.zeros((2, width)),
+            marks=np.zeros((2, width), dtype=np.uint64),
             child=boards(forward_model.BOARDS),
         ),
         prior=new_prior(layout, lattices=int(given.get("lattices", 0)), learned=learned),
