@@ -17,6 +17,21 @@ def number(*, seed: int, factor: int = 1, pause: float = 0.0) -> dict[str, objec
 number.measures = ("value", "half", "word")
 
 
+def sick(*, seed: int, factor: int, mark: str) -> dict[str, object]:
+    """Fail always and at once in the process that comes first."""
+    try:
+        with Path(mark).open("x") as file:
+            file.write(str(os.getpid()))
+    except FileExistsError:
+        time.sleep(0.02)
+    if Path(mark).read_text() == str(os.getpid()):
+        raise OSError("no room on this machine")
+    return {"value": seed % 1000 * factor}
+
+
+sick.measures = ("value",)
+
+
 def lengths(*, seed: int, word: str) -> dict[str, object]:
     """Return the length of a word."""
     return {"length": len(word)}

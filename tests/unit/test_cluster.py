@@ -14,6 +14,7 @@ import pytest
 from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.lab import Store, Sweep, run_sweep
 from shoal.lab.storage.integrity import faults_of
+from shoal.notices import listeners
 
 distributed = pytest.importorskip("distributed")  # an extra
 
@@ -24,12 +25,13 @@ def sweep(trials=60):
     return Sweep(name="numbers", problem=PROBLEM, axes={"factor": [1, 2, 3, 4]}, trials=trials, seed=8)
 
 
-@pytest.fixture
-def cluster(monkeypatch):
+@pytest.fixture(scope="module")
+def cluster():
     """Four worker processes on this machine, without a page to watch them."""
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2]))
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]))
-    with warnings.catch_warnings():
+    root = str(Path(__file__).parents[2])
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        patch.syspath_prepend(root)
+        patch.setenv("PYTHONPATH", os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]))
         warnings.simplefilter("ignore")
         made = distributed.LocalCluster(
             n_workers=4, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50, memory_limit=None
@@ -65,6 +67,25 @@ def test_a_cluster_with_a_killed_worker_gives_the_same_rows(cluster, tmp_path):
     with Store(tmp_path / "dask") as store:
         workers = {worker for (worker,) in store.ask("SELECT DISTINCT worker FROM batches")}
     assert len(workers) >= 2  # who gets how much is Dask's choice; the one killed may not have given anything yet
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_worker_that_alone_fails_everything_is_set_aside(cluster, tmp_path):
+    problem = {"kind": "function", "function": "tests.unit.sweep_functions:sick", "arguments": {"mark": str(tmp_path / "mark")}}
+    named = Sweep(name="numbers", problem=problem, axes={"factor": [1, 2, 3]}, trials=30)
+    before, told = set(cluster.scheduler_info["workers"]), []
+    listeners.append(told.append)
+    try:
+        status = run_sweep(named, tmp_path / "s", dask=cluster.scheduler_address, batch_seconds=0.05)
+    finally:
+        listeners.remove(told.append)
+    assert (status.done, status.failures) == (90, 0)
+    assert len(before - set(cluster.scheduler_info["workers"])) == 1
+    (sentence,) = [text for text in told if "set aside" in text]
+    assert "fails where another does not (OSError: no room on this machine); it is set aside" in sentence
+    failing = Sweep(name="other", problem=PROBLEM | {"arguments": {"pause": "x"}}, axes={"factor": [1, 2]}, trials=9)
+    status = run_sweep(failing, tmp_path / "s", dask=cluster.scheduler_address, batch_seconds=0.05)
+    assert (status.done, status.failures) == (0, 18)  # of themselves: nobody is set aside for that
 
 
 @pytest.mark.filterwarnings("ignore")

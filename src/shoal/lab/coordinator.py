@@ -164,6 +164,7 @@ class _Job:
 
     batch: Batch
     deaths: int = 0
+    doubted: Answer | None = None  # in which all failed
 
 
 @dataclass
@@ -177,6 +178,7 @@ class _Run:
     on_progress: OnProgress | None
     paces: dict[int, float] = field(default_factory=dict)
     pace: float | None = None
+    sound: set[str] = field(default_factory=set)  # workers with which batches fail that fail with others, too
     fresh: int = 0
     failures: int = 0
     deaths: int = 0
@@ -209,7 +211,7 @@ class _Run:
                         exhausted = True
                         break
                     job = _Job(batch)
-                pending[self.pool.submit(play_batch, job.batch)] = job
+                pending[self.pool.submit(play_batch, job.batch, apart_from=job.doubted.worker if job.doubted else "")] = job
                 room -= 1
             if not pending:
                 return suspects
@@ -228,7 +230,10 @@ class _Run:
             if error is None:
                 answer = future.result()
                 check_versions(answer.versions, worker=answer.worker)  # a cluster's workers come and go
-                self._take(answer)
+                if self._doubts(job, answer):
+                    yield job
+                else:
+                    self._take(answer)
             elif broken or self.pool.lost(error):
                 broken = True
                 job.deaths += 1
@@ -238,6 +243,19 @@ class _Run:
         if broken:
             self.deaths += 1
             self._tell()
+
+    def _doubts(self, job: _Job, answer: Answer) -> bool:
+        """Tell whether a batch goes to another worker first, as all of it has failed; one that alone fails so is set aside."""
+        first, job.doubted = job.doubted, answer
+        if first is None:
+            return not answer.rows and answer.worker not in self.sound and self.pool.has_others(answer.worker)
+        if not answer.rows:
+            self.sound |= {first.worker, answer.worker}
+        elif answer.worker != first.worker:
+            self.pool.set_aside(first.worker)
+            what = f"worker {first.worker} fails where another does not ({first.failures[0][3][:200]})"
+            tell_once(f"shoal: sweep {self.sweep.name}: {what}; it is set aside")
+        return False
 
     def _take(self, answer: Answer) -> None:
         self.store.commit(self.sweep, answer)

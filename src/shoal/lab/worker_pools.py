@@ -16,6 +16,7 @@ from typing import Any, Protocol
 from shoal.dataclass import dataclass
 from shoal.errors import InvalidInputError, MissingExtraError
 from shoal.lab.executors import begin_worker, default_workers, give_up
+from shoal.lab.sweeps.batches import worker_name
 from shoal.lab.versions import check_versions, worker_versions
 from shoal.registry import digest_of_module, named_modules, users_modules
 
@@ -27,8 +28,14 @@ class WorkerPool(Protocol):
     def workers(self) -> int:
         """How many there are now."""
 
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Let a worker call a function."""
+    def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
+        """Let a worker call a function, another than the one of a name if there is one."""
+
+    def has_others(self, worker: str) -> bool:
+        """Tell whether there are workers that may succeed where one of a name fails."""
+
+    def set_aside(self, worker: str) -> None:
+        """Give a worker no more work."""
 
     def lost(self, error: BaseException) -> bool:
         """Tell whether an error means that a worker died; make the executor anew if that has broken it."""
@@ -37,12 +44,23 @@ class WorkerPool(Protocol):
         """Let the workers go."""
 
 
-class InProcess:
+class _OneMachine:
+    """Workers that have all the same: none fails alone."""
+
+    def has_others(self, worker: str) -> bool:
+        """Tell that there are none."""
+        return False
+
+    def set_aside(self, worker: str) -> None:
+        """Do nothing."""
+
+
+class InProcess(_OneMachine):
     """No worker: all is done in this process, one after another."""
 
     workers = 1
 
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+    def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
         """Call a function now."""
         future: Future[Any] = Future()
         try:
@@ -60,7 +78,7 @@ class InProcess:
 
 
 @dataclass
-class Processes:
+class Processes(_OneMachine):
     """Worker processes on this machine; they end with the coordinator, however that ends.
 
     Parameters
@@ -80,13 +98,18 @@ class Processes:
             self.close(at_once=True)
             raise
 
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+    def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
         """Let a worker call a function."""
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(
-                self.workers, mp_context=context, initializer=_end_with_parent, initargs=users_modules()
-            )
+            try:
+                self._pool = ProcessPoolExecutor(
+                    self.workers, mp_context=context, initializer=_end_with_parent, initargs=users_modules()
+                )
+            except OSError as error:  # as where /dev/shm cannot be written
+                raise InvalidInputError(
+                    f"workers: expected a system that shares memory between processes, got {error.strerror or error}; do with none: 0"
+                ) from None
         try:
             with _interruptions_kept():
                 return self._pool.submit(function, *arguments)
@@ -202,10 +225,28 @@ class Cluster:
         """How many threads all workers together have now."""
         return sum(self._client.nthreads().values())
 
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+    def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
         """Let a worker call a function."""
-        future: Future[Any] = self._executor.submit(function, *arguments)
+        executor = self._executor
+        if apart_from:
+            others = self._addresses(apart_from, same=False)
+            executor = self._client.get_executor(pure=False, retries=0, workers=others, allow_other_workers=True)
+        future: Future[Any] = executor.submit(function, *arguments)
         return future
+
+    def has_others(self, worker: str) -> bool:
+        """Tell whether there are other workers now."""
+        return bool(self._addresses(worker, same=False))
+
+    def set_aside(self, worker: str) -> None:
+        """Let a worker end; what it had to do goes to others."""
+        if addresses := self._addresses(worker, same=True):
+            self._client.retire_workers(addresses, close_workers=True)
+
+    def _addresses(self, worker: str, *, same: bool) -> list[str]:
+        """Return the addresses of the worker of a name, or of all others."""
+        names = self._client.run(worker_name, on_error="ignore")
+        return [address for address, name in names.items() if (name == worker) == same]
 
     def lost(self, error: BaseException) -> bool:
         """Tell whether Dask has given a batch up because workers died with it; it tries others by itself."""

@@ -104,7 +104,7 @@ def _create(path: Path) -> None:
     OutputError
         Nothing is left behind then.
     """
-    with unfinished_store(path, unless_there=True) as temporary, told(path), closing(_connected(temporary)) as connection:
+    with unfinished_store(path, shared=True) as temporary, told(path), closing(_connected(temporary)) as connection:
         _make_durable(connection)
         with transaction(connection):
             for statement in TABLES.split(";"):
@@ -114,13 +114,13 @@ def _create(path: Path) -> None:
 
 
 @contextmanager
-def unfinished_store(path: Path, *, unless_there: bool = False) -> Iterator[Path]:
+def unfinished_store(path: Path, *, shared: bool = False) -> Iterator[Path]:
     """Yield a name beside that of a store, under which it is made whole before it has its own; else nothing is left there.
 
     Raises
     ------
     OutputError
-        If it cannot be written, or the name is taken meanwhile; with ``unless_there`` the store that has it then stays.
+        If it cannot be written, or the name is taken meanwhile; with ``shared`` the store that has it then stays.
     """
     temporary = path.with_name(f".{path.name[:40]}-{secrets.token_hex(6)}")
     made = {temporary.with_name(temporary.name + end) for end in ("", "-wal", "-shm", "-journal")}
@@ -130,7 +130,7 @@ def unfinished_store(path: Path, *, unless_there: bool = False) -> Iterator[Path
         # What does not fit into the file stays in its log, and SQLite says nothing of it when it closes.
         if any(file.stat().st_size for file in made - {temporary} if file.exists()):
             raise OSError(errno.ENOSPC, "the disk is full")
-        with suppress(*[FileExistsError] * unless_there):
+        with suppress(*[FileExistsError] * shared):
             _named(temporary, path)
     except OutputError:
         raise

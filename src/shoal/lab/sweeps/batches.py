@@ -119,7 +119,12 @@ def play_batch(batch: Batch) -> Answer:
                 )
         paces.append((piece.point, (time.perf_counter() - start) / (piece.stop - piece.first)))
     seconds = time.perf_counter() - began
-    return Answer(rows, failures, seconds, paces, worker_versions(), f"{socket.gethostname()}:{os.getpid()}")
+    return Answer(rows, failures, seconds, paces, worker_versions(), worker_name())
+
+
+def worker_name() -> str:
+    """Return what this process is called among workers: machine and process."""
+    return f"{socket.gethostname()}:{os.getpid()}"
 
 
 def _written(values: list[Any]) -> str:
