@@ -10,6 +10,7 @@ import pytest
 
 from shoal.cli import run
 from shoal.cli.commands import COMMANDS
+from shoal.cli.commands import COMMANDS
 from shoal.version import __version__
 
 FIELDS = ["task", "policy", "map", "particles", "placement", "rule", "seed", "trials", "moves", "status", "mean", "std"]
@@ -166,3 +167,10 @@ def test_episodes_of_an_earlier_run_do_not_stay(tmp_path):
 def test_a_refused_run_leaves_no_folder(tmp_path, capsys):
     assert run(["map", "line:9", "-n", "99", "--out", str(tmp_path / "out"), "--film", str(tmp_path / "films" / "f.gif")]) == 2
     assert not list(tmp_path.iterdir())
+
+
+def test_help_lists_all_commands(capsys):
+    """One whose module became a folder once took the whole list away."""
+    assert run(["--help"]) == 0
+    listed = capsys.readouterr().out
+    assert [name for name in COMMANDS if f"│ {name.split()[0]} " not in listed] == []

@@ -63,7 +63,8 @@ def command(name: str) -> TyperCommand:
 def _summary(name: str) -> str:
     """Return the first paragraph of a command's help; its module is read, not imported."""
     module, function, _ = COMMANDS[name]
-    source = Path(__file__).parent.joinpath(*module.split(".")).with_suffix(".py")
+    place = Path(__file__).parent.joinpath(*module.split("."))
+    source = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
     found = next(one for one in ast.parse(source.read_bytes()).body if isinstance(one, ast.FunctionDef) and one.name == function)
     return (ast.get_docstring(found) or "").partition("\n\n")[0]
 

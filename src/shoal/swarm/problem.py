@@ -143,7 +143,7 @@ class SwarmProblem(Problem):
     censored: ClassVar[tuple[str, ...]] = ("moves", "scans", "cost", "distance")
 
     map: Any = option(
-        help="Map: a generated one such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy, .csv, NIfTI, a "
+        help="A generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy, .csv, NIfTI, a "
         "TIFF of several pages, or a folder of slices.",
         argument=True, metavar="MAP", check=_check_map, dump=lambda given: given if isinstance(given, str) else given.to_dict(),
     )  # fmt: skip

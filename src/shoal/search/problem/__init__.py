@@ -88,7 +88,7 @@ class SearchProblem(Problem):
     )  # fmt: skip
 
     region: Any = option(
-        help="Region: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER or box:WxDxH (a volume) in metres, or a file: "
+        help="square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER or box:WxDxH (a volume) in metres, or a file: "
         ".geojson, .json, .kml, .gpkg, .kmz, .shp, .zip (a Shapefile) or .csv (metres).",
         argument=True, metavar="REGION", check=check_region, dump=dump_region,
     )  # fmt: skip
