@@ -105,7 +105,7 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
     Returns
     -------
     Episode
-        True as a bool if the task is done.
+        ``bool(episode)`` says if the task is done.
 
     Raises
     ------

@@ -19,7 +19,7 @@ from shoal.swarm.run import run
 
 
 class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
-    """A swarm that maps or covers a map; an action is one command to all particles, ``lurd`` (in 3-D ``lurdio``) from 0 on.
+    """A swarm that explores a map. An action is one command to all particles: its number, from 0, in ``lurd`` (in 3-D ``lurdio``).
 
     After ``reset(seed=s)`` particles, targets and noise are those of ``shoal.run(problem, seed=s)``; later resets draw their seeds,
     which ``info["seed"]`` tells. With ``scan_every`` an action is a run of so many equal commands, with a scan after it.

@@ -157,7 +157,7 @@ class Result:
 
 
 def measuring(*names: str) -> Callable[[Function], Function]:
-    """Return a decorator for a function whose trials are played by a sweep: it returns a dict with these names."""
+    """Return a decorator for a function that plays one trial of a sweep and returns a dict with these names as keys."""
 
     def marked(function: Function) -> Function:
         vars(function)["measures"] = names

@@ -30,7 +30,9 @@ _EQUAL = 1e-9  # of the size: states that differ by less are the same
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class SteeringEpisode(Episode):
-    """Everything that is needed to play a plan again, and its figures. True as a bool if the problem is solved.
+    """Everything that is needed to play a plan again, and its figures.
+
+    ``bool(episode)`` says if the problem is solved.
 
     Parameters
     ----------

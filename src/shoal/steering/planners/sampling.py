@@ -177,7 +177,7 @@ class _Translations:
 
     @cached_property
     def offsets(self) -> list[_FreeOffsets]:
-        """The offsets from which there is a way, once for each margin; none for a convex workspace, where all ways are straight."""
+        """For each margin, the offsets from the goal from which a way leads there; none for a convex workspace."""
         if not isinstance(self._room, Region):
             return []
         found = (free_offsets(self._room, self._goal, margin * float(self._room.size)) for margin in MARGINS)

@@ -1,4 +1,4 @@
-"""GridWorld: how a command moves the particles. Walls and other particles stop them in `shoal.swarm.kernels.dynamics.moves`."""
+"""GridWorld: how a command moves the particles; what stops them is in `shoal.swarm.kernels.dynamics.moves`."""
 
 from __future__ import annotations
 

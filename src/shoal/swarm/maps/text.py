@@ -53,7 +53,7 @@ def read_movingai(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
 
 
 def encode_rows(workspace: GridWorkspace) -> bytes:
-    """Return the bytes of a file that `read_rows` reads."""
+    """Return a map as the bytes of a file that `read_rows` reads."""
     return f"{workspace.text}\n".encode()
 
 

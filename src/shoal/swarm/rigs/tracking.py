@@ -91,7 +91,7 @@ class RigSwarm(ABC):
 
 
 class ExactRigSwarm(RigSwarm):
-    """The particles of a rig whose positions are always right.
+    """The particles of a rig (an apparatus that moves and sees them) whose positions are always right.
 
     Raises
     ------

@@ -207,7 +207,7 @@ class SearchHistory:
         return np.asarray(self.panels.place(place, plan.tour.cells[[finding.cell], 0])[0])
 
     def raster(self, values: Any, empty: Any) -> Any:
-        """Return values by number on the tour as an array of the panels's shape."""
+        """Return values in the order of the tour, one a cell, as an array of the panel's shape."""
         values = np.asarray(values)
         return np.concatenate([values, np.full((1, *values.shape[1:]), empty, dtype=values.dtype)])[self.panels.numbers]
 

@@ -42,7 +42,7 @@ class Element:
             waiting += reversed(element.children)
 
     def all(self, tag: str) -> list[Element]:
-        """Return the elements of a name below this one, in the order of the file."""
+        """Return all elements below this one that have a given name, in the order of the file."""
         return [element for element in self.walk() if element.tag == tag]
 
     def first(self, tag: str) -> Element | None:

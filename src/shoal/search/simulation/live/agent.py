@@ -44,7 +44,7 @@ _LONGEST = 0.5  # seconds: no sleep is longer
 
 @dataclass(frozen=True, slots=True)
 class Halt:
-    """What comes of a way with an obstacle, which only the vehicle meets: it ends in the cell before it, ``at``."""
+    """The end of a way that an obstacle blocks, which the plan did not know: the vehicle stops in the cell before it, ``at``."""
 
     obstacle: int
     at: int

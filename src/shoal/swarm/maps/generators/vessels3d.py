@@ -29,7 +29,7 @@ def draw_vessel_tree(count: int, *, seed: int = 0) -> Mask:
 
 
 def draw_vessel_net(count: int, *, seed: int = 0) -> Mask:
-    """Return vessels with loops: a tree some of whose twigs are joined to those of other branches.
+    """Return vessels with loops: a tree in which some twigs are joined to twigs of other branches.
 
     Tips are spread over an ellipsoid. From the inlet a branch goes towards the middle of the tips that it feeds; there they are
     split by a plane along the branch, and each part is fed by a branch of its own, down to single tips.
