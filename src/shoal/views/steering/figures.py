@@ -38,7 +38,8 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
         draw_trajectories(grid[0], episode)
     else:
         draw_space(grid[0], episode)
-    set_title(grid[0], f"{episode.planner}: {episode.moves} moves, length {episode.length:.4g}")
+    missed = "" if episode else f"{episode.status}: "
+    set_title(grid[0], f"{missed}{episode.planner}, {episode.moves} moves, length {episode.length:.4g}")
     if not plane:
         _draw_heights(grid[1], episode)
     elif pair:
