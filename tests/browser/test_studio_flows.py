@@ -53,7 +53,8 @@ def test_from_a_photograph_to_its_film(page: Page, studio: Studio, photograph: P
     episode = run_and_load(page, studio)
     expected = shoal.run(SwarmProblem(str(brought), vessels=True, low=0.6, particles=5, policy="closest-frontier"), seed=0)
     assert episode.commands == expected.commands
-    assert written_by(page, studio, "Film as GIF").read_bytes()[:6] == b"GIF89a"
+    if form is FORMS[0]:
+        assert written_by(page, studio, "Film as GIF").read_bytes()[:6] == b"GIF89a"
 
 
 def test_a_volume_is_turned_and_run(page: Page, studio: Studio) -> None:
