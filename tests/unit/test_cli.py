@@ -10,7 +10,6 @@ import pytest
 
 from shoal.cli import run
 from shoal.cli.commands import COMMANDS
-from shoal.cli.commands import COMMANDS
 from shoal.version import __version__
 
 FIELDS = ["task", "policy", "map", "particles", "placement", "rule", "seed", "trials", "moves", "status", "mean", "std"]
