@@ -264,7 +264,6 @@ STATES: dict[str, tuple[str, dict[str, Any], str]] = {
     "sweeps": ("lab", {"store": "mazes.sqlite", "sweep": "mazes"}, ".verdict"),
     "new sweep": ("lab", {"tab": "new"}, ".drafting [role=status]:has-text('trials')"),
     "episodes": ("lab", {"tab": "episodes"}, ".card img >> nth=0"),
-    "search": ("search", {}, ".underStage .facts:not(:empty)"),
     "papers": ("papers", {}, ".paper >> nth=0"),
 }
 
