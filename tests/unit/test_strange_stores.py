@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from shoal.cli import run as command
-from shoal.errors import OutputError
+from shoal.errors import InvalidInputError, OutputError
 from shoal.lab import Store, Sweep, run_sweep
 
 
@@ -143,6 +143,19 @@ def test_a_store_beside_a_link_and_one_whose_disk_is_full(tmp_path, monkeypatch)
     with pytest.raises(OutputError, match="the disk is full"):
         Store(tmp_path / "new", write=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == [".s.x.lock", "theirs"]
+
+
+def test_a_system_without_shared_memory(tmp_path, monkeypatch):
+    """As where /dev/shm cannot be written."""
+
+    def refused(*_arguments, **_options):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("shoal.lab.worker_pools.ProcessPoolExecutor", refused)
+    sweep = Sweep(name="s", problem={"kind": "swarm", "map": "line:9"}, axes={"particles": [2]}, trials=2)
+    with pytest.raises(InvalidInputError, match="processes that share memory, got Permission denied; 0 does without"):
+        run_sweep(sweep, tmp_path / "s", workers=2)
+    assert run_sweep(sweep, tmp_path / "s", workers=0).complete
 
 
 ON_SMALL_DISKS = """

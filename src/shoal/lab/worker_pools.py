@@ -108,7 +108,7 @@ class Processes(_OneMachine):
                 )
             except OSError as error:  # as where /dev/shm cannot be written
                 raise InvalidInputError(
-                    f"workers: expected a system that shares memory between processes, got {error.strerror or error}; do with none: 0"
+                    f"workers: expected processes that share memory, got {error.strerror or error}; 0 does without"
                 ) from None
         try:
             with _interruptions_kept():
