@@ -558,6 +558,17 @@ def test_commands(tmp_path, monkeypatch, capsys):
     assert [point["estimate"]["count"] for point in result["points"]] == [4] * 4
     assert [pair["policy"] for pair in result["comparisons"]] == [["closest-frontier", "elect-particle"]] * 2
     assert all(found["estimate"]["low"] < found["estimate"]["mean"] < found["estimate"]["high"] for found in result["points"])
+    monkeypatch.setenv("COLUMNS", "80")
+    assert command(["sweep", "summary", "s.sqlite", "--compare", "policy"]) == 0
+    told = capsys.readouterr().out
+    first = result["comparisons"][0]["comparison"]
+    assert f"{first['difference']['mean']:.6g} [{first['difference']['low']:.6g}" in told
+    assert max(map(len, told.splitlines())) <= 80
+    assert command(["sweep", "plot", "s.sqlite", "--measure", "moves", "--out", "moves.svg", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"sweep": "corridors", "measure": "moves", "points": 4, "out": "moves.svg"}
+    assert "elect-particle" in Path("moves.svg").read_text()
+    assert command(["sweep", "plot", "s.sqlite", "--out", "moves.txt"]) == 2
+    assert "expected the suffix .png, .svg, .pdf, got '.txt'" in capsys.readouterr().err
     assert command(["sweep", "summary", "s.sqlite", "--compare", "particles"]) == 2
     assert "expected a paired one (policy), whose points share their seeds" in capsys.readouterr().err
     assert command(["sweep", "summary", "s.sqlite", "--measure", "status"]) == 2

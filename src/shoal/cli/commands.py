@@ -37,6 +37,7 @@ COMMANDS = {
     "sweep run": _Entry("sweep.running", "run", "RUN_EXAMPLE"),
     "sweep status": _Entry("sweep.running", "status", "STATUS_EXAMPLE"),
     "sweep summary": _Entry("sweep.results", "summary", "SUMMARY_EXAMPLE"),
+    "sweep plot": _Entry("sweep.plotting", "plot", "PLOT_EXAMPLE"),
     "sweep export": _Entry("sweep.results", "export_", "EXPORT_EXAMPLE"),
     "sweep merge": _Entry("sweep.results", "merge", "MERGE_EXAMPLE"),
     "sweep check": _Entry("sweep.results", "check", "CHECK_EXAMPLE"),

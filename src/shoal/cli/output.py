@@ -49,26 +49,34 @@ def print_table(rows: list[tuple[str, str]], *, title: str) -> None:
     """Print a summary for people on stdout."""
     from rich.table import Table
 
-    table = Table(title=cell(title), title_justify="left", title_style="bold", show_header=False, box=None, pad_edge=False)
+    table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="cyan", no_wrap=True)
     table.add_column(overflow="fold")
     for name, value in rows:
         table.add_row(cell(name), cell(value))
-    print_drawn(table)
+    print_drawn(_titled(title, table))
 
 
 def print_columns(names: list[str], values: list[str], rows: list[list[str]], *, title: str) -> None:
     """Print rows with named columns on stdout; where the terminal is narrow the first ones are wrapped, never the last."""
     from rich.table import Table
 
-    table = Table(title=cell(title), title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for name in names:
         table.add_column(cell(name), overflow="fold", style="cyan")
     for name in values:
         table.add_column(cell(name), no_wrap=True)
     for row in rows:
         table.add_row(*map(cell, row))
-    print_drawn(table)
+    print_drawn(_titled(title, table))
+
+
+def _titled(title: str, table: Any) -> Any:
+    """Return a table beneath its title, which is not wrapped where the table is narrow."""
+    from rich.console import Group
+    from rich.text import Text
+
+    return Group(Text(visible(title), style="bold"), table)
 
 
 def cell(text: str) -> str:

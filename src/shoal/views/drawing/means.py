@@ -63,6 +63,12 @@ def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Fig
         else:
             axes.errorbar(middle, at, xerr=errors, marker="o", ms=7, lw=2.4, color=colour)
     if axis:
+        places = sorted({mean.values[axis] for mean in means})
+        if places[0] > 0 and places[-1] >= 10 * places[0]:
+            axes.set_xscale("log")
+        if len(places) <= 12:
+            axes.set_xticks(places, [f"{place:g}" for place in places])
+            axes.minorticks_off()
         axes.set(xlabel=axis, ylabel=f"{measure}: mean, 95 %")
         if len(lines) > 1:
             axes.legend(frameon=False)

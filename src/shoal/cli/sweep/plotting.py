@@ -1,0 +1,49 @@
+"""shoal sweep plot: means with their intervals as a figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from shoal.cli import options
+from shoal.cli.output import check_folder, print_json, print_table
+from shoal.cli.sweep.results import StoreFile, SweepName, Unused
+from shoal.errors import InvalidInputError
+
+PLOT_EXAMPLE = "Example: shoal sweep plot results.sqlite --measure moves --out moves.png"
+FIGURES = (".png", ".svg", ".pdf")
+
+
+def plot(
+    store: StoreFile,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE", help="File for the figure: .png, .svg or .pdf.", show_default=False)
+    ],
+    name: SweepName = None,
+    measure: Annotated[str | None, typer.Option("--measure", help="Measure to draw, such as moves.", show_default=False)] = None,
+    seed: Unused = 0,
+    json_: options.Json = False,
+) -> None:
+    """Draw means with 95 % intervals over the first axis of numbers, a line for each combination of the other axes."""
+    if out.suffix not in FIGURES:
+        raise InvalidInputError(f"{out}: expected the suffix {', '.join(FIGURES)}, got {out.suffix!r}")
+    check_folder(out.parent)
+    from shoal.lab import Store
+    from shoal.lab.summaries import first_measure, summarise
+    from shoal.views import save_figure
+    from shoal.views.drawing.means import PointMean, means_figure
+
+    with Store(store) as opened:
+        chosen = opened.only(name)
+        wanted = measure or first_measure(opened.stored(chosen).measures)
+        rows = [(row.values, row.estimate) for row in summarise(opened, chosen, wanted) if row.estimate is not None]
+    if not rows:
+        raise InvalidInputError(f"{store}: sweep {chosen}: expected finished trials to draw, got none")
+    means = [PointMean(values, found.mean, found.low, found.high) for values, found in rows]
+    save_figure(means_figure(means, title=chosen, measure=wanted), out)
+    if json_:
+        print_json({"sweep": chosen, "measure": wanted, "points": len(means), "out": str(out)})
+    else:
+        print_table([("points", str(len(means))), ("written", str(out))], title=f"{wanted} of {chosen}")
