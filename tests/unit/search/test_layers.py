@@ -216,11 +216,15 @@ def test_commands_search_and_check_a_box(tmp_path, capsys):
     ("fields", "message"),
     [
         ({"bands": (30, 30)}, "bands: expected one altitude or more, each once"),
-        ({"bands": (0, 30)}, "bands: expected a number, above 0, got 0"),
+        ({"bands": (0, 30)}, "bands: expected a number, above 0.*, got 0"),
         ({"bands": (30, 50), "obstacles": 2}, "obstacles: expected none where several layers or passes are searched, got some"),
         ({"bands": (30, 50), "vehicle": "rover"}, "vehicle: expected one that flies for bands or a box, got a rover"),
         ({"region": "box:20x20x10", "bands": (5, 15)}, "bands: expected altitudes up to 10 m, the top, got 15"),
         ({"region": "box:20x20"}, "expected box:WIDTHxDEPTHxHEIGHT"),
+        (
+            {"region": "box:10x10x100000", "footprint": 1},
+            "expected at most 1000 layers, a footprint of 1 m thick, got 100000",
+        ),
         ({"passes": 0}, "passes: expected a whole number from 1 to 100, got 0"),
     ],
 )

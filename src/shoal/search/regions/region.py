@@ -13,6 +13,9 @@ from shoal.errors import InvalidInputError
 from shoal.search.regions.outline_checks import FARTHEST, Points, check_plane_points, place_of, text_of
 from shoal.search.regions.projection import LocalFrame
 
+MOST_LAYERS = 1000
+"""Of a volume."""
+
 TOUCH = 1e-6  # metres: who is nearer to the region than this is in it
 
 
@@ -143,6 +146,10 @@ class SearchRegion:
         (4.166666666666667, 12.5, 20.833333333333336)
         """
         count = max(1, int(np.ceil(self.height / footprint * (1 - 1e-9))))
+        if count > MOST_LAYERS:
+            raise InvalidInputError(
+                f"region {self.name!r}: expected at most {MOST_LAYERS} layers, a footprint of {footprint:g} m thick, got {count}"
+            )
         return tuple(self.height / count * (number + 0.5) for number in range(count))
 
     @property
