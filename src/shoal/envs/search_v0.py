@@ -18,11 +18,12 @@ from shoal.checks import shortened
 from shoal.envs.options import SEEDS, SearchEnvOptions, check_render_mode, check_running, option_errors, split_fields
 from shoal.envs.rendering import MODES, close_window, enlarged, rendered
 from shoal.search.allocation.layers import layers_of
-from shoal.search.allocation.plan import plan_search, start_points
+from shoal.search.allocation.plan import plan_search
 from shoal.search.problem import SearchProblem
 from shoal.search.protocol.inference import obstacles, reachable
 from shoal.search.protocol.robot import Decision, head_for
 from shoal.search.protocol.state import Robot
+from shoal.search.regions.places import start_points
 from shoal.search.simulation.scenario import scenario_of
 from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.bitset import at_least, bits_to_array

@@ -35,9 +35,7 @@ FORMAT: Literal[2] = 2
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SearchEpisode(Episode):
-    """A search.
-
-    ``bool(episode)`` says if all that can be reached was searched and every robot that lived knew it.
+    """A search; ``bool(episode)`` says if all that can be reached was searched and every robot that lived knew it.
 
     Parameters
     ----------

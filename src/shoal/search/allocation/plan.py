@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,13 +42,11 @@ from shoal.search.flight.vehicle import Vehicle
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.regions.coverage import check_footprints
-from shoal.search.regions.places import places_of, read_points
+from shoal.search.regions.places import places_of, start_points
 from shoal.search.tours import Tour
 
 Points = NDArray[np.float64]
-LAYOUTS = ("random", "clustered", "line")
 _HOLLOW = 1e-9  # of its area: what a convex region may lack because of rounding
-_CLUSTER = 0.05  # of the larger side: the spread of clustered starts
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,24 +348,3 @@ def places_of_robots(grid: CellGrid, problem: SearchProblem, rng: Generator) -> 
     if problem.launch is not None:
         return places_of(problem.launch, grid.region, problem.robots, what="launch")
     return start_points(grid, problem.starts, problem.robots, rng)
-
-
-def start_points(grid: CellGrid, starts: str | ArrayLike, robots: int, rng: Generator) -> Points:
-    """Return where robots start, metres; float64, shape (robots, 2); see `SearchProblem`."""
-    if not isinstance(starts, str):
-        return grid.region.check_inside(starts, what="starts")
-    if starts not in LAYOUTS:
-        return grid.region.check_inside(read_points(Path(starts), grid.region, what="starts", count=robots), what=starts)
-    middles = grid.waypoints()
-    if starts == "random":
-        return np.asarray(middles[rng.integers(0, len(middles), size=robots)])
-    if starts == "clustered":
-        middle = middles[rng.integers(len(middles))]
-        spread = max(_CLUSTER * max(np.ptp(middles, axis=0)), grid.size)
-        wanted = middle + rng.normal(0, spread, size=(robots, 2))
-    else:
-        low, high = middles.min(axis=0), middles.max(axis=0)
-        wanted = np.column_stack([np.full(robots, low[0]), np.linspace(low[1], high[1], robots)])
-    import shapely
-
-    return np.asarray(middles[shapely.STRtree(shapely.points(middles)).nearest(shapely.points(wanted))])

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+import shapely
+from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from shoal.errors import InvalidInputError
@@ -15,6 +17,8 @@ from shoal.search.regions.formats.table import read_vertices
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 from shoal.search.regions.region import SearchRegion
 
+LAYOUTS = ("random", "clustered", "line")
+_CLUSTER = 0.05  # of the larger side: the spread of clustered starts
 _NUMBER = r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*"
 _COORDINATES = re.compile(rf"{_NUMBER},{_NUMBER}(?:;{_NUMBER},{_NUMBER})*")
 
@@ -114,3 +118,37 @@ def _refuse_swapped(points: Points, region: SearchRegion, where: Any) -> None:
             f"{where}: expected longitude and then latitude, got the two swapped, as {text_of(points[0])}: "
             "the other way they lie in the region"
         )
+
+
+class Cells(Protocol):
+    """What a region is cut into."""
+
+    @property
+    def region(self) -> SearchRegion:
+        """The region."""
+
+    @property
+    def size(self) -> float:
+        """Side of a cell, metres."""
+
+    def waypoints(self) -> Points:
+        """Return the middles of the cells, metres; float64, shape (n, 2)."""
+
+
+def start_points(grid: Cells, starts: str | ArrayLike, robots: int, rng: Generator) -> Points:
+    """Return where robots start, metres; float64, shape (robots, 2); see `SearchProblem`."""
+    if not isinstance(starts, str):
+        return grid.region.check_inside(starts, what="starts")
+    if starts not in LAYOUTS:
+        return grid.region.check_inside(read_points(Path(starts), grid.region, what="starts", count=robots), what=starts)
+    middles = grid.waypoints()
+    if starts == "random":
+        return np.asarray(middles[rng.integers(0, len(middles), size=robots)])
+    if starts == "clustered":
+        middle = middles[rng.integers(len(middles))]
+        spread = max(_CLUSTER * max(np.ptp(middles, axis=0)), grid.size)
+        wanted = middle + rng.normal(0, spread, size=(robots, 2))
+    else:
+        low, high = middles.min(axis=0), middles.max(axis=0)
+        wanted = np.column_stack([np.full(robots, low[0]), np.linspace(low[1], high[1], robots)])
+    return np.asarray(middles[shapely.STRtree(shapely.points(middles)).nearest(shapely.points(wanted))])

@@ -1,0 +1,191 @@
+"""Declarations of the fields of problems: type, default, unit, range, help, and how a value is checked and told."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, field
+from math import inf
+from typing import Any, Union, get_args, get_origin
+
+from shoal.checks import check_bool, check_choice, check_integer, check_number, check_text, range_text
+from shoal.dataclass import dataclass
+from shoal.errors import InvalidInputError
+
+
+@dataclass(frozen=True)
+class Option:
+    """What is declared of one field of a problem.
+
+    Parameters
+    ----------
+    help : str
+        One sentence or two.
+    unit : str
+    least, most, above, below : float
+        The range of a number: from ``least`` to ``most``, above ``above``, below ``below``.
+    finite : bool
+        Whether a number must be finite.
+    choices : tuple of str
+        All values that a text may have; empty if any.
+    metavar : str
+        What stands for the value in the help of a command.
+    short : str
+        A short form of the command's option, as ``-n``.
+    argument : bool
+        Whether commands take it by position.
+    repeated : bool
+        Whether commands take the option several times; ``parse`` then gets a list of texts.
+    parse : callable, optional
+        Makes the value of a command line's text, where that is no text, number or truth value.
+    check : callable, optional
+        Takes the value, returns the checked one; in place of the check that the type implies.
+    dump : callable, optional
+        Makes of the value what JSON can hold.
+    names : tuple of str, optional
+        For a field whose value may name somebody's code, MODULE:ATTRIBUTE: the names that are built in.
+    """
+
+    help: str
+    unit: str = ""
+    least: float = -inf
+    most: float = inf
+    above: float = -inf
+    below: float = inf
+    finite: bool = True
+    choices: tuple[str, ...] = ()
+    metavar: str = ""
+    short: str = ""
+    argument: bool = False
+    repeated: bool = False
+    parse: Callable[[Any], Any] | None = None
+    check: Callable[[Any], Any] | None = None
+    dump: Callable[[Any], Any] | None = None
+    names: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """A field of a problem, as commands, files and tables need it.
+
+    Parameters
+    ----------
+    name : str
+    type : type
+        int, float, bool, str, or ``object`` where the option has a ``check`` of its own.
+    optional : bool
+        Whether None is a value.
+    default : object
+        `REQUIRED` if there is none.
+    option : Option
+    """
+
+    name: str
+    type: Any
+    optional: bool
+    default: Any
+    option: Option
+
+    @property
+    def flag(self) -> str:
+        """The option of commands."""
+        return "--" + self.name.replace("_", "-")
+
+    @property
+    def required(self) -> bool:
+        """Whether there is no default."""
+        return self.default is REQUIRED
+
+    @property
+    def range(self) -> str:
+        """The range of a number for people; empty if it has none."""
+        option = self.option
+        return range_text(option.least, option.most, option.above, option.below)
+
+    def checked(self, value: Any) -> Any:
+        """Return the value as the field holds it.
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        option = self.option
+        if value is None and self.optional:
+            return None
+        if option.check is not None:
+            return option.check(value)
+        if self.type is bool:
+            return check_bool(value, what=self.name)
+        if self.type is int:
+            return check_integer(value, what=self.name, least=option.least, most=option.most)
+        if self.type is float:
+            limits = {name: getattr(option, name) for name in ("least", "most", "above", "below", "finite")}
+            return check_number(value, what=self.name, **limits)
+        if option.choices:
+            return check_choice(value, what=self.name, choices=option.choices)
+        return check_text(value, what=self.name)
+
+    def text(self, value: Any) -> str:
+        """Return a value as the command line takes it: numbers as '1,2', points and cells as '1,2 3,4', fields as 'a=1,b=2'."""
+        if isinstance(value, Mapping):
+            first, *others = value.items()
+            return ",".join([str(first[1]), *(f"{name}={_plain(one)}" for name, one in others)])
+        if isinstance(value, list | tuple):
+            deep = any(isinstance(one, list | tuple) for one in value)
+            return " ".join(self.text(one) for one in value) if deep else ",".join(map(_plain, value))
+        return str(value)
+
+    def value_of(self, text: Any) -> Any:
+        """Return the value that a text of the command line means.
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        if self.option.parse is None:
+            return text
+        try:
+            return self.option.parse(text)
+        except InvalidInputError:
+            raise
+        except ValueError as error:
+            raise InvalidInputError(f"{self.flag}: {error}") from None
+
+
+def _plain(value: Any) -> str:
+    return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
+
+
+REQUIRED: Any = MISSING
+"""The default of a field that has none."""
+
+
+def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:  # noqa: A002 - the word that every reader expects
+    """Declare a field of a problem; see `Option`.
+
+    Examples
+    --------
+    >>> from shoal.problem import Problem
+    >>> @dataclass(frozen=True)
+    ... class Walk(Problem):
+    ...     part = "walk"
+    ...     steps: int = option(10, help="How many steps.", least=1)
+    >>> Walk(steps=3).to_dict()
+    {'kind': 'walk', 'steps': 3}
+    >>> Walk(steps=0)
+    Traceback (most recent call last):
+    ...
+    shoal.errors.InvalidInputError: steps: expected a whole number, 1 or more, got 0
+    """
+    return field(default=default, metadata={"option": Option(help=help, **more)})
+
+
+def declaration_of(one: Field[Any], value_type: Any) -> Declaration:
+    """Return the declaration of a dataclass field made by `option`, whose type is ``value_type``."""
+    parts = get_args(value_type) if get_origin(value_type) in (Union, types.UnionType) else (value_type,)
+    kinds = [part for part in parts if part is not type(None)]
+    kind = kinds[0] if len(kinds) == 1 and kinds[0] in (int, float, bool, str) else object
+    made: Option = one.metadata["option"]
+    if kind is object and made.check is None:
+        raise TypeError(f"{one.name}: expected int, float, bool, str or an option with its own check, got {value_type}")
+    return Declaration(one.name, kind, len(kinds) < len(parts), one.default, made)
