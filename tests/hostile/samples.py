@@ -11,6 +11,7 @@ import time
 import traceback
 import zipfile
 from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -23,13 +24,13 @@ from shoal.errors import InvalidInputError, ShoalError
 from shoal.lab import Sweep, run_sweep
 from shoal.lab.coordinator import prepare
 from shoal.parts import problem_for
-from shoal.search.allocation.plan import read_points
 from shoal.search.flight.terrain_files import open_terrain
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.missions.checking import check_missions
 from shoal.search.missions.files import FORMATS, write_missions
 from shoal.search.missions.mission import missions_of
 from shoal.search.regions.builder import open_region
+from shoal.search.regions.places import read_points
 from shoal.search.regions.region import SearchRegion
 from shoal.steering.workspaces.formats import open_workspace
 from shoal.studio.answers import ANSWERS
@@ -224,7 +225,8 @@ def _uploaded(path: Path) -> object:
         yield path.read_bytes()
 
     folder = Folder(path.parent)
-    name = asyncio.run(folder.take(path.name, pieces()))
+    with ThreadPoolExecutor(1) as thread:  # a test before may have left its own loop in this one
+        name = thread.submit(asyncio.run, folder.take(path.name, pieces())).result()
     return ANSWERS["photograph"](folder, {"file": name}) if name.endswith(PICTURES) else folder.files()
 
 

@@ -79,7 +79,6 @@ def test_whole_episodes_are_the_same_compiled_and_step_by_step(swarm, rule, ever
     assert (fast.commands, fast.status) == (slow.commands, slow.status)
     assert fast.trace.difference(slow.trace) is None
     assert fast.verify()
-    assert slow.verify()
 
 
 @given(swarms(), st.sampled_from(RULES), st.sampled_from(SCANS))

@@ -46,7 +46,7 @@ rng = np.random.default_rng(22)
 class Quick(BeamRollout):
     tuning = BeamRollout.tuning._replace(
         beam_width=2, beam_depth=2, beam_leaves=1, variations=2,
-        horizon=10, near_horizon=6, prediction_layers=3, force_after=4,
+        horizon=6, near_horizon=4, prediction_layers=2, force_after=4,
     )
 class First(BeamRollout):
     tuning = Quick.tuning._replace(end_frontier=3)

@@ -197,11 +197,12 @@ def check_missions(
         ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region, and among the diagnostics
         turned_by = angle_of([way[:, :2] for way in ways]) if angle is None else angle
         sides = np.broadcast_to(_footprints(flown, footprint), (len(flown),))
-        region = visible_region(region, float(np.min(sides)), turned_by)
-        bands = region.layer_altitudes(float(np.min(sides))) if bands is None and region.height else bands
+        least = float(np.min(sides if flown else footprint))
+        region = visible_region(region, least, turned_by)
+        bands = region.layer_altitudes(least) if bands is None and region.height else bands
         coverages = tuple(
             coverage_check(region, *stretches, tolerance=ROUNDING, angle=turned_by)
-            for stretches in _by_band(ways, sides, bands, _spread(bands, vehicle))
+            for stretches in _by_band(ways, sides, bands, _spread(bands, vehicle), least)
         )
     missions = tuple(mission_of(sheet, sheet.file) for sheet in flown if sheet.altitude_frame != "ground")
     near = None if separation is None else missions_approach(missions, separation, region.frame, vehicle=vehicle)
@@ -221,9 +222,13 @@ def check_missions(
 
 
 def _by_band(
-    ways: Sequence[NDArray[np.float64]], sides: NDArray[np.float64], bands: Sequence[float] | None, spread: NDArray[np.float64]
+    ways: Sequence[NDArray[np.float64]],
+    sides: NDArray[np.float64],
+    bands: Sequence[float] | None,
+    spread: NDArray[np.float64],
+    least: float,
 ) -> Iterator[tuple[list[NDArray[np.float64]], list[float] | float]]:
-    """Yield what is flown in each band, and with which footprints; all that is flown where there are no bands."""
+    """Yield what is flown in each band and its footprints, the least where nothing is; all that is flown where there are no bands."""
     if not bands:
         yield [way[:, :2] for way in ways], sides.tolist()
         return
@@ -236,7 +241,7 @@ def _by_band(
                 found[band[begin]][0].append(way[begin:end, :2])
                 found[band[begin]][1].append(side * float(spread[band[begin]]))
     for flown, footprints in found:
-        yield flown, footprints if flown else float(sides.min())
+        yield flown, footprints if flown else least
 
 
 def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[np.float64]:
