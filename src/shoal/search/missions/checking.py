@@ -228,7 +228,7 @@ def _by_band(
     spread: NDArray[np.float64],
     least: float,
 ) -> Iterator[tuple[list[NDArray[np.float64]], list[float] | float]]:
-    """Yield what is flown in each band and its footprints, the least where nothing is; all that is flown where there are no bands."""
+    """Yield what is flown in each band and its footprints, the least where nothing is; without bands all that is flown."""
     if not bands:
         yield [way[:, :2] for way in ways], sides.tolist()
         return

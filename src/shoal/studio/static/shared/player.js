@@ -10,6 +10,7 @@ export class PlayerFrame {
     this.element = el("div.frames", {});
     this.shown = null;
     this.spare = this.make("");
+    this.opening = Promise.resolve();
     document.addEventListener("shoal-theme", () => this.shown?.contentWindow.shoalPlayer?.setTheme(theme()));
   }
 
@@ -21,8 +22,14 @@ export class PlayerFrame {
     return frame;
   }
 
-  /** Show an episode, given as the data of its player; returns the window of the frame. */
-  async open(data) {
+  /** Show an episode, given as the data of its player, after those that are still opening; returns the window of the frame. */
+  open(data) {
+    const opened = this.opening.then(() => this.show(data));
+    this.opening = opened.catch(() => {});
+    return opened;
+  }
+
+  async show(data) {
     const options = this.part !== "swarm" ? "" : data.shape?.length === 3 ? "?volume" : "moments" in data ? "?recorded" : "";
     if (this.spare.options !== options) {
       this.spare.remove();

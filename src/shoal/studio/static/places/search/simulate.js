@@ -20,6 +20,7 @@ export function simulation({ ready, seed, fields, set, open }) {
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Simulate");
   const empty = el("p.empty", {}, "Press Simulate: the robots search here. Then lose messages, and let robots die.");
   let shown = null; // the problem that is played
+  let runs = 0, running = false; // what was asked for before a run is not shown after it
 
   const crashes = () => [fields().faults ?? []].flat();
   const same = (problem) => shown && JSON.stringify(problem) === JSON.stringify(shown);
@@ -53,10 +54,12 @@ export function simulation({ ready, seed, fields, set, open }) {
   }
 
   const vary = newest(async ({ at = null, playing = null } = {}) => {
-    const before = frame.player, problem = await ready();
+    if (running) return;
+    const before = frame.player, asked = runs, problem = await ready();
     word.textContent = "simulating …";
     try {
       const found = await ask("simulate", { problem, seed: seed(), slow: true });
+      if (asked !== runs) return;
       shown = null;
       await show(found.data, { at: at ?? before?.time ?? 0, playing: playing ?? before?.playing ?? true });
       result.replaceChildren(el("p", {}, found.sentence), el("p.soft", {}, `${found.lost} of ${found.sent} messages lost, ${found.takeovers} taken over, ${(100 * found.seen).toFixed(1)} % seen`));
@@ -69,11 +72,13 @@ export function simulation({ ready, seed, fields, set, open }) {
 
   async function play() {
     const problem = await ready();
+    runs += 1;
+    running = true;
     open();
     const again = frame.player && !keep.hidden ? { at: frame.player.time, playing: frame.player.playing } : {};
     go.disabled = true;
     bar.hidden = false;
-    const free = () => { go.disabled = false; bar.hidden = true; word.textContent = ""; };
+    const free = () => { running = false; go.disabled = false; bar.hidden = true; word.textContent = ""; };
     await run("play", { problem, seed: seed() }, {
       job: (now) => { bar.value = now.done ?? 0; word.textContent = now.state === "queued" ? "waits for a free processor" : [now.note, duration(now.left)].filter(Boolean).join(", "); },
       done: guarded(async ({ file, sentence }) => {
@@ -83,6 +88,7 @@ export function simulation({ ready, seed, fields, set, open }) {
         shown = problem;
         const { data } = await ask("page", { file, slow: true });
         await show(data, again);
+        if (!same(await ready())) vary();
       }),
       failed: (now) => { free(); told(new Error(failure(now))); },
     }).catch((error) => { free(); throw error; });
