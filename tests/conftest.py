@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
 
 # A shell starts what runs in its background with Ctrl-C ignored, and the tests' programs would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Fences and rally points need MAVLink 2, and pymavlink knows one version in a process.
+os.environ["MAVLINK20"] = "1"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
 
 import numpy as np
@@ -177,8 +176,7 @@ def test_few_layers_and_layers_that_are_settled():
                 assert near is None or near.horizontal >= 10
 
 
-def test_fence_and_rally_points_are_read_by_other_programs(team, region, tmp_path, monkeypatch):
-    monkeypatch.setitem(os.environ, "MAVLINK20", "1")
+def test_fence_and_rally_points_are_read_by_other_programs(team, region, tmp_path):
     from pymavlink import mavutil, mavwp
 
     _, missions, _ = team
@@ -197,13 +195,13 @@ def test_fence_and_rally_points_are_read_by_other_programs(team, region, tmp_pat
     assert np.allclose(np.array(polygons[0]["polygon"])[:, ::-1], fence.inclusion, atol=1e-8)
     (point,) = data["rallyPoints"]["points"]
     assert np.allclose(region.frame.to_metres([point[1::-1]]), (-220, 40), atol=0.01)
-    if mavutil.mavlink20():
-        items = read_beside(tmp_path / "fence.txt", mavwp.MissionItemProtocol_Fence())
-        assert [item[0] for item in items] == [5001] * len(fence.inclusion) + [5002] * 4
-        assert [item[1] for item in items] == [len(fence.inclusion)] * len(fence.inclusion) + [4] * 4
-        assert np.allclose([item[2:] for item in items], np.vstack(fence.rings), atol=1e-5)
-        (rally,) = read_beside(tmp_path / "rally.txt", mavwp.MissionItemProtocol_Rally())
-        assert rally[0] == 5100
+    assert mavutil.mavlink20()
+    items = read_beside(tmp_path / "fence.txt", mavwp.MissionItemProtocol_Fence())
+    assert [item[0] for item in items] == [5001] * len(fence.inclusion) + [5002] * 4
+    assert [item[1] for item in items] == [len(fence.inclusion)] * len(fence.inclusion) + [4] * 4
+    assert np.allclose([item[2:] for item in items], np.vstack(fence.rings), atol=1e-5)
+    (rally,) = read_beside(tmp_path / "rally.txt", mavwp.MissionItemProtocol_Rally())
+    assert rally[0] == 5100
     assert lint(tmp_path, region) == []
     write_missions([replace(one, fence=None, rally=()) for one in missions], tmp_path, formats=["wpl"])
     assert not (tmp_path / "fence.txt").exists()
