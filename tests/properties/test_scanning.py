@@ -27,7 +27,7 @@ from shoal.swarm.theory.scan_schedules import (
 RULES = ("block", "merge")  # a tilt is a run by itself
 SCANS = ("1", "2", "3", "7", "doubling", "hyper", "adaptive")
 TASKS = ("mapping", "coverage")
-LIMITS = (2, 7, 20, 300)  # of moves: some cut a run
+LIMITS = (2, 7, 20, 150)  # of moves: some cut a run
 prices = st.one_of(st.sampled_from([0, 1, 10]), st.fractions(min_value=Fraction(1, 50), max_value=200, max_denominator=50))
 
 
