@@ -72,7 +72,7 @@ chromium:
 BROWSER_LOG := $(VENV)/browser-tests.txt
 test: $(VENV)/.dev-installed $(VENV)/.kernels-compiled chromium
 	@$(BIN)/python -m pytest tests/browser >$(BROWSER_LOG) 2>&1 & browser=$$!; code=0; \
-	  $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=15 --ignore=tests/browser || code=$$?; \
+	  $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=15 --ignore=tests/browser || code=$$?; \
 	  wait $$browser || code=$$?; cat $(BROWSER_LOG); exit $$code
 
 test-wheel: $(VENV)/.dev-installed
