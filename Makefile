@@ -67,14 +67,16 @@ chromium:
 	  || { echo 'installing Chromium for the browser tests ...'; \
 	  $(APT) update -qq && $(APT) install -y -qq chromium libatomic1 >/dev/null; }
 
-# Three workers on two cores, since many tests wait for processes; files in their order, so that small ones come last.
-# Browser tests wait most of the time, so they run beside all others, in a process of their own.
+# Files in their order, so that small ones come last. Browser tests wait most of the time: they run beside all others, in a process of
+# their own. Three workers beside them were slower than two, measured on two cores.
 BROWSER_LOG := $(VENV)/browser-tests.txt
 test: $(VENV)/.dev-installed $(VENV)/.kernels-compiled chromium
 	@$(BIN)/python -m pytest tests/browser >$(BROWSER_LOG) 2>&1 & browser=$$!; code=0; \
 	  $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=15 --ignore=tests/browser || code=$$?; \
 	  wait $$browser || code=$$?; cat $(BROWSER_LOG); exit $$code
 
+# What people install: the wheel, in an environment of its own, away from the checkout; the tests come from the sdist.
+WHEEL_SAMPLE := tests/golden/test_reach_counts.py tests/golden/test_tours.py tests/unit/swarm/test_map_files.py tests/unit/search/test_mission_lint.py
 test-wheel: $(VENV)/.dev-installed
 	@rm -rf dist && $(BIN)/python -m hatchling build >/dev/null
 	@set -e; folder=$$(mktemp -d); trap 'rm -rf "$$folder"' EXIT; wheel=$$(ls $(CURDIR)/dist/*.whl); \
