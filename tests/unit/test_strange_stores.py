@@ -51,13 +51,13 @@ def changed_store(tmp_path, *statements):
         "UPDATE points SET axes = '[1, 2]'", "UPDATE points SET axes = '}'", "UPDATE trials SET result = '[1'",
         "UPDATE trials SET result = '[1]'", "UPDATE trials SET result = '3'", f"UPDATE trials SET result = '{'[' * 90000}'",
         f"UPDATE trials SET result = '[\"complete\", {'9' * 400}, 1, 1, 1]'", "UPDATE trials SET result = '[1, [2], 1, 1, 1]'",
-        "CREATE TRIGGER t AFTER INSERT ON trials BEGIN SELECT 1; END", "ALTER TABLE points RENAME TO old",
+        "DELETE FROM points", "CREATE TRIGGER t AFTER INSERT ON trials BEGIN SELECT 1; END", "ALTER TABLE points RENAME TO old",
     ],
 )  # fmt: skip
 def test_damaged_stores_get_one_sentence(damage, tmp_path, capsys):
     path = changed_store(tmp_path, damage)
-    for verb in ("summary", "export", "status", "check"):
-        out = ["--out", str(tmp_path / "table.csv")] if verb == "export" else []
+    for verb in ("summary", "plot", "export", "status", "check"):
+        out = {"export": ["--out", str(tmp_path / "table.csv")], "plot": ["--out", str(tmp_path / "plot.png")]}.get(verb, [])
         code = command(["sweep", verb, str(path), *out])
         printed = capsys.readouterr()
         assert code in (0, 1, 2)

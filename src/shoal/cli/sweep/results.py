@@ -105,7 +105,7 @@ def summary(
         print_json(result)
         return
     print_columns(
-        [*rows[0].values],
+        [*rows[0].values] if rows else [],
         [f"mean [{100 * level:g} % interval]"],
         [[*map(str, row.values.values()), str(row)] for row in rows],
         title=f"{wanted} of {chosen}",
