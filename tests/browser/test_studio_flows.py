@@ -130,7 +130,7 @@ def test_the_swarm_is_run_by_keys_alone(page: Page, studio: Studio) -> None:
     page.keyboard.press("Enter")
     page.wait_for_selector(".panel:not([hidden]) .exports")
     (kept,) = studio.folder.glob("maze-9x7-closest-frontier-seed11*.npz")
-    assert shoal.load(kept).commands == shoal.run(SwarmProblem(**MAZE), seed=11).commands  # type: ignore[attr-defined]
+    assert shoal.load(kept).commands == shoal.run(SwarmProblem(**MAZE), seed=11).commands  # type: ignore[attr-defined]  # a swarm's episode
 
 
 def test_a_browser_that_is_closed_changes_nothing_and_two_see_the_same(page: Page, studio: Studio) -> None:
@@ -200,4 +200,4 @@ def test_noise_of_moves_is_in_the_plan(page: Page, studio: Studio) -> None:
     studio.open(page, "steering", {"problem": given, "seed": 2})
     page.locator(".plan", has_text="greedy").get_by_text("moves").wait_for()
     episode = run_and_load(page, studio, "Play")
-    assert np.array_equal(episode.states, shoal.run(SteeringProblem(**given), seed=2).states)  # type: ignore[arg-type]
+    assert np.array_equal(episode.states, shoal.run(SteeringProblem(**given), seed=2).states)  # type: ignore[arg-type]  # fields of JSON

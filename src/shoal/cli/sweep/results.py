@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
@@ -17,6 +18,7 @@ from shoal.files import write_json
 if TYPE_CHECKING:
     from shoal.lab import Store
     from shoal.lab.statistics import Comparison
+    from shoal.lab.summaries import Row
 
 SUMMARY_EXAMPLE = "Example: shoal sweep summary results.sqlite --measure moves --compare policy"
 EXPORT_EXAMPLE = "Example: shoal sweep export results.sqlite --out results.csv"
@@ -104,18 +106,23 @@ def summary(
     if json_:
         print_json(result)
         return
+    title = f"{wanted} along {compare}, on the same seeds"
+    _print_summary(rows, pairs, compare, means=f"{wanted} of {chosen}", along=title, level=level)
+
+
+def _print_summary(rows: Sequence[Row], pairs: Sequence[Any], compare: str | None, *, means: str, along: str, level: float) -> None:
     print_columns(
         [*rows[0].values] if rows else [],
         [f"mean [{100 * level:g} % interval]"],
         [[*map(str, row.values.values()), str(row)] for row in rows],
-        title=f"{wanted} of {chosen}",
+        title=means,
     )
     if pairs:
         print_columns(
             [*pairs[0][0], str(compare)],
             ["difference", "ratio", "effect", "p"],
             [[*map(str, others.values()), *_compared(f"{second} less {first}", found)] for others, first, second, found in pairs],
-            title=f"{wanted} along {compare}, on the same seeds",
+            title=along,
         )
 
 

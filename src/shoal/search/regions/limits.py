@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import zipfile
+import zlib
+
 from shoal.errors import InvalidInputError
 
 LARGEST_FILE = 20_000_000
@@ -24,6 +27,12 @@ MOST_ELEMENTS = 300_000
 
 DEEPEST = 100
 """Levels of XML elements within each other."""
+
+
+ARCHIVE_FAULTS = (
+    zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error,
+)  # fmt: skip
+"""What a damaged archive raises while it is read."""
 
 
 def check_count(count: int, most: int, *, where: str, what: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from shoal.checks import check_file, decode_text, read_text
 from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.marks import is_no_go, names_no_go
 from shoal.search.regions.formats.xml_tree import Element, XmlError, parse_xml
-from shoal.search.regions.limits import LARGEST_FILE
+from shoal.search.regions.limits import ARCHIVE_FAULTS, LARGEST_FILE
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring
 
 _OTHER = ("Point", "LineString", "Track")
@@ -45,7 +44,7 @@ def read_kmz(path: Path) -> RegionOutlines:
                 raise InvalidInputError(f"{path}: expected a .kml file in the archive, got none")
             with archive.open(inside[0]) as file:
                 raw = file.read(LARGEST_FILE + 1)
-    except (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error) as error:
+    except ARCHIVE_FAULTS as error:
         raise InvalidInputError(f"{path}: expected a KMZ archive, got a damaged one or another format: {str(error)[:80]}") from None
     where = f"{path}: {inside[0].filename[:80]}"
     if len(raw) > LARGEST_FILE:

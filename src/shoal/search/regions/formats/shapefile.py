@@ -5,7 +5,6 @@ from __future__ import annotations
 import tempfile
 import warnings
 import zipfile
-import zlib
 from pathlib import Path, PurePosixPath
 
 from shoal.checks import check_file
@@ -13,7 +12,7 @@ from shoal.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
 from shoal.search.regions.formats.layers import layer_polygons
 from shoal.search.regions.formats.marks import can_mark
-from shoal.search.regions.limits import LARGEST_FILE, MOST_POLYGONS, check_count
+from shoal.search.regions.limits import ARCHIVE_FAULTS, LARGEST_FILE, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines
 
 _MAGIC = b"\x00\x00\x27\x0a"
@@ -48,7 +47,7 @@ def read_zipped_shapefile(path: Path) -> RegionOutlines:
                 return read_shapefile(Path(place, "shapes.shp"), f"{path}: {stem[:80]}.shp")
             except InvalidInputError as error:
                 raise InvalidInputError(str(error).replace(f"{place}/shapes", f"{path}: {stem[:80]}")) from None
-    except (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error) as error:
+    except ARCHIVE_FAULTS as error:
         if isinstance(error, InvalidInputError):
             raise
         raise InvalidInputError(f"{path}: expected a zip archive, got a damaged one or another format: {str(error)[:80]}") from None
