@@ -42,7 +42,7 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     left, right, bottom, top = history.sides
     ratio = (top - bottom) / (right - left)
     width = 7.2 if ratio < 1.2 else max(4.6, 8.4 / ratio)
-    figure = new_figure(width, float(np.clip((width - 0.6) * ratio, 1.2, 8.6)) + 1.3)
+    figure = new_figure(width, float(np.clip((width - 0.6) * ratio, 1.2, 8.6)) + (1.7 if history.panels.labels else 1.3))
     axes = figure.add_subplot()
     side = 72 * 0.9 * min(width / (right - left), figure.get_figheight() / (top - bottom)) * episode.plan.grid.size
     _draw_ground(axes, history)
@@ -53,7 +53,7 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     axes.set(xlim=(left, right), ylim=(bottom, top))
     if history.panels.labels:
         axes.set(xticks=[], yticks=[])
-    axes.set_xlabel("metres" if not history.panels.labels else "\n", color=MUTED, fontsize=8)  # room for the scale bar
+    axes.set_xlabel("metres" if not history.panels.labels else "\n\n", color=MUTED, fontsize=8)  # room for the scale bar
     bare_axes(axes)
     axes.set_title(
         _summary(episode), fontsize=9, color=MUTED, loc="left", parse_math=False, pad=17 if history.panels.labels else None

@@ -107,7 +107,7 @@ def _draw_kinds(figure: Figure, history: SearchHistory) -> None:
     known: Mapping[str, Any] = {
         "listening": Patch(facecolor=LISTENING, label="listening"),
         "own": Patch(facecolor=first, label="its own part"),
-        "taken": Patch(facecolor="#b3d5e8", edgecolor=first, hatch="/////", label="part of another robot, its number"),
+        "taken": Patch(facecolor="#b3d5e8", edgecolor=first, hatch="/////", label="another's part"),
         "waiting": Patch(facecolor=WAITING, label="waiting"),
         "paused": Line2D([], [], color=first, lw=1.6, ls=(0, (1, 1.6)), label="paused"),
         "dead": Line2D([], [], ls="", marker="x", color=INK, ms=7, mew=2, label="died"),
