@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.imaging import find_vessels
 from shoal.swarm.maps.imaging.segmentation import photograph_response

@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 
 from shoal.cli.commands import COMMANDS
+from shoal.core.problem import Declaration, Problem
 from shoal.envs import REGISTERED
 from shoal.envs.options import ENVIRONMENTS, EnvOptions
 from shoal.lab.problems import KINDS, trial_problem_type
-from shoal.problem import Declaration, Problem
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions import RULES
 

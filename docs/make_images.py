@@ -18,7 +18,7 @@ from tests.goal_sweeps import sweep_goals
 from tests.swarm_runs import run
 
 from shoal import open_map
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.papers.mapping.line import DECADES, simultaneous
 from shoal.papers.recipe import published_curve
 from shoal.papers.steering.antipodes import swap_antipodes

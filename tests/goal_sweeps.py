@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shoal.checks import check_integer, check_points
+from shoal.core.checks import check_integer, check_points
 from shoal.papers.steering.goals import GoalSweep
 from shoal.steering import ConvexWorkspace, SteeringProblem
 from shoal.steering.run import run

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from shoal.episode import Status
+from shoal.core.episode import Status
+from shoal.core.version import versions
 from shoal.steering import SteeringEpisode, SteeringProblem
 from shoal.steering.run import run
 from shoal.steering.simulation.apparatus import replay
-from shoal.version import versions
 
 
 def steer(problem: SteeringProblem, *, seed: int = 0, **fields: object) -> SteeringEpisode:

@@ -23,21 +23,21 @@ if sys.argv and (sys.argv[0] == "-m" or sys.argv[0].endswith("/shoal")) and "mul
 
     if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
         _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
-    from shoal.interruption import begin
+    from shoal.core.interruption import begin
 
     begin()
 
 from typing import TYPE_CHECKING
 
-from shoal.registry import loaded_on_use
-from shoal.version import __version__
+from shoal.core.registry import loaded_on_use
+from shoal.core.version import __version__
 
 if TYPE_CHECKING:
-    from shoal.episode import Episode, Status, Verification
-    from shoal.errors import InvalidInputError, MissingExtraError, OutputError, RigError, ShoalError, UnknownNameError
+    from shoal.core.episode import Episode, Status, Verification
+    from shoal.core.errors import InvalidInputError, MissingExtraError, OutputError, RigError, ShoalError, UnknownNameError
+    from shoal.core.parts import load, load_problem, run
+    from shoal.core.problem import Problem
     from shoal.lab import run_trials
-    from shoal.parts import load, load_problem, run
-    from shoal.problem import Problem
     from shoal.search import SearchProblem, open_region
     from shoal.steering import SteeringProblem, open_workspace
     from shoal.swarm import GridWorkspace, SwarmProblem
@@ -46,29 +46,29 @@ if TYPE_CHECKING:
     from shoal.views import figure, film
 
 _HOMES = {
-    "Episode": "episode",
+    "Episode": "core.episode",
     "GridWorkspace": "swarm",
-    "InvalidInputError": "errors",
-    "MissingExtraError": "errors",
-    "OutputError": "errors",
-    "Problem": "problem",
-    "RigError": "errors",
+    "InvalidInputError": "core.errors",
+    "MissingExtraError": "core.errors",
+    "OutputError": "core.errors",
+    "Problem": "core.problem",
+    "RigError": "core.errors",
     "SearchProblem": "search",
-    "ShoalError": "errors",
-    "Status": "episode",
+    "ShoalError": "core.errors",
+    "Status": "core.episode",
     "SteeringProblem": "steering",
     "SwarmProblem": "swarm",
-    "UnknownNameError": "errors",
-    "Verification": "episode",
+    "UnknownNameError": "core.errors",
+    "Verification": "core.episode",
     "figure": "views",
     "film": "views",
-    "load": "parts",
-    "load_problem": "parts",
+    "load": "core.parts",
+    "load_problem": "core.parts",
     "open_map": "swarm.maps.open",
     "open_region": "search",
     "open_workspace": "steering",
     "read_map": "swarm.maps.files",
-    "run": "parts",
+    "run": "core.parts",
     "run_trials": "lab",
     "write_map": "swarm.maps.files",
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NoReturn
 
-from shoal.interruption import begin
+from shoal.core.interruption import begin
 
 
 def main() -> NoReturn:

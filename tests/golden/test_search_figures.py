@@ -7,7 +7,7 @@ from math import comb
 import numpy as np
 import pytest
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import TourCost, allocate, make_tour
 from shoal.search.allocation.expected_time import expected_time, stay_share
 

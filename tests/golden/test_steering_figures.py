@@ -9,7 +9,7 @@ import pytest
 from tests.goal_sweeps import sweep_goals
 from tests.reference import disk_reach as reference
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.papers.steering.antipodes import swap_antipodes
 from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES
 from shoal.papers.steering.reachable_fraction import (

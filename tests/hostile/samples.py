@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 
 import shoal
-from shoal.checks import check_file
 from shoal.cli import run as command
-from shoal.errors import InvalidInputError, ShoalError
+from shoal.core.checks import check_file
+from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.parts import problem_for
 from shoal.lab import Sweep, run_sweep
 from shoal.lab.coordinator import prepare
-from shoal.parts import problem_for
 from shoal.search.flight.terrain_files import open_terrain
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.missions.checking import check_missions

@@ -19,7 +19,7 @@ from tests.hostile.corpus import CONTENTS, PLACES
 from tests.hostile.samples import faults, lay_out, samples
 from tests.hostile.watch import watched
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.missions.files import FORMATS as MISSIONS
 from shoal.search.regions.formats import _LAYERED, _READERS
 from shoal.steering.workspaces.formats import SUFFIXES

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from tests.reference.flight import narrow_turns, seconds_of, usable_seconds, way_of_plan
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import LocalFrame, region_of
 from shoal.search.allocation.plan import plan_search
 from shoal.search.flight.turning import LINK

@@ -17,7 +17,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from tests.swarm_runs import run
 
-from shoal.errors import ShoalError
+from shoal.core.errors import ShoalError
 from shoal.swarm import GridWorkspace, SwarmEpisode, make_policy, make_task
 from shoal.swarm.episode import Verification
 from shoal.swarm.grid.placements import PLACEMENTS, place

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.reference.missions import READERS, distance_to_way
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import LocalFrame
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions import FORMATS, Mission, lint, missions_of, read_mission, write_missions

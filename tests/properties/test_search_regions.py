@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.reference.regions import COUNTIES, county, random_polygon, swept
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import RegionPaths, cells_of, open_region, region_of
 
 

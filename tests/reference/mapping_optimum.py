@@ -8,8 +8,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shoal.checks import check_number
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_number
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.theory.bounds import check_case, flat_cells, flat_mask
 from shoal.swarm.theory.optima import MOST_STATES, SmallWorld, set_bits

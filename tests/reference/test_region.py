@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.reference import region as slow
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.steering import ContactWorld, polygon, region
 from shoal.steering.contact.region_world import RegionWorld
 

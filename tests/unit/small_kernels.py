@@ -7,7 +7,7 @@ from math import cos, sin, tan
 
 import numpy as np
 
-from shoal import notices
+from shoal.core import notices
 
 if __name__ == "__main__":  # as commands do, before any kernel is imported
     notices.listeners.append(lambda text: print(text, file=sys.stderr))

@@ -25,7 +25,7 @@ from PIL import Image
 from tests.swarm_runs import run as play
 
 from shoal.cli import run
-from shoal.errors import InvalidInputError, OutputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError
 from shoal.jit import COMPILING
 from shoal.swarm import GridWorkspace, SwarmEpisode, make_task
 

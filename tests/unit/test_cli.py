@@ -10,7 +10,7 @@ import pytest
 
 from shoal.cli import run
 from shoal.cli.commands import COMMANDS
-from shoal.version import __version__
+from shoal.core.version import __version__
 
 FIELDS = ["task", "policy", "map", "particles", "placement", "rule", "seed", "trials", "moves", "status", "mean", "std"]
 FIELDS += ["scan_every", "scan_cost", "move_cost", "scans", "cost", "mean_cost", "distance", "unreachable_cells"]

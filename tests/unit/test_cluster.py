@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.core.errors import InvalidInputError, MissingExtraError
+from shoal.core.notices import listeners
 from shoal.lab import Store, Sweep, run_sweep
 from shoal.lab.storage.integrity import faults_of
-from shoal.notices import listeners
 
 distributed = pytest.importorskip("distributed")  # an extra
 

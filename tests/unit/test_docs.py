@@ -35,7 +35,7 @@ PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONT
 WITH_COMMANDS = [page for page in PAGES if "```console" in page.read_text()]
 LONGEST_PAGE = 1500  # words without a picture or a table
 MODULES = [
-    "errors",
+    "core.errors",
     "envs.dataset",
     "envs.observations",
     "envs.search_v0",

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from numba.core import config
 
-from shoal import jit, notices
+from shoal import jit
+from shoal.core import notices
 
 SOURCE = """
 import numpy as np

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shoal import notices
+from shoal.core import notices
 from shoal.jit import COMPILING, cache, lowered
 
 SOURCE = Path(__file__).with_name("small_kernels.py")

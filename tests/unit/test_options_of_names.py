@@ -10,8 +10,8 @@ import pytest
 
 import shoal
 from shoal.cli import run as command
-from shoal.errors import InvalidInputError
-from shoal.registry import Registry, configured
+from shoal.core.errors import InvalidInputError
+from shoal.core.registry import Registry, configured
 from shoal.search import problem
 from shoal.search.tours import TOURS
 from shoal.steering.planners import PLANNERS

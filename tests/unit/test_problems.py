@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import shoal
-from shoal import parts
 from shoal.cli import run
 from shoal.cli.commands import command
-from shoal.errors import InvalidInputError
+from shoal.core import parts
+from shoal.core.errors import InvalidInputError
 from shoal.lab import problems
 
 ROOT = Path(__file__).parents[2]

@@ -15,7 +15,7 @@ from tests.swarm_runs import run
 
 import shoal
 from shoal import GridWorkspace, open_map
-from shoal.dataclass import one_line
+from shoal.core.dataclass import one_line
 from shoal.swarm.grid.board import Board
 from shoal.swarm.maps.raster import MOST_LINES
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.lab import Store, Sweep, run_sweep
 from shoal.lab.statistics import compare, estimate
 from shoal.lab.summaries import compare_along, summarise

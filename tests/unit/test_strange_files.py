@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import shoal
-from shoal import parts
-from shoal.errors import InvalidInputError, ShoalError
+from shoal.core import parts
+from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.lab import Sweep
 from shoal.lab.coordinator import prepare
 

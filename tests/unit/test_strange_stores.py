@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from shoal.cli import run as command
-from shoal.errors import InvalidInputError, OutputError
+from shoal.core.errors import InvalidInputError, OutputError
 from shoal.lab import Store, Sweep, run_sweep
 
 
@@ -161,7 +161,7 @@ def test_a_system_without_shared_memory(tmp_path, monkeypatch):
 ON_SMALL_DISKS = """
 import subprocess, sys
 from pathlib import Path
-from shoal.errors import OutputError
+from shoal.core.errors import OutputError
 from shoal.lab import Store, Sweep, merge_stores, run_sweep
 from shoal.lab.storage.integrity import faults_of
 folder = Path(sys.argv[1])

@@ -16,7 +16,7 @@ import pytest
 
 import shoal
 from shoal.cli import run as command
-from shoal.errors import InvalidInputError, OutputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError
 from shoal.lab import Store, Sweep, run_sweep, sweep_of
 from shoal.lab.storage.export import export, frame
 from shoal.lab.storage.integrity import faults_of
@@ -489,7 +489,7 @@ def test_a_read_only_store_is_read_and_not_written(tmp_path):
     run_sweep(numbers(), store, workers=0)
     before = store.read_bytes()
     script = (
-        "import os, sys\nfrom shoal.lab import Store\nfrom shoal.errors import OutputError\n"
+        "import os, sys\nfrom shoal.lab import Store\nfrom shoal.core.errors import OutputError\n"
         "if os.getuid() == 0:\n    os.setuid(65534)\n"
         "print(len([*Store(sys.argv[1]).rows('numbers')]))\n"
         "try:\n    Store(sys.argv[1], write=True)\nexcept OutputError as error:\n    print(error)\n"

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import shoal
-from shoal import parts
 from shoal.cli import run as command
-from shoal.errors import InvalidInputError
+from shoal.core import parts
+from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.allocators import ALLOCATORS
 from shoal.search.tours import TOURS
 from shoal.steering.planners import PLANNERS

@@ -14,10 +14,10 @@ import typer
 
 from shoal.cli.commands import app
 from shoal.cli.output import say
-from shoal.errors import ShoalError
-from shoal.interruption import command_running, end
-from shoal.notices import listeners
-from shoal.registry import look_in
+from shoal.core.errors import ShoalError
+from shoal.core.interruption import command_running, end
+from shoal.core.notices import listeners
+from shoal.core.registry import look_in
 
 INTERRUPTED = 130
 

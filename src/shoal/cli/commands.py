@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple, cast
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from shoal.version import __version__
+from shoal.core.version import __version__
 
 
 class _Entry(NamedTuple):

@@ -10,9 +10,9 @@ from typing import Annotated, Any
 
 import typer
 
-from shoal.checks import parse_json, read_text, shortened
-from shoal.errors import InvalidInputError
-from shoal.problem import LARGEST_PROBLEM, Declaration, Problem
+from shoal.core.checks import parse_json, read_text, shortened
+from shoal.core.errors import InvalidInputError
+from shoal.core.problem import LARGEST_PROBLEM, Declaration, Problem
 
 Trials = Annotated[int, typer.Option("--trials", help="Number of trials, each from another start.")]
 Seed = Annotated[
@@ -70,7 +70,7 @@ def takes_problem(
 
     Examples
     --------
-    >>> from shoal.problem import option
+    >>> from shoal.core.problem import option
     >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True, eq=False)
     ... class Walk(Problem):

@@ -14,7 +14,7 @@ from pathlib import Path
 from threading import Timer
 from typing import Any
 
-from shoal.errors import InvalidInputError, OutputError
+from shoal.core.errors import InvalidInputError, OutputError
 
 Advance = Callable[[int], None]
 

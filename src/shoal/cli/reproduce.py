@@ -11,7 +11,7 @@ import typer
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table, say, warnings_said
 from shoal.cli.sweep.running import live
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from shoal.papers import Result

@@ -10,7 +10,7 @@ import typer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_folder, check_outputs, check_seed, print_json, print_table, say, write_films
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.steering.problem import SteeringProblem
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def _write_plan(episode: SteeringEpisode, result: dict[str, Any], out: Path | No
     """Write what --out and --film ask for; return the files."""
     written: list[Path] = []
     if out is not None:
-        from shoal.files import write_json
+        from shoal.core.files import write_json
         from shoal.views import figure, save_figure
 
         save_figure(figure(episode), out / "plan.png")
@@ -148,7 +148,7 @@ def reach(
     }
     written = []
     if out is not None:
-        from shoal.files import write_json
+        from shoal.core.files import write_json
         from shoal.views.drawing.charts import save_figure
         from shoal.views.steering.figures import reach_figure
 

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from shoal.checks import check_integer
 from shoal.cli.output import say
-from shoal.errors import MissingExtraError
+from shoal.core.checks import check_integer
+from shoal.core.errors import MissingExtraError
 
 EXAMPLE = "Example: shoal studio figures"
 

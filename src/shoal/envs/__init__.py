@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from shoal.errors import MissingExtraError
+from shoal.core.errors import MissingExtraError
 
 try:
     import gymnasium

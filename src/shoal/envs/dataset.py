@@ -12,10 +12,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from shoal.checks import check_integer, shortened
+from shoal.core.checks import check_integer, shortened
+from shoal.core.errors import MissingExtraError, OutputError
+from shoal.core.version import __version__
 from shoal.envs.options import OptionError
-from shoal.errors import MissingExtraError, OutputError
-from shoal.version import __version__
 
 Chooser = Callable[[Any, dict[str, Any]], Any]
 """(observation, info) -> action."""

@@ -8,10 +8,10 @@ from typing import Any, ClassVar, TypeVar
 
 import gymnasium
 
-from shoal.checks import check_integer, shortened, suggestion
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError, ShoalError
-from shoal.problem import Problem, option
+from shoal.core.checks import check_integer, shortened, suggestion
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.problem import Problem, option
 
 P = TypeVar("P", bound=Problem)
 O = TypeVar("O", bound="EnvOptions")  # noqa: E741 - an option

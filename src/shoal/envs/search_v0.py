@@ -14,7 +14,7 @@ import numpy as np
 import pettingzoo
 from numpy.typing import NDArray
 
-from shoal.checks import shortened
+from shoal.core.checks import shortened
 from shoal.envs.options import SEEDS, SearchEnvOptions, check_render_mode, check_running, option_errors, split_fields
 from shoal.envs.rendering import MODES, close_window, enlarged, rendered
 from shoal.search.allocation.layers import layers_of

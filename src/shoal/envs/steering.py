@@ -8,7 +8,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from shoal.checks import shortened
+from shoal.core.checks import shortened
+from shoal.core.episode import Status
+from shoal.core.version import versions
 from shoal.envs.options import (
     SEEDS,
     OptionError,
@@ -20,7 +22,6 @@ from shoal.envs.options import (
     split_fields,
 )
 from shoal.envs.rendering import MODES, close_window, rendered
-from shoal.episode import Status
 from shoal.steering.episode import SteeringEpisode
 from shoal.steering.problem import SteeringProblem, check_can_part
 from shoal.steering.run import run
@@ -28,7 +29,6 @@ from shoal.steering.simulation.apparatus import Apparatus
 from shoal.steering.workspaces.convex import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
-from shoal.version import versions
 
 Observation = dict[str, Points]
 

@@ -8,11 +8,11 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import shortened
+from shoal.core.checks import shortened
+from shoal.core.errors import InvalidInputError
 from shoal.envs.options import check_render_mode, check_running, option_errors
 from shoal.envs.rendering import MODES, close_window, rendered
 from shoal.envs.swarm_worlds import SwarmWorlds
-from shoal.errors import InvalidInputError
 from shoal.swarm.grid.commands import LETTERS
 from shoal.swarm.policies.protocol import View
 from shoal.swarm.run import run

@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from shoal.checks import check_integer, shortened
+from shoal.core.checks import check_integer, shortened
 from shoal.envs.options import OptionError, check_render_mode, check_running, option_errors
 from shoal.envs.rendering import MODES, rendered
 from shoal.envs.swarm_worlds import SwarmWorlds

@@ -8,10 +8,10 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.errors import InvalidInputError
 from shoal.envs import observations
 from shoal.envs.options import OptionError, SwarmEnvOptions, check_no_options, option_errors, split_fields
 from shoal.envs.rendering import SIDE, enlarged
-from shoal.errors import InvalidInputError
 from shoal.swarm.batch import WorldBatch
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.maps.raster import raster_of

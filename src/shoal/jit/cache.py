@@ -25,10 +25,10 @@ from numba.core.compiler import compile_result
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
+from shoal.core.notices import tell_once
 from shoal.jit import lowered
 from shoal.jit.libraries import Entry
 from shoal.jit.watch import COMPILING
-from shoal.notices import tell_once
 
 ENVIRONMENT = "SHOAL_CACHE"
 """Names the folder, if it is set."""

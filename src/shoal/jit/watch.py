@@ -8,7 +8,7 @@ from typing import Any
 
 from numba.core import event
 
-from shoal.notices import tell_once
+from shoal.core.notices import tell_once
 
 COMPILING = "compiling kernels: once after an installation, some seconds for each kind of run ..."
 

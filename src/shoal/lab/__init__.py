@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from shoal.core.registry import loaded_on_use
 from shoal.lab.trials import run_trials
-from shoal.registry import loaded_on_use
 
 if TYPE_CHECKING:
     from shoal.lab.coordinator import run_sweep

@@ -11,8 +11,9 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import field, replace
 from pathlib import Path
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError, ShoalError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.notices import tell_once
 from shoal.lab.storage.lock import locked
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.batches import Answer, Batch, Piece, lost_batch, placed, play_batch
@@ -20,7 +21,6 @@ from shoal.lab.sweeps.progress import Gap, SweepProgress, SweepStatus
 from shoal.lab.sweeps.sweep import Sweep, digest_of, distinct_places
 from shoal.lab.versions import MixedVersionsWarning, check_versions, mixture
 from shoal.lab.worker_pools import WorkerPool, make_worker_pool
-from shoal.notices import tell_once
 from shoal.swarm.problem import SwarmProblem
 
 BATCH_SECONDS = 0.5

@@ -7,8 +7,8 @@ import os
 import signal
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 
-from shoal.errors import InvalidInputError
-from shoal.registry import load_users_modules, users_modules
+from shoal.core.errors import InvalidInputError
+from shoal.core.registry import load_users_modules, users_modules
 
 
 def default_workers() -> int:

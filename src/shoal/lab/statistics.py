@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 
 Method = Literal["auto", "t", "log", "bootstrap"]
 METHODS: tuple[Method, ...] = ("auto", "t", "log", "bootstrap")

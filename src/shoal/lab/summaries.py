@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from shoal.checks import shortened
-from shoal.dataclass import dataclass
-from shoal.episode import Status
-from shoal.errors import InvalidInputError
+from shoal.core.checks import shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.episode import Status
+from shoal.core.errors import InvalidInputError
+from shoal.core.parts import PARTS, problem_type
 from shoal.lab.statistics import Comparison, Estimate, Method, compare, estimate
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.batches import is_storable
-from shoal.parts import PARTS, problem_type
 
 _DONE = tuple(str(status) for status in Status if status.done)
 

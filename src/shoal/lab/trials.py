@@ -9,8 +9,8 @@ from functools import partial
 from threading import Event
 from typing import Any
 
-from shoal.checks import check_integer
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_integer
+from shoal.core.errors import InvalidInputError
 from shoal.lab.executors import default_workers, give_up, make_executor
 from shoal.swarm import SwarmEpisode, SwarmProblem
 from shoal.swarm.policies import Compiled

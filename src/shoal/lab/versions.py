@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from shoal.errors import InvalidInputError
-from shoal.version import code_digest, versions
+from shoal.core.errors import InvalidInputError
+from shoal.core.version import code_digest, versions
 
 
 class MixedVersionsWarning(UserWarning):

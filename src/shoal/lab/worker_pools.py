@@ -13,12 +13,12 @@ from dataclasses import field
 from multiprocessing.connection import wait
 from typing import Any, Protocol
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, MissingExtraError
+from shoal.core.registry import digest_of_module, named_modules, users_modules
 from shoal.lab.executors import begin_worker, default_workers, give_up
 from shoal.lab.sweeps.batches import worker_name
 from shoal.lab.versions import check_versions, worker_versions
-from shoal.registry import digest_of_module, named_modules, users_modules
 
 
 class WorkerPool(Protocol):

@@ -15,7 +15,7 @@ from math import inf, isnan
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.lab.statistics import Estimate
 from shoal.lab.summaries import Row
 from shoal.views.drawing.curves import Published

@@ -14,8 +14,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from shoal.dataclass import dataclass
-from shoal.files import write_text
+from shoal.core.dataclass import dataclass
+from shoal.core.files import write_text
 
 RECORD = Path(__file__).with_suffix(".json")
 CHECKS = Path(__file__).parents[3] / "docs" / "errata" / "__init__.py"

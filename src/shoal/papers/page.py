@@ -10,7 +10,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from shoal.files import write_text
+from shoal.core.files import write_text
 from shoal.lab.versions import worker_versions
 from shoal.papers.claims import Claim, Verdict
 from shoal.papers.errata import CHECKS, Erratum

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.lab.statistics import Estimate
 from shoal.lab.storage.store import Store
 from shoal.lab.summaries import Row

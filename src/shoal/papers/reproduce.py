@@ -12,9 +12,10 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from shoal.checks import check_integer
-from shoal.errors import InvalidInputError, ShoalError
-from shoal.files import atomic, write_json
+from shoal.core.checks import check_integer
+from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.files import atomic, write_json
+from shoal.core.registry import Registry
 from shoal.lab.coordinator import OnProgress, run_sweep
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
@@ -25,7 +26,6 @@ from shoal.papers.recipe import Outcome, Recipe, Result, Settings
 from shoal.papers.search import baselines, expected_time
 from shoal.papers.steering import constructions, shortest_paths
 from shoal.papers.steering import recipes as steering
-from shoal.registry import Registry
 from shoal.swarm.maps.open import open_map
 from shoal.views.drawing.charts import save_figure
 from shoal.views.drawing.curves import add_note

@@ -12,11 +12,11 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_bool, check_integer, check_number, parse_json, read_text, shortened
-from shoal.dataclass import dataclass
-from shoal.episode import Episode, Status, Verification
-from shoal.errors import InvalidInputError, ShoalError
-from shoal.files import write_json
+from shoal.core.checks import check_bool, check_integer, check_number, parse_json, read_text, shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.episode import Episode, Status, Verification
+from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.files import write_json
 from shoal.search.allocation.layers import layers_of
 from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.cells.routing import Route

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from math import inf
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
+from shoal.core.version import versions
 from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.episode import SearchEpisode
 from shoal.search.problem import SearchProblem
@@ -13,7 +14,6 @@ from shoal.search.problem.keys import read_key
 from shoal.search.simulation.live.trace import live_trace
 from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
-from shoal.version import versions
 
 SIMULATED = 1_000_000
 """Cells times robots, or half the cube of the robots, as each tells each of a share of all; more is simulated if asked for only."""

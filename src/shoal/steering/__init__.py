@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from shoal.registry import loaded_on_use
+from shoal.core.registry import loaded_on_use
 
 if TYPE_CHECKING:
     from shoal.steering.contact.region_world import RegionWorld

@@ -11,11 +11,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import FARTHEST, check_choice, check_integer, check_number, check_text, parse_json, read_text, shortened
-from shoal.dataclass import dataclass
-from shoal.episode import Episode, Status, Verification
-from shoal.errors import InvalidInputError, ShoalError
-from shoal.files import write_json
+from shoal.core.checks import FARTHEST, check_choice, check_integer, check_number, check_text, parse_json, read_text, shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.episode import Episode, Status, Verification
+from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.files import write_json
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.simulation.apparatus import condition, replay
 from shoal.steering.workspaces.convex import TOUCH

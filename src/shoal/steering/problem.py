@@ -10,10 +10,10 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from shoal.checks import check_number, check_points, shortened
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
-from shoal.problem import Problem, option
+from shoal.core.checks import check_number, check_points, shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.problem import Problem, option
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.formats import describe, open_workspace, workspace_of
 from shoal.steering.workspaces.region import Region

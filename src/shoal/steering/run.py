@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from shoal.checks import check_integer
-from shoal.dataclass import dataclass
-from shoal.episode import Status
+from shoal.core.checks import check_integer
+from shoal.core.dataclass import dataclass
+from shoal.core.episode import Status
+from shoal.core.version import versions
 from shoal.jit import Stopwatch
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.episode import SteeringEpisode
@@ -21,7 +22,6 @@ from shoal.steering.planners.task import SteeringTask, path_length, why_approach
 from shoal.steering.problem import SteeringProblem, check_can_part
 from shoal.steering.simulation.apparatus import Apparatus, replay
 from shoal.steering.workspaces.convex_geometry import Points
-from shoal.version import versions
 
 
 def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:

@@ -16,14 +16,14 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from shoal.checks import check_choice
-from shoal.errors import InvalidInputError, OutputError, ShoalError
-from shoal.parts import PARTS
+from shoal.core.checks import check_choice
+from shoal.core.errors import InvalidInputError, OutputError, ShoalError
+from shoal.core.parts import PARTS
+from shoal.core.version import __version__
 from shoal.studio.folder import Folder
 from shoal.studio.jobs.processes import warm_up
 from shoal.studio.jobs.queue import JobQueue
 from shoal.studio.preview import Preview
-from shoal.version import __version__
 
 WAITING = 1000
 """Messages that wait for a browser which does not take them; then its socket is closed, and it asks again."""

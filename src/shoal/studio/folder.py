@@ -8,9 +8,9 @@ from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from shoal.checks import shortened
-from shoal.errors import InvalidInputError
-from shoal.files import atomic
+from shoal.core.checks import shortened
+from shoal.core.errors import InvalidInputError
+from shoal.core.files import atomic
 
 MOST_PIXELS = 50_000_000
 """Pixels of a picture that the studio opens; the command opens larger ones."""
@@ -51,7 +51,7 @@ class Folder:
     >>> Folder(".").path("../secret")
     Traceback (most recent call last):
     ...
-    shoal.errors.InvalidInputError: file: expected a name inside the folder, got '../secret'
+    shoal.core.errors.InvalidInputError: file: expected a name inside the folder, got '../secret'
     """
 
     def __init__(self, root: str | os.PathLike[str]) -> None:

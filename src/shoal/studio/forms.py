@@ -8,11 +8,11 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
-from shoal.checks import check_integer
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_integer
+from shoal.core.errors import InvalidInputError
+from shoal.core.parts import PARTS
+from shoal.core.problem import Declaration, Problem
 from shoal.lab.problems import trial_problem_type
-from shoal.parts import PARTS
-from shoal.problem import Declaration, Problem
 from shoal.studio.folder import Folder
 
 _JSON_TYPES = {int: "integer", float: "number", bool: "boolean", str: "string"}

@@ -6,7 +6,7 @@ import asyncio
 from itertools import count
 from typing import Any
 
-from shoal.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.studio.jobs.processes import Worker
 
 PATIENCE = 60.0

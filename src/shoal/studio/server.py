@@ -11,7 +11,7 @@ from pathlib import Path
 
 import uvicorn
 
-from shoal.errors import InvalidInputError, OutputError
+from shoal.core.errors import InvalidInputError, OutputError
 from shoal.lab.storage.lock import locked
 from shoal.studio.application import Studio, application_of
 from shoal.studio.guard import Guard, LimitedConnection

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.lab.problems import KINDS, trial_problem_type
 from shoal.lab.summaries import first_measure
 from shoal.lab.sweeps.sweep import Sweep, sweep_in

@@ -11,9 +11,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
-from shoal.episode import Episode, Status, Verification
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.episode import Episode, Status, Verification
+from shoal.core.errors import InvalidInputError
+from shoal.core.version import versions
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.commands import decode
 from shoal.swarm.grid.state import SwarmState
@@ -26,7 +27,6 @@ from shoal.swarm.noise.moments import Moment
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
 from shoal.swarm.simulation import episode_file
 from shoal.swarm.simulation.replay import ExactReplay, NoisyReplay, ObservedReplay, Replay
-from shoal.version import versions
 
 REASONS = {
     Status.COMPLETE: "nothing is left to do",

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from shoal.checks import shortened
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
-from shoal.problem import Problem, option
-from shoal.registry import Registry, configured, name_of
+from shoal.core.checks import shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.problem import Problem, option
+from shoal.core.registry import Registry, configured, name_of
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.commands import RULES
 from shoal.swarm.grid.scans import DEAREST, MOVE_COST, SCAN_COST, ScanRule

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from shoal.checks import check_integer
-from shoal.episode import Status
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_integer
+from shoal.core.episode import Status
+from shoal.core.errors import InvalidInputError
+from shoal.core.version import versions
 from shoal.jit import Stopwatch
 from shoal.swarm.episode import SwarmEpisode
 from shoal.swarm.grid.randomness import noise_rng, trial_rng
@@ -26,7 +27,6 @@ from shoal.swarm.simulation.exact import ExactSwarm
 from shoal.swarm.simulation.loop import Controlled, OnMoves, OnTrace, closed_loop
 from shoal.swarm.simulation.noisy import NoisySwarm
 from shoal.swarm.simulation.starts import draw_start
-from shoal.version import versions
 
 
 def run(

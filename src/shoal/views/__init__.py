@@ -12,15 +12,15 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from shoal.checks import check_choice
-from shoal.errors import InvalidInputError
-from shoal.files import atomic
+from shoal.core.checks import check_choice
+from shoal.core.errors import InvalidInputError
+from shoal.core.files import atomic
 from shoal.views.drawing.charts import save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from shoal.episode import Episode
+    from shoal.core.episode import Episode
 
 
 __all__ = ["figure", "film", "notebook_page", "save_figure"]

@@ -9,7 +9,7 @@ import pytest
 
 import shoal
 import shoal.envs
-from shoal.errors import OutputError
+from shoal.core.errors import OutputError
 from shoal.swarm import GridWorkspace
 
 SMALL = {"map": "vessels:100", "particles": 20}

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from shoal.errors import MissingExtraError
+from shoal.core.errors import MissingExtraError
 
 
 @pytest.mark.parametrize("library", ["gymnasium", "pettingzoo"])

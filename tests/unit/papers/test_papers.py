@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from shoal.cli import run as command
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, UnknownNameError
+from shoal.core.registry import Registry
 from shoal.lab import Store
 from shoal.lab.statistics import estimate
 from shoal.lab.summaries import Row
@@ -23,7 +24,6 @@ from shoal.papers.mapping.curves import MAPS
 from shoal.papers.recipe import counts_of, function_sweep, measuring, published_curve
 from shoal.papers.search.baselines import hilbert_ii
 from shoal.papers.steering.recipes import random_difference
-from shoal.registry import Registry
 from shoal.steering import regular_polygon
 from shoal.views.drawing.curves import Curve, Labels, Published, frontier_curves, mean_curves
 

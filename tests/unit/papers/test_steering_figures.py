@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.goal_sweeps import sweep_goals
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.papers.steering.antipodes import swap_antipodes
 from shoal.papers.steering.figures import antipode_errors, disk_sets, fraction_curves, goal_maps, reachable_sets
 from shoal.papers.steering.goals import DISK_GOALS, DISK_START, SQUARE_CASES, GoalSweep

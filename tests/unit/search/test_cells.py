@@ -9,7 +9,7 @@ import pytest
 import shapely
 from tests.reference.regions import back_and_forth
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import RegionPaths, cells_of, coverage_check, merge_collinear, open_region, region_of
 
 

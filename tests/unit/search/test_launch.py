@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import SearchEpisode, open_region
 from shoal.search.cells.transits import Transits
 from shoal.search.missions.deconfliction import plan_missions

@@ -17,7 +17,7 @@ from random import Random
 
 import pytest
 
-from shoal.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.search import TourCost, make_tour
 from shoal.search.cells.distances import CellDistances
 from shoal.search.problem import SearchProblem

@@ -10,7 +10,7 @@ import pytest
 import shapely
 
 from shoal.cli import run as command
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.margin import with_margin
 from shoal.search.regions.region import region_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import TourCost, make_tour
 from shoal.search.problem.keys import read_key
 from shoal.search.problem.network import network_of

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from shoal.cli import run
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import open_region
 from shoal.search.missions import FORMATS, RULES, Mission, lint, missions_of, read_mission, write_missions
 from shoal.search.missions.fence import Fence

@@ -12,7 +12,7 @@ from tests.reference.missions import READERS, read_plan, read_wpl
 from tests.unit.search.test_mission_lint import FIELD
 
 from shoal.cli import run
-from shoal.errors import InvalidInputError, OutputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError
 from shoal.search import LocalFrame, RegionPaths, cells_of, open_region
 from shoal.search.missions import (
     FORMATS,

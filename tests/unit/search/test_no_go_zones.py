@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from shoal.cli import run
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import open_region, region_of
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.limits import DEEPEST, MOST_ELEMENTS

@@ -12,7 +12,7 @@ from tests.reference.regions import county
 
 import shoal
 from shoal.cli import run as command
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import SearchProblem, TourCost, coverage_check, make_tour, open_region, plan_search
 from shoal.search.allocation.choice import best_allocation
 from shoal.search.allocation.orientation import best_grid_tour, grid_tour

@@ -9,7 +9,7 @@ import pytest
 import shapely
 from pyproj import Geod
 
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.search import LocalFrame, cells_of, coverage_check, open_region, region_of
 
 FIELD = [(8.50, 47.40), (8.52, 47.40), (8.52, 47.41), (8.50, 47.41), (8.50, 47.40)]

@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 from tests.properties.search_invariants import Checker, check_outcome
 from tests.search_episodes import planned, search
 
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.search import Arc, SearchEpisode, TourCost, allocate, make_tour, open_region
 from shoal.search.allocation.partition import cost_of_all
 from shoal.search.cells.distances import CellDistances

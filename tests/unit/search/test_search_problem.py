@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from shoal.cli import run as command
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.search import LocalFrame, SearchEpisode, SearchProblem, region_of
 from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition, check_faults, fault_text
 from shoal.search.run import run

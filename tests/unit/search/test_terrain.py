@@ -14,7 +14,7 @@ from tests.reference.flight import bilinear, way_of_plan
 from tests.reference.missions import READERS
 
 from shoal.cli import run
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import LocalFrame
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.terrain import Terrain

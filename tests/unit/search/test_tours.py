@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from shoal.cli import run
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.search import (
     Tour,
     components,

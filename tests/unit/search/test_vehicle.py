@@ -10,7 +10,7 @@ import pytest
 from tests.reference.flight import ground_speed
 
 from shoal.cli import run
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.plan import plan_search
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.pace import turn_cells, working_seconds

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.steering import steer
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.steering import ContactWorld, SteeringProblem, SteeringTask, disk, polygon, prism, region, regular_polygon
 from shoal.steering.contact.region_world import RegionWorld
 from shoal.steering.planners import sampling

@@ -11,7 +11,7 @@ import pytest
 from tests.steering import steer
 
 from shoal.cli import run
-from shoal.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.steering import (
     ContactWorld,
     SteeringEpisode,

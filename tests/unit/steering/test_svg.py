@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shoal.cli import run
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.steering import Region, open_workspace
 
 HEAD = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" width="80mm" viewBox="0 0 40 40">'

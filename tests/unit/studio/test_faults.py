@@ -10,7 +10,7 @@ import signal
 import pytest
 from tests import studio_work
 
-from shoal.errors import OutputError
+from shoal.core.errors import OutputError
 from shoal.lab import Store
 from shoal.lab.sweeps.toml_writing import as_toml
 from shoal.studio.folder import Folder

@@ -8,7 +8,7 @@ import zlib
 
 import pytest
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.studio.folder import Folder, check_pixels
 
 

@@ -11,8 +11,8 @@ import pytest
 
 import shoal
 from shoal.cli import run as run_command
-from shoal.errors import InvalidInputError
-from shoal.parts import PARTS, load_problem, problem_type
+from shoal.core.errors import InvalidInputError
+from shoal.core.parts import PARTS, load_problem, problem_type
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, copies_of, schema_of
 

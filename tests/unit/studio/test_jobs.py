@@ -11,7 +11,7 @@ import time
 import pytest
 from tests import studio_work
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.studio.folder import Folder
 from shoal.studio.jobs.processes import Worker
 from shoal.studio.jobs.queue import JobQueue

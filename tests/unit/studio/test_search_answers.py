@@ -10,7 +10,7 @@ import pytest
 
 import shoal
 from shoal.cli import run as run_command
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import SearchProblem, open_region
 from shoal.search.regions.projection import LocalFrame
 from shoal.studio.answers import search

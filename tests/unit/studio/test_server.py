@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from shoal.cli import run
-from shoal.errors import OutputError
+from shoal.core.errors import OutputError
 from shoal.lab.storage.lock import locked
 from shoal.studio.server import listening
 

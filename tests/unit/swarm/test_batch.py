@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.swarm_runs import run
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, SwarmProblem
 from shoal.swarm.batch import PLANES, WorldBatch, threads
 from shoal.swarm.grid.commands import LETTERS

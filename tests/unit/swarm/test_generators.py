@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.swarm.maps.generators import GENERATORS, generate, is_spec
 from shoal.swarm.maps.generators.htree import draw_bars, half_lengths, tree_size
 

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.vessels_from_photographs import Eye, angiogram, measured
 from scipy import ndimage
 
-from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.swarm.maps.generators import generate
 from shoal.swarm.maps.imaging import VesselFinder, find_vessels, map_of_vessels, pixels_a_cell, segment_vessels
 

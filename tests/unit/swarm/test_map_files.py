@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from shoal.errors import InvalidInputError, OutputError
-from shoal.files import atomic
+from shoal.core.errors import InvalidInputError, OutputError
+from shoal.core.files import atomic
 from shoal.swarm import GridWorkspace
 from shoal.swarm.maps.files import read_map, write_map
 from shoal.swarm.maps.open import open_map

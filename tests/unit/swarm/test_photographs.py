@@ -12,7 +12,7 @@ from tests.unit.swarm.photographs import angiogram, dice, fundus
 from typer.testing import CliRunner
 
 from shoal.cli import app
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.imaging import find_vessels
 
 pytest.importorskip("skimage")  # an extra

@@ -15,7 +15,7 @@ from tests.reference.small import small_cases
 from tests.swarm_runs import run
 
 from shoal import open_map
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, make_policy
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.tasks import make_task

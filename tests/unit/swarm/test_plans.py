@@ -11,7 +11,7 @@ from tests.swarm_runs import run
 
 from shoal import open_map
 from shoal.cli import run as command
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace
 from shoal.swarm.policies.planners import offline
 from shoal.swarm.policies.planners.offline import plan_coverage

@@ -20,7 +20,7 @@ from tests.swarm_runs import run
 
 from shoal import GridWorkspace, InvalidInputError, OutputError, open_map
 from shoal.cli import run as shoal
-from shoal.errors import RigError
+from shoal.core.errors import RigError
 from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.rigs import (
     ConnectionCutError,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.swarm import Coverage, GridWorkspace, SubsetCoverage, SwarmProblem
 from shoal.swarm.policies import ClosestFrontier
 

@@ -14,7 +14,7 @@ from tests.swarm_runs import run as play
 
 from shoal import open_map
 from shoal.cli import run
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, GridWorld, SwarmEpisode
 from shoal.swarm.grid.scans import ScanRule, states_of_run
 from shoal.swarm.kernels.episodes import scan_runs as kernels

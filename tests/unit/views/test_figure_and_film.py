@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from shoal import views
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import SearchProblem
 from shoal.search.run import run as run_search
 from shoal.steering import SteeringProblem

@@ -14,7 +14,7 @@ from docs.make_images import expected_time_figure
 from PIL import Image
 from tests.search_episodes import search
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import SearchEpisode, region_of
 from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.views import film

@@ -13,7 +13,7 @@ from PIL import Image
 from tests.steering import steer, thrown
 
 from shoal.cli import run
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.steering import (
     SteeringProblem,
     cylinder,

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shoal.checks import shortened
+from shoal.core.checks import shortened
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table, say
-from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.core.errors import InvalidInputError, MissingExtraError
 
 if TYPE_CHECKING:
     import numpy as np

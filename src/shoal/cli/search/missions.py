@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shoal.checks import check_number
 from shoal.cli import options
 from shoal.cli.options import help_of, parsed
 from shoal.cli.output import check_folder, print_json, print_table, say
+from shoal.core.checks import check_number
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions, parse_separation

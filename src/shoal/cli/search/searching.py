@@ -100,7 +100,7 @@ def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | No
     """Write what --out and --film ask for; return the files."""
     written: list[Path] = []
     if out is not None:
-        from shoal.files import write_json
+        from shoal.core.files import write_json
         from shoal.views import figure, save_figure
 
         save_figure(figure(episode), out / "region.png")

@@ -11,7 +11,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from shoal.search import Tour
@@ -100,7 +100,7 @@ def _shown(value: Any) -> str:
 
 
 def _write_tour(made: Tour, result: dict[str, Any], out: Path) -> list[Path]:
-    from shoal.files import atomic, write_json
+    from shoal.core.files import atomic, write_json
     from shoal.views.drawing.charts import save_figure
     from shoal.views.search.tours import tour_figure
 

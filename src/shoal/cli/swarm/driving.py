@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from shoal.checks import check_integer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, moves_told, print_json, print_table, say
-from shoal.errors import InvalidInputError
-from shoal.interruption import patient
+from shoal.core.checks import check_integer
+from shoal.core.errors import InvalidInputError
+from shoal.core.interruption import patient
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 
 if TYPE_CHECKING:
-    from shoal.episode import Verification
+    from shoal.core.episode import Verification
     from shoal.swarm import GridWorkspace, SwarmEpisode
     from shoal.swarm.rigs import Drive, Rig
 

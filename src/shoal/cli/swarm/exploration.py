@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from shoal.checks import check_integer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import (
@@ -24,7 +23,8 @@ from shoal.cli.output import (
     say,
     write_films,
 )
-from shoal.errors import InvalidInputError, ShoalError
+from shoal.core.checks import check_integer
+from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
 
 if TYPE_CHECKING:
@@ -201,7 +201,7 @@ def write_outputs(episodes: list[SwarmEpisode], result: dict[str, Any], out: Pat
     """Write what --out and --film ask for; return the files."""
     written: list[Path] = []
     if out is not None:
-        from shoal.files import write_json
+        from shoal.core.files import write_json
         from shoal.views import figure, save_figure
 
         save_figure(figure(episodes[0]), out / "map.png")

@@ -10,7 +10,7 @@ import typer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_folder, print_json, print_table, quiet, say
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.problem import SwarmProblem
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, patience, print_json, print_table, progress
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -110,7 +110,7 @@ def _means(row: dict[str, Any]) -> str:
 
 
 def _write(out: Path, figures: dict[str, Figure], result: dict[str, Any]) -> list[Path]:
-    from shoal.files import write_json
+    from shoal.core.files import write_json
     from shoal.views.drawing.charts import save_figure
 
     for name, figure in figures.items():

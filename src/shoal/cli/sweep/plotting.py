@@ -10,7 +10,7 @@ import typer
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table
 from shoal.cli.sweep.results import StoreFile, SweepName, Unused
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 
 PLOT_EXAMPLE = "Example: shoal sweep plot results.sqlite --measure moves --out moves.png"
 FIGURES = (".png", ".svg", ".pdf")

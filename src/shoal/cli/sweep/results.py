@@ -12,8 +12,8 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_columns, print_json, print_table, say
-from shoal.errors import InvalidInputError
-from shoal.files import write_json
+from shoal.core.errors import InvalidInputError
+from shoal.core.files import write_json
 
 if TYPE_CHECKING:
     from shoal.lab import Store
@@ -73,7 +73,7 @@ def summary(
     Where trials ended before their task was done, it says how many, and a mean of what they needed is a restricted one: it counts
     no value above the least at which one ended.
     """
-    from shoal.checks import check_choice
+    from shoal.core.checks import check_choice
     from shoal.lab import Store
     from shoal.lab.statistics import METHODS
     from shoal.lab.summaries import compare_along, first_measure, summarise

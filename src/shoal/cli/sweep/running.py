@@ -15,8 +15,8 @@ import typer
 from shoal.cli import options
 from shoal.cli.output import cell, check_folder, print_drawn, print_json, print_table, quiet, say, visible, warnings_said
 from shoal.cli.sweep.results import StoreFile, Unused, check_table
-from shoal.errors import InvalidInputError
-from shoal.files import write_json
+from shoal.core.errors import InvalidInputError
+from shoal.core.files import write_json
 
 if TYPE_CHECKING:
     from rich.table import Table

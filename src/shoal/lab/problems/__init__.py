@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from shoal import parts
-from shoal.checks import shortened, suggestion
-from shoal.errors import InvalidInputError
+from shoal.core import parts
+from shoal.core.checks import shortened, suggestion
+from shoal.core.errors import InvalidInputError
+from shoal.core.problem import Problem
 from shoal.lab.problems.base import MeasuredProblem
 from shoal.lab.problems.function import FunctionProblem
 from shoal.lab.problems.line import LineProblem, ScheduleProblem
-from shoal.problem import Problem
 
 __all__ = ["KINDS", "FunctionProblem", "LineProblem", "ScheduleProblem", "trial", "trial_problem", "trial_problem_type"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any
 
-from shoal.dataclass import dataclass
-from shoal.problem import Problem
+from shoal.core.dataclass import dataclass
+from shoal.core.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
-from shoal.checks import shortened
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.problem import option
+from shoal.core.registry import Registry
 from shoal.lab.problems.base import MeasuredProblem
-from shoal.problem import option
-from shoal.registry import Registry
 
 
 def _check_arguments(value: Any) -> dict[str, Any] | None:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.problem import option
 from shoal.lab.problems.base import MeasuredProblem
-from shoal.problem import option
 from shoal.swarm.theory.one_dimension import Line, sample
 from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers, ScanSchedule
 

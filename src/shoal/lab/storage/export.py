@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from shoal.errors import InvalidInputError, MissingExtraError
-from shoal.files import atomic
+from shoal.core.errors import InvalidInputError, MissingExtraError
+from shoal.core.files import atomic
 from shoal.lab.storage.store import Store
 
 SUFFIXES = (".csv", ".parquet")

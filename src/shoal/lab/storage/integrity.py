@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.batches import is_storable
 from shoal.lab.sweeps.sweep import trial_seed

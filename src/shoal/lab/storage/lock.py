@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from shoal.errors import InvalidInputError, OutputError
-from shoal.interruption import half_written
+from shoal.core.errors import InvalidInputError, OutputError
+from shoal.core.interruption import half_written
 
 _TRIES = 5
 _PLAIN = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK  # a link, or a pipe, may be a stranger's: nothing is written to it

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.lab.storage.schema import unfinished_store
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import differences

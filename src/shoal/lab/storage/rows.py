@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from shoal.checks import parse_json, shortened
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import parse_json, shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.lab.sweeps.sweep import Sweep, SweepForm, form_of, sweep_of
 
 

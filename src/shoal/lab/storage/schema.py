@@ -12,10 +12,10 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
-from shoal.checks import shortened
-from shoal.errors import InvalidInputError, OutputError
-from shoal.interruption import half_written
-from shoal.version import __version__
+from shoal.core.checks import shortened
+from shoal.core.errors import InvalidInputError, OutputError
+from shoal.core.interruption import half_written
+from shoal.core.version import __version__
 
 APPLICATION = 0x53484F41  # "SHOA"
 FORMAT = 1

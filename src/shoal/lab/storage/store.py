@@ -12,7 +12,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, UnknownNameError
+from shoal.core.version import __version__
 from shoal.lab.storage.lock import is_locked
 from shoal.lab.storage.rows import StoredSweep, columns_of, stored_sweep
 from shoal.lab.storage.schema import connect, told, transaction
@@ -20,7 +21,6 @@ from shoal.lab.sweeps.batches import Answer
 from shoal.lab.sweeps.progress import Gap, SweepStatus
 from shoal.lab.sweeps.sweep import Sweep, differences, digest_of, is_extended
 from shoal.lab.versions import written
-from shoal.version import __version__
 
 _RECENT = 60.0  # seconds over which the rate is measured
 _AT_ONCE = 10_000  # rows read at once

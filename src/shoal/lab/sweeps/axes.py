@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
-from shoal.checks import shortened, validation_message
-from shoal.errors import InvalidInputError
+from shoal.core.checks import shortened, validation_message
+from shoal.core.errors import InvalidInputError
 
 MAX_POINTS = 100_000
 

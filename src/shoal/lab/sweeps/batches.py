@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from shoal.checks import shortened
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError, ShoalError
+from shoal.core.checks import shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.problem import Problem
 from shoal.lab import problems
 from shoal.lab.sweeps.sweep import trial_seed
 from shoal.lab.versions import worker_versions
-from shoal.problem import Problem
 
 _LONGEST_TEXT = 1000  # characters of a text that a trial measures
 _OPEN = 8  # maps, workspaces and regions that a worker keeps open

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.lab.sweeps.sweep import Point
 
 

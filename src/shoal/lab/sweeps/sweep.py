@@ -16,13 +16,13 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
-from shoal.checks import check_depth, check_integer, read_text, validation_message
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_depth, check_integer, read_text, validation_message
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.problem import Problem
 from shoal.lab.problems import FunctionProblem, trial_problem
 from shoal.lab.sweeps.axes import MAX_POINTS, axis_values
 from shoal.lab.sweeps.toml_location import line_of
-from shoal.problem import Problem
 
 MAX_TRIALS = 1_000_000_000
 LARGEST_SWEEP = 10_000_000

@@ -6,8 +6,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from shoal.checks import shortened
-from shoal.errors import InvalidInputError
+from shoal.core.checks import shortened
+from shoal.core.errors import InvalidInputError
 
 _TABLES = ("problem", "axes")
 

@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_choice, check_integer, check_number
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_choice, check_integer, check_number
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.steering.planners.chains.chain import ChainQuery
 from shoal.steering.planners.chains.cycles import nearest_cycles
 from shoal.steering.workspaces.convex import disk

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.papers.steering.antipodes import AntipodeSwap
 from shoal.papers.steering.goals import GoalSweep
 from shoal.papers.steering.reachable_fraction import DiskFractions, PolygonFractions, largest_two_move_fraction

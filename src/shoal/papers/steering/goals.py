@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.recipe import Settings, Table

@@ -12,8 +12,8 @@ from math import pi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.steering.delta_space.disk_reach import DIRECTIONS, disk_reach
 from shoal.steering.delta_space.polygon_reach import PolygonReach, polygon_reach
 from shoal.steering.workspaces.convex import ConvexWorkspace

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shoal.checks import shortened
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
-from shoal.registry import configured
+from shoal.core.checks import shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.registry import configured
 from shoal.search.allocation.allocators import ALLOCATORS, Indices
 from shoal.search.allocation.arcs import Arc, numbers_of, way_to, work_time
 from shoal.search.allocation.tour_cost import Floats, TourCost

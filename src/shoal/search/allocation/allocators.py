@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.registry import Registry
+from shoal.core.registry import Registry
 from shoal.search.allocation.arcs import Arc, work_time
 from shoal.search.allocation.tour_cost import Floats, TourCost
 from shoal.search.kernels import shares

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search.allocation.tour_cost import Floats, TourCost
 from shoal.search.tours.bitset import arc_bits, runs, turned
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_integer
+from shoal.core.checks import check_integer
 
 _AT_ONCE = 2_000_000  # positions that are drawn at once
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search.cells.distances import Distances
 from shoal.search.cells.footprint import Footprint
 from shoal.search.cells.grid import CellGrid

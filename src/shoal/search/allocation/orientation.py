@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search.allocation.layers import Grid, LayeredGrid, LayeredPaths, Paths, at_altitude, with_climb_cost
 from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import cells_of

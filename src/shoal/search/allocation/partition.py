@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search.allocation.allocate import Allocation, Arc, arcs_of, time_of
 from shoal.search.allocation.tour_cost import Floats, TourCost
 from shoal.search.tours.bitset import runs

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_integer
-from shoal.dataclass import dataclass
+from shoal.core.checks import check_integer
+from shoal.core.dataclass import dataclass
 from shoal.search.allocation.allocate import Allocation, Arc
 from shoal.search.allocation.arcs import numbers_of
 from shoal.search.allocation.choice import best_allocation

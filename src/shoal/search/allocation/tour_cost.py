@@ -9,8 +9,8 @@ from math import dist, inf
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.cells.distances import CellDistances, Distances
 from shoal.search.cells.footprint import Footprint, MaskFootprint, Numbers
 from shoal.search.flight.timing import STRAIGHT

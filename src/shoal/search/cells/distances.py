@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.cells.routing import RegionPaths, length_of
 from shoal.search.cells.visibility_graph import inside, pulled
 from shoal.search.tours import Tour

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_number
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_number
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.cells.clipping import Clipped, Lattice, clip_to_cells, lattice_over, rotated_shape, with_centers_free
 from shoal.search.cells.portals import Portals, portals_of
 from shoal.search.cells.viewpoints import viewpoints_of, viewpoints_on_rows

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search.cells.clipping import Clipped, Lattice
 from shoal.search.regions.outline_checks import Points
 

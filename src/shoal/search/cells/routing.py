@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.portal_graph import PortalGraph
 from shoal.search.cells.visibility_graph import VisibilityGraph, inside, merge_collinear, pulled

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.cells.routing import length_of
 from shoal.search.cells.visibility_graph import VisibilityGraph, inside
 from shoal.search.regions.margin import coarse, grown

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from shoal.checks import check_choice, check_number
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_choice, check_number
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.flight.terrain import Floats, Profile, Terrain, followed, profile_of
 from shoal.search.flight.timing import Trajectory, trajectory
 from shoal.search.flight.turning import NEAR, KnownCurves, turned_way

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search.flight.timing import Floats, Trajectory
 
 LEVEL = 1e-3  # metres: who is so near to the vertical separation has it

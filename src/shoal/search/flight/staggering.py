@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search.flight.separation import conflicts, merged_intervals
 from shoal.search.flight.timing import Floats, Trajectory
 

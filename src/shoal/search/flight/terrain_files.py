@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from shoal.checks import check_file, read_text, shortened
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_file, read_text, shortened
+from shoal.core.errors import InvalidInputError
 from shoal.search.flight.terrain import UNSAID, Floats, Terrain
 
 LARGEST_GRID = 40_000_000

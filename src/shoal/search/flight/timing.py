@@ -7,8 +7,8 @@ from math import radians, sin
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_points
-from shoal.dataclass import dataclass
+from shoal.core.checks import check_points
+from shoal.core.dataclass import dataclass
 from shoal.search.flight.vehicle import Vehicle
 
 Floats = NDArray[np.float64]

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.flight.dubins import WORDS, Floats, dubins_parts, dubins_way
 from shoal.search.regions.outline_checks import text_of
 

@@ -12,10 +12,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_choice, check_depth, parse_json, read_text, shortened, suggestion
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
-from shoal.problem import Problem, option
+from shoal.core.checks import check_choice, check_depth, parse_json, read_text, shortened, suggestion
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.problem import Problem, option
 
 PRESETS: dict[str, dict[str, float]] = {
     "ideal": {"cruise_speed": 1.0, "altitude": 30.0},
@@ -301,7 +301,7 @@ def vehicle_of(value: Any) -> Vehicle:
     >>> vehicle_of("multirotor,speed=4")
     Traceback (most recent call last):
     ...
-    shoal.errors.InvalidInputError: vehicle: speed: expected no such field, got 4.0 (did you mean 'wind_speed'?)
+    shoal.core.errors.InvalidInputError: vehicle: speed: expected no such field, got 4.0 (did you mean 'wind_speed'?)
     """
     if isinstance(value, Vehicle):
         return value

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
-from shoal.files import write_json
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.files import write_json
 from shoal.search.flight.staggering import Separation
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.deconfliction import MissionApproach, missions_approach

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.plan import SearchPlan
 from shoal.search.flight.separation import nearest_approach
 from shoal.search.flight.staggering import Separation, staggered

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search.missions.fence import Fence
 from shoal.search.regions.formats.xml_tree import Element, XmlError, parse_xml
 from shoal.search.regions.outline_checks import Points

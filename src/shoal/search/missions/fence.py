@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from shoal.dataclass import dataclass
-from shoal.notices import tell_once
+from shoal.core.dataclass import dataclass
+from shoal.core.notices import tell_once
 from shoal.search.regions.outline_checks import Points
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from shoal.checks import parse_json, read_text
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
-from shoal.files import atomic, write_json
-from shoal.registry import Registry
+from shoal.core.checks import parse_json, read_text
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.files import atomic, write_json
+from shoal.core.registry import Registry
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.diagnostics import RULES, Sheet
 from shoal.search.missions.formats import geojson, gpx, kml, plan, table, wpl

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from shoal.checks import check_choice, check_integer
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_choice, check_integer
+from shoal.core.errors import InvalidInputError
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import mission_files, open_sheet, take_beside
 from shoal.search.missions.rules import check_elsewhere, check_place, check_sense

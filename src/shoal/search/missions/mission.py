@@ -7,9 +7,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_choice, check_integer, check_number, check_points
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_choice, check_integer, check_number, check_points
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.flight.flight import FRAMES, TERRAIN_ERROR, Flight, whole_way
 from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.vehicle import Vehicle, vehicle_of

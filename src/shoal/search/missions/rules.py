@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.mission import OVERHEAD
 from shoal.search.problem.mission_options import CAPS

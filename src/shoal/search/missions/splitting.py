@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.cells.routing import leg_lengths
 from shoal.search.flight.flight import Flight
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of

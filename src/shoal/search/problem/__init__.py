@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
-from shoal.problem import Problem, option
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.problem import Problem, option
 from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.problem.faults import Fault, check_faults, fault_text
 from shoal.search.problem.fields import (

@@ -8,9 +8,9 @@ from dataclasses import asdict, fields
 from math import inf
 from typing import Any, cast
 
-from shoal.checks import check_integer, check_number, shortened
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_integer, check_number, shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 
 
 @dataclass(frozen=True, slots=True)

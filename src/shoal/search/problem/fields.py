@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from shoal.checks import FARTHEST, check_integer, check_number, check_points, check_text, read_polygon, shortened
-from shoal.errors import InvalidInputError
+from shoal.core.checks import FARTHEST, check_integer, check_number, check_points, check_text, read_polygon, shortened
+from shoal.core.errors import InvalidInputError
 from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.problem.faults import Fault, fault_text
 from shoal.search.problem.network import network_of

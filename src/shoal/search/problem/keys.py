@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import stat
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 
 _SHORTEST, _LONGEST = 16, 4096  # bytes
 

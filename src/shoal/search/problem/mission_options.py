@@ -6,10 +6,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from shoal.checks import check_number, check_text, shortened
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
-from shoal.problem import Problem, option
+from shoal.core.checks import check_number, check_text, shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.problem import Problem, option
 from shoal.search.flight.flight import FRAMES, TERRAIN_ERROR
 from shoal.search.flight.staggering import DELAY, HORIZONTAL, VERTICAL, Separation
 from shoal.search.problem import SearchProblem

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hmac
 from zlib import crc32
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.protocol.messages import LONGEST, Beacon, decode_beacon, encode_beacon
 
 VERSION = 2

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import ceil
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search.allocation.arcs import Arc
 from shoal.search.protocol.inference import can_come, is_late, is_live, speed_of
 from shoal.search.protocol.state import Robot

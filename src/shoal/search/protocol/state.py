@@ -7,7 +7,7 @@ from dataclasses import field
 from math import inf
 from typing import Any
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search.allocation.partition import Part
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.cells.transits import WaysOut

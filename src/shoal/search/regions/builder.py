@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shoal.checks import check_choice
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_choice
+from shoal.core.errors import InvalidInputError
 from shoal.search.regions.builtin import builtin_region, is_builtin
 from shoal.search.regions.formats import read_outlines
 from shoal.search.regions.outline_checks import (

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.search.regions.outline_checks import Points, RegionOutline, RegionOutlines, Ring
 
 _CORNERS = 360  # of the polygon that stands for a circle

@@ -5,7 +5,7 @@ from __future__ import annotations
 import zipfile
 import zlib
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 
 LARGEST_FILE = 20_000_000
 """Bytes of a region file, and of what a KMZ unfolds to."""

@@ -11,7 +11,7 @@ import shapely
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.geojson import read_positions
 from shoal.search.regions.formats.table import read_vertices
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of

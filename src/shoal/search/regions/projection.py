@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shoal.checks import check_number
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_number
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 
 REACH = 100_000.0  # metres from the origin: the scale error there is 1.2e-4

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.regions.outline_checks import FARTHEST, Points, check_plane_points, place_of, text_of
 from shoal.search.regions.projection import LocalFrame
 

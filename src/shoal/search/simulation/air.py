@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from numpy.random import Generator
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.problem.network import Link, Replays, damage
 from shoal.search.protocol.envelope import Receiver, Sender
 from shoal.search.protocol.messages import LONGEST, Beacon, Heartbeat

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import exp, log
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search.simulation.scenario import Scenario
 
 _PRIOR = 0.01  # share of cells that hold something, before anybody has looked

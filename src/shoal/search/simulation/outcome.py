@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import field
 from math import inf
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search.protocol.robot import Robot
 
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.layers import LayeredGrid, layers_of
 from shoal.search.allocation.plan import SearchPlan
 from shoal.search.allocation.tour_cost import TourCost

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_integer, check_number, check_text, shortened
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_integer, check_number, check_text, shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.plan import SearchPlan
 from shoal.search.problem.faults import Liar
 from shoal.search.simulation.scenario import Scenario

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
-from shoal.registry import configured
+from shoal.core.errors import InvalidInputError
+from shoal.core.registry import configured
 from shoal.search.tours import boustrophedon, comb, hilbert, hilbert_rectangle, spanning_tree
 from shoal.search.tours.base import TOURS, TourMaker, check_covers
 from shoal.search.tours.codec import hilbert_decode, hilbert_encode, moore_decode, moore_encode

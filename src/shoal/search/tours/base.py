@@ -7,8 +7,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
-from shoal.registry import Registry
+from shoal.core.errors import InvalidInputError
+from shoal.core.registry import Registry
 from shoal.search.tours.tour import Tour
 
 

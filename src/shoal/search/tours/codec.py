@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 
 MAX_ORDER = {2: 31, 3: 20}
 """The largest order by number of dimensions: indices are int64."""
@@ -83,7 +83,7 @@ def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> ND
     >>> hilbert_decode(2**20, order=10)
     Traceback (most recent call last):
     ...
-    shoal.errors.InvalidInputError: indices: expected 0 to 1048575 on the Hilbert curve of order 10, got 1048576
+    shoal.core.errors.InvalidInputError: indices: expected 0 to 1048575 on the Hilbert curve of order 10, got 1048576
     """
     from shoal.search.kernels import hilbert
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.tours.base import TOURS
 from shoal.search.tours.codec import MAX_ORDER, hilbert_encode, moore_encode
 from shoal.search.tours.masks import bounds, component_after_component

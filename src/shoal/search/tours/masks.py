@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 
 MAX_CELLS = 2**28
 """The largest grid accepted, in cells (16384 x 16384)."""

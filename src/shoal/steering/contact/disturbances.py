@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.steering.contact.region_world import RegionWorld
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.workspaces.region import Region

@@ -7,7 +7,7 @@ from math import inf
 
 import numpy as np
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.steering.contact.world import SteeringWorld
 from shoal.steering.kernels import region_contact as kernels
 from shoal.steering.workspaces.convex import TOUCH

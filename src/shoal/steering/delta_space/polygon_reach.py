@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_points
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_points
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.steering.delta_space.disk_reach import check_moves
 from shoal.steering.delta_space.two_moves import toucher_shares, two_move_pieces
 from shoal.steering.kernels.cycles import deeper

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, cast
 
-from shoal.checks import shortened
-from shoal.errors import InvalidInputError
-from shoal.registry import configured
+from shoal.core.checks import shortened
+from shoal.core.errors import InvalidInputError
+from shoal.core.registry import configured
 from shoal.steering.planners import fewest_moves, greedy, robust, sampling, shortest
 from shoal.steering.planners.protocol import PLANNERS, Planner
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.steering.contact.region_world import RegionWorld
 from shoal.steering.contact.world import ContactWorld
 from shoal.steering.kernels import sampling as kernels

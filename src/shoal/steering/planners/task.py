@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.steering.contact.friction_limits import friction_limit
 from shoal.steering.contact.wall_release import released_translation, separations, touched_normals
 from shoal.steering.contact.world import ContactWorld

@@ -8,9 +8,9 @@ from math import pi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_bool, check_integer, check_number, check_points
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_bool, check_integer, check_number, check_points
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.steering.workspaces.convex_geometry import Points, check_inside, clipped, convex_outline, hull
 
 TOUCH = 1e-9  # of the size: who is nearer to a wall than this is on it

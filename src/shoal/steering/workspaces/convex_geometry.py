@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_points
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_points
+from shoal.core.errors import InvalidInputError
 
 Points = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from shoal.checks import check_choice, parse_json, read_polygon, read_text, shortened, suggestion
-from shoal.errors import InvalidInputError, UnknownNameError
+from shoal.core.checks import check_choice, parse_json, read_polygon, read_text, shortened, suggestion
+from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.steering.workspaces.convex import ConvexWorkspace, cylinder, disk, polygon, prism, regular_polygon
 from shoal.steering.workspaces.region import Region, region
 from shoal.steering.workspaces.svg import read_drawing, rings_of_path

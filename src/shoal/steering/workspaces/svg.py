@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.steering.workspaces.convex import ConvexWorkspace, disk
 from shoal.steering.workspaces.convex_geometry import Points
 

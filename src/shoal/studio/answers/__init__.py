@@ -7,8 +7,8 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
-from shoal.checks import check_choice
-from shoal.errors import ShoalError
+from shoal.core.checks import check_choice
+from shoal.core.errors import ShoalError
 from shoal.studio.answers import files, lab, papers, search, steering, vessels
 from shoal.studio.folder import Folder
 from shoal.studio.jobs.work import storable

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_points, shortened
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
-from shoal.files import atomic
+from shoal.core.checks import check_points, shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.files import atomic
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.builder import build_region
 from shoal.search.regions.margin import with_margin

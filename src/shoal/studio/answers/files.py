@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import shoal
-from shoal.files import atomic
+from shoal.core.files import atomic
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, checked_seed, copies_of
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from shoal.checks import parse_json, read_text
-from shoal.problem import LARGEST_PROBLEM
+from shoal.core.checks import parse_json, read_text
+from shoal.core.problem import LARGEST_PROBLEM
 from shoal.studio.folder import PAPERS, Folder
 
 

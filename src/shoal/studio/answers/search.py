@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.flight.timing import turns_of
 from shoal.search.problem import SearchProblem

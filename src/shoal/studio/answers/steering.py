@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shoal
-from shoal.checks import check_integer
+from shoal.core.checks import check_integer
 from shoal.studio.answers.shared import opened
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, checked_seed

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_integer
-from shoal.errors import InvalidInputError, ShoalError
+from shoal.core.checks import check_integer
+from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.studio.answers.shared import LARGEST_SHOWN, base64_of, fit_to_page, opened, picture_of, picture_of_mask
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, checked_seed

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from shoal.errors import InvalidInputError
-from shoal.files import atomic
+from shoal.core.errors import InvalidInputError
+from shoal.core.files import atomic
 from shoal.search.problem import SearchProblem
 from shoal.studio.folder import Folder
 from shoal.studio.forms import as_command, checked_fields, checked_problem, checked_seed, mission_words

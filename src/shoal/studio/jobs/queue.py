@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from shoal.checks import check_choice
-from shoal.errors import OutputError
+from shoal.core.checks import check_choice
+from shoal.core.errors import OutputError
 from shoal.lab.executors import default_workers
 from shoal.studio.folder import Folder
 from shoal.studio.jobs.processes import Worker

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from shoal.checks import check_choice, check_number, check_text, parse_json, shortened
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_choice, check_number, check_text, parse_json, shortened
+from shoal.core.errors import InvalidInputError
 from shoal.lab.storage.schema import told, transaction
 
 FILE = ".studio.sqlite"

@@ -6,9 +6,9 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
-from shoal.checks import check_choice, check_text
-from shoal.errors import InvalidInputError
-from shoal.files import write_text
+from shoal.core.checks import check_choice, check_text
+from shoal.core.errors import InvalidInputError
+from shoal.core.files import write_text
 from shoal.lab.coordinator import run_sweep
 from shoal.lab.storage.export import SUFFIXES, export
 from shoal.lab.storage.store import Store

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 import shoal
-from shoal.checks import check_choice, check_integer, check_text
-from shoal.errors import InvalidInputError, ShoalError
-from shoal.files import write_json
+from shoal.core.checks import check_choice, check_integer, check_text
+from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.files import write_json
 from shoal.studio.folder import PAPERS, Folder
 from shoal.studio.forms import checked_problem, checked_seed
 from shoal.studio.jobs import sweeps
@@ -64,7 +64,7 @@ def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
 
 def play_live(problem: Any, seed: int, say: Say) -> Any:
     """Play an episode of a swarm; its begin, its moves as they are played and its end are told."""
-    from shoal.episode import Status
+    from shoal.core.episode import Status
     from shoal.swarm.episode import SwarmEpisode
     from shoal.swarm.grid.commands import decode
     from shoal.swarm.grid.randomness import trial_rng

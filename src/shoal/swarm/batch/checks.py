@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import shortened
-from shoal.errors import InvalidInputError
+from shoal.core.checks import shortened
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.problem import SwarmProblem
 
 LARGEST = 2**62

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import shortened
-from shoal.dataclass import one_line
-from shoal.errors import InvalidInputError
+from shoal.core.checks import shortened
+from shoal.core.dataclass import one_line
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.batch.checks import check_out, check_where
 from shoal.swarm.batch.maps import PaddedMaps
 from shoal.swarm.batch.threads import share_out

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.board import Board, GridLayout, Words
 from shoal.swarm.maps.workspace import GridWorkspace
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_integer
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_integer
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.batch.checks import check_numbers, check_problems
 from shoal.swarm.batch.inspection import Boards, Inspection
 from shoal.swarm.batch.maps import PaddedMaps

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
-from shoal.registry import Registry
+from shoal.core.errors import InvalidInputError
+from shoal.core.registry import Registry
 
 LETTERS = "lurdio"
 """Left, up, right, down; in 3-D also in (towards layer 0) and out."""

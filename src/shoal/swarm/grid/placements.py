@@ -9,8 +9,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
-from shoal.registry import Registry, configured
+from shoal.core.errors import InvalidInputError
+from shoal.core.registry import Registry, configured
 from shoal.swarm.grid.commands import offsets_of
 from shoal.swarm.grid.world import check_start
 from shoal.swarm.maps.workspace import GridWorkspace

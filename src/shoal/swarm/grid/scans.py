@@ -14,9 +14,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_integer, check_number
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_integer, check_number
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.state import SwarmState
 
 Kind = Literal["equal", "doubling", "hyper", "adaptive"]

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
-from shoal.registry import Registry, configured
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.registry import Registry, configured
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board
 from shoal.swarm.grid.state import SwarmState

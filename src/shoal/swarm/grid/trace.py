@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import one_line
+from shoal.core.dataclass import one_line
 from shoal.swarm.grid.commands import encode
 
 Row = tuple[int, int, int]

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.commands import RULES, encode
 from shoal.swarm.grid.fields import pushed

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.reading import MapOptions, check_size, reading
 from shoal.swarm.maps.workspace import GridWorkspace, check_finite
 

@@ -10,10 +10,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from shoal.checks import check_file
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
-from shoal.files import atomic
+from shoal.core.checks import check_file
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.core.files import atomic
 from shoal.swarm.maps.arrays import encode_npy, read_npy
 from shoal.swarm.maps.pictures import LARGEST_FILE, PICTURES, encode_picture, read_picture, read_slices
 from shoal.swarm.maps.reading import MapOptions

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps import imaging
 from shoal.swarm.maps.arrays import free_by_number
 from shoal.swarm.maps.files import named_after, read_map

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_file
-from shoal.errors import InvalidInputError
-from shoal.notices import tell_once
+from shoal.core.checks import check_file
+from shoal.core.errors import InvalidInputError
+from shoal.core.notices import tell_once
 from shoal.swarm.maps.reading import MAX_LAYERS, MapOptions, check_layers, check_size, reading
 from shoal.swarm.maps.workspace import GridWorkspace
 

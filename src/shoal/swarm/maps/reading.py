@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from math import prod
 from pathlib import Path
 
-from shoal.checks import check_integer, check_number
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError, ShoalError
+from shoal.core.checks import check_integer, check_number
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, ShoalError
 
 MAX_CELLS = 2**28
 """The largest map accepted, in cells (16384 x 16384)."""

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import read_text
-from shoal.errors import InvalidInputError
+from shoal.core.checks import read_text
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.reading import MapOptions, check_size
 from shoal.swarm.maps.workspace import GridWorkspace
 

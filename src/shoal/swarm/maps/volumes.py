@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.swarm.maps.arrays import free_by_number
 from shoal.swarm.maps.reading import MapOptions, check_size, reading
 from shoal.swarm.maps.workspace import GridWorkspace

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board
 from shoal.swarm.maps.workspace import GridWorkspace

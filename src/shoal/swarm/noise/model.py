@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import isfinite, log
 from typing import Any
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 
 CONFIDENCE = 0.99
 PRIOR = 0.25  # that a cell of which nothing is known is free: about the share in vascular maps

@@ -7,7 +7,7 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.swarm.noise.belief import NoisyBelief
 from shoal.swarm.noise.model import PRIOR, bound_of
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.errors import RigError
+from shoal.core.errors import RigError
 from shoal.swarm.grid.board import Board, GridLayout
 from shoal.swarm.grid.commands import encode
 from shoal.swarm.grid.world import check_start

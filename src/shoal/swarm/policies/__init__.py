@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from shoal.errors import InvalidInputError
-from shoal.registry import Registry, configured
+from shoal.core.errors import InvalidInputError
+from shoal.core.registry import Registry, configured
 from shoal.swarm.policies.closest_frontier import ClosestFrontier
 from shoal.swarm.policies.compiled_policy import Compiled, check_scanning
 from shoal.swarm.policies.depth_first import DepthFirst

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import ClassVar
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.commands import RULES
 from shoal.swarm.grid.scans import ScanRule

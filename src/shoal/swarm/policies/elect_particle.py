@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from numpy.random import Generator
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.swarm.grid.board import Board
 from shoal.swarm.policies.compiled_policy import Searching
 from shoal.swarm.policies.paths import route_to_frontier, step_from

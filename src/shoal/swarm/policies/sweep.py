@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from numpy.random import Generator
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.swarm.policies.compiled_policy import Compiled
 from shoal.swarm.policies.protocol import Decision, View
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_choice, check_integer
-from shoal.dataclass import dataclass
-from shoal.episode import Status, Verification
-from shoal.errors import InvalidInputError
-from shoal.interruption import interruption_held
+from shoal.core.checks import check_choice, check_integer
+from shoal.core.dataclass import dataclass
+from shoal.core.episode import Status, Verification
+from shoal.core.errors import InvalidInputError
+from shoal.core.interruption import interruption_held
 from shoal.swarm.episode import REASONS, SwarmEpisode
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout

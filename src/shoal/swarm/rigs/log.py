@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, TypeAdapter, ValidationError
 
-from shoal.checks import check_file, parse_json, validation_message
-from shoal.dataclass import dataclass
-from shoal.episode import Status
-from shoal.errors import InvalidInputError, OutputError, RigError
+from shoal.core.checks import check_file, parse_json, validation_message
+from shoal.core.dataclass import dataclass
+from shoal.core.episode import Status
+from shoal.core.errors import InvalidInputError, OutputError, RigError
+from shoal.core.version import __version__
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.state import check_cells
 from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.rigs.protocol import Rig
-from shoal.version import __version__
 
 FORMAT: Literal[1] = 1
 LARGEST_LOG = 2**31  # bytes

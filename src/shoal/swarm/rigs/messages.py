@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 
 PROTOCOL: Literal[1] = 1
 LONGEST_LINE = 2**26  # bytes; longer ones are damaged

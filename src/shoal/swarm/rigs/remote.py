@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_number
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError, RigError
+from shoal.core.checks import check_number
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, RigError
 from shoal.swarm.grid.commands import RULES, letters_of
 from shoal.swarm.grid.state import check_cells
 from shoal.swarm.maps.reading import MAX_CELLS

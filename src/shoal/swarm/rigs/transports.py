@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
-from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.swarm.rigs.messages import LONGEST_LINE
 
 T = TypeVar("T")

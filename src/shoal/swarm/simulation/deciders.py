@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.random import Generator
 
-from shoal.errors import InvalidInputError, ShoalError
+from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.commands import LETTERS, encode, letters_of
 from shoal.swarm.grid.fields import RULE_CODES, field_of

@@ -13,11 +13,11 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_choice, check_integer, check_number, check_text, parse_json, shortened
-from shoal.episode import Status
-from shoal.errors import InvalidInputError, UnknownNameError
-from shoal.files import atomic
-from shoal.interruption import interruption_held
+from shoal.core.checks import check_choice, check_integer, check_number, check_text, parse_json, shortened
+from shoal.core.episode import Status
+from shoal.core.errors import InvalidInputError, UnknownNameError
+from shoal.core.files import atomic
+from shoal.core.interruption import interruption_held
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.grid.world import check_start

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from shoal.episode import Status
+from shoal.core.episode import Status
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.grid.trace import Recorder, Row, Trace

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.theory.bounds import check_case, flat_cells, flat_mask

@@ -7,8 +7,8 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from shoal.errors import InvalidInputError
-from shoal.files import atomic
+from shoal.core.errors import InvalidInputError
+from shoal.core.files import atomic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

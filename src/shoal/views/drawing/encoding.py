@@ -15,8 +15,8 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, MissingExtraError
 
 SUFFIXES = (".gif", ".mp4", ".html")
 LONGEST = {".gif": 400, ".mp4": 1800}  # frames

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search import Arc, RobotLog, SearchEpisode
 from shoal.search.allocation.partition import partition
 from shoal.search.problem.faults import Liar, WrongPosition

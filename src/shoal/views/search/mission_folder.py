@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.files import write_json
+from shoal.core.files import write_json
 from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.episode import SearchEpisode
 from shoal.search.flight.terrain_files import open_terrain

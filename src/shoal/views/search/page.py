@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search import SearchEpisode
 from shoal.search.simulation.findings import Finding
 from shoal.views.player import render

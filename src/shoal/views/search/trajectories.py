@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search import RobotLog, SearchEpisode
 from shoal.search.problem.faults import Slow
 from shoal.search.simulation.coverages import cell_spans

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.steering import ConvexWorkspace
 
 FAR = 4.5  # distance of the eye, in times the reach of what it looks at

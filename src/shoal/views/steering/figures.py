@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.steering import ConvexWorkspace, DiskReach, PolygonReach, Region, SteeringEpisode
 from shoal.steering.delta_space.two_moves import two_move_pieces
 from shoal.views.drawing.charts import GRID, INK, ORANGE, bare_axes, new_figure, set_title

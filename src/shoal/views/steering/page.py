@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.views.player import render
 from shoal.views.steering.axes import outlines_of

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.steering.delta_space.two_moves import two_move_pieces
 from shoal.steering.simulation.apparatus import executed_moves

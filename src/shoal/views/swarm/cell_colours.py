@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.swarm import Belief, SwarmEpisode, SwarmState
 from shoal.swarm.maps.raster import PALETTE
 from shoal.swarm.noise import moments

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shoal.checks import check_integer
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_integer
+from shoal.core.errors import InvalidInputError
 from shoal.swarm import SwarmEpisode
 from shoal.swarm.maps.raster import PALETTE, in_strips
 from shoal.views.drawing.charts import MUTED, new_figure, padded_figure, plain_axes, set_title

@@ -7,7 +7,7 @@ import base64
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm import SwarmEpisode
 from shoal.swarm.noise import Noise, moments
 from shoal.views.player import render

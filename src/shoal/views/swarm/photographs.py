@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
-from shoal.files import atomic
+from shoal.core.files import atomic
 
 OUTLINE = (64, 255, 96)  # found nowhere in an eye
 

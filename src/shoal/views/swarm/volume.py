@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.swarm import GridWorkspace
 from shoal.swarm.maps import raster
 from shoal.swarm.maps.raster import PALETTE

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.missions.fence import Fence
 from shoal.search.missions.formats.numbers import degrees, plain, raw
 

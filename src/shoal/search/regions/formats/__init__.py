@@ -19,8 +19,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from shoal.checks import check_file
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_file
+from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.geojson import read_geojson
 from shoal.search.regions.formats.geopackage import read_geopackage
 from shoal.search.regions.formats.kml import read_kml, read_kmz

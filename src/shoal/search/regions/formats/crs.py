@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring, text_of
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from shoal.checks import parse_json, read_text
-from shoal.errors import InvalidInputError
+from shoal.core.checks import parse_json, read_text
+from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
 from shoal.search.regions.formats.marks import is_no_go, names_no_go
 from shoal.search.regions.limits import LARGEST_FILE

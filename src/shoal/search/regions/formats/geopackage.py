@@ -9,8 +9,8 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from shoal.checks import check_file
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_file
+from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
 from shoal.search.regions.formats.layers import layer_polygons
 from shoal.search.regions.formats.marks import can_mark, names_no_go

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from shoal.checks import check_file, decode_text, read_text
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_file, decode_text, read_text
+from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.marks import is_no_go, names_no_go
 from shoal.search.regions.formats.xml_tree import Element, XmlError, parse_xml
 from shoal.search.regions.limits import ARCHIVE_FAULTS, LARGEST_FILE

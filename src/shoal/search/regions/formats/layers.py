@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.marks import is_no_go
 from shoal.search.regions.outline_checks import RegionOutline, polygon_outlines
 

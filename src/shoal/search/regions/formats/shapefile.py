@@ -7,8 +7,8 @@ import warnings
 import zipfile
 from pathlib import Path, PurePosixPath
 
-from shoal.checks import check_file
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_file
+from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
 from shoal.search.regions.formats.layers import layer_polygons
 from shoal.search.regions.formats.marks import can_mark

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from shoal.checks import read_text
-from shoal.errors import InvalidInputError
+from shoal.core.checks import read_text
+from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.marks import names_no_go
 from shoal.search.regions.limits import LARGEST_FILE, MOST_CORNERS, MOST_PAIRS, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring, check_metres, check_ring, text_of

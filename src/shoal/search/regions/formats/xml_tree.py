@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import field
 from xml.parsers import expat
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.search.regions.limits import DEEPEST, MOST_ELEMENTS
 
 

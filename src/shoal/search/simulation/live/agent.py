@@ -10,8 +10,8 @@ from itertools import pairwise
 from math import dist, inf
 from typing import Any
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.problem.faults import true_rate
 from shoal.search.protocol.events import (
     Action,

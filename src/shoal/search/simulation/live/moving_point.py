@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from math import exp
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 
 LAG = 0.1  # the time constant of the speed, in the time that a robot of speed 1 takes for a cell
 _NEAR = 1e-3  # cells

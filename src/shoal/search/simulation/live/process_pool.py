@@ -17,8 +17,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from shoal.dataclass import dataclass
-from shoal.errors import ShoalError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import ShoalError
 from shoal.search.simulation.live.task import LiveTask
 
 Report = dict[str, Any]

@@ -15,7 +15,7 @@ from contextlib import closing
 from random import Random
 from typing import Literal
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.protocol.envelope import Receiver, Sender
 from shoal.search.protocol.messages import Beacon
 

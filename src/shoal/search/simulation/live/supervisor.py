@@ -12,8 +12,8 @@ from contextlib import ExitStack
 from math import inf
 from typing import Any, Literal
 
-from shoal.checks import check_integer
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_integer
+from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.partition import partition
 from shoal.search.problem.faults import Crash, Slow
 from shoal.search.problem.network import network_of

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from random import Random
 
-from shoal.checks import shortened
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import shortened
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.search.cells.distances import CellDistances
 from shoal.search.problem.faults import Slow
 from shoal.search.protocol.envelope import Receiver, Sender

@@ -8,7 +8,7 @@ from math import inf
 
 import numpy as np
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.partition import partition
 from shoal.search.problem.faults import Crash, Slow
 from shoal.search.protocol.messages import LONGEST

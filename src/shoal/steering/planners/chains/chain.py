@@ -10,7 +10,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.steering.kernels.chain import settle
 from shoal.steering.kernels.chain_limits import Kind, new_work
 from shoal.steering.kernels.cycles import CycleModel

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shoal.dataclass import one_line
+from shoal.core.dataclass import one_line
 from shoal.steering.kernels.cycles import nearest_on_circle, nearest_on_polygon
 from shoal.steering.planners.chains.chain import ChainQuery
 from shoal.steering.workspaces.convex_geometry import Points

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.steering.planners.chains.antipodal import antipodal_chain
 from shoal.steering.planners.chains.chain import ENOUGH, REFINING, ROOM, Chain, ChainQuery, refined
 from shoal.steering.planners.chains.search import chains_of

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import OutputError
-from shoal.files import atomic
+from shoal.core.errors import OutputError
+from shoal.core.files import atomic
 from shoal.swarm.maps.generators.catalogue import GENERATORS
 from shoal.swarm.maps.generators.names import generate
 

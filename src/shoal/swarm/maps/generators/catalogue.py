@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.dataclass import dataclass
-from shoal.registry import Registry
+from shoal.core.dataclass import dataclass
+from shoal.core.registry import Registry
 from shoal.swarm.maps.generators.cave import draw_cave
 from shoal.swarm.maps.generators.htree import draw_htree
 from shoal.swarm.maps.generators.maze import draw_maze

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.reading import MAX_CELLS
 
 LEFT_RIGHT = np.array([[0, -1], [0, 1]])

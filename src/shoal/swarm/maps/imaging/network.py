@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.generators.components import Mask, crop, largest_part
 from shoal.swarm.maps.imaging.segmentation import HIGH, LOW, find_vessels, imaging_module
 

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.dataclass import one_line
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import one_line
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.maps.generators.components import Mask
 
 Grey = NDArray[np.float64]

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.checks import check_number
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError, MissingExtraError
+from shoal.core.checks import check_number
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.swarm.maps.generators.components import Mask
 from shoal.swarm.maps.imaging.filters import FLATTENING, THICKEST_VESSEL, strongest_line, vessel_response, without_ground
 from shoal.swarm.maps.imaging.photographs import Grey, Photograph, read_photograph, resized

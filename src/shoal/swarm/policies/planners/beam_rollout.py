@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.swarm.policies.planners.planner_policy import MOST_FEW, MOST_MANY, USUAL, Budgeted
 from shoal.swarm.policies.planners.tuning import Tuning
 

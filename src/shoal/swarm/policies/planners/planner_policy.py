@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 from numpy.random import Generator
 
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.fields import field_of
 from shoal.swarm.grid.state import SwarmState

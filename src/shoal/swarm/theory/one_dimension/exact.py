@@ -10,8 +10,8 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_integer
-from shoal.dataclass import dataclass
+from shoal.core.checks import check_integer
+from shoal.core.dataclass import dataclass
 from shoal.swarm.theory.one_dimension import counting
 
 _COUNTED = 1000  # particles, or empty cells, from which on C(m, n) has thousands of digits

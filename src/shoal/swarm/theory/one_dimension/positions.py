@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 
 
 def check_positions(positions: ArrayLike, cells: int) -> NDArray[np.int64]:

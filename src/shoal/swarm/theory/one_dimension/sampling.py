@@ -10,9 +10,9 @@ from dataclasses import field, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.checks import check_integer
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_integer
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 from shoal.swarm.theory.one_dimension.exact import Line
 
 _DRAWS, _CELLS = 2**21, 2**28  # random numbers drawn, and cells looked through, at once; part of what a seed means

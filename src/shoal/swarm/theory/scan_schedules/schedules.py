@@ -13,9 +13,9 @@ from decimal import Decimal
 from fractions import Fraction
 from itertools import count
 
-from shoal.checks import check_integer
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_integer
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 
 _LONGEST_PRICE = 300
 _PRICE = re.compile(r"[+-]?(\d+/\d+|(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,2})?)", re.ASCII)  # exponents stay small: they are written out

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from itertools import count
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 from shoal.swarm.theory.scan_schedules.optimal import least_worst
 from shoal.swarm.theory.scan_schedules.schedules import Custom, ScanSchedule, check_distance
 

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from shoal.errors import OutputError
-from shoal.interruption import half_written
+from shoal.core.errors import OutputError
+from shoal.core.interruption import half_written
 
 
 @contextmanager

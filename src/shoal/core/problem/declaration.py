@@ -8,9 +8,9 @@ from dataclasses import MISSING, Field, field
 from math import inf
 from typing import Any, Union, get_args, get_origin
 
-from shoal.checks import check_bool, check_choice, check_integer, check_number, check_text, range_text
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError
+from shoal.core.checks import check_bool, check_choice, check_integer, check_number, check_text, range_text
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:  # noqa: 
 
     Examples
     --------
-    >>> from shoal.problem import Problem
+    >>> from shoal.core.problem import Problem
     >>> @dataclass(frozen=True)
     ... class Walk(Problem):
     ...     part = "walk"
@@ -175,7 +175,7 @@ def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:  # noqa: 
     >>> Walk(steps=0)
     Traceback (most recent call last):
     ...
-    shoal.errors.InvalidInputError: steps: expected a whole number, 1 or more, got 0
+    shoal.core.errors.InvalidInputError: steps: expected a whole number, 1 or more, got 0
     """
     return field(default=default, metadata={"option": Option(help=help, **more)})
 

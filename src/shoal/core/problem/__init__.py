@@ -13,10 +13,10 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Self, get_type_hints
 
-from shoal.checks import parse_json, read_text, shortened, suggestion
-from shoal.dataclass import dataclass
-from shoal.errors import InvalidInputError, UnknownNameError
-from shoal.problem.declaration import Declaration, declaration_of, option
+from shoal.core.checks import parse_json, read_text, shortened, suggestion
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError, UnknownNameError
+from shoal.core.problem.declaration import Declaration, declaration_of, option
 
 __all__ = ["LARGEST_PROBLEM", "Declaration", "Problem", "option"]
 

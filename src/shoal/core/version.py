@@ -29,7 +29,7 @@ def code_digest() -> str:
     import hashlib  # these two are slow to import, too
     from pathlib import Path
 
-    digest, root = hashlib.blake2b(digest_size=8), Path(__file__).parent
+    digest, root = hashlib.blake2b(digest_size=8), Path(__file__).parent.parent
     for folder in ("swarm", "steering", "search", "lab"):
         for file in sorted((root / folder).rglob("*.py")):
             digest.update(file.relative_to(root).as_posix().encode() + file.read_bytes())

@@ -9,7 +9,7 @@ from enum import StrEnum
 from importlib import import_module
 from typing import Any, ClassVar, Self
 
-from shoal.dataclass import dataclass
+from shoal.core.dataclass import dataclass
 
 
 class Status(StrEnum):
@@ -65,7 +65,7 @@ class Episode(ABC):
     - ``status``: a `Status`.
     - ``seed``: int; the same problem and seed give the same episode.
     - ``seconds``: float; the time that it took, without compilation.
-    - ``versions``: what it was computed with, as `shoal.version.versions` says.
+    - ``versions``: what it was computed with, as `shoal.core.version.versions` says.
     """
 
     part: ClassVar[str]

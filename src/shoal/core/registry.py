@@ -10,7 +10,7 @@ from functools import partial
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from shoal.errors import InvalidInputError, ShoalError, UnknownNameError
+from shoal.core.errors import InvalidInputError, ShoalError, UnknownNameError
 
 if TYPE_CHECKING:
     import inspect
@@ -114,7 +114,7 @@ class Registry(Generic[T]):
     >>> colours.get("rad")
     Traceback (most recent call last):
     ...
-    shoal.errors.UnknownNameError: unknown colour 'rad': did you mean 'red'? (known: red; or MODULE:ATTRIBUTE)
+    shoal.core.errors.UnknownNameError: unknown colour 'rad': did you mean 'red'? (known: red; or MODULE:ATTRIBUTE)
     """
 
     def __init__(self, kind: str, *, open_to_others: bool = True, functions: bool = False) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
@@ -47,7 +47,7 @@ def check_integer(value: Any, *, what: str, least: float = -inf, most: float = i
     >>> check_integer(0, what="particles", least=1)
     Traceback (most recent call last):
     ...
-    shoal.errors.InvalidInputError: particles: expected a whole number, 1 or more, got 0
+    shoal.core.errors.InvalidInputError: particles: expected a whole number, 1 or more, got 0
     """
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or not least <= value <= most:
@@ -117,7 +117,7 @@ def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
     >>> check_choice("blok", what="rule", choices=("block", "merge"))
     Traceback (most recent call last):
     ...
-    shoal.errors.InvalidInputError: rule: expected one of block, merge, got 'blok' (did you mean 'block'?)
+    shoal.core.errors.InvalidInputError: rule: expected one of block, merge, got 'blok' (did you mean 'block'?)
     """
     known = list(choices)
     if value not in known:

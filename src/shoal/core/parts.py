@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from shoal.checks import parse_json, read_text, shortened, suggestion
-from shoal.episode import Episode
-from shoal.errors import InvalidInputError
-from shoal.problem import LARGEST_PROBLEM, Problem
+from shoal.core.checks import parse_json, read_text, shortened, suggestion
+from shoal.core.episode import Episode
+from shoal.core.errors import InvalidInputError
+from shoal.core.problem import LARGEST_PROBLEM, Problem
 
 PARTS = ("swarm", "search", "steering")
 """In the order in which `problem_for` tries them."""
