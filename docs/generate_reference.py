@@ -86,10 +86,11 @@ def table(problem: type[Problem]) -> str:
 
 ENVIRONMENT_PAGE = """# Environments
 
-What environments have beyond the fields of their [problems](problems.md). Those are options, too, but for what whoever steps the
-environment decides. How to use them: [use the environments](../how-to/environments.md).
+This page lists the options that environments have in addition to the fields of their [problems](problems.md). Almost all fields of a
+problem are options of its environment as well. The exceptions are listed below each table, because the agent makes these decisions. [Use
+the environments](../how-to/environments.md) shows examples.
 
-| id | class | options that are not at their field's default |
+| id | class | options whose default differs from the field's default |
 |---|---|---|
 """
 
@@ -107,7 +108,7 @@ def environment(options: type[EnvOptions]) -> str:
     """Return the table of one kind of environment."""
     kind = options.part.partition("-")[0]
     without = ", ".join(f"`{name}`" for name in options.decided)
-    return f"\n## {kind.capitalize()}\n\n{table(options)}\nNo options: {without}.\n"
+    return f"\n## {kind.capitalize()}\n\n{table(options)}\nNot options: {without}.\n"
 
 
 def row(declared: Declaration) -> str:
@@ -125,12 +126,13 @@ def row(declared: Declaration) -> str:
 
 LINTER = """# Rules of the mission linter
 
-`shoal missions check` and `shoal.search.missions.lint(path_or_folder, region)` read mission files back and report mistakes. Each
-diagnostic names the file, the place in it, the rule, what was expected and what was found. A file with an error marked * cannot be
-read as a mission, and `read_mission` refuses it. How missions are made and flown on paper: [missions](../concepts/missions.md).
+`shoal missions check` and `shoal.search.missions.lint(path_or_folder, region)` read mission files and report mistakes. Each diagnostic
+names the file, the place in the file, the rule, the expected value and the value in the file. A file with an error marked * cannot be read
+as a mission, and `read_mission` refuses it. [Missions](../concepts/missions.md) explains how Shoal writes mission files.
 
-Give the region if you can: without it, a file in which all axes are exchanged, home included, looks like a mission elsewhere. The
-options `--autopilot px4` and `--cap 250` say which autopilot is expected and how many items it stores.
+Pass the region if you can. Without the region, the linter cannot detect a file in which latitude and longitude are exchanged everywhere:
+such a file looks like a mission in another place. The options `--autopilot px4` and `--cap 250` state the expected autopilot and the number
+of items that it stores.
 
 | rule | severity | what is wrong |
 |---|---|---|
