@@ -37,4 +37,4 @@ def play_on_a_full_disk(connection, root, spec):
 
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
-    work(connection, root, "play", spec, 1)
+    work(connection, root, "shoal.studio.jobs.work:play", spec, 1)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
-from tests.browser.studio import FORMS, HOSTILE, Studio, wear
+from tests.browser.studio import FORMS, HOSTILE, Form, Studio, wear
 
 from shoal.views.player import render
 
@@ -21,6 +23,14 @@ ARGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Browser tests come last: while Playwright is open, asyncio.run() fails in every other test."""
     items.sort(key=lambda item: item.get_closest_marker("browser") is not None)
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Each flow of the studio has one of the four forms, or those that it names; with SHOAL_FORMS=all it has all."""
+    named = metafunc.definition.get_closest_marker("forms")
+    if "form" in metafunc.fixturenames and (named or os.environ.get("SHOAL_FORMS") == "all"):
+        forms = FORMS if os.environ.get("SHOAL_FORMS") == "all" or named is None else [FORMS[k] for k in named.args]
+        metafunc.parametrize("form", forms, indirect=True, ids=lambda form: f"{form[0]}-{form[1]}")
 
 
 @pytest.fixture(scope="session")
@@ -117,7 +127,17 @@ def studio_page(studio: Studio, chromium: Browser) -> Iterator[Page]:
 
 
 @pytest.fixture
-def page(studio_page: Page) -> Page:
-    """The page, wide and light."""
-    wear(studio_page, *FORMS[0])
-    return studio_page
+def form(request: pytest.FixtureRequest) -> Form:
+    """Light or dark, wide or narrow: the same at each run of a test, dealt over the tests."""
+    dealt: Form = getattr(request, "param", FORMS[zlib.crc32(request.node.nodeid.encode()) % len(FORMS)])
+    return dealt
+
+
+@pytest.fixture
+def page(studio_page: Page, studio: Studio, form: Form) -> Iterator[Page]:
+    """The page in one of the four forms; what a test writes into the folder is gone after it."""
+    there = set(studio.folder.rglob("*"))
+    wear(studio_page, *form)
+    yield studio_page
+    for path in sorted(set(studio.folder.rglob("*")) - there, reverse=True):
+        path.rmdir() if path.is_dir() else path.unlink()

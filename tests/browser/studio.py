@@ -8,14 +8,15 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import quote
 
 from playwright.sync_api import Page
 
 import shoal
 
-FORMS = [(theme, *size) for theme in ("light", "dark") for size in ((1280, 800), (390, 844))]
+Form = tuple[Literal["light", "dark"], int, int]
+FORMS: list[Form] = [("light", 1280, 800), ("light", 390, 844), ("dark", 1280, 800), ("dark", 390, 844)]
 HOSTILE = "<img src=x onerror=alert(1)>"
 
 
@@ -47,7 +48,7 @@ class Studio:
         page.wait_for_selector("body[data-ready]")
 
 
-def wear(page: Page, theme: Any, width: int, height: int) -> None:
+def wear(page: Page, theme: Literal["light", "dark"], width: int, height: int) -> None:
     """Show a page in one of the four forms."""
     page.set_viewport_size({"width": width, "height": height})
     page.emulate_media(color_scheme=theme, reduced_motion="reduce")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 from playwright.sync_api import Page
-from tests.browser.studio import FORMS, Studio, run_and_load, tab, wear, written_by
+from tests.browser.studio import Form, Studio, run_and_load, tab, written_by
 from tests.browser.waiting import until
 
 import shoal
@@ -34,9 +33,8 @@ def photograph(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("form", [FORMS[0], FORMS[3]], ids=["wide and light", "narrow and dark"])
-def test_from_a_photograph_to_its_film(page: Page, studio: Studio, photograph: Path, form: Any) -> None:
-    wear(page, *form)
+@pytest.mark.forms(0, 3)
+def test_from_a_photograph_to_its_film(page: Page, studio: Studio, photograph: Path, form: Form) -> None:
     studio.open(page, "vessels", {"problem": MAZE, "seed": 0})
     before = set(studio.folder.glob("retina*.png"))
     page.locator(".chooser input[type=file]").set_input_files(photograph)
@@ -53,7 +51,7 @@ def test_from_a_photograph_to_its_film(page: Page, studio: Studio, photograph: P
     episode = run_and_load(page, studio)
     expected = shoal.run(SwarmProblem(str(brought), vessels=True, low=0.6, particles=5, policy="closest-frontier"), seed=0)
     assert episode.commands == expected.commands
-    if form is FORMS[0]:
+    if form[:2] == ("light", 1280):
         assert written_by(page, studio, "Film as GIF").read_bytes()[:6] == b"GIF89a"
 
 
@@ -161,6 +159,7 @@ def test_the_shortest_plan_is_chosen_and_played(page: Page, studio: Studio) -> N
 def test_a_particle_is_dragged_and_the_plan_follows(page: Page, studio: Studio) -> None:
     studio.open(page, "steering", {"problem": PAIR, "seed": 0})
     page.locator(".plan", has_text="greedy").get_by_text("moves").wait_for()
+    page.get_by_role("button", name="Goal 1 at").scroll_into_view_if_needed()
     box = page.get_by_role("button", name="Goal 1 at").bounding_box()
     assert box is not None
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
@@ -175,6 +174,7 @@ def test_a_particle_is_dragged_and_the_plan_follows(page: Page, studio: Studio) 
 def test_a_workspace_is_drawn_by_clicks(page: Page, studio: Studio) -> None:
     studio.open(page, "steering", {"problem": PAIR, "seed": 0})
     page.get_by_role("button", name="Draw one").click()
+    page.locator(".room").first.scroll_into_view_if_needed()
     box = page.locator(".room").first.bounding_box()
     assert box is not None
     for x, y in ((0.3, 0.2), (0.7, 0.2), (0.7, 0.8), (0.3, 0.8)):

@@ -269,9 +269,9 @@ STATES: dict[str, tuple[str, dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_pages_have_no_serious_fault_in_four_forms(page: Page, studio: Studio, mazes: str, state: str) -> None:
+def test_pages_have_no_serious_fault_in_four_forms(studio_page: Page, studio: Studio, mazes: str, state: str) -> None:
     """Axe finds none, of the frames inside neither, and a narrow page scrolls one way only."""
-    place, given, there = STATES[state]
+    page, (place, given, there) = studio_page, STATES[state]
     studio.open(page, place, given)
     page.wait_for_selector(there, state="attached")
     for frame in page.frames:

@@ -13,7 +13,7 @@ import pytest
 import shapely
 from PIL import Image
 from playwright.sync_api import Locator, Page
-from tests.browser.studio import FORMS, Studio, run_and_load, tab, wear, written_by
+from tests.browser.studio import Studio, run_and_load, tab, written_by
 from tests.browser.waiting import until
 
 import shoal
@@ -111,9 +111,8 @@ def spot(page: Page, point: tuple[float, float], scale: float, middle: tuple[flo
     ) * scale
 
 
-@pytest.mark.parametrize("form", [FORMS[0], FORMS[3]])
-def test_a_region_a_zone_and_a_launch_point_are_drawn(page: Page, studio: Studio, form: tuple[Any, ...]) -> None:
-    wear(page, *form)
+@pytest.mark.forms(0, 3)
+def test_a_region_a_zone_and_a_launch_point_are_drawn(page: Page, studio: Studio) -> None:
     opened(page, studio)
     page.get_by_role("button", name="Draw a region", exact=True).click()
     points = [(-90, -60), (90, -60), (90, 60), (-90, 60)]

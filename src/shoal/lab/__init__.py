@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from shoal.core.registry import loaded_on_use
-from shoal.lab.trials import run_trials
 
 if TYPE_CHECKING:
     from shoal.lab.coordinator import run_sweep
@@ -13,8 +12,9 @@ if TYPE_CHECKING:
     from shoal.lab.storage.store import Store
     from shoal.lab.sweeps.progress import SweepProgress, SweepStatus
     from shoal.lab.sweeps.sweep import Point, Sweep, sweep_of
+    from shoal.lab.trials import run_trials
 
-# Loaded when first used: `shoal map` needs trials only, and its start is felt.
+# Loaded when first used: `shoal map` needs trials only, the studio's server a lock, and their starts are felt.
 _HOMES = {
     "Point": "sweeps.sweep",
     "Store": "storage.store",
@@ -23,6 +23,7 @@ _HOMES = {
     "SweepStatus": "sweeps.progress",
     "merge_stores": "storage.merging",
     "run_sweep": "coordinator",
+    "run_trials": "trials",
     "sweep_of": "sweeps.sweep",
 }
 

@@ -6,6 +6,7 @@ import asyncio
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from shoal.core.checks import check_choice
 from shoal.core.errors import InvalidInputError, OutputError, ShoalError
-from shoal.core.parts import PARTS
+from shoal.core.parts import PARTS, problem_type
+from shoal.core.problem import Problem
 from shoal.core.version import __version__
 from shoal.studio.folder import Folder
 from shoal.studio.jobs.processes import warm_up
@@ -84,16 +86,23 @@ class Studio:
     async def start(self, request: Request) -> Response:
         """Return what the page begins with."""
         told = {"folder": self.folder.root.name, "version": __version__, "jobs": self.queue.all_told()}
-        return JSONResponse(told | await asyncio.to_thread(self._forms) | {"files": await asyncio.to_thread(self.folder.files)})
+        return JSONResponse(told | await asyncio.shield(self.forms) | {"files": await asyncio.to_thread(self.folder.files)})
+
+    @cached_property
+    def forms(self) -> asyncio.Future[dict[str, Any]]:
+        """What pages make their forms of; looked up when the server begins, while the browser does."""
+        return asyncio.ensure_future(asyncio.to_thread(self._forms))
 
     def _forms(self) -> dict[str, Any]:
-        from shoal.search.flight.vehicle import PRESETS
+        from shoal.search.flight.vehicle import PRESETS, Vehicle
+        from shoal.search.problem.mission_options import MissionOptions
         from shoal.studio.forms import schema_of
         from shoal.swarm.maps.generators import GENERATORS
 
         made = (GENERATORS.get(name) for name in GENERATORS)
         maps = [{"name": one.name, "summary": one.summary, "example": one.example, "size": one.size} for one in made]
-        schemas = {part: schema_of(part) for part in (*PARTS, "vehicle", "missions")}
+        kinds: list[type[Problem]] = [*map(problem_type, PARTS), Vehicle, MissionOptions]
+        schemas = {kind.part: schema_of(kind) for kind in kinds}
         schemas["vehicle"]["presets"] = PRESETS
         return {"schemas": schemas, "maps": maps}
 
@@ -221,6 +230,7 @@ def application_of(studio: Studio) -> Starlette:
     @asynccontextmanager
     async def life(_app: Starlette) -> AsyncIterator[None]:
         async def begin() -> None:
+            await studio.forms
             await asyncio.to_thread(warm_up, "shoal.studio.warm")
             studio.queue.go_on()
 

@@ -6,43 +6,35 @@ import json
 import math
 import shlex
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from shoal.core.checks import check_integer
 from shoal.core.errors import InvalidInputError
-from shoal.core.parts import PARTS
+from shoal.core.parts import PARTS, problem_type
 from shoal.core.problem import Declaration, Problem
-from shoal.lab.problems import trial_problem_type
 from shoal.studio.folder import Folder
+
+Declared = TypeVar("Declared", bound=Problem)
 
 _JSON_TYPES = {int: "integer", float: "number", bool: "boolean", str: "string"}
 _COMMANDS = {"steering": "steer", "search": "search"}
 
 
-def declared_type(name: str) -> type[Problem]:
-    """Return what has fields that a form shows: problems of a part or of sweeps, a vehicle, the options of missions."""
-    from shoal.search.flight.vehicle import Vehicle
-    from shoal.search.problem.mission_options import MissionOptions
-
-    beside: dict[str, type[Problem]] = {kind.part: kind for kind in (Vehicle, MissionOptions)}
-    return beside.get(name) or trial_problem_type(name)
-
-
-def schema_of(part: str) -> dict[str, Any]:
-    """Return the JSON schema of what has fields, made from their declarations; see `declared_type`.
+def schema_of(kind: type[Problem]) -> dict[str, Any]:
+    """Return the JSON schema of what has fields, made from their declarations: of problems, vehicles, options of missions.
 
     Beyond the words of JSON Schema a property has ``unit``, ``place`` (whether it is the map, workspace or region), ``repeated``
     and ``names``: of a field whose value is a name, with options after a colon, the names.
 
     Examples
     --------
-    >>> schema_of("swarm")["properties"]["particles"]["minimum"]
+    >>> schema_of(problem_type("swarm"))["properties"]["particles"]["minimum"]
     1
     """
-    declared = declared_type(part).declarations()
+    declared = kind.declarations()
     return {
         "type": "object",
-        "title": part,
+        "title": kind.part,
         "properties": {name: _property(one) for name, one in declared.items()},
         "required": [name for name, one in declared.items() if one.required],
         "additionalProperties": False,
@@ -79,21 +71,19 @@ def checked_problem(data: Any, folder: Folder) -> Problem:
     """
     if not isinstance(data, Mapping) or data.get("kind") not in PARTS:
         raise InvalidInputError(f"problem: expected a kind, one of {', '.join(PARTS)}")
-    problem: Problem = checked_fields(data["kind"], data, folder)
-    return problem
+    return checked_fields(problem_type(data["kind"]), data, folder)
 
 
-def checked_fields(part: str, data: Any, folder: Folder) -> Any:
-    """Return what fields of a form describe, texts read as commands read them; see `declared_type`, and `checked_problem`.
+def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
+    """Return what fields of a form describe, texts read as commands read them; see `schema_of`, and `checked_problem`.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
     """
     if not isinstance(data, Mapping):
-        raise InvalidInputError(f"{part}: expected fields with values")
-    kind = declared_type(part)
-    kind.refuse_code(data, where=part)
+        raise InvalidInputError(f"{kind.part}: expected fields with values")
+    kind.refuse_code(data, where=kind.part)
     folder.check_fields(data)
     known = kind.declarations()
     read = dict(data)

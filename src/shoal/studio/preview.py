@@ -38,7 +38,7 @@ class Preview:
         """
         async with self._turn:
             if self._worker is None:
-                self._worker = await asyncio.to_thread(self._start)
+                self._worker = await asyncio.to_thread(Worker, "shoal.studio.answers:answer_all", self.root)
             number = next(self._numbers)
             try:
                 return await asyncio.wait_for(asyncio.to_thread(self._exchange, self._worker, number, what, about), PATIENCE)
@@ -48,11 +48,6 @@ class Preview:
             except (EOFError, OSError):
                 await self.close()
                 raise InvalidInputError("the preview ended: it crashed, or took more memory than there is") from None
-
-    def _start(self) -> Worker:
-        from shoal.studio.answers import answer_all
-
-        return Worker(answer_all, self.root)
 
     def _exchange(self, worker: Worker, number: int, what: str, about: dict[str, Any]) -> Any:
         worker.connection.send((number, what, about))

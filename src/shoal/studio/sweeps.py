@@ -19,7 +19,8 @@ PLAYED = tuple(kind for kind in KINDS if kind != "function")
 
 def sweep_forms() -> dict[str, Any]:
     """Return what sweeps can vary: by kind of problem its schema, and what a trial measures."""
-    return {kind: {"schema": schema_of(kind), "measures": list(trial_problem_type(kind).measures)} for kind in PLAYED}
+    made = {kind: trial_problem_type(kind) for kind in PLAYED}
+    return {kind: {"schema": schema_of(one), "measures": list(one.measures)} for kind, one in made.items()}
 
 
 def checked_sweep(text: str, folder: Folder) -> Sweep:

@@ -6,6 +6,8 @@ import gc
 
 import shoal.steering.run
 import shoal.studio.answers
+import shoal.studio.jobs.missions
+import shoal.studio.jobs.sweeps
 from shoal.steering.problem import SteeringProblem
 from shoal.studio.jobs.work import play_live
 from shoal.swarm.problem import SwarmProblem

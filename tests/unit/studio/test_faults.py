@@ -8,7 +8,6 @@ import os
 import signal
 
 import pytest
-from tests import studio_work
 
 from shoal.core.errors import OutputError
 from shoal.lab import Store
@@ -23,7 +22,7 @@ SHORT = {"problem": {"kind": "swarm", "map": "line:9", "particles": 1, "policy":
 
 
 def test_an_episode_that_a_full_disk_does_not_take_is_said_and_not_half_written(tmp_path):
-    worker = Worker(studio_work.play_on_a_full_disk, str(tmp_path), SHORT)
+    worker = Worker("tests.studio_work:play_on_a_full_disk", str(tmp_path), SHORT)
     try:
         told = []
         while not told or told[-1][0] not in ("done", "failed"):

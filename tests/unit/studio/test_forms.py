@@ -19,7 +19,7 @@ from shoal.studio.forms import checked_problem, copies_of, schema_of
 
 @pytest.mark.parametrize("part", PARTS)
 def test_schema_has_every_field_with_its_default(part):
-    schema, declared = schema_of(part), problem_type(part).declarations()
+    schema, declared = schema_of(problem_type(part)), problem_type(part).declarations()
     assert list(schema["properties"]) == list(declared)
     json.dumps(schema, allow_nan=False)
     for name, one in declared.items():

@@ -76,6 +76,19 @@ def test_listens_to_this_machine_only(served):
     assert served.socket.getsockname()[0] == "127.0.0.1"
 
 
+def test_answers_wait_for_nothing(served, monkeypatch):
+    told = []
+
+    def made(connection, transport):
+        told.append(transport.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+        begin(connection, transport)
+
+    begin = LimitedConnection.connection_made
+    monkeypatch.setattr(LimitedConnection, "connection_made", made)
+    assert served.well()
+    assert told == [1]
+
+
 def test_the_cookie_is_for_the_browser_alone(served):
     assert "HttpOnly" in served.entry
     assert "SameSite=Strict" in served.entry

@@ -9,7 +9,6 @@ import sqlite3
 import time
 
 import pytest
-from tests import studio_work
 
 from shoal.core.errors import InvalidInputError
 from shoal.studio.folder import Folder
@@ -92,7 +91,7 @@ def gone(pid):
 
 
 def test_processes_have_a_limit_of_memory_and_end_with_what_they_started():
-    eater, crasher, parent = (Worker(work) for work in (studio_work.eat_memory, studio_work.crash, studio_work.wait_with_child))
+    eater, crasher, parent = (Worker(f"tests.studio_work:{name}") for name in ("eat_memory", "crash", "wait_with_child"))
     try:
         assert eater.connection.recv() == "refused"
         with pytest.raises(EOFError):

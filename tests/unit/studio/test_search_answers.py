@@ -15,7 +15,8 @@ from shoal.search import SearchProblem, open_region
 from shoal.search.regions.projection import LocalFrame
 from shoal.studio.answers import search
 from shoal.studio.folder import Folder
-from shoal.studio.jobs.work import KINDS, storable
+from shoal.studio.jobs.missions import missions_zip
+from shoal.studio.jobs.work import storable
 
 PARTS = [[[-40, -30], [50, -35], [60, 20], [-35, 40]]]
 ZONES = [[[0, 0], [12, 0], [12, 10], [0, 10]]]
@@ -95,7 +96,7 @@ def test_missions_are_a_zip_with_the_report_of_the_check(folder, capsys, monkeyp
     name = search.draw(folder, about([8.5, 47.4]))["file"]
     problem = about(None, region=name)["problem"]
     foretold = search.missions(folder, {"problem": problem, "missions": {"separation": "20,6"}, "seed": 2})
-    done = storable(KINDS["missions"](folder, {"problem": problem, "missions": {"separation": "20,6"}, "seed": 2}, lambda *_: None))
+    done = storable(missions_zip(folder, {"problem": problem, "missions": {"separation": "20,6"}, "seed": 2}, lambda *_: None))
     with zipfile.ZipFile(done["file"]) as archive:
         archive.extractall("out")
         assert {"missions/robot-01.plan", "missions/map.png", "check/check.json"} <= {*archive.namelist()}

@@ -12,6 +12,7 @@ from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.flight.timing import turns_of
 from shoal.search.problem import SearchProblem
+from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
 from shoal.studio.answers.drawings import drawing_of, frame_of, placed_problem
@@ -111,7 +112,7 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     from shoal.views.search.mission_folder import MissionFolder
 
     problem = flown(placed_problem(folder, about))
-    made = MissionFolder(Path(), problem, checked_fields("missions", about.get("missions", {}), folder))
+    made = MissionFolder(Path(), problem, checked_fields(MissionOptions, about.get("missions", {}), folder))
     plan = plan_search(problem, seed=checked_seed(about))
     made.plan(plan)
     told = made.report(plan)

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import tempfile
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 from shoal.search.problem import SearchProblem
+from shoal.search.problem.mission_options import MissionOptions
 from shoal.studio.folder import Folder
 from shoal.studio.forms import as_command, checked_fields, checked_problem, checked_seed, mission_words
+from shoal.studio.jobs.processes import Say
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # so that the same missions are the same zip
 
 
-def missions_zip(folder: Folder, spec: dict[str, Any], say: Callable[[str, Any], None]) -> dict[str, Any]:
+def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     """Plan a search, write its missions and check them; return the names of the zip and of the map, and the report of the check."""
     from shoal.search.allocation.plan import plan_search
     from shoal.search.missions import check_missions
@@ -28,7 +29,7 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Callable[[str, Any],
         raise InvalidInputError(f"problem: expected a search, got {problem.part}")
     if problem.vehicle is None:
         problem = problem.replaced(vehicle="multirotor")
-    options = checked_fields("missions", spec.get("missions", {}), folder)
+    options = checked_fields(MissionOptions, spec.get("missions", {}), folder)
     problem.check_at_place()
     with tempfile.TemporaryDirectory() as place:
         inside, checked = Path(place, "missions"), Path(place, "check")

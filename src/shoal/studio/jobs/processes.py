@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import os
 import resource
@@ -14,6 +15,9 @@ from typing import Any
 
 MEMORY = 3 * 2**30
 """Bytes of data that a process of the studio may have; one that asks for more is told that there are none."""
+
+Say = Callable[[str, Any], None]
+"""What a job is given to tell of itself: a word, and what there is to it."""
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 
@@ -31,8 +35,8 @@ class Worker:
 
     Parameters
     ----------
-    work : callable
-        Takes the connection and the arguments.
+    work : str
+        MODULE:FUNCTION, imported in the process only; takes the connection and the arguments.
     *arguments
         Of the work.
 
@@ -41,7 +45,7 @@ class Worker:
     connection : Connection
     """
 
-    def __init__(self, work: Callable[..., None], *arguments: Any) -> None:
+    def __init__(self, work: str, *arguments: Any) -> None:
         self.connection, theirs = _CONTEXT.Pipe()
         self._process: BaseProcess = _CONTEXT.Process(target=_begin, args=(theirs, work, arguments), daemon=False)
         self._process.start()
@@ -68,13 +72,20 @@ class Worker:
         return self._process.is_alive()
 
 
-def _begin(connection: Connection, work: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+def named(text: str) -> Callable[..., Any]:
+    """Return the function that MODULE:FUNCTION names, one of ours."""
+    module, _, name = text.partition(":")
+    found: Callable[..., Any] = getattr(importlib.import_module(module), name)
+    return found
+
+
+def _begin(connection: Connection, work: str, arguments: tuple[Any, ...]) -> None:
     """Do the work in a group of its own, which ends with the server; Ctrl-C in the terminal is the server's affair."""
     os.setpgid(0, 0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_server, daemon=True).start()
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
-    work(connection, *arguments)
+    named(work)(connection, *arguments)
 
 
 def _end_with_server() -> None:

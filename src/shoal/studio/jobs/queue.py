@@ -13,11 +13,22 @@ from shoal.lab.executors import default_workers
 from shoal.studio.folder import Folder
 from shoal.studio.jobs.processes import Worker
 from shoal.studio.jobs.store import ENDED, JobStore
-from shoal.studio.jobs.work import KINDS, work
 
 MOST_QUEUED = 5000
 PAUSE = 5.0
 """Seconds until a store that could not be written is tried again."""
+
+_JOBS = "shoal.studio.jobs"
+KINDS = {
+    "play": f"{_JOBS}.work:play",
+    "compare": f"{_JOBS}.work:compare_policies",
+    "export": f"{_JOBS}.work:export_episode",
+    "reproduce": f"{_JOBS}.work:reproduce_figures",
+    "sweep": f"{_JOBS}.sweeps:run",
+    "table": f"{_JOBS}.sweeps:write",
+    "missions": f"{_JOBS}.missions:missions_zip",
+}
+"""What does a job of each kind: imported by the processes of jobs alone, so that the server begins at once."""
 
 LONG = ("sweep", "reproduce")
 """Kinds of jobs that nobody waits for: while one is at work, a processor stays free for what somebody looks at."""
@@ -112,7 +123,7 @@ class JobQueue:
         result: dict[str, Any] = {"error": "the process of the job ended: it crashed, or took more memory than there is"}
         # The process that others are forked from may still be loading: its answer is waited for in a thread.
         worker = running.worker = await asyncio.to_thread(
-            Worker, work, str(self.folder.root), job["kind"], job["spec"], running.processors
+            Worker, f"{_JOBS}.work:work", str(self.folder.root), KINDS[job["kind"]], job["spec"], running.processors
         )
         if running.cancelled or self._closing:
             worker.kill()

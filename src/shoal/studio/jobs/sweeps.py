@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from typing import Any
 
 from shoal.core.checks import check_choice, check_text
@@ -16,11 +15,11 @@ from shoal.lab.summaries import summarise
 from shoal.lab.sweeps.progress import SweepProgress
 from shoal.lab.versions import MixedVersionsWarning
 from shoal.studio.folder import Folder
+from shoal.studio.jobs.processes import Say
 from shoal.studio.sweeps import checked_sweep
 
 FIGURES = ("png", "svg")
 
-Say = Callable[[str, Any], None]
 """Tells the server: ("progress", (share, words)) or ("piece", what was played)."""
 
 

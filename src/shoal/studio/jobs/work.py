@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -18,16 +17,14 @@ from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import write_json
 from shoal.studio.folder import PAPERS, Folder
 from shoal.studio.forms import checked_problem, checked_seed
-from shoal.studio.jobs import sweeps
-from shoal.studio.jobs.missions import missions_zip
-from shoal.studio.jobs.sweeps import Say
+from shoal.studio.jobs.processes import Say, named
 
 MOST_COMPARED = 4
 MOST_TRIALS = 1000
 FORMATS = ("png", "svg", "mp4", "gif", "html")
 
 
-def work(connection: Connection, root: str, kind: str, spec: dict[str, Any], processors: int) -> None:
+def work(connection: Connection, root: str, function: str, spec: dict[str, Any], processors: int) -> None:
     """Do a job on so many processors; its last word is "done" with the result, or "failed" with a sentence."""
     os.chdir(root)
 
@@ -35,7 +32,7 @@ def work(connection: Connection, root: str, kind: str, spec: dict[str, Any], pro
         connection.send((word, what))
 
     try:
-        say("done", storable(KINDS[kind](Folder(root), spec | {"processors": processors}, say)))
+        say("done", storable(named(function)(Folder(root), spec | {"processors": processors}, say)))
     except ShoalError as error:
         say("failed", {"error": str(error)})
     except MemoryError:
@@ -207,14 +204,3 @@ def storable(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return storable(value.tolist())
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-KINDS: dict[str, Callable[[Folder, dict[str, Any], Say], dict[str, Any]]] = {
-    "play": play,
-    "compare": compare_policies,
-    "export": export_episode,
-    "reproduce": reproduce_figures,
-    "sweep": sweeps.run,
-    "table": sweeps.write,
-    "missions": missions_zip,
-}
