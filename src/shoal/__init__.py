@@ -1,13 +1,13 @@
-"""Shoal: groups of simple bodies that must explore a space exhaustively, under the control that real ones have.
+"""Shoal simulates and plans for groups of simple robots: mapping with swarms, steering with one shared input, multi-robot search.
 
-One verb runs a problem of any part, and one kind of result comes back:
+The function `run` runs a problem of any part and returns an episode:
 
 >>> import shoal
 >>> episode = shoal.run("line:9", particles=3)
 >>> episode.status.done, bool(episode.verify())
 (True, True)
 
-Names are loaded when they are first used, so that ``import shoal`` is quick.
+Names are imported when they are first used, so that ``import shoal`` is fast.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from __future__ import annotations
 import sys
 
 if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
-    # `python -m shoal` puts the current folder first: a file in it would be taken for a module of Python's own.
+    # `python -m shoal` puts the current folder first on the search path, where a file could replace a module of Python.
     del sys.path[0]
-# A command, and none of its workers, whose arguments are the same: from here on it can be interrupted.
+# Only a command handles signals from here on. Worker processes have the same arguments but do not.
 if sys.argv and (sys.argv[0] == "-m" or sys.argv[0].endswith("/shoal")) and "multiprocessing" not in sys.modules:
     import _signal  # type: ignore[import-not-found]  # signal takes some milliseconds, in which Ctrl-C would be told as a traceback
 

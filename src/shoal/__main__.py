@@ -8,7 +8,7 @@ from shoal.core.interruption import begin
 
 
 def main() -> NoReturn:
-    """Run one command and leave with its exit code; Ctrl-C gives one line, also while the command line is being loaded."""
+    """Run one command and exit with its code. Ctrl-C prints one line, even while modules are loading."""
     begin()
     from shoal.cli import main as command
 

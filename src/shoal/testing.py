@@ -1,7 +1,7 @@
-"""Conformance checks for third parties' worlds, tasks, policies and tours; our own pass them.
+"""Conformance tests for third-party worlds, tasks, policies and tours. The built-in objects pass them.
 
-Each check plays the object on small random maps and raises ``AssertionError`` with a sentence at the first breach. Call them from a
-test of your own:
+Each check runs the object on small random maps. It raises ``AssertionError`` with one sentence at the first violation. Call the
+checks from your own tests:
 
     from shoal.testing import check_policy
 
@@ -31,7 +31,7 @@ ALL_RULES = ("block", "merge", "tilt")
 
 
 def sample_workspaces(rng: Generator, *, count: int = 12) -> Iterator[GridWorkspace]:
-    """Yield small random workspaces: corridors, rooms, caves, 3-D ones, widths around a word of 64 cells."""
+    """Yield small random workspaces: corridors, rooms, caves, 3-D maps, and maps about 64 cells wide (one machine word)."""
     shapes: Sequence[tuple[int, ...]] = [(1, 9), (7, 1), (5, 6), (9, 12), (3, 63), (2, 64), (3, 65), (2, 3, 4), (6, 6)]
     for index in range(count):
         shape = shapes[index % len(shapes)]
@@ -46,10 +46,11 @@ def _starts(workspace: GridWorkspace, rng: Generator) -> Any:
 
 
 def check_world(world_type: Any = GridWorld, *, rules: Sequence[str] = ALL_RULES, seed: int = 0) -> None:
-    """Check a world: ``initial`` and ``step`` as those of `shoal.swarm.GridWorld`.
+    """Check a world's methods ``initial`` and ``step`` against the contract of `shoal.swarm.GridWorld`.
 
-    Particles are conserved and never in a wall; a step is pure and repeatable; each particle moves at most one cell (but for
-    rule tilt); a mirrored map with mirrored commands gives mirrored states.
+    The check tests five properties. Particles are conserved and never enter a wall. A step changes none of its arguments. The same
+    step gives the same result. Each particle moves at most one cell, except under the rule ``tilt``. A mirrored map with mirrored
+    commands gives mirrored states.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def _mirrored(cells: Any, workspace: GridWorkspace) -> Any:
 
 
 def check_task(task: str | Task, *, seed: int = 0) -> None:
-    """Check a task: its beliefs never contradict the truth, knowledge never shrinks, and ``update`` is pure.
+    """Check a task: beliefs never contradict the true map, known cells stay known, and ``update`` changes no argument.
 
     Parameters
     ----------
@@ -119,20 +120,20 @@ def check_task(task: str | Task, *, seed: int = 0) -> None:
             assert not (updated.obstacles & world.free), "a free cell is believed to be an obstacle"
             assert belief.open <= updated.open, "a cell known to be free was forgotten"
             assert belief.known <= updated.known, "a known cell was forgotten"
-            assert not (updated.frontier & after.occupied), "a cell with a particle is still to be done"
+            assert not (updated.frontier & after.occupied), "a cell with a particle still counts as unclassified"
             state, belief = after, updated
 
 
 def check_policy(policy: str | Policy, *, rules: Sequence[str] | None = None, max_moves: int = 20_000, seed: int = 0) -> None:
-    """Check a policy: it ends every episode, sends commands that exist, keeps no state of its own, and repeats itself.
+    """Check a policy: it ends every episode, sends only valid commands, keeps no state in itself, and repeats its decisions.
 
     Parameters
     ----------
     policy : str or Policy
     rules : sequence of str, optional
-        Move rules to play; default: ``policy.rules`` if it has such, else all.
+        Move rules to test. The default is ``policy.rules`` if the policy has this attribute, otherwise all rules.
     max_moves : int
-        An episode longer than this counts as endless.
+        Maximum number of moves. A longer episode counts as endless.
     seed : int
 
     Raises
@@ -160,7 +161,7 @@ def check_policy(policy: str | Policy, *, rules: Sequence[str] | None = None, ma
 
 
 def _check_view(policy: Policy, workspace: GridWorkspace, start: Any, rule: str) -> None:
-    """Check that one decision leaves what it sees as it was."""
+    """Check that one decision changes neither the policy nor its arguments."""
     world = GridWorld(workspace, rule)
     state = world.initial(start)
     belief = Mapping().begin(world, state)
@@ -171,11 +172,11 @@ def _check_view(policy: Policy, workspace: GridWorkspace, start: Any, rule: str)
     assert set(commands) <= set(letters_of(workspace.ndim)), f"{policy.name}: {commands!r} has letters that are no commands"
     same = (state.occupied, belief.open, belief.known, belief.frontier)
     for board, before in zip(same, words, strict=True):
-        assert np.array_equal(board.words, before), f"{policy.name}: a decision changed what it was shown"
+        assert np.array_equal(board.words, before), f"{policy.name}: a decision changed its arguments"
 
 
 def check_tour_maker(maker: str | TourMaker, *, seed: int = 0) -> None:
-    """Check what makes tours: every True cell once and no other, components one after the other, the same tour again.
+    """Check a tour maker: it visits every True cell exactly once, finishes each component before the next, and repeats its tours.
 
     Parameters
     ----------
@@ -185,7 +186,7 @@ def check_tour_maker(maker: str | TourMaker, *, seed: int = 0) -> None:
     Raises
     ------
     AssertionError, InvalidInputError
-        The latter for a tour that leaves cells out or visits others.
+        InvalidInputError if a tour leaves out cells or visits other cells.
     """
     rng = np.random.default_rng(seed)
     shapes = [(1, 1), (1, 9), (7, 1), (2, 2), (3, 3), (5, 6), (8, 8), (9, 12), (3, 65), (24, 31)]

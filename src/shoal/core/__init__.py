@@ -1,1 +1,1 @@
-"""The ground floor, which all parts stand on: problems, episodes, checks of input, errors, files, registries, interruption."""
+"""Modules that all parts of Shoal use: problems, episodes, input checks, errors, files, registries and interruption."""

@@ -1,4 +1,4 @@
-"""Checks at the public boundary: each returns the checked value, or refuses it in one sentence."""
+"""Input checks at the public boundary. Each check returns the checked value or raises an error of one sentence."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
     from pydantic import ValidationError
 
 LARGEST_TEXT = 200_000_000
-"""Bytes of a text file: what is larger is refused before it is read."""
+"""Maximum size of a text file in bytes. Larger files are refused before they are read."""
 
 FARTHEST = 1e100
-"""The largest coordinate: areas, too, are numbers then."""
+"""Largest absolute value of a coordinate, small enough that areas do not overflow."""
 
 LARGEST_WKT = 20_000_000
-"""Characters of well-known text."""
+"""Maximum length of well-known text in characters."""
 
 DEEPEST = 50
-"""Lists and objects in one another in a JSON or TOML file."""
+"""Maximum nesting depth of lists and objects in a JSON or TOML file."""
 
 
 def check_integer(value: Any, *, what: str, least: float = -inf, most: float = inf) -> int:
-    """Return a whole number as an int; NumPy's integers are whole numbers, truth values are not.
+    """Return a whole number as an int. NumPy integers are accepted, booleans are refused.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def check_integer(value: Any, *, what: str, least: float = -inf, most: float = i
 def check_number(
     value: Any, *, what: str, least: float = -inf, most: float = inf, above: float = -inf, below: float = inf, finite: bool = True
 ) -> float:
-    """Return a number as a float: from ``least`` to ``most``, above ``above``, below ``below``, finite unless told otherwise.
+    """Return a number as a float after checking its range: ``least`` to ``most``, more than ``above``, less than ``below``.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def check_number(
         good = number and least <= value <= most and above < value and (value < below or below == inf)
         good = good and (not finite or isfinite(value))
         value = float(value) if good else value
-    except OverflowError:  # a whole number beyond all floats
+    except OverflowError:  # a whole number too large for a float
         good = False
     if not good:
         raise InvalidInputError(f"{what}: expected a number{_ranged(least, most, above, below)}, got {shortened(value)}")
@@ -82,7 +82,7 @@ def check_number(
 
 
 def check_bool(value: Any, *, what: str) -> bool:
-    """Return a truth value.
+    """Return a boolean, or refuse any other type.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def check_bool(value: Any, *, what: str) -> bool:
 
 
 def check_text(value: Any, *, what: str) -> str:
-    """Return a text.
+    """Return a string, or refuse any other type.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def check_text(value: Any, *, what: str) -> str:
 
 
 def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
-    """Return one of some texts; the refusal suggests the nearest.
+    """Return a text that is one of ``choices``. The error message suggests the nearest choice.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
 
 
 def check_points(points: Any, *, what: str, dimensions: int, count: int | None = None) -> NDArray[np.float64]:
-    """Return points as a float64 array of coordinates up to `FARTHEST`, shape (count, dimensions).
+    """Return points as a float64 array of shape (count, dimensions). Each coordinate is at most `FARTHEST` in size.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def check_points(points: Any, *, what: str, dimensions: int, count: int | None =
 
 
 def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
-    """Refuse what is no file, is empty, or has more than ``most`` bytes.
+    """Refuse a path that is not a file, and a file that is empty or larger than ``most`` bytes.
 
     Raises
     ------
@@ -168,12 +168,12 @@ def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
 
 
 def read_text(path: Path, *, what: str, most: int = LARGEST_TEXT) -> str:
-    """Return the text of a file in UTF-8.
+    """Return the text of a UTF-8 file.
 
     Raises
     ------
     InvalidInputError
-        With the line of the first wrong byte.
+        If the file is not UTF-8 text. The message names the line of the first wrong byte.
     """
     check_file(path, what=what, most=most)
     try:
@@ -184,12 +184,12 @@ def read_text(path: Path, *, what: str, most: int = LARGEST_TEXT) -> str:
 
 
 def decode_text(raw: bytes, *, where: str) -> str:
-    """Return bytes in UTF-8 as text.
+    """Decode UTF-8 bytes to a text.
 
     Raises
     ------
     InvalidInputError
-        With the line of the first wrong byte.
+        If the bytes are not UTF-8 text. The message names the line of the first wrong byte.
     """
     try:
         text = raw.decode("utf-8-sig")
@@ -203,12 +203,12 @@ def decode_text(raw: bytes, *, where: str) -> str:
 
 
 def parse_json(text: str, *, where: str) -> Any:
-    """Return what a JSON text says; at most `DEEPEST` lists and objects may lie in one another.
+    """Parse a JSON text. Lists and objects may be nested at most `DEEPEST` levels deep.
 
     Raises
     ------
     InvalidInputError
-        With line and column.
+        If the text is not JSON. The message names the line and the column.
     """
     try:
         found = json.loads(text)
@@ -224,7 +224,9 @@ def parse_json(text: str, *, where: str) -> Any:
 
 
 def read_polygon(text: str, *, where: str) -> Any:
-    """Return the geometry that well-known text of a polygon or multipolygon says; others could be nested until the stack ends.
+    """Return a polygon or multipolygon from its well-known text.
+
+    Other geometry types are refused because they can nest without limit.
 
     Raises
     ------
@@ -235,7 +237,7 @@ def read_polygon(text: str, *, where: str) -> Any:
     why = f"{text.strip()[:20]!r}"
     if len(text) <= LARGEST_WKT and re.match(r"\s*(MULTI)?POLYGON\b", text, re.IGNORECASE):
         try:
-            with np.errstate(all="ignore"):  # 1e400 is refused as any coordinate that is too large
+            with np.errstate(all="ignore"):  # 1e400 is refused like any coordinate that is too large
                 return shapely.from_wkt(text.strip())
         except (shapely.errors.ShapelyError, TypeError, UnicodeError) as error:
             why = str(error).strip()[:120]
@@ -243,7 +245,7 @@ def read_polygon(text: str, *, where: str) -> Any:
 
 
 def check_depth(data: Any, *, where: str) -> None:
-    """Refuse data in which more than `DEEPEST` lists and objects lie in one another: much that takes them would not end well.
+    """Refuse data with more than `DEEPEST` nested lists and objects, because many libraries fail on deeper data.
 
     Raises
     ------
@@ -264,9 +266,10 @@ def check_depth(data: Any, *, where: str) -> None:
 
 
 def validation_message(error: ValidationError, *, where: str, without: Iterable[str] = ()) -> str:
-    """Return the first fault that Pydantic found in data, in one sentence; ``without`` names parts of places to leave out."""
+    """Return the first error that Pydantic found, as one sentence. ``without`` lists names to leave out of the location."""
     every = error.errors()
-    first = next((one for one in every if one["type"] == "extra_forbidden"), every[0])  # a slip in a name is missing elsewhere, too
+    # a misspelt field is also reported as missing
+    first = next((one for one in every if one["type"] == "extra_forbidden"), every[0])
     left_out = set(without)
     place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"] if part not in left_out)
     what = _EXPECTED.get(first["type"], first["msg"].replace("Input should be ", "expected "))
@@ -284,21 +287,21 @@ _EXPECTED = {
 
 
 def suggestion(word: Any, known: Iterable[str]) -> str:
-    """Return " (did you mean 'X'?)" for the known word nearest to one, nothing if none is near."""
+    """Return " (did you mean 'X'?)" with the known word nearest to ``word``, or an empty text if no known word is similar."""
     near = difflib.get_close_matches(str(word), list(known), n=1, cutoff=0.6)
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 def shortened(value: Any) -> str:
-    """Return what a value looks like in a message: at most 80 characters, one line."""
+    """Return a value as it appears in a message: one line of at most 80 characters."""
     try:
         return " ".join(repr(value).split())[:80]
-    except ValueError:  # a whole number with more digits than Python writes
+    except ValueError:  # a whole number with more digits than Python can print
         return "a number of too many digits"
 
 
 def range_text(least: float, most: float, above: float = -inf, below: float = inf) -> str:
-    """Return the range of a number for people: "from 0 to 1", "1 or more", "above 0 and below 1"; empty if it has none.
+    """Return a number's range in words, such as "from 0 to 1", "1 or more" or "above 0 and below 1". No limits give an empty text.
 
     Examples
     --------
@@ -313,11 +316,11 @@ def range_text(least: float, most: float, above: float = -inf, below: float = in
 
 
 def _ranged(least: float, most: float, above: float = -inf, below: float = inf) -> str:
-    """Return the range of a number as a message goes on: " from 0 to 1", ", 1 or more"."""
+    """Return a number's range as the continuation of a message, such as " from 0 to 1" or ", 1 or more"."""
     text = range_text(least, most, above, below)
     return f" {text}" if text.startswith("from") else f", {text}" if text else ""
 
 
 def _plain(number: float) -> str:
-    """Return a number for people; whole numbers with all their digits."""
+    """Return a number as a text. Whole numbers keep all their digits."""
     return shortened(number) if isinstance(number, int) else f"{number:g}"

@@ -1,4 +1,4 @@
-"""The library's dataclasses: those of Python, told in one line however large what they hold is."""
+"""Dataclasses for this library. Their ``__repr__`` is one line even if their fields hold large arrays."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 __all__ = ["dataclass", "one_line"]
 
-_COLLECTION = 6  # entries that are told of one
-_VALUE = 120  # characters that are told of a value of another kind
+_COLLECTION = 6  # number of entries shown of a collection
+_VALUE = 120  # number of characters shown of any other value
 
 
 class _Brief(reprlib.Repr):
-    """Values in a line: large arrays as their dtype and shape, of collections the first entries."""
+    """Short text form of values: dtype and shape of large arrays, and the first entries of collections."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -33,7 +33,7 @@ _brief = _Brief().repr
 
 
 def one_line(thing: Any) -> str:
-    """Return a dataclass or named tuple in one line, as its ``__repr__``.
+    """Return a dataclass or named tuple as one line of text, for its ``__repr__``.
 
     Examples
     --------
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 else:
 
     def dataclass(cls=None, /, *, repr=True, **options):  # noqa: A002 - as in dataclasses
-        """Return a class as `dataclasses.dataclass` does, with `one_line` as its ``__repr__`` unless it has one."""
+        """Return a class decorated by `dataclasses.dataclass`. Its ``__repr__`` is `one_line` unless the class defines its own."""
 
         def made(cls):
             if repr and "__repr__" not in vars(cls):

@@ -1,4 +1,4 @@
-"""What every episode has, whatever the part: a problem, a status with its reason, numbers, and a proof that it holds."""
+"""The base class of all episodes: problem, status, reason, metrics, replay and verification."""
 
 from __future__ import annotations
 
@@ -13,40 +13,40 @@ from shoal.core.dataclass import dataclass
 
 
 class Status(StrEnum):
-    """How an episode ended. An episode is true as a bool only if its task is done: ``complete`` or ``solved``."""
+    """How an episode ended. A status is true as a bool only if the task was done (``complete`` or ``solved``)."""
 
     COMPLETE = "complete"
-    """All that can be reached was mapped, covered or searched."""
+    """All cells that robots or particles can reach were mapped, covered or searched."""
     SOLVED = "solved"
     """Steering: every particle is within the tolerance of its goal."""
     STALLED = "stalled"
     """The policy could make no more progress."""
     LIMIT = "limit"
-    """The limit of moves was reached first."""
+    """The episode reached its maximum number of moves."""
     INTERRUPTED = "interrupted"
-    """Somebody stopped it."""
+    """The user or a signal stopped the episode."""
     UNREACHABLE = "unreachable"
     """Steering: no sequence of moves leads to the goals."""
     APPROACHABLE = "approachable"
-    """Steering: moves come as near to the goals as one likes, and never there; this plan is not within the tolerance."""
+    """Steering: moves can come arbitrarily close to the goals but not reach them. This plan ends outside the tolerance."""
     INCOMPLETE = "incomplete"
-    """Search: some cell was never searched, or a robot that lives does not know that all were."""
+    """Search: some cell was never searched, or a working robot does not know that all cells were searched."""
 
     @property
     def done(self) -> bool:
-        """Whether the task is done."""
+        """Return whether the task is done."""
         return self in (Status.COMPLETE, Status.SOLVED)
 
 
 @dataclass(frozen=True)
 class Verification:
-    """The answer of `Episode.verify`; true as a bool if the episode holds.
+    """The result of `Episode.verify`. It is true as a bool if the replay gave the same episode.
 
     Parameters
     ----------
     ok : bool
     message : str
-        What was checked, or the first difference.
+        Summary of the checks, or the first difference between the episode and its replay.
     """
 
     ok: bool
@@ -57,19 +57,19 @@ class Verification:
 
 
 class Episode(ABC):
-    """One run of a problem. True as a bool if its task is done.
+    """One run of a problem. An episode is true as a bool if its task was done.
 
-    Every episode has these attributes, besides those of its part:
+    Every episode has these attributes. Each part (swarm, steering, search) adds its own:
 
-    - ``problem``: the `Problem` that was run, as it was asked for.
+    - ``problem``: the `Problem` that was run, as the user declared it.
     - ``status``: a `Status`.
     - ``seed``: int; the same problem and seed give the same episode.
-    - ``seconds``: float; the time that it took, without compilation.
-    - ``versions``: what it was computed with, as `shoal.core.version.versions` says.
+    - ``seconds``: float; computing time in seconds without the compilation of kernels.
+    - ``versions``: the versions of Shoal and its libraries, see `shoal.core.version.versions`.
     """
 
     part: ClassVar[str]
-    """"swarm", "steering" or "search"."""
+    """The part's name: "swarm", "steering" or "search"."""
 
     problem: Any
     status: Status
@@ -83,39 +83,39 @@ class Episode(ABC):
     @property
     @abstractmethod
     def reason(self) -> str:
-        """Why the episode has its status, in one sentence."""
+        """Return one sentence that explains the status."""
 
     @property
     @abstractmethod
     def metrics(self) -> dict[str, Any]:
-        """The numbers by name: those that sweeps store, and more. Numbers, texts or None."""
+        """Return the metrics by name: all measures that sweeps store, and further ones. Values are numbers, texts or None."""
 
     @abstractmethod
     def report(self) -> dict[str, Any]:
-        """Return the JSON object that the command prints."""
+        """Return the JSON object that the command prints with ``--json``."""
 
     @abstractmethod
     def verify(self) -> Verification:
-        """Play the episode again from its problem and its commands; compare everything."""
+        """Replay the episode from its problem and its commands, and compare every stored value."""
 
     @abstractmethod
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode to a file, whole or not at all."""
+        """Write the episode to a file. A failed write leaves no partial file."""
 
     @classmethod
     @abstractmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> Self:
-        """Read an episode that `save` wrote; refuse one whose replay runs somebody's code, unless ``trust`` is true."""
+        """Read an episode that `save` wrote. An episode that needs third-party code is refused unless ``trust`` is true."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.sentence}>"
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows; views lie above episodes and are loaded only here."""
+        """Return the HTML that a notebook shows. Views are imported only here because they are a higher layer."""
         shown: str = import_module("shoal.views").notebook_page(self)
         return shown
 
     @property
     def sentence(self) -> str:
-        """Status and reason for people."""
+        """Return the status and the reason as one sentence."""
         return f"{self.status}: {self.reason}"

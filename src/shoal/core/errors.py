@@ -1,8 +1,8 @@
-"""The errors that Shoal raises for bad input.
+"""The exceptions that Shoal raises for bad input.
 
-Every one of them is a `ShoalError` and also the built-in error that a Python programmer would expect, so
-``except ValueError`` keeps working. Their text is one sentence that says what was expected, what came, and where.
-A planner that finds nothing does not raise: its result says so.
+Every exception is a `ShoalError` and also the matching built-in exception, so ``except ValueError`` works as usual. The message is
+one sentence with the expected value, the given value and its location. A planner that finds no plan does not raise an exception;
+its result says so.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ import re
 from typing import Any
 
 LONGEST_ECHO = 200
-"""Characters of one word or quotation in a message: what came may be a stranger's, and of any length."""
+"""Maximum length in characters of one word or quotation in a message, because input from files can be of any length."""
 
 _LONG = re.compile(rf"'(?:[^'\\\n]|\\.){{{LONGEST_ECHO},}}'|[^\s']{{{LONGEST_ECHO + 1},}}")
 
 
 class ShoalError(Exception):
-    """Base of all errors raised on purpose by Shoal. Of words longer than `LONGEST_ECHO` it tells beginning and end."""
+    """Base class of all exceptions that Shoal raises on purpose. Its message shortens words longer than `LONGEST_ECHO`."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*(_LONG.sub(_ends, one) if isinstance(one, str) else one for one in arguments))
@@ -28,7 +28,7 @@ def _ends(found: re.Match[str]) -> str:
 
 
 class InvalidInputError(ShoalError, ValueError):
-    """A value, map or file does not fit what was expected."""
+    """A value, map or file is not valid."""
 
 
 class UnknownNameError(ShoalError, LookupError):
@@ -40,8 +40,8 @@ class OutputError(ShoalError, OSError):
 
 
 class MissingExtraError(ShoalError, ImportError):
-    """An optional dependency (an extra) is needed and not installed."""
+    """An optional dependency (an extra) is needed but not installed."""
 
 
 class RigError(ShoalError, ConnectionError):
-    """A rig does not answer, has stopped, or does what no rig of its kind can do."""
+    """A rig does not answer, has stopped, or violates its protocol."""

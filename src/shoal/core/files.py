@@ -1,4 +1,4 @@
-"""Output files that are whole or not there: written under a temporary name, then renamed."""
+"""Atomic output files: each file is written under a temporary name and then renamed."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from shoal.core.interruption import half_written
 
 @contextmanager
 def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a temporary path beside ``path`` (same suffix); rename it to ``path`` if the block ends well, else remove it.
+    """Yield a temporary path beside ``path`` with the same suffix. Rename the file to ``path`` on success; otherwise remove it.
 
     Raises
     ------
     OutputError
-        If the folder cannot be written or the disk is full; nothing is left behind.
+        If the folder is not writable or the disk is full. No partial file remains.
     """
     target = Path(path)
     temporary: Path | None = None
@@ -30,7 +30,7 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
         if target.is_dir():
             raise OutputError(f"cannot write {target}: it is a folder")
         target.parent.mkdir(parents=True, exist_ok=True)
-        # Named before it is there: an interruption at any moment finds it below.
+        # The name is noted before the file exists, so an interruption at any moment removes the file.
         temporary = target.parent / f".{target.stem[:40]}-{secrets.token_hex(6)}{target.suffix}"
         half_written.add(temporary)
         temporary.touch(mode=0o600, exist_ok=False)
@@ -50,7 +50,7 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file in UTF-8, whole or not at all.
+    """Write a UTF-8 text file. A failed write leaves no partial file.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def write_json(path: str | os.PathLike[str], value: Any, *, indent: int | None = 1) -> None:
-    """Write a JSON file in ASCII, whole or not at all.
+    """Write a JSON file in ASCII. A failed write leaves no partial file.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def write_json(path: str | os.PathLike[str], value: Any, *, indent: int | None =
 
 
 def _mode(path: Path) -> int:
-    """Return the permissions of a file that is replaced; for a new one those that the user's files have."""
+    """Return the permissions of the file to replace. A new file gets the user's default permissions."""
     try:
         return stat.S_IMODE(path.stat().st_mode)
     except FileNotFoundError:

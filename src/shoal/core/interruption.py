@@ -1,7 +1,8 @@
-"""How a command ends when it is asked to: by Ctrl-C, by SIGTERM, by a terminal that is closed.
+"""Ending a command on Ctrl-C, on SIGTERM, or when its terminal is closed.
 
-While it loads it ends at once. While it runs, KeyboardInterrupt is raised, so that everything is put away; but compiled code may
-run for minutes before Python sees a signal. So a thread waits for signals, too, and ends the command soon after one.
+A signal ends the command at once while its modules are loading. A running command gets a KeyboardInterrupt so that it can clean up.
+Compiled code can delay that interrupt for minutes, because Python handles signals only between its own instructions. Therefore a
+thread also waits for signals and ends the command shortly after a signal.
 """
 
 from __future__ import annotations
@@ -14,42 +15,44 @@ import time
 from contextlib import contextmanager
 
 TYPE_CHECKING = False
-if TYPE_CHECKING:  # this is the first module that a command loads: it waits for no others
+if TYPE_CHECKING:  # a command imports this module first, so this module imports no others
     from collections.abc import Iterator
     from pathlib import Path
     from types import FrameType
 
 GRACE = 0.7
-"""Seconds between a signal and the end of a command that has not ended by itself."""
+"""Seconds between a signal and the forced end of a command."""
 
 half_written: set[Path] = set()
 """Files to remove if the command is ended at once."""
 
 _KNOTS = ("importlib._bootstrap", "numba.", "llvmlite.", "shoal.jit.", "weakref")
-_running: list[str] = []  # "command" while one runs, "patient" while it must not be ended at once
+_running: list[str] = []  # "command" while a command runs, "patient" while the process must not be ended at once
 _begun: list[bool] = []
 
 
 def begin() -> None:
-    """Take the signals that ask this process to end; it is a command's own, and has done nothing yet."""
+    """Start handling the signals that end a process. Call this at the start of a command, before it has done any work."""
     if _begun or threading.current_thread() is not threading.main_thread():
         return
     _begun.append(True)
     numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     for number in numbers:
-        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):  # else somebody wants it ignored, as nohup
+        # otherwise the signal is ignored on purpose, as with nohup
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, _answer)
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)  # the thread keeps that: what the main one blocks, waits
+    # the thread inherits this mask: signals blocked in the main thread wait for the thread
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     threading.Thread(target=_wait, args=(reading,), daemon=True).start()
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
 def command_running() -> Iterator[None]:
-    """Let signals raise KeyboardInterrupt while the block runs, instead of ending the process there and then."""
+    """Let signals raise KeyboardInterrupt inside the block, instead of ending the process at once."""
     _running.append("command")
     try:
         yield
@@ -59,7 +62,7 @@ def command_running() -> Iterator[None]:
 
 @contextmanager
 def patient() -> Iterator[None]:
-    """Never end the process at once while the block runs: it has something to stop first, however long that takes."""
+    """Prevent a forced end of the process inside the block, because the block must first stop other processes or hardware."""
     _running.append("patient")
     try:
         yield
@@ -69,10 +72,9 @@ def patient() -> Iterator[None]:
 
 @contextmanager
 def interruption_held() -> Iterator[None]:
-    """Let Ctrl-C wait until the block has ended: for short work with code that an interruption leaves in knots.
+    """Delay Ctrl-C until the block has ended. Use this for short calls of libraries that do not survive an interruption.
 
-    A zip archive interrupted while it is written raises another error when it is closed, or swallows the interruption when it
-    is thrown away.
+    An interrupted write of a zip archive, for example, raises another error on closing, or discards the interruption.
     """
     asked = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(asked):
@@ -89,7 +91,7 @@ def interruption_held() -> Iterator[None]:
 
 
 def end(text: str = "shoal: interrupted\n") -> None:
-    """End the process and its workers now, with exit code 130 and one line; remove what is half-written."""
+    """End the process and its workers now: print one line, exit with code 130, and remove partial files."""
     workers = sys.modules.get("multiprocessing")
     for worker in workers.active_children() if workers else ():
         worker.terminate()
@@ -111,7 +113,7 @@ def _answer(_number: int, frame: FrameType | None) -> None:
 
 
 def _in_knots(frame: FrameType | None) -> bool:
-    """Tell whether a frame lies where an interruption is swallowed or told as another error: in imports, compiler, callbacks."""
+    """Return whether a frame runs code that swallows or converts interruptions: an import, the compiler or a callback."""
     while frame is not None:
         if str(frame.f_globals.get("__name__")).startswith(_KNOTS):
             return True

@@ -1,4 +1,4 @@
-"""What the library tells people while it works, if somebody listens: commands do, and print it on stderr."""
+"""Notices to the user while the library works. Commands subscribe to notices and print them on stderr."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _told: set[str] = set()
 
 
 def tell_once(text: str) -> None:
-    """Tell every listener a sentence, the first time in this process that anybody listens to it."""
+    """Send a sentence to every listener. Each sentence is sent only once per process."""
     if listeners and text not in _told:
         _told.add(text)
         for listener in listeners:

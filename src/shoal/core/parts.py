@@ -1,4 +1,4 @@
-"""The three parts behind one verb: run a problem, open an episode, whatever the part."""
+"""Functions for all three parts (swarm, steering, search): run a problem, and load a problem or an episode."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.problem import LARGEST_PROBLEM, Problem
 
 PARTS = ("swarm", "search", "steering")
-"""In the order in which `problem_for` tries them."""
+"""The parts in the order in which `problem_for` tries them."""
 
 _LARGEST_EPISODE = 2**31
 
 
 def problem_type(part: str) -> type[Problem]:
-    """Return the class of a part's problems; the part is imported now, since each brings heavy libraries of its own."""
+    """Return the problem class of a part. The part is imported here because each part imports heavy libraries."""
     found: type[Problem] = getattr(importlib.import_module(f"shoal.{part}.problem"), f"{part.capitalize()}Problem")
     return found
 
 
 def problem_of(data: Mapping[str, Any], *, where: str = "problem") -> Problem:
-    """Return the problem that fields describe; ``kind`` names the part.
+    """Build a problem from a mapping of its fields. The entry ``kind`` names the part.
 
     Raises
     ------
@@ -44,13 +44,13 @@ def problem_of(data: Mapping[str, Any], *, where: str = "problem") -> Problem:
 
 
 def load_problem(path: str | os.PathLike[str], *, trust: bool = False) -> Problem:
-    """Read a problem file (JSON) of any part; see `problem_of`.
+    """Read a problem file (JSON) of any part. See `problem_of` for the format.
 
     Parameters
     ----------
     path : path
     trust : bool
-        Whether code that the file names, MODULE:ATTRIBUTE, may run.
+        Whether code that the file names as MODULE:ATTRIBUTE may run.
 
     Raises
     ------
@@ -64,12 +64,12 @@ def load_problem(path: str | os.PathLike[str], *, trust: bool = False) -> Proble
 
 
 def problem_for(place: Any, fields: Mapping[str, Any]) -> Problem:
-    """Return the problem of the first part that has all of the fields; ``place`` is its map, region or workspace.
+    """Return the problem of the first part that has all given fields. ``place`` is the map, region or workspace.
 
     Raises
     ------
     InvalidInputError
-        If no part has them all.
+        If no part has all given fields.
 
     Examples
     --------
@@ -96,21 +96,23 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
     Parameters
     ----------
     problem : SwarmProblem, SteeringProblem or SearchProblem, or what one is about
-        In short form a map, workspace or region by name, path or object (or an array as a map); its problem has ``fields``.
+        A problem, or its short form: a map, workspace or region as a name, a path or an object. An array is a map. The short form
+        takes the problem's fields from ``fields``.
     seed : int
-        The same problem and seed give the same episode.
+        Seed of the random numbers. The same problem and seed give the same episode.
     **fields
-        Of the problem; others go to the part's own ``run``, as ``trial`` and ``stepwise`` of a swarm.
+        Fields of the problem in short form. All other options go to the part's own ``run``, such as ``trial`` and ``stepwise`` of a
+        swarm.
 
     Returns
     -------
     Episode
-        ``bool(episode)`` says if the task is done.
+        The result. ``bool(episode)`` is true if the task was done.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the problem cannot be as it is asked for; nothing else is run in its place.
+        If the problem cannot be solved with the requested options. Shoal never replaces a requested policy or planner by another.
 
     Examples
     --------
@@ -131,18 +133,18 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
 
 
 def load(path: str | os.PathLike[str], *, trust: bool = False) -> Episode:
-    """Open an episode of any part.
+    """Read an episode file of any part.
 
     Parameters
     ----------
     path : path
     trust : bool
-        Whether code that the file names, as the task MODULE:ATTRIBUTE, may be imported and run.
+        Whether code that the file names, such as a task MODULE:ATTRIBUTE, may be imported and run.
 
     Raises
     ------
     InvalidInputError
-        If the file is missing, damaged or no episode.
+        If the file is missing, damaged or not an episode.
     """
     source = Path(path)
     part = "swarm"

@@ -1,4 +1,4 @@
-"""Names for objects: the built-ins of each kind and any third party's as ``module:attribute``, with options."""
+"""Registries map names to objects: built-in names, and ``module:attribute`` for third-party objects, both with options."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _FOLDERS: list[str] = []
-"""Where modules of the user's own lie, besides those that Python finds by itself."""
+"""Folders that are searched for the user's modules after Python's own search path."""
 _FROM_FOLDERS: list[str] = []
-"""The modules that were found there."""
+"""Modules that were found in these folders."""
 _NAMED: set[str] = set()
-"""The modules that were named, wherever they lie."""
+"""All modules that were named by the user, wherever their files are."""
 
 
 def look_in(folder: str) -> None:
-    """Let ``module:attribute`` mean modules in a folder, too: after all that Python finds by itself, and nothing else.
+    """Add a folder to the search for ``module:attribute``. Python's own search path keeps priority.
 
-    So a file ``email.py`` in the folder where a command is typed is not taken for Python's own.
+    A file ``email.py`` in the current folder therefore does not replace Python's module ``email``.
 
     Examples
     --------
@@ -41,18 +41,18 @@ def look_in(folder: str) -> None:
 
 
 def users_modules() -> tuple[list[str], list[str]]:
-    """Return the folders and the modules found in them: what `load_users_modules` of a worker process needs."""
+    """Return the added folders and the modules found there. A worker process passes both to `load_users_modules`."""
     return list(_FOLDERS), list(_FROM_FOLDERS)
 
 
 def named_modules() -> dict[str, str]:
-    """Return the files of the modules that ``module:attribute`` named so far and that are none of Python's or of a package."""
+    """Return the files of all modules named so far by ``module:attribute``, except Python's own and installed packages."""
     found = {name: getattr(sys.modules.get(name), "__file__", None) or "" for name in _NAMED}
     return {name: file for name, file in found.items() if file.endswith(".py") and "site-packages" not in file}
 
 
 def digest_of_module(name: str) -> str:
-    """Return a digest of the source of a module as this process imports it; empty if it does not find it."""
+    """Return a digest of a module's source as this process imports it, or an empty text if the module is not found."""
     import hashlib
 
     with suppress(Exception, SystemExit), open(_imported(name).__file__ or "", "rb") as file:
@@ -61,12 +61,12 @@ def digest_of_module(name: str) -> str:
 
 
 def load_users_modules(folders: list[str], modules: list[str]) -> None:
-    """Import in this process what the user named in another; what fails is told when it is used.
+    """Import the modules that the user named in another process. An import error is reported only when the module is used.
 
     Parameters
     ----------
     folders, modules : list of str
-        As `users_modules` returns them.
+        The values that `users_modules` returned.
     """
     for folder in folders:
         look_in(folder)
@@ -76,7 +76,7 @@ def load_users_modules(folders: list[str], modules: list[str]) -> None:
 
 
 def _imported(name: str) -> ModuleType:
-    """Return a module that the user named; the folders of the user's own are on the path only meanwhile."""
+    """Import a module that the user named. The user's folders are on the search path only during this import."""
     _NAMED.add(name)
     added = [folder for folder in _FOLDERS if folder not in sys.path]
     sys.path.extend(added)
@@ -100,9 +100,9 @@ class Registry(Generic[T]):
     kind : str
         What the objects are, for error messages ("policy").
     open_to_others : bool
-        Whether ``module:attribute`` is a name, too.
+        Whether ``module:attribute`` is also a valid name.
     functions : bool
-        Whether the objects are functions, so that options are arguments of theirs.
+        Whether the objects are functions. Their options are then arguments of the function.
 
     Examples
     --------
@@ -122,14 +122,14 @@ class Registry(Generic[T]):
         self._items: dict[str, T] = {}
 
     def add(self, name: str, item: T) -> T:
-        """Register ``item`` under ``name`` and return it; a name is taken once."""
+        """Register ``item`` under ``name`` and return ``item``. Each name can be registered only once."""
         if name in self._items:
             raise UnknownNameError(f"the {self.kind} name {name!r} is already taken")
         self._items[name] = item
         return item
 
     def register(self, name: str) -> Callable[[T], T]:
-        """Return a decorator that registers what it decorates under ``name``."""
+        """Return a decorator that registers the decorated object under ``name``."""
         return lambda item: self.add(name, item)
 
     def __iter__(self) -> Iterator[str]:
@@ -139,12 +139,12 @@ class Registry(Generic[T]):
         return name in self._items
 
     def get(self, name: str) -> T:
-        """Return the object called ``name``, or the one at ``module:attribute``.
+        """Return the object registered as ``name``, or the object at ``module:attribute``.
 
         Raises
         ------
         UnknownNameError
-            If there is none; the message suggests the nearest name.
+            If no such object exists. The message suggests the nearest name.
         """
         if name in self._items:
             return self._items[name]
@@ -153,7 +153,7 @@ class Registry(Generic[T]):
         raise UnknownNameError(f"unknown {self.kind} {name[:60]!r}: {self._suggestion(name)}")
 
     def _suggestion(self, name: str) -> str:
-        import difflib  # slow to import, and `import shoal` is not to wait for it
+        import difflib  # slow to import, and `import shoal` must be fast
 
         near = difflib.get_close_matches(name, self._items, n=1, cutoff=0.5)
         known = f"known: {', '.join(self._items)}{'; or MODULE:ATTRIBUTE' if self.open_to_others else ''}"
@@ -165,16 +165,16 @@ class Registry(Generic[T]):
             raise UnknownNameError(f"the {self.kind} {module_name!r} takes no option {attribute!r}")
         try:
             found: T = getattr(_imported(module_name), attribute)
-        except (Exception, SystemExit) as error:  # the module is somebody's: anything may happen in it
+        except (Exception, SystemExit) as error:  # third-party code may raise any exception
             what = " ".join(str(error).split())
             raise UnknownNameError(f"cannot import the {self.kind} {name!r}: {type(error).__name__}: {what}") from error
         return found
 
 
 def name_of(thing: Any, registry: Registry[Any]) -> str:
-    """Return the name by which an object can be made again: registered, with options, or ``module:attribute``.
+    """Return the name that recreates an object: its registered name with options, or ``module:attribute``.
 
-    An object that has neither is told as what it is; nothing can be made from that.
+    For an object without such a name, return a description. The description cannot recreate the object.
 
     Examples
     --------
@@ -201,7 +201,7 @@ def name_of(thing: Any, registry: Registry[Any]) -> str:
 
 
 def _is_made_by(thing: Any, kind: Any) -> bool:
-    """Tell whether a class without arguments makes such an object."""
+    """Return whether calling the class without arguments makes an equal object."""
     try:
         return bool(vars(kind()) == vars(thing))
     except (TypeError, ValueError):
@@ -209,17 +209,17 @@ def _is_made_by(thing: Any, kind: Any) -> bool:
 
 
 def configured(registry: Registry[Any], text: str) -> Any:
-    """Return the object that ``NAME`` or ``module:attribute`` means, with options as in ``NAME:option=value,option=value``.
+    """Return the object for ``NAME`` or ``module:attribute``. Options follow as ``NAME:option=value,option=value``.
 
-    A value without ``option=`` goes to the first option. Options are converted to the type that their parameter is annotated with,
-    or else of its default; where there is neither, to a number or bool if they read like one.
+    A value without ``option=`` sets the first option. Each value is converted to the parameter's annotated type, or to the type of
+    its default. Without either, a value that reads as a number or a boolean becomes one.
 
     Raises
     ------
     UnknownNameError
-        If there is no such name.
+        If no object has this name.
     InvalidInputError
-        If there is no such option, its value does not fit, or somebody's class cannot be made.
+        If the option does not exist, its value is invalid, or the third-party class raises an error.
 
     Examples
     --------
@@ -230,7 +230,7 @@ def configured(registry: Registry[Any], text: str) -> Any:
     parts = text.split(":", 1 if text.partition(":")[0] in registry else 2)
     options = parts.pop() if len(parts) > (1 if parts[0] in registry else 2) else ""
     name = ":".join(parts)
-    import inspect  # slow to import, too
+    import inspect  # also slow to import
 
     kind: Any = registry.get(name)
     if not inspect.isclass(kind) and not options:
@@ -249,7 +249,7 @@ def configured(registry: Registry[Any], text: str) -> Any:
         raise InvalidInputError(f"the {registry.kind} {text!r}: expected a class without arguments: {error}") from None
     try:
         return kind(**chosen)
-    except (Exception, SystemExit) as error:  # the class may be somebody's
+    except (Exception, SystemExit) as error:  # the class may be third-party code
         if isinstance(error, ShoalError):
             raise
         raise InvalidInputError(f"{what}: cannot be made: {type(error).__name__}: {' '.join(str(error).split())}") from error
@@ -279,9 +279,9 @@ _READ: dict[str, tuple[Callable[[str], object], str]] = {
 
 
 def _converted(what: str, value: str, parameter: inspect.Parameter) -> object:
-    """Return the value of an option as the type that its parameter is annotated with or has by default."""
+    """Convert an option's value to the annotated type or the default's type of its parameter."""
     for told in (parameter.annotation, type(parameter.default)):
-        kind = getattr(told, "__name__", str(told))  # annotations may be texts
+        kind = getattr(told, "__name__", str(told))  # annotations may be strings
         if kind in _READ:
             read, expected = _READ[kind]
             try:
@@ -295,14 +295,14 @@ def _converted(what: str, value: str, parameter: inspect.Parameter) -> object:
 
 
 def loaded_on_use(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return the ``__getattr__`` of a package whose names are imported when they are first used, so that it is quick.
+    """Return a ``__getattr__`` that imports a package's names on first use, so that importing the package is fast.
 
     Parameters
     ----------
     package : str
         Its ``__name__``.
     homes : mapping of str to str
-        The module of each name, from the package on.
+        For each name, its module relative to the package.
 
     Examples
     --------

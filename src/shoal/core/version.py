@@ -1,4 +1,4 @@
-"""The version of Shoal, and of all that a result may depend on."""
+"""The versions of Shoal and of the libraries that results depend on."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ __version__ = "0.1.0"
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of this process: of Shoal, Python, NumPy and Numba.
+    """Return the versions of Shoal, Python, NumPy and Numba in this process.
 
     Examples
     --------
     >>> list(versions())
     ['shoal', 'python', 'numpy', 'numba']
     """
-    from importlib.metadata import version  # slow to import, and `import shoal` is not to wait for it
+    from importlib.metadata import version  # slow to import, and `import shoal` must be fast
 
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
     return {"shoal": __version__, "python": python, "numpy": version("numpy"), "numba": version("numba")}
@@ -25,8 +25,8 @@ def versions() -> dict[str, str]:
 
 @cache
 def code_digest() -> str:
-    """Return a digest of the code that results depend on: two processes with the same one compute the same."""
-    import hashlib  # these two are slow to import, too
+    """Return a digest of all code that results depend on. Processes with equal digests compute equal results."""
+    import hashlib  # both imports are slow
     from pathlib import Path
 
     digest, root = hashlib.blake2b(digest_size=8), Path(__file__).parent.parent

@@ -1,4 +1,4 @@
-"""How kernels are compiled: lazily, cached on disk, without the interpreter's lock, dividing as NumPy does."""
+"""Compilation of kernels: lazy, cached on disk, without the global interpreter lock, with NumPy's division rules."""
 
 from shoal.jit.compiler import in_place_kernel, kernel
 from shoal.jit.watch import COMPILING, Stopwatch, seconds_compiling

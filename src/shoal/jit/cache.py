@@ -1,8 +1,8 @@
-"""Where compiled kernels are kept: beside the sources, in the user's cache, in the folder SHOAL_CACHE, or in a private one.
+"""Cache of compiled kernels: beside the sources, in the user's cache folder, in the folder SHOAL_CACHE, or in a private folder.
 
-One file for each kernel that Python calls, signature and processor. A kernel is compiled again if any kernel of its part has
-changed, since it holds the code of those that it calls. What is damaged is compiled again and replaced. And a folder that cannot
-be written, or a full disk, costs the time to compile, not the run.
+The cache has one file for each kernel that Python calls, for each signature and processor. A kernel contains the code of the
+kernels that it calls. Therefore a kernel is compiled again if any kernel of its part has changed. A damaged file is compiled again
+and replaced. A read-only folder or a full disk costs compilation time but does not stop the run.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from shoal.jit.libraries import Entry
 from shoal.jit.watch import COMPILING
 
 ENVIRONMENT = "SHOAL_CACHE"
-"""Names the folder, if it is set."""
+"""Environment variable that names the cache folder."""
 
 
 def cached(compiled: Any) -> Any:
-    """Return a compiled function, with its results kept on disk if there is a folder for them."""
+    """Enable the disk cache of a compiled function if a cache folder exists. Return the function."""
     source = Path(compiled.py_func.__code__.co_filename)
     if not source.is_file():
         return compiled
@@ -45,7 +45,7 @@ def cached(compiled: Any) -> Any:
 
 @cache
 def folder_of(sources: Path) -> Path | None:
-    """Return the folder for kernels of a folder of sources; None if there is none that can be written."""
+    """Return the cache folder for the kernels of a source folder, or None if no folder is writable."""
     subfolder = f"{sources.name}-{hashlib.blake2b(str(sources).encode(), digest_size=6).hexdigest()}"
     named = os.environ.get(ENVIRONMENT)
     if named:
@@ -71,7 +71,7 @@ def _users_cache() -> Path:
 
 
 def _is_usable(folder: Path) -> bool:
-    """Tell whether files can be made in a folder, which is made if it is not there."""
+    """Return whether files can be created in a folder. A missing folder is created."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -82,7 +82,7 @@ def _is_usable(folder: Path) -> bool:
 
 @cache
 def _private_folder() -> Path | None:
-    """Return a folder for temporary files that is this user's and nobody else can write to: what lies there is run."""
+    """Return a folder for temporary files that only this user can write to, because the code in this folder is executed."""
     user = os.getuid() if hasattr(os, "getuid") else 0
     folder = Path(tempfile.gettempdir()) / f"shoal-kernels-{user}"
     try:
@@ -97,7 +97,7 @@ def _private_folder() -> Path | None:
 
 
 class _KernelCache(NullCache):
-    """What Numba asks for the compiled forms of one kernel. Nothing that is wrong on disk is an error."""
+    """Numba's interface to the cached forms of one kernel. Damaged or missing files never raise an error."""
 
     def __init__(self, name: str, source: Path) -> None:
         self._name = re.sub(r"[^\w.-]", "", f"{source.stem}.{name}")
@@ -110,9 +110,9 @@ class _KernelCache(NullCache):
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         arguments = tuple(getattr(signature, "args", signature))
-        with suppress(Exception):  # no file, or a damaged one: unpickling runs into anything
+        with suppress(Exception):  # no file, or a damaged file: unpickling may raise anything
             return self._rebuilt(self._read(arguments, target), arguments, target)
-        with suppress(Exception):  # no archive, or a damaged one
+        with suppress(Exception):  # no archive, or a damaged archive
             result = self._rebuilt(lowered.find(self._part, self._member(arguments)), arguments, target)
             self._save(result, target)
             return result
@@ -155,16 +155,16 @@ class _KernelCache(NullCache):
 
     @staticmethod
     def _reduced(result: Any, code: bytes | None) -> bytes:
-        """Return what is kept of a compiled kernel: its machine code, or what LLVM is to make that of."""
+        """Return the stored form of a compiled kernel: its machine code, or the LLVM code to make it from."""
         result.fndesc.typemap = result.fndesc.calltypes = None
         library = result.library
-        # One without constants is never looked at, but importing the module that it is of can take longer than a command should.
+        # Code without constants never uses its environment, and importing the environment's module can be slow.
         environments = tuple(each for each in result._find_referenced_environments() if each.consts)
         about = (result.fndesc, result.environment, result.signature, tuple(result.reload_init), environments)
         return bytes(dumps((library.name, code, None if code else library.lowered, *about)))
 
     def _rebuilt(self, content: bytes, arguments: tuple[Any, ...], target: Any) -> Any:
-        """Return a compiled kernel of what was kept of it."""
+        """Rebuild a compiled kernel from its stored form."""
         name, code, bitcode, description, environment, signature, reloads, environments = pickle.loads(content)
         if tuple(signature.args) != arguments:
             raise ValueError("compiled for other arguments")

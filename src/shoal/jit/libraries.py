@@ -1,4 +1,4 @@
-"""Code of kernels in two forms: a part, which is only linked into others, and an entry, which is optimized with all its parts."""
+"""Two forms of kernel code: a part is only linked into other code, an entry is optimized together with all its parts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numba.core.codegen import JITCodeLibrary
 
 
 class LinkedPart(JITCodeLibrary):
-    """Code that is only linked into other code: it is neither optimized as a whole nor made into machine code."""
+    """Code that is only linked into other code. It is never optimized or compiled to machine code by itself."""
 
     def _optimize_final_module(self) -> None:
         pass
@@ -20,10 +20,10 @@ class LinkedPart(JITCodeLibrary):
 
 
 class Entry(JITCodeLibrary):
-    """Code that Python calls. No other code links it, so that it is kept as machine code alone."""
+    """Code that Python calls. No other code links to it, so only its machine code is kept."""
 
     lowered = b""
-    """LLVM's code of the entry and all its parts before it was optimized, which no processor's features have gone into."""
+    """LLVM code of the entry and all its parts before optimization. It is independent of the processor's features."""
 
     def _optimize_final_module(self) -> None:
         self.lowered = self._final_module.as_bitcode()
@@ -31,7 +31,7 @@ class Entry(JITCodeLibrary):
 
     @classmethod
     def of_lowered(cls, codegen: Any, name: str, lowered: bytes) -> Entry:
-        """Optimize code that was lowered before, for this processor, and make machine code of it."""
+        """Optimize lowered code for this processor and generate its machine code."""
         self = cls(codegen, name)
         self.enable_object_caching()
         self._final_module = binding.parse_bitcode(lowered)
@@ -42,7 +42,7 @@ class Entry(JITCodeLibrary):
 
     @classmethod
     def of_machine_code(cls, codegen: Any, name: str, code: bytes, symbols: tuple[str, ...]) -> Entry:
-        """Load machine code that has these symbols."""
+        """Load machine code that defines the given symbols."""
         self = cls(codegen, name)
         self.enable_object_caching()
         self._set_compiled_object(code)

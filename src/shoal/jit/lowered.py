@@ -1,8 +1,9 @@
-"""Kernels that were typed and lowered ahead of time, one archive beside the kernels of each part.
+"""Archives of kernels that were typed and lowered ahead of time. Each part has one archive beside its kernels.
 
-That takes three quarters of a compilation and depends on no processor; LLVM optimizes what is here for the processor that it is
-run on. Where an archive does not fit, since a kernel was changed, or Numba or the platform is another one, all of it is done
-when a kernel is first called. ``make kernels`` writes the archives; docs/adr/0013-kernels-lowered-ahead.md has the measurements.
+Typing and lowering take three quarters of the compilation time and do not depend on the processor. LLVM then optimizes the lowered
+code for the user's processor. An archive is used only if its kernels, Numba and the platform are unchanged. Otherwise a kernel is
+compiled from its source on its first call. ``make kernels`` writes the archives; docs/adr/0013-kernels-lowered-ahead.md has the
+measurements.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ from llvmlite import binding
 
 NAME = "lowered.zip"
 noted: dict[Path, dict[str, bytes]] | None = None
-"""What was compiled so far, by part and kernel; None but for who writes archives, for whom all is compiled."""
+"""Kernels compiled so far, by part and name. None except while archives are written."""
 
 
 @cache
 def stamp(part: Path) -> bytes:
-    """Return a digest of all kernels of a part, and of how they are compiled."""
+    """Return a digest of all kernels of a part and of the compiler module."""
     digest = hashlib.blake2b(digest_size=16)
     for file in (Path(__file__).with_name("compiler.py"), *sorted(part.rglob("*.py"))):
         digest.update(file.read_bytes())
@@ -41,18 +42,18 @@ def _opened(part: Path) -> zipfile.ZipFile | None:
 
 
 def fits(part: Path) -> bool:
-    """Tell whether there is an archive made of these sources, by this version of Numba, for this platform."""
+    """Return whether an archive matches these sources, this version of Numba and this platform."""
     archive = _opened(part)
     return archive is not None and archive.comment == _fitting(part)
 
 
 def find(part: Path, kernel: str) -> bytes:
-    """Return what was kept of a lowered kernel.
+    """Return the lowered code of a kernel from the archive.
 
     Raises
     ------
     LookupError
-        If there is no archive of the part, or it does not fit, or does not hold this kernel.
+        If the part has no archive, or the archive is out of date or does not contain this kernel.
     """
     archive = _opened(part)
     if archive is None or noted is not None or not fits(part):
@@ -61,13 +62,13 @@ def find(part: Path, kernel: str) -> bytes:
 
 
 def note(part: Path, kernel: str, content: bytes) -> None:
-    """Remember a kernel that was compiled, if anybody writes archives."""
+    """Record a compiled kernel while archives are being written."""
     if noted is not None:
         noted.setdefault(part, {})[kernel] = content
 
 
 def write(part: Path) -> Path:
-    """Write the archive of what was noted of a part; return its path."""
+    """Write the archive of a part from the recorded kernels. Return its path."""
     with zipfile.ZipFile(part / NAME, "w", zipfile.ZIP_LZMA) as archive:
         for kernel, content in sorted((noted or {}).get(part, {}).items()):
             archive.writestr(zipfile.ZipInfo(kernel), content, zipfile.ZIP_LZMA)

@@ -1,4 +1,4 @@
-"""Says so when a kernel is compiled, and measures time without what goes by compiling and loading."""
+"""A notice when kernels are compiled, and a stopwatch that excludes the time for compiling and loading kernels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ COMPILING = "compiling kernels: once after an installation, some seconds for eac
 
 
 class _Watch(event.Listener):
-    """Says so when a kernel is compiled, and measures the time that each thread spends on loading and compiling."""
+    """Print a notice when a kernel is compiled, and measure each thread's time for loading and compiling."""
 
     def __init__(self) -> None:
         self.times = threading.local()
@@ -40,12 +40,12 @@ for _kind in ("numba:compile", "numba:compiler_lock"):
 
 
 def seconds_compiling() -> float:
-    """Return the seconds that this thread has spent so far on loading and compiling kernels."""
+    """Return how many seconds this thread has spent on loading and compiling kernels."""
     return float(getattr(_watch.times, "spent", 0.0))
 
 
 class Stopwatch:
-    """Measures from now on, without what goes by loading and compiling kernels.
+    """Measure time since its creation, excluding the time for loading and compiling kernels.
 
     Examples
     --------
@@ -59,5 +59,5 @@ class Stopwatch:
 
     @property
     def seconds(self) -> float:
-        """Seconds since this was made."""
+        """Return the seconds since this object was made, without compilation."""
         return time.perf_counter() - seconds_compiling() - self._began

@@ -1,4 +1,4 @@
-"""Particles on a grid: one command moves all of them. Names are loaded when they are first used, since kernels need Numba."""
+"""Mapping and coverage by a swarm of particles on a grid. One command moves all particles. Names are imported on first use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SwarmEpisode: what a swarm did, with noise or without, in a simulation or on a rig; everything needed to replay it."""
+"""SwarmEpisode: one run of a swarm, with or without noise, simulated or on a rig. It stores all data for a replay."""
 
 from __future__ import annotations
 
@@ -29,44 +29,44 @@ from shoal.swarm.simulation import episode_file
 from shoal.swarm.simulation.replay import ExactReplay, NoisyReplay, ObservedReplay, Replay
 
 REASONS = {
-    Status.COMPLETE: "nothing is left to do",
+    Status.COMPLETE: "no frontier cell is left",
     Status.STALLED: "the policy could make no progress",
     Status.LIMIT: "stopped at the limit of moves",
-    Status.INTERRUPTED: "somebody stopped it",
+    Status.INTERRUPTED: "stopped by the user",
 }
 
 
 @dataclass(frozen=True, eq=False)
 class SwarmEpisode(Episode):
-    """One run of a policy on a task.
+    """One run of a policy on a task, with all data for an exact replay.
 
     Parameters
     ----------
     problem : SwarmProblem
-        As it was asked for; its place is the workspace of the episode.
+        The problem as the user declared it. Its place is the workspace of the episode.
     start : ndarray of int64, shape (n, ndim)
         Cells of the particles at the start.
     trace : Trace
-        What each command did.
+        The effect of each command.
     status : Status
-        "complete", "stalled", "limit" or "interrupted". With noise it is "complete" if every cell is classified that lies beside a
-        free one and that a particle could get to, and "stalled" if some had to be left undecided.
+        "complete", "stalled", "limit" or "interrupted". With noise, "complete" means that every cell is classified that particles
+        could reach and that lies beside a free cell. "stalled" then means that some of these cells stay undecided.
     policy : str
-        The policy that was played; says what ``auto`` chose.
+        The policy that ran. It names the policy that ``auto`` chose.
     first_frontier : int
-        Frontier cells at the start.
+        Number of frontier cells at the start.
     targets : ndarray of bool, the shape of the workspace, or None
-        The cells to cover; None for a mapping.
+        The cells to cover. None for a mapping task.
     seed, trial : int
         See `shoal.swarm.grid.randomness`.
     seconds : float
-        Time the run took, planning included.
+        Computing time in seconds, planning included.
     versions : dict of str
     observations : tuple of ndarray of int64, shape (k, ndim), optional
-        Of a rig with noise: what each scan showed, that before the first command included. The workspace is then the free cells
-        that were found.
+        Only for a rig with noise: the observed cells of each scan, including the scan before the first command. The workspace then
+        consists of the free cells that were found.
     truth : ndarray of bool, optional
-        Of such a rig: its free cells, if they are known; then it can be shown what was classified wrongly.
+        Only for a rig with noise: the true free cells if known. They allow classification errors to be shown.
     """
 
     part: ClassVar[str] = "swarm"
@@ -103,12 +103,12 @@ class SwarmEpisode(Episode):
 
     @property
     def placement(self) -> str:
-        """Name of the placement; "given" if start cells were."""
+        """Name of the placement, or "given" if the user gave start cells."""
         return self.problem.placement_name
 
     @property
     def noisy(self) -> bool:
-        """Whether there was noise: then `moments` is what there is to see."""
+        """Whether the problem has noise. Use `moments` instead of `frames` then."""
         return self.problem.noise is not None or self.observations is not None
 
     @cached_property
@@ -123,12 +123,12 @@ class SwarmEpisode(Episode):
 
     @property
     def scans(self) -> int:
-        """Number of scans, the one at the start included."""
+        """Number of scans, including the scan at the start."""
         return 1 + int(np.count_nonzero(self.trace.scanned))
 
     @property
     def cost(self) -> float:
-        """Price of all moves and scans."""
+        """Total price of all moves and scans."""
         return self.problem.scanning.cost(moves=self.moves, scans=self.scans)
 
     @property
@@ -138,12 +138,12 @@ class SwarmEpisode(Episode):
 
     @property
     def distance(self) -> int:
-        """Cells travelled, summed over the particles."""
+        """Total distance of all particles in cells."""
         return int(self.trace.travelled.sum())
 
     @property
     def seconds_per_move(self) -> float:
-        """Mean time of a move, planning included; 0 if there was none."""
+        """Mean computing time per move in seconds, planning included; 0 without moves."""
         return self.seconds / self.moves if self.moves else 0.0
 
     @property
@@ -153,19 +153,19 @@ class SwarmEpisode(Episode):
         rest = "" if self else f"; {left} frontier cells left"
         done = REASONS[self.status]
         if self and self.unreachable:
-            done = "every cell that particles can reach is done"
+            done = "every cell that particles can reach is classified"
         if self.unreachable:
             rest += f"; {self.out_of_reach} lie where no particle can get"
         return f"{done}{rest}"
 
     @property
     def out_of_reach(self) -> str:
-        """How many free cells no particle can get to, for people; empty if none."""
+        """Text with the number of free cells that no particle can reach, or an empty text if there are none."""
         return f"{self.unreachable} of {self.workspace.n_free} free cells" if self.unreachable else ""
 
     @cached_property
     def unreachable(self) -> int:
-        """Free cells of a mapping that no particle can get to from its start: they are in other parts of the workspace."""
+        """Number of free cells that no particle of a mapping task can reach, because they are not connected to a start cell."""
         if self.targets is not None or self.observations is not None:
             return 0
         parts = self.workspace.components
@@ -173,12 +173,12 @@ class SwarmEpisode(Episode):
 
     @property
     def sentence(self) -> str:
-        """Status, moves and reason for people."""
+        """Return status, number of moves and reason as one sentence."""
         return f"{self.status} after {self.moves} moves: {self.reason}"
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """The numbers by name: those that sweeps store, and more."""
+        """Return the metrics by name: all measures that sweeps store, and further ones."""
         numbers = {
             "status": str(self.status), "moves": self.moves, "scans": self.scans, "cost": self.cost, "distance": self.distance,
             "seconds": self.seconds,
@@ -210,7 +210,7 @@ class SwarmEpisode(Episode):
 
     @cached_property
     def replay(self) -> Replay:
-        """The episode, played again from its commands and scans."""
+        """The replayed episode, computed from its commands and scans."""
         problem, about = self.problem, (self.problem.noise or Noise(), self.problem.confidence)
         if self.observations is not None:
             return ObservedReplay(self.workspace.shape, *about, self.trace, self.observations, self.truth)
@@ -219,40 +219,40 @@ class SwarmEpisode(Episode):
         return ExactReplay(GridWorld(self.workspace, self.rule), problem.chosen_task, self.start, self.targets, self.trace)
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
-        """Yield state and belief at the start and after each command, replayed step by step.
+        """Yield state and belief at the start and after each command.
 
-        Without noise the belief is that of the last scan, or the newest if all that has happened since was known beforehand. With
-        noise the state is where particles are believed to be.
+        Without noise, the belief is the one after the last scan. If the outcome of all later commands was already known, it is the
+        newest belief. With noise, the state holds the most likely positions of the particles.
         """
         return self.replay.frames()
 
     def moments(self) -> Iterator[Moment]:
-        """Yield what there is to see of an episode with noise, at the start and after each command."""
+        """Yield the observable quantities of an episode with noise, at the start and after each command."""
         return self.replay.moments()
 
     def final(self) -> tuple[SwarmState, Belief]:
-        """Return state and belief after the last command; with noise, what is believed."""
+        """Return the state and the belief after the last command. With noise, the state is estimated."""
         return self.replay.end.state, self.replay.end.belief
 
     @cached_property
     def probability(self) -> NDArray[np.float64] | None:
-        """Of a simulation with noise: probability at the end that each cell is free; float64, with one cell of rim; else None."""
+        """Probability at the end that each cell is free; float64, with a rim of one cell. None for episodes without noise."""
         return self.replay.last[0].probability if isinstance(self.replay, NoisyReplay) else None
 
     @cached_property
     def errors(self) -> MapErrors | None:
-        """Of a simulation with noise: how right the map is at the end; else None."""
+        """Classification errors of the final map, for simulations with noise; otherwise None."""
         if self.problem.noise is None or self.observations is not None:
             return None
         return MapErrors.of(self.workspace, self.start, self.final()[1])
 
     def verify(self) -> Verification:
-        """Replay the commands and scans; compare everything that is stored, and whether the task is complete at the end.
+        """Replay the commands and scans. Compare all stored values and check whether the task is complete at the end.
 
         Raises
         ------
         InvalidInputError, UnknownNameError
-            If the task is unknown here, or does not fit the workspace.
+            If the task is unknown in this process, or does not fit the workspace.
         """
         end = self.replay.end
         if end.first_frontier != self.first_frontier:
@@ -263,7 +263,7 @@ class SwarmEpisode(Episode):
         if wrong is not None:
             return Verification(False, wrong)
         if self.observations is not None:
-            return Verification(True, f"{self.scans} scans taken in again: the same belief")
+            return Verification(True, f"{self.scans} scans processed again: the same belief")
         if self.problem.noise is not None:
             return Verification(True, f"{self.moves} moves of {self.particles} particles with noise replayed: all the same")
         if end.state.n_particles != self.particles:
@@ -273,24 +273,26 @@ class SwarmEpisode(Episode):
         return Verification(True, f"{self.moves} moves of {self.particles} particles replayed: all the same")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode to an ``.npz`` file, whole or not at all.
+        """Write the episode to an ``.npz`` file. A failed write leaves no partial file.
 
         Raises
         ------
         InvalidInputError
-            If the suffix is another, or for a drive with noise, which its log keeps.
+            If the path has another suffix, or if the episode is a rig episode with noise, which is kept in the rig's log.
         OutputError
             If the file cannot be written.
         """
         if self.observations is not None:
-            raise InvalidInputError(f"{path}: expected an episode of a simulation, got a drive with noise, which its log keeps")
+            raise InvalidInputError(
+                f"{path}: expected an episode of a simulation, got a rig episode with noise, which is kept in the rig's log"
+            )
         told = {name: getattr(self, name) for name in ("policy", "first_frontier", "seed", "trial", "seconds")}
         told |= {"status": str(self.status), "versions": dict(self.versions)}
         episode_file.write(path, self.problem, told, self.trace, start=self.start, targets=self.targets)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SwarmEpisode:
-        """Read an episode that `save` wrote; a task of somebody's code is run only if ``trust`` is true.
+        """Read an episode that `save` wrote. A third-party task runs only if ``trust`` is true.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""SwarmProblem: everything that defines a mapping or coverage of a map by a swarm, but its seed."""
+"""SwarmProblem: all settings of a mapping or coverage run except its seed."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from shoal.swarm.grid.commands import RULES
 from shoal.swarm.grid.scans import DEAREST, MOVE_COST, SCAN_COST, ScanRule
 from shoal.swarm.maps.workspace import GridWorkspace
 
-# Tasks, placements and policies call kernels, whose compiler takes a second to load: they are imported when a field is checked, so
-# that commands, which read the declarations below, start at once.
+# Tasks, placements and policies call kernels, whose compiler takes a second to load. They are imported when a field is checked, so
+# that commands, which only read the declarations below, start fast.
 if TYPE_CHECKING:
     from shoal.swarm.grid.tasks import Task
     from shoal.swarm.noise.model import Noise
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 Cells = tuple[tuple[int, ...], ...]
 
 READING = ("vessels", "width", "low", "high", "bright", "thickest", "threshold", "invert", "scale", "level", "label")
-"""The fields that say how a map is read."""
+"""The fields that define how a map file is read."""
 
 DRIVEN = (
     "policy", "budget", "time_per_move", "max_moves", "scan_every", "scan_cost", "move_cost", "slip", "misplace", "miss",
     "confidence",
 )  # fmt: skip
-"""The fields that say how a rig is driven; the others are the rig's own."""
+"""The fields that define how a rig is driven. All other settings belong to the rig itself."""
 
 TASK_NAMES = ("mapping", "coverage", "subset-coverage")
 PLACEMENT_NAMES = ("uniform", "flood-fill", "region-fill", "left-wall")
@@ -52,7 +52,7 @@ def _check_map(given: Any) -> Any:
 
 
 def _named(kind: str) -> dict[str, Any]:
-    """Return how a field is checked and written whose value is a name, or an object of that kind."""
+    """Return how to check and write a field whose value is a name or an object of the given kind."""
 
     def registry() -> tuple[Registry[Any], Any]:
         if kind == "task":
@@ -69,7 +69,7 @@ def _named(kind: str) -> dict[str, Any]:
 
     def check(given: Any) -> Any:
         known, make = registry()
-        if isinstance(given, str):  # what lies in a module is not imported yet
+        if isinstance(given, str):  # objects in third-party modules are not imported yet
             if given != "auto" and (given.partition(":")[0] in known or ":" not in given):
                 make(given)
         elif kind == "task":
@@ -117,13 +117,13 @@ def _rate(help: str) -> Any:  # noqa: A002 - as in option
 class SwarmProblem(Problem):
     """Mapping or coverage of a map by a swarm.
 
-    The fields are the options of ``shoal map`` and ``shoal cover``, the fields of sweeps, and those of problem files. In Python a
-    map may also be a `GridWorkspace` or an array; task, policy and placement may be objects of your own.
+    The fields are the options of ``shoal map`` and ``shoal cover``, the fields of sweeps, and the fields of problem files. In
+    Python, a map may also be a `GridWorkspace` or an array. Task, policy and placement may be third-party objects.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        For a value that is not of its field's kind, and for fields that do not go together.
+        If a value has the wrong type or range, or fields contradict each other.
 
     Notes
     -----
@@ -148,7 +148,7 @@ class SwarmProblem(Problem):
         argument=True, metavar="MAP", check=_check_map, dump=lambda given: given if isinstance(given, str) else given.to_dict(),
     )  # fmt: skip
     task: Any = option("mapping", help=f"Task: {', '.join(TASK_NAMES)} or MODULE:ATTRIBUTE.", names=TASK_NAMES, **_named("task"))
-    subset: float | None = option(None, help="For coverage: share of the free cells to cover, chosen at random.", above=0, most=1)
+    subset: float | None = option(None, help="For coverage: random fraction of the free cells to cover.", above=0, most=1)
     particles: int = option(100, help="Number of particles.", short="-n", least=1)
     placement: Any = option(
         "uniform", help=f"Placement of the particles: {', '.join(PLACEMENT_NAMES)} or MODULE:ATTRIBUTE.", names=PLACEMENT_NAMES,
@@ -163,56 +163,57 @@ class SwarmProblem(Problem):
     policy: Any = option(
         "auto",
         help="Policy: auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, "
-        "depth-first, sweep, offline (coverages), manual:COMMANDS or MODULE:ATTRIBUTE. Options follow a colon, as in "
-        "closest-frontier:ties=row-major. auto is best for mappings without noise that scan after each move, under the rules "
-        "block and merge, else closest-frontier.",
+        "depth-first, sweep, offline (coverage only), manual:COMMANDS or MODULE:ATTRIBUTE. Options follow a colon, as in "
+        "closest-frontier:ties=row-major. For mapping without noise, with a scan after each move and rule block or merge, auto "
+        "means best; otherwise closest-frontier.",
         names=POLICY_NAMES, **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
-        None, help="For planners (best, rollout, offline): mean number of moves that may be simulated for each move sent. best and "
-        "rollout get up to ten times as many if there are not 1000 particles.", above=0, most=1e12,
+        None, help="For planners (best, rollout, offline): mean number of simulated moves for each move sent. The number is for "
+        "1000 particles; best and rollout use up to ten times as many for other numbers.", above=0, most=1e12,
     )  # fmt: skip
     time_per_move: float | None = option(
-        None, help="For planners: mean time for each move, instead of a budget. The commands then depend on the machine.",
+        None, help="For planners: mean computing time per move, instead of a budget. The commands then depend on the machine.",
         metavar="MS", unit="ms", above=0, most=1e9,
     )  # fmt: skip
-    max_moves: int = option(1_000_000, help="Number of moves after which an episode ends with the status limit.", least=0)
+    max_moves: int = option(1_000_000, help="Maximum number of moves. An episode that reaches it has the status limit.", least=0)
     scan_every: int | str = option(
-        1, help="Number of equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most cells for its "
-        "price). With noise: a number of commands of a plan, or fewer at its end.", metavar="RULE", check=_check_scan_every,
+        1, help="Number of equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most classified cells "
+        "for the price). With noise: maximum number of commands before each scan.", metavar="RULE", check=_check_scan_every,
     )  # fmt: skip
     scan_cost: float = option(SCAN_COST, help="Price of a scan, in any unit.", least=0, most=DEAREST)
-    move_cost: float = option(MOVE_COST, help="Price of a move, in the same unit.", least=0, most=DEAREST)
+    move_cost: float = option(MOVE_COST, help="Price of a move, in the same unit as the price of a scan.", least=0, most=DEAREST)
     slip: float = _rate("Probability that a particle does not obey a command.")
     misplace: float = _rate("Probability that a particle is seen in a neighbouring cell.")
     miss: float = _rate("Probability that a particle is not seen in a scan.")
-    confidence: float = option(0.99, help="With noise: probability that classifies a cell.", above=0.75, most=0.99999)
-    vessels: bool = option(False, help="Take MAP as a photograph and find its vessels (needs the extra 'imaging').")
+    confidence: float = option(0.99, help="With noise: probability from which a cell is classified.", above=0.75, most=0.99999)
+    vessels: bool = option(False, help="Read MAP as a photograph and find its vessels (needs the extra 'imaging').")
     width: int | None = option(None, help="With --vessels: larger side of the map.", unit="cells", least=1)
     low: float = option(
-        0.6, help="With --vessels: filter response down to which vessels are followed, over the best threshold.", above=0, most=10
-    )
+        0.6, help="With --vessels: lower threshold of the filter response, relative to the best threshold. "
+        "A vessel continues while its response is above it.", above=0, most=10,
+    )  # fmt: skip
     high: float = option(
-        1.2, help="With --vessels: filter response that every vessel reaches somewhere, over the best threshold. Lower values find "
-        "more vessels.", above=0, most=10,
+        1.2, help="With --vessels: upper threshold of the filter response, relative to the best threshold. Every vessel exceeds it "
+        "somewhere. Lower values find more vessels.", above=0, most=10,
     )  # fmt: skip
     bright: bool | None = option(
-        None, help="With --vessels: vessels are brighter than their surroundings. By default the picture decides."
+        None, help="With --vessels: vessels are brighter than their surroundings. By default the clearer lines count."
     )
     thickest: float | None = option(
-        None, help="With --vessels: width of the thickest vessel, as a share of the picture's larger side. Default: "
-        "0.0185 in a round field of view, else 0.035.", above=0, most=0.5,
+        None, help="With --vessels: width of the thickest vessel, as a fraction of the picture's larger side. Default: 0.0185 in "
+        "a round field of view, else 0.035.", above=0, most=0.5,
     )  # fmt: skip
-    threshold: float = option(0.5, help="For pictures: brightness from which a pixel is free.", least=0, most=1)
-    invert: bool = option(False, help="For pictures: dark pixels are free.")
-    scale: float = option(1.0, help="For pictures: cells for each pixel. 0.5 halves both sides.", above=0, most=64)
+    threshold: float = option(0.5, help="For pictures: brightness from which a pixel is free (white is 1).", least=0, most=1)
+    invert: bool = option(False, help="For pictures: dark pixels are free instead of bright ones.")
+    scale: float = option(1.0, help="For pictures: cells per pixel along each side.", above=0, most=64)
     level: float | None = option(None, help="For arrays and volumes: value from which a cell is free.")
     label: int | None = option(None, help="For arrays and volumes: value of the free cells.")
     largest_component: bool = option(False, help="Keep only the largest connected part of the free space.")
-    cell_size: float | None = option(None, help="Side of a cell. By default the file decides.", unit="mm", above=0, most=1e6)
+    cell_size: float | None = option(None, help="Side of a cell. By default the file's value.", unit="mm", above=0, most=1e6)
 
     def check_together(self) -> None:
-        """Refuse fields that do not go together; nothing is opened yet."""
+        """Refuse fields that contradict each other. No file is opened yet."""
         assert self.scanning
         if self.start is not None:
             if self.particles not in (100, len(self.start)):
@@ -239,12 +240,12 @@ class SwarmProblem(Problem):
 
     @property
     def scanning(self) -> ScanRule:
-        """When to scan, and the prices of scans and moves."""
+        """The scan rule with the prices of scans and moves."""
         return ScanRule.parse(self.scan_every, scan_cost=self.scan_cost, move_cost=self.move_cost)
 
     @property
     def noise(self) -> Noise | None:
-        """What goes wrong; None if nothing does."""
+        """The noise model, or None without noise."""
         if not (self.slip or self.misplace or self.miss):
             return None
         from shoal.swarm.noise.model import Noise
@@ -253,7 +254,7 @@ class SwarmProblem(Problem):
 
     @property
     def task_name(self) -> str:
-        """Name of the task, for people; nothing is imported for it."""
+        """Name of the task, without importing it."""
         if self.subset is not None:
             return "subset-coverage"
         name = _name_for_people(self.task)
@@ -261,7 +262,7 @@ class SwarmProblem(Problem):
 
     @property
     def placement_name(self) -> str:
-        """Name of the placement, for people; "given" if start cells are."""
+        """Name of the placement, or "given" if the problem has start cells."""
         return "given" if self.start is not None else _name_for_people(self.placement)
 
     @cached_property
@@ -273,12 +274,12 @@ class SwarmProblem(Problem):
 
     @cached_property
     def chosen_policy(self) -> Policy:
-        """The policy as an object: the one that was asked for, or what ``auto`` stands for.
+        """The policy as an object: the requested policy, or the policy that ``auto`` means.
 
         Raises
         ------
         InvalidInputError, UnknownNameError
-            Also if a budget or a time per move is given and the policy has none.
+            If the policy is unknown, or a budget or a time per move is given for a policy that does not plan.
         """
         from shoal.swarm.grid.tasks import Mapping
         from shoal.swarm.policies import Policy, make_policy, with_budget
@@ -305,22 +306,22 @@ class SwarmProblem(Problem):
         return workspace.largest_component() if self.largest_component else workspace
 
     def place_key(self) -> str | None:
-        """Return the map's name and how it is read; None of a map that has been opened already."""
+        """Return the map's name and its reading options, or None for a map that is already open."""
         if isinstance(self.map, GridWorkspace):
             return None
         read = ("map", "largest_component", "cell_size", *READING)
         return self.canonical(without=("kind", *(name for name in self.declarations() if name not in read)))
 
     def place_is_file(self) -> bool:
-        """Tell whether the map is a file or a folder."""
-        return isinstance(self.map, str) and os.path.exists(self.map)  # unlike Path.exists it takes names of any length
+        """Return whether the map is a file or a folder."""
+        return isinstance(self.map, str) and os.path.exists(self.map)  # unlike Path.exists, it accepts names of any length
 
     def place_digest(self) -> bytes:
-        """Return the shape and the free cells."""
+        """Return the shape and the free cells of the map."""
         return repr(self.place.shape).encode() + bytes(self.place.free.tobytes())
 
     def check_at_place(self) -> None:
-        """Refuse a policy that cannot do the task, and particles for which there is no room.
+        """Refuse a policy that cannot do the task, or more particles than free cells.
 
         Raises
         ------
@@ -338,7 +339,7 @@ class SwarmProblem(Problem):
             )
 
     def check_policy(self, layout: GridLayout) -> None:
-        """Refuse a policy that cannot do the task under the move rule and the scan rule, in a workspace of that size."""
+        """Refuse a policy that does not support the task, the move rule, the scan rule or the workspace's dimensions."""
         from shoal.swarm.policies import Compiled, Offline, check_scanning
 
         policy, mapping = self.chosen_policy, getattr(self.chosen_task, "mapping", True)

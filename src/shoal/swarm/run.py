@@ -1,4 +1,4 @@
-"""run(): one episode of a problem. Built-in policies run whole in compiled code, all others step by step."""
+"""Run one episode of a swarm problem. Built-in policies run entirely in compiled code, all others step by step."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ def run(
     on_moves: OnMoves | None = None,
     on_trace: OnTrace | None = None,
 ) -> SwarmEpisode:
-    """Play one episode.
+    """Run one episode.
 
     Parameters
     ----------
     problem : SwarmProblem
     seed, trial : int
-        Not negative. The same pair gives the same episode, whatever else runs.
+        Seed and trial number, at least 0. The same pair always gives the same episode.
     stepwise : bool
-        Play a built-in policy step by step, too, as third parties' are; the episode is the same.
+        Run built-in policies step by step as well, like third-party policies. The episode is the same.
     on_moves : callable, optional
-        Told the progress: (moves so far, frontier cells left).
+        Function that is called with the progress: (moves so far, frontier cells left).
     on_trace : callable, optional
-        Given each piece of the trace as soon as it is played, for those who watch; the episode is the same.
+        Function that receives each piece of the trace during the run. The episode is the same.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def run(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        For a problem that cannot be played.
+        If the problem is invalid.
 
     Examples
     --------
@@ -111,7 +111,7 @@ def _without_noise(
     first, mapping = len(belief.frontier), getattr(task, "mapping", True)
     if belief.complete:
         return Trace.empty(0), Status.COMPLETE, first, 0.0
-    # The commands of random-moves are drawn beforehand, one a move, so runs of them are not compiled.
+    # The commands of random-moves are drawn in advance, one per move. Runs of several equal commands are therefore not compiled.
     compiled = isinstance(policy, Compiled) and is_compiled(task) and (scanning.every_move or not isinstance(policy, RandomMoves))
     watch = Stopwatch()
     if not compiled or stepwise:
@@ -150,7 +150,7 @@ def _in_python(swarm: Controlled, decider: Decider, problem: SwarmProblem, mappi
 
 
 def load_kernels(problem: SwarmProblem) -> None:
-    """Load the kernels that a problem is played with, or compile them: play one like it in two cells."""
+    """Load or compile the kernels that a problem needs, by running a similar problem on two cells."""
     policy, task = problem.chosen_policy, problem.chosen_task
     if isinstance(policy, Compiled | Offline) and is_compiled(task):
         budget = {"budget": 1.0} if isinstance(policy, Offline) else {}

@@ -196,7 +196,7 @@ def test_a_whole_line_that_is_no_message_is_the_rigs_fault():
         ("tcp:here:70000", "tcp:HOST:PORT"),
         ("exec:", "exec:COMMAND"),
         ('exec:"', "No closing quotation"),
-        ("serial:/dev/no-such-port", "expected a serial port, got '/dev/no-such-port', and there is no such device"),
+        ("serial:/dev/no-such-port", "expected a serial port, got '/dev/no-such-port', which does not exist"),
         ("serial:/dev/x@fast", "expected a speed in baud after '@', got 'fast'"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Thousands of worlds at once, one command each a step, in compiled code on all processors: for those who learn policies."""
+"""Simulation of thousands of worlds at once in compiled code, for learning policies. Each step sends one command to each world."""
 
 from shoal.swarm.batch.inspection import PLANES, Boards
 from shoal.swarm.batch.worlds import WorldBatch

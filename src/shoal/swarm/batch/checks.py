@@ -1,4 +1,4 @@
-"""What a batch is given: each check returns it as arrays, or refuses it in one sentence."""
+"""Input checks for batches. Each check returns arrays or raises an error of one sentence."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from shoal.swarm.problem import SwarmProblem
 
 LARGEST = 2**62
 ALIKE = ("rule", "task", "slip", "misplace", "miss", "confidence")
-"""The fields in which the problems of a batch do not differ."""
+"""Problem fields that must be equal in all problems of a batch."""
 
 
 def check_problems(problems: list[SwarmProblem]) -> None:
-    """Refuse problems that cannot be played in one batch."""
+    """Refuse problems that cannot be simulated in one batch."""
     if not problems or not all(isinstance(one, SwarmProblem) for one in problems):
         raise InvalidInputError(f"problem: expected a SwarmProblem, or several, got {shortened(problems)}")
     first = problems[0]
@@ -32,7 +32,7 @@ def check_problems(problems: list[SwarmProblem]) -> None:
 
 
 def check_out(out: Any, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Return an array of uint8 to be filled: a new one, or the given one."""
+    """Return a uint8 array for the result: ``out`` after checking it, or a new array."""
     if out is None:
         return np.empty(shape, dtype=np.uint8)
     good = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == shape
@@ -46,7 +46,7 @@ def check_out(out: Any, shape: tuple[int, ...]) -> NDArray[np.uint8]:
 
 
 def check_where(where: Any, count: int) -> NDArray[np.int64]:
-    """Return the numbers of the worlds that a mask marks."""
+    """Return the indices of the worlds that a mask selects."""
     mask = np.asarray(where)
     if mask.dtype != np.bool_ or mask.shape != (count,):
         raise InvalidInputError(f"where: expected {count} booleans, one a world, got {mask.dtype} {mask.shape}")
@@ -56,7 +56,7 @@ def check_where(where: Any, count: int) -> NDArray[np.int64]:
 def check_numbers(
     given: Any, chosen: NDArray[np.int64], count: int, *, what: str, least: int, below: int = LARGEST, single: bool = True
 ) -> NDArray[np.integer[Any]]:
-    """Return whole numbers, one a world, or one for all if ``single``; those of the chosen worlds are checked."""
+    """Return whole numbers, one per world, or a single number for all worlds if ``single``. Only selected worlds are checked."""
     numbers = np.asarray(given)
     if numbers.dtype.kind not in "iu" or not ((single and numbers.ndim == 0) or numbers.shape == (count,)):
         raise InvalidInputError(f"{what}: expected {count} whole numbers, one a world, got {numbers.dtype} {numbers.shape}")

@@ -1,4 +1,4 @@
-"""What there is to see of many worlds: as boards, as planes of bytes, and one world as the rest of Shoal has it."""
+"""Observations of many worlds: boards, byte planes and sums; and the state and belief of a single world."""
 
 from __future__ import annotations
 
@@ -25,15 +25,18 @@ from shoal.swarm.kernels.batches.worlds import Worlds
 from shoal.swarm.policies.paths import search_of
 
 PLANES = ("particles", "free", "obstacles", "frontier", "unknown", "map")
-"""What there is to see of a cell: particles (how many, at most 255); known to be free; known to be an obstacle, or beyond the map
-where another one is larger; left to do (unknown beside a free one, or not yet covered); not known; truly free, which nobody who
-maps may see."""
+"""Names of the planes.
+
+Each plane has one value per cell: the number of particles (at most 255); cells known to be free; cells known to be obstacles,
+including cells beyond a map smaller than the largest; frontier cells (mapping: unknown cells beside free cells; coverage: cells not
+yet covered); unknown cells; truly free cells, which a mapping policy must not use.
+"""
 
 
 class Boards(NamedTuple):
-    """The boards of all worlds; uint64, shape (worlds, layers x rows, words of a row), to be read only.
+    """The boards of all worlds: read-only uint64 arrays of shape (worlds, layers x rows, words of a row).
 
-    Bits are those of `shoal.swarm.grid.board`; what each board says, those of `shoal.swarm.Belief`.
+    `shoal.swarm.grid.board` documents the bit layout, and `shoal.swarm.Belief` the meaning of each board.
     """
 
     occupied: Words
@@ -46,33 +49,33 @@ class Boards(NamedTuple):
 
 
 class Measures(NamedTuple):
-    """Sums over the particles of worlds, one row a world; in sums a cell counts with at most 255 of them."""
+    """Sums over the particles of each world, with one row per world. A cell with more than 255 particles counts as 255."""
 
-    probing: NDArray[np.int64]  # (worlds, commands): who would enter a frontier cell
-    moving: NDArray[np.int64]  # (worlds, commands): whose next cell is no known obstacle and holds no particle
+    probing: NDArray[np.int64]  # (worlds, commands): particles that would enter a frontier cell
+    moving: NDArray[np.int64]  # (worlds, commands): particles whose next cell is not a known obstacle and holds no particle
     places: NDArray[np.int64]  # (worlds, ndim): indices into the planes
-    squares: NDArray[np.int64]  # (worlds, ndim): their squares
+    squares: NDArray[np.int64]  # (worlds, ndim): squares of the indices
     particles: NDArray[np.int64]  # (worlds,)
     frontier: NDArray[np.int64]  # (worlds,): cells
-    known: NDArray[np.int64]  # (worlds,): cells that are known or frontier
+    known: NDArray[np.int64]  # (worlds,): cells that are known or frontier cells
 
     def __repr__(self) -> str:
         return one_line(self)
 
     @property
     def middle(self) -> NDArray[np.float64]:
-        """Mean place of each world's particles, as indices into its planes; float64, shape (worlds, ndim)."""
+        """Mean position of each world's particles as plane indices; float64, shape (worlds, ndim)."""
         return self.places / np.maximum(self.particles, 1)[:, None]
 
     @property
     def spread(self) -> NDArray[np.float64]:
-        """Standard deviation of the places along each axis; float64, shape (worlds, ndim)."""
+        """Standard deviation of the particles' positions along each axis; float64, shape (worlds, ndim)."""
         mean_square = self.squares / np.maximum(self.particles, 1)[:, None]
         return np.asarray(np.sqrt(np.maximum(mean_square - self.middle**2, 0.0)))
 
 
 class Inspection:
-    """The boards of many worlds, and what is seen of them; see `shoal.swarm.batch.WorldBatch`."""
+    """The boards of many worlds and methods to observe them; see `shoal.swarm.batch.WorldBatch`."""
 
     layout: GridLayout
     maps: NDArray[np.int64]
@@ -88,19 +91,19 @@ class Inspection:
         return len(self._all)
 
     def _chosen(self, where: ArrayLike | None) -> NDArray[np.int64]:
-        """Return the numbers of the worlds that a mask marks."""
+        """Return the indices of the worlds that a mask selects."""
         return self._all if where is None else check_where(where, len(self))
 
     @property
     def boards(self) -> Boards:
-        """The boards themselves; each step writes to them."""
+        """The boards of all worlds, without a copy. Each step writes to them."""
         views = [getattr(self._worlds, name).reshape(len(self), *self.layout.words) for name in Boards._fields]
         for view in views:
             view.flags.writeable = False
         return Boards(*views)
 
     def state(self, world: int) -> SwarmState:
-        """Return where the particles of a world are: a copy."""
+        """Return a copy of one world's state (the particles' cells)."""
         board = self._padded.board(self._worlds.occupied[world], int(self.maps[world]))
         counts = None
         if self._worlds.counts.size:
@@ -109,28 +112,29 @@ class Inspection:
         return SwarmState(board, counts)
 
     def belief(self, world: int) -> Belief:
-        """Return what is known of a world: a copy."""
+        """Return a copy of one world's belief."""
         names, index = ("open", "known", "frontier"), int(self.maps[world])
         return Belief(*(self._padded.board(getattr(self._worlds, name)[world], index) for name in names))
 
     def planes(
         self, names: Sequence[str] = PLANES[:4], *, where: ArrayLike | None = None, out: NDArray[np.uint8] | None = None
     ) -> NDArray[np.uint8]:
-        """Return cells as bytes, one plane after another.
+        """Return planes of all cells, one byte per cell.
 
         Parameters
         ----------
         names : sequence of str
-            Out of `PLANES`; by default the first four.
+            Plane names out of `PLANES`. The default is the first four.
         where : array_like of bool, shape (worlds,), optional
-            Which worlds; by default all.
+            Mask of the worlds to return. The default is all worlds.
         out : ndarray of uint8, C-contiguous, optional
-            Is filled and returned; by default a new array.
+            Array that receives the result and is returned. The default is a new array.
 
         Returns
         -------
         ndarray of uint8, shape (worlds, planes, ...)
-            The last axes are those of `layout.window`: the rim of one cell is included, as there are cells to classify.
+            The last axes have the shape `layout.window`, which includes a rim of one cell because rim cells must also be
+            classified.
 
         Raises
         ------
@@ -150,17 +154,17 @@ class Inspection:
     def windows(
         self, names: Sequence[str], centers: NDArray[np.int64], side: int, *, where: ArrayLike | None = None
     ) -> NDArray[np.uint8]:
-        """Return the cells around one of each world, as `planes` does; what is beyond all maps shows as obstacle.
+        """Return a window of cells around one cell of each world, as planes. Cells beyond the map appear as obstacles.
 
         Parameters
         ----------
         names : sequence of str
-            Out of `PLANES`.
+            Plane names out of `PLANES`.
         centers : ndarray of int64, shape (worlds, ndim)
-            Indices into the planes.
+            Plane indices of each window's central cell.
         side : int
         where : array_like of bool, shape (worlds,), optional
-            Which worlds; by default all.
+            Mask of the worlds to return. The default is all worlds.
 
         Returns
         -------
@@ -194,15 +198,15 @@ class Inspection:
         )  # fmt: skip
 
     def nearest_frontier(self, *, where: ArrayLike | None = None) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Return of the shortest way of a particle to the frontier its length, its first command and the cell where it ends.
+        """Return the shortest path from any particle to the frontier: its length, its first command and its last cell.
 
         Returns
         -------
         ndarray of int64, shape (worlds,)
-            0 if there is none.
+            Length of the path in cells. It is 0 if no path exists.
         ndarray of int64, shape (worlds,)
         ndarray of int64, shape (worlds, ndim)
-            Indices into the planes.
+            Plane indices of the path's last cell.
         """
         chosen, searches = self._chosen(where), self._searches
         found = np.zeros((len(chosen), 5), dtype=np.int64)
@@ -215,15 +219,15 @@ class Inspection:
 
     @cached_property
     def _searches(self) -> list[Any]:
-        """Work space of each thread."""
+        """Working memory of each thread."""
         size = int(np.prod(self.layout.window))
         return [search_of(self.layout, ties="column-major", neighbours="lurd", plan_size=size) for _ in range(self.threads)]
 
     def action_masks(self, *, where: ArrayLike | None = None) -> NDArray[np.int8]:
-        """Return which commands can change anything, as far as is known; int8, shape (worlds, commands).
+        """Return which commands can have an effect according to the belief; int8, shape (worlds, commands).
 
-        Under block and tilt that is a command at which some particle's next cell is no known obstacle and holds no particle, under
-        merge one at which it is no known obstacle. With noise every command may change something.
+        Under the rules block and tilt, a command has an effect if some particle's next cell is not a known obstacle and holds no
+        particle. Under merge, the next cell may hold particles. With noise, every command may have an effect.
         """
         chosen = self._chosen(where)
         masks = np.ones((len(chosen), len(letters_of(self.layout.ndim))), dtype=np.int8)
@@ -237,7 +241,7 @@ class Inspection:
 
 
 def _codes_of(names: Sequence[str]) -> NDArray[np.int64]:
-    """Return the kernels' codes of planes."""
+    """Return the kernels' integer codes for plane names."""
     if isinstance(names, str) or any(name not in PLANES for name in names):
         raise InvalidInputError(f"planes: expected names out of {', '.join(PLANES)}, got {shortened(names)}")
     return np.array([PLANES.index(name) for name in names], dtype=np.int64)

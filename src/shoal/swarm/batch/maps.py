@@ -1,4 +1,4 @@
-"""Maps of several sizes on boards of one shape: a smaller one lies in the first layers, rows and columns."""
+"""Maps of different sizes on boards of one common shape. A smaller map occupies the first layers, rows and columns."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from shoal.swarm.maps.workspace import GridWorkspace
 
 
 class PaddedMaps:
-    """The boards of some maps, padded to a common shape.
+    """Boards of several maps, padded to a common shape.
 
     Parameters
     ----------
     places : sequence of GridWorkspace
-        All of 2 or all of 3 dimensions.
+        The maps. All must have 2 dimensions or all must have 3.
 
     Raises
     ------
@@ -36,16 +36,16 @@ class PaddedMaps:
 
     @property
     def words(self) -> int:
-        """Words of one board."""
+        """Number of uint64 words in one board."""
         return self.layout.words[0] * self.layout.words[1]
 
     def _cut(self, flat: Words, layout: GridLayout) -> Words:
-        """Return the part of a padded board, flat, that a smaller layout covers: a view."""
+        """Return a view of the part of a flat padded board that a smaller layout covers."""
         whole = flat.reshape(self.layout.layers, self.layout.rows, self.layout.words[1])
         return whole[: layout.layers, : layout.rows, : layout.words[1]]
 
     def padded(self, board: Board, out: Words | None = None) -> Words:
-        """Write a board of one of the maps into ``out``, flat, in the common shape."""
+        """Write one map's board into ``out``, a flat board of the common shape."""
         words = np.zeros(self.words, dtype=np.uint64) if out is None else out
         layout = board.layout
         words.fill(0)
@@ -53,17 +53,17 @@ class PaddedMaps:
         return words
 
     def board(self, flat: Words, index: int) -> Board:
-        """Return the board of map ``index`` that ``flat`` holds in the common shape: a copy."""
+        """Return a copy of map ``index``'s board, cut out of the flat padded board ``flat``."""
         layout = self.layouts[index]
         return Board(layout, self._cut(flat, layout).reshape(layout.words).copy())
 
     def lines(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return row and column on the common boards of cells of a map; int64, shape (n, 2)."""
+        """Return the row and column of a map's cells on the common boards; int64, shape (n, 2)."""
         moved = cells + 1
         if moved.shape[1] == 3:
             return np.stack([moved[:, 0] * self.layout.rows + moved[:, 1], moved[:, 2]], axis=1)
         return moved
 
     def of_mask(self, mask: NDArray[np.bool_]) -> Words:
-        """Return a mask of the cells of a map as a board in the common shape, flat."""
+        """Convert a mask of a map's cells to a flat board of the common shape."""
         return self.padded(Board.of_mask(mask))

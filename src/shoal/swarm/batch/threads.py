@@ -1,4 +1,4 @@
-"""Work on many worlds, in as many threads as there are processors: kernels hold no lock."""
+"""Parallel work on many worlds with one thread per processor. Kernels run without the interpreter lock."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 
 SMALLEST = 1 << 14
-"""Words of boards (64 cells each) that are worth a thread of their own: about 10 µs of work."""
+"""Minimum number of board words (64 cells each) for which an extra thread pays off; about 10 µs of work."""
 
 
 def processors() -> int:
-    """Return the number of processors this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -22,18 +22,19 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 def share_out(work: Callable[[int, int, int], None], count: int, *, words: int, threads: int) -> None:
-    """Call ``work(thread, first, last)`` for parts of ``range(count)``, this thread takes the last one.
+    """Call ``work(thread, first, last)`` for consecutive parts of ``range(count)``. The calling thread processes the last part.
 
     Parameters
     ----------
     work : callable
-        What it does for one world must not depend on the part that the world is in.
+        Function that processes the worlds from ``first`` to ``last`` - 1. Its result for one world must not depend on the division
+        into parts.
     count : int
         Number of worlds.
     words : int
-        Of one world: few of them are not worth a thread.
+        Board words per world. Small worlds get fewer threads.
     threads : int
-        At most so many.
+        Maximum number of threads.
     """
     parts = max(1, min(threads, count, count * words // SMALLEST))
     if parts == 1:

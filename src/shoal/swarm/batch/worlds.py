@@ -1,4 +1,4 @@
-"""WorldBatch: many worlds that are stepped at once."""
+"""WorldBatch: many simulated worlds that advance together, one command per world and step."""
 
 from __future__ import annotations
 
@@ -27,52 +27,54 @@ from shoal.swarm.simulation.compiled import is_compiled
 from shoal.swarm.simulation.starts import draw_start, swarm_of
 
 SEEDS = 2**31
-"""Seeds of later episodes are drawn below."""
+"""Exclusive upper limit of seeds that are drawn for later episodes."""
 
 
 class WorldBatch(Inspection):
-    """Worlds of one problem, or of several on different maps, that are stepped at once in compiled code.
+    """Many worlds that advance together in compiled code. They share one problem, or several problems on different maps.
 
-    World i begins as ``shoal.run(problem, seed=seed + i)`` does, and what it does depends on its own seed alone: not on how many
-    worlds there are, nor on the number of threads.
+    World i starts like ``shoal.run(problem, seed=seed + i)``. Its behaviour depends only on its own seed, not on the number of
+    worlds or threads.
 
     Parameters
     ----------
     problem : SwarmProblem, or sequence of them
-        Several may differ in all that says how an episode begins (map, particles, placement, ...); each episode draws one of them.
-        Their boards are padded to a common shape. The policy plays no part.
+        One problem for all worlds, or several. Several problems may differ in the fields that define the start of an episode, such
+        as map, particles and placement. Each episode draws one of the problems at random. All boards are padded to a common shape.
+        The problem's policy is ignored.
     worlds : int
         How many.
     seed : int, sequence of int, or None
         See `reset`.
     threads : int, optional
-        At most so many; by default as many as there are processors.
+        Maximum number of threads. The default is the number of processors.
 
     Attributes
     ----------
     problems : list of SwarmProblem
     layout : GridLayout
-        The window of all boards and planes, one cell of rim included.
+        The window of all boards and planes, including a rim of one cell.
     moves, limits : ndarray of int64, shape (worlds,)
-        Commands of the episode so far, and its limit of them. These arrays are views: each step and reset writes to them.
+        Number of commands sent in the current episode, and its maximum. These arrays are views: each step and each reset writes to
+        them.
     frontier : ndarray of int32, shape (worlds,)
-        Cells that are left to do.
+        Number of frontier cells of each world.
     complete, terminated, truncated : ndarray of bool, shape (worlds,)
-        Whether the task is done; whether nothing is left to do (with noise also without it being done); whether the limit of moves
-        was reached before that.
+        ``complete``: the task is done. ``terminated``: no frontier cell is left; with noise, some cells may then remain
+        unclassified. ``truncated``: the episode reached its maximum number of commands first.
     seeds, maps : ndarray of int64, shape (worlds,)
-        What each episode began with: its seed, and the number of its problem.
+        Seed of each world's episode, and the index of its problem.
 
     Raises
     ------
     InvalidInputError
-        If a problem cannot be played, or several do not go together.
+        If a batch does not support a problem, or the problems cannot share a batch.
 
     Notes
     -----
-    A world takes four boards, 64 cells a word, and 68 bytes: 4.5 kB for vessels:1000, 14.5 kB for vessels:5000; its generator takes
-    1.3 kB; under rule merge 4 bytes more a cell. Worlds with noise or with a task of one's own are played by the code of
-    `shoal.run`, one by one, which is slower. Docs: docs/how-to/batches.md.
+    Each world needs four boards (64 cells per word), 68 bytes, and 1.3 kB for its random generator. The boards take 4.5 kB for
+    vessels:1000 and 14.5 kB for vessels:5000. The rule merge needs 4 more bytes per cell. Worlds with noise or with a third-party
+    task use the slower code of `shoal.run`, one world after the other. Docs: docs/how-to/batches.md.
 
     Examples
     --------
@@ -128,28 +130,29 @@ class WorldBatch(Inspection):
 
     @property
     def memory(self) -> int:
-        """Bytes of all arrays, the room to work in included."""
+        """Size of all arrays in bytes, including working memory."""
         own = (self.seeds, self._work, self._all, self._once)
         return sum(array.nbytes for array in (*self._worlds[:-3], *self._steps, *own))
 
     def reset(
         self, where: ArrayLike | None = None, *, seed: int | Sequence[int | None] | None = None, maps: ArrayLike | None = None
     ) -> None:
-        """Let worlds begin an episode: particles are placed anew, and on one of the maps, if there are several.
+        """Start a new episode in the selected worlds: choose a map if there are several, and place the particles.
 
         Parameters
         ----------
         where : array_like of bool, shape (worlds,), optional
-            Which worlds; by default all.
+            Mask of the worlds to reset. The default is all worlds.
         seed : int, or sequence of int or None, one a world, optional
-            Of the episode, ``seed + i`` for world i, and of those that follow it; without a seed each world draws the next one.
+            Seed of the new episode: ``seed + i`` for world i, or one seed per world. Later episodes derive their seeds from it.
+            Without a seed, each world draws its next one.
         maps : array_like of int, optional
-            Number of the problem that each world begins, one for all or one a world; without it each world draws its own.
+            Index of the problem for each world, or one index for all worlds. By default each world draws its problem at random.
 
         Raises
         ------
         InvalidInputError
-            Then no world has changed.
+            If an argument is invalid. No world has changed then.
         """
         chosen = self._chosen(where)
         if not chosen.size:
@@ -184,7 +187,7 @@ class WorldBatch(Inspection):
         self._show(chosen)
 
     def _drawn_rngs(self, seed: int | Sequence[int | None] | None, chosen: NDArray[np.int64]) -> list[tuple[int | None, Generator]]:
-        """Return for each world its seed, if it has one, and its generator."""
+        """Return the seed of each selected world, if it has one, and its generator."""
         if isinstance(seed, Sequence | np.ndarray) and len(seed) != len(self):
             raise InvalidInputError(f"seed: expected {len(self)} seeds, one a world, got {len(seed)}")
         rngs: list[tuple[int | None, Generator]] = []
@@ -198,7 +201,7 @@ class WorldBatch(Inspection):
         return rngs
 
     def _first_boards(self, numbers: list[int], starts: list[Any]) -> tuple[Any, ...]:
-        """Return start cells and cells to cover of some worlds as their kernel takes them."""
+        """Return the start cells and the target cells of some worlds as arrays for the kernel."""
         cells = [self._padded.lines(start) for start, _ in starts]
         targets = np.zeros((0, 0), dtype=np.uint64)
         if not self._mapping:
@@ -211,28 +214,30 @@ class WorldBatch(Inspection):
         return np.concatenate(cells), ends, targets
 
     def step(self, commands: ArrayLike | str, *, repeat: ArrayLike = 1, where: ArrayLike | None = None) -> Trace:
-        """Send one command to each world, which is then looked at.
+        """Send one command, or a run of equal commands, to each selected world, and then scan.
 
-        An episode that has nothing to do from the start ends with its first command.
+        An episode without any frontier cell at its start ends with its first command.
 
         Parameters
         ----------
         commands : array_like of int, shape (worlds,), or str
-            Codes, in the order of ``lurd`` (in three dimensions ``lurdio``), or these letters.
+            Commands as codes in the order of ``lurd`` (``lurdio`` in three dimensions), or as these letters.
         repeat : array_like of int, optional
-            How often each command is sent before the scan, one number for all or one a world; at most up to the limit of moves.
+            Number of times that each command is sent before the scan: one number for all worlds, or one per world. The maximum
+            number of commands of the episode still applies.
         where : array_like of bool, shape (worlds,), optional
-            Which worlds get one; by default all.
+            Mask of the worlds that get a command. The default is all worlds.
 
         Returns
         -------
         Trace
-            One row a world: what the commands did in all. Its arrays are views: each step and reset writes to them.
+            One row per world: the total effect of its commands. The arrays are views: each step and each reset writes to them.
 
         Raises
         ------
         InvalidInputError
-            If there are not as many commands as worlds, one of them is none, or its world has ended. Then no world has changed.
+            If the number of commands is not the number of worlds, a command is invalid, or the episode of a selected world has
+            ended. No world has changed then.
         """
         steps, chosen, ndim = self._steps, self._chosen(where), self.layout.ndim
         given = encode(commands, ndim=ndim) if isinstance(commands, str) else commands
@@ -240,7 +245,9 @@ class WorldBatch(Inspection):
         ended = (self.terminated | self.truncated) & (self.moves > 0)
         if ended.any() and ended[chosen].any():
             over = chosen[ended[chosen]][0]
-            raise InvalidInputError(f"step: expected worlds that go on, got world {over}, which has ended (reset it or use where)")
+            raise InvalidInputError(
+                f"step: expected worlds whose episodes are running, got world {over}, which has ended (reset it or use where)"
+            )
         if isinstance(repeat, int) and repeat == 1:
             times = self._once[: len(chosen)]
         else:
@@ -258,7 +265,7 @@ class WorldBatch(Inspection):
         return Trace(*steps[:4], steps.commands >= 0)
 
     def _carry_out(self, chosen: NDArray[np.int64], times: NDArray[np.int64]) -> None:
-        """Step worlds that kernels do not know, each by itself."""
+        """Step worlds that the kernels do not support, one by one."""
 
         def work(_: int, first: int, last: int) -> None:
             for world, steps in zip(chosen[first:last].tolist(), times[first:last].tolist(), strict=True):
@@ -271,7 +278,7 @@ class WorldBatch(Inspection):
         share_out(work, len(chosen), words=64 * self._padded.words, threads=self.threads)
 
     def _show(self, chosen: NDArray[np.int64]) -> None:
-        """Write the boards of worlds that kernels do not know, and whether their episodes have ended."""
+        """Write the boards and the end of episode for worlds that the kernels do not support."""
         steps = self._steps
         for world in chosen.tolist():
             swarm = self._swarms[world]
@@ -289,7 +296,7 @@ class WorldBatch(Inspection):
             steps.truncated[world] = not steps.terminated[world] and steps.moves[world] >= steps.limits[world]
 
     def _share(self, kernel: Any, chosen: NDArray[np.int64], *arguments: Any) -> None:
-        """Run a kernel that changes worlds for those that are chosen, in threads."""
+        """Run a kernel on the selected worlds in several threads."""
 
         def work(thread: int, first: int, last: int) -> None:
             kernel(self._worlds, self._steps, self._work[thread], chosen, *arguments, self._rule, self._mapping, first, last)

@@ -1,4 +1,4 @@
-"""Belief: what is known of the workspace, and what is left to do."""
+"""Belief: the known state of each cell and the frontier cells of the task."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ class Belief:
     Parameters
     ----------
     open : Board
-        Cells known to be free: a particle has stood there.
+        Cells known to be free because a particle has been there.
     known : Board
-        Cells known to be free or obstacle.
+        Cells known to be free or known to be obstacles.
     frontier : Board
-        Mapping: unknown cells next to a known-free one. Coverage: cells that no particle has stood in yet. A task is complete
-        when it is empty.
+        Mapping: unknown cells beside known free cells. Coverage: target cells that no particle has visited. A task is complete when
+        its frontier is empty.
 
     Notes
     -----
-    Source: paper M, section III.B; docs/concepts/belief.md. The rim around the workspace is unknown at first, as any other cell.
+    Source: paper M, section III.B; docs/concepts/belief.md. The rim around the workspace is unknown at first, like all other cells.
     """
 
     open: Board
@@ -35,17 +35,17 @@ class Belief:
 
     @property
     def obstacles(self) -> Board:
-        """Cells known to be obstacles, those of the rim included."""
+        """Cells known to be obstacles, including rim cells."""
         return self.known - self.open
 
     @property
     def complete(self) -> bool:
-        """True when nothing is left to do."""
+        """Whether the frontier is empty."""
         return not self.frontier
 
     @property
     def states(self) -> NDArray[np.uint8]:
-        """UNKNOWN, FRONTIER, FREE or OBSTACLE of each cell of the window; uint8, one cell of rim on each side."""
+        """State of each cell of the window: UNKNOWN, FRONTIER, FREE or OBSTACLE; uint8, with a rim of one cell on each side."""
         states = np.full(self.open.layout.window, UNKNOWN, dtype=np.uint8)
         states[self.known.mask] = OBSTACLE
         states[self.open.mask] = FREE
@@ -53,15 +53,16 @@ class Belief:
         return states
 
     def picture(self, occupied: Board) -> NDArray[np.uint8]:
-        """Return a picture of what is known and where the particles are, one pixel a cell, rim included; uint8, (H, W, 3)."""
+        """Return a picture of the belief and the particles, one pixel per cell, rim included; uint8, shape (H, W, 3)."""
         codes = self.states
         codes[occupied.mask] = PARTICLE
         return raster_of(codes)
 
     def observed(self, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief after particles that stood at ``before`` were pushed once and then stand at ``after``.
+        """Return the belief after one push moved the particles from ``before`` to ``after``.
 
-        Each unknown cell that some particle tried to enter is free if a particle stands in it now, else obstacle.
+        Consider the unknown cells that particles tried to enter. A cell is free if a particle is in it now, otherwise it is an
+        obstacle.
         """
         tried = before.shifted(command) - self.known
         if not tried:
@@ -71,5 +72,5 @@ class Belief:
         return Belief(self.open | found, known, (self.frontier | found.dilated()) - known)
 
     def covered(self, after: Board) -> Belief:
-        """Return the belief without the cells of ``after`` on the frontier."""
+        """Return the belief without the frontier cells that are in ``after``."""
         return Belief(self.open, self.known, self.frontier - after)

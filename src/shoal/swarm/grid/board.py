@@ -1,8 +1,8 @@
-"""Boards: sets of cells packed into words of 64 bits, with the operators of a Python set.
+"""Boards: sets of cells packed into 64-bit words, with the operators of Python sets.
 
-A board covers a window of cells: the workspace and one cell around it, since a mapping swarm has to probe the walls at the
-rim of the array as any other wall. Cell (r, c) of the workspace is bit ``(c + 1) % 64`` of word ``(c + 1) // 64`` of row
-``r + 1``; in 3-D the layers have such a rim, too, and their rows follow one another.
+A board covers a window: the workspace and a rim of one cell around it. The rim is needed because a mapping swarm must probe the
+walls at the array's edge like other walls. Cell (r, c) of the workspace is bit ``(c + 1) % 64`` of word ``(c + 1) // 64`` in row
+``r + 1``. In 3-D, there is also a rim layer at either end, and the rows of all layers are stored one after the other.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _ONE, _TOP = np.uint64(1), np.uint64(63)
 
 @dataclass(frozen=True)
 class GridLayout:
-    """The window that the boards of one workspace share.
+    """The window of cells that all boards of one workspace share.
 
     Parameters
     ----------
@@ -42,27 +42,27 @@ class GridLayout:
 
     @cached_property
     def window(self) -> tuple[int, ...]:
-        """Shape with the rim: (H + 2, W + 2) or (D + 2, H + 2, W + 2)."""
+        """Window shape with the rim: (H + 2, W + 2) or (D + 2, H + 2, W + 2)."""
         return tuple(size + 2 for size in self.shape)
 
     @cached_property
     def layers(self) -> int:
-        """Layers with the rim; 1 in 2-D."""
+        """Number of layers with the rim; 1 in 2-D."""
         return self.window[0] if self.ndim == 3 else 1
 
     @property
     def rows(self) -> int:
-        """Rows of one layer, with the rim."""
+        """Number of rows per layer with the rim."""
         return self.window[-2]
 
     @property
     def columns(self) -> int:
-        """Columns with the rim."""
+        """Number of columns with the rim."""
         return self.window[-1]
 
     @cached_property
     def words(self) -> tuple[int, int]:
-        """Shape of the packed words: (layers x rows, words of a row)."""
+        """Shape of the packed words: (layers x rows, words per row)."""
         return self.layers * self.rows, -(-self.columns // 64)
 
     def pack(self, mask: NDArray[np.bool_]) -> Words:
@@ -73,17 +73,17 @@ class GridLayout:
         return np.packbits(padded, axis=1, bitorder="little").view("<u8").astype(np.uint64, copy=False)
 
     def unpack(self, words: Words) -> NDArray[np.bool_]:
-        """Return the boolean array, shape ``window``, that ``words`` packs."""
+        """Unpack ``words`` into a boolean array of shape ``window``."""
         packed = np.ascontiguousarray(words, dtype="<u8").view(np.uint8)
         bits = np.unpackbits(packed, axis=1, count=self.columns, bitorder="little")
         return bits.view(np.bool_).reshape(self.window)
 
     def rim(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Put one cell of False around an array of the shape of the workspace."""
+        """Return the mask with a rim of one False cell around it."""
         return np.pad(mask, 1)
 
     def inner(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Cut the rim off an array of the shape ``window``; the inverse of `rim`."""
+        """Remove the rim from an array of shape ``window``. This is the inverse of `rim`."""
         return mask[(slice(1, -1),) * self.ndim]
 
 
@@ -94,13 +94,13 @@ class Board:
     Parameters
     ----------
     layout : GridLayout
-        The window of cells that the set can hold.
+        The window of cells that the set can contain.
     words : ndarray of uint64, shape ``layout.words``
-        The packed cells. Not copied: do not change them afterwards.
+        The packed cells. The array is not copied, so do not change it afterwards.
 
     Notes
     -----
-    Cells are those of the workspace; the rim has row or column -1 and H or W.
+    Cell coordinates refer to the workspace. Rim cells have row or column -1, H or W.
 
     Examples
     --------
@@ -119,7 +119,7 @@ class Board:
 
     @classmethod
     def empty(cls, layout: GridLayout) -> Board:
-        """Return the set without cells."""
+        """Return the empty set."""
         return cls(layout, np.zeros(layout.words, dtype=np.uint64))
 
     @classmethod
@@ -129,7 +129,7 @@ class Board:
 
     @classmethod
     def of_mask(cls, mask: NDArray[np.bool_]) -> Board:
-        """Return the set of the True cells of an array that has the shape of the workspace."""
+        """Return the set of True cells of an array with the workspace's shape."""
         layout = GridLayout(mask.shape)
         return cls(layout, layout.pack(layout.rim(mask)))
 
@@ -154,7 +154,7 @@ class Board:
 
     @cached_property
     def mask(self) -> NDArray[np.bool_]:
-        """Boolean array of the window, rim included."""
+        """Boolean array of the window, including the rim."""
         return self.layout.unpack(self.words)
 
     @property
@@ -205,11 +205,11 @@ class Board:
         return not (self - other)
 
     def shifted(self, command: str) -> Board:
-        """Return the cells one step further in the direction of ``command``; what leaves the window is lost."""
+        """Return the cells shifted by one in the direction of ``command``. Cells that leave the window are dropped."""
         return Board(self.layout, shifted_words(self.layout, self.words, command) & _window_words(self.layout))
 
     def dilated(self) -> Board:
-        """Return the cells and their 4 (6) neighbours."""
+        """Return the cells and their direct neighbours (4 in 2-D, 6 in 3-D)."""
         words = self.words.copy()
         for command in letters_of(self.layout.ndim):
             words |= shifted_words(self.layout, self.words, command)
@@ -231,7 +231,7 @@ def _window_words(layout: GridLayout) -> Words:
 
 
 def shifted_words(layout: GridLayout, words: Words, command: str) -> Words:
-    """Return packed words moved one cell; bits may enter the unused end of the last word of a row."""
+    """Return packed words shifted by one cell. The unused bits at the end of a row may be set."""
     out = np.zeros_like(words)
     if command == "l":
         out[:] = words >> _ONE

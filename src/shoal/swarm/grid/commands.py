@@ -1,4 +1,4 @@
-"""Commands, one letter for a move of all particles, and the move rules."""
+"""Commands (one letter moves all particles) and the move rules."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry
 
 LETTERS = "lurdio"
-"""Left, up, right, down; in 3-D also in (towards layer 0) and out."""
+"""Left, up, right, down. In 3-D also in (towards layer 0) and out."""
 
 RULES: Registry[str] = Registry("move rule", open_to_others=False)
 RULES.add("block", "a particle stays if the next cell is an obstacle or holds a particle that stays")
@@ -25,7 +25,7 @@ def letters_of(ndim: int) -> str:
 
 
 def offsets_of(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return how far each command moves in a flat array of this shape, in the order of the letters.
+    """Return the offset of each command in a flat array of this shape, in the order of the letters.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def encode(commands: str, *, ndim: int = 2) -> NDArray[np.int8]:
     Raises
     ------
     InvalidInputError
-        At the first letter that is none of these, with its position.
+        If a letter is not a command. The message gives its position.
 
     Examples
     --------

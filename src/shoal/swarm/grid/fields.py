@@ -1,4 +1,4 @@
-"""Boards and states as kernels take them, flat words with room to work in; and one push of a world by its kernel."""
+"""Conversion of boards and states to the kernels' flat arrays and back, and one push by a kernel."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ RULE_CODES = {"block": moves.BLOCK, "merge": moves.MERGE, "tilt": moves.TILT}
 
 
 def pushed(layout: GridLayout, free: Words, state: SwarmState, code: int, rule: str) -> SwarmState:
-    """Return the state after one push; the world's own bookkeeping, so nothing is observed."""
+    """Return the state after one push. Nothing is observed."""
     everything = np.full(free.size, np.uint64(2**64 - 1))
     field = new_field(layout, free=free.ravel(), occupied=state.occupied.words.flatten(), known=everything, counts=_counts(state))
     moves.push(field, code, RULE_CODES[rule])
@@ -22,7 +22,7 @@ def pushed(layout: GridLayout, free: Words, state: SwarmState, code: int, rule: 
 
 
 def field_of(free: Words, state: SwarmState, belief: Belief) -> moves.Field:
-    """Return the kernels' boards for a state and a belief: copies, as they are changed in place."""
+    """Return copies of a state and a belief as kernel arrays, which kernels change in place."""
     return new_field(
         state.occupied.layout,
         free=free.ravel(),
@@ -35,7 +35,7 @@ def field_of(free: Words, state: SwarmState, belief: Belief) -> moves.Field:
 
 
 def new_field(layout: GridLayout, *, counts: NDArray[np.int32] | None = None, **boards: Words) -> moves.Field:
-    """Return the kernels' boards: the given ones, flat, empty ones for all others, and blocks of work space."""
+    """Return kernel arrays: the given flat boards, empty boards for all others, and working memory."""
     block = max(moves.BLOCK_WORDS, layout.words[1])
     work = {name: np.zeros(block, dtype=np.uint64) for name in ("tried", "before", "staying")}
     missing = [name for name in ("free", "occupied", "open", "known", "frontier") if name not in boards]
@@ -51,12 +51,12 @@ def new_field(layout: GridLayout, *, counts: NDArray[np.int32] | None = None, **
 
 
 def empty_boards(layout: GridLayout, count: int) -> list[Words]:
-    """Return ``count`` empty boards, flat."""
+    """Return ``count`` empty flat boards."""
     return [np.zeros(layout.words[0] * layout.words[1], dtype=np.uint64) for _ in range(count)]
 
 
 def _counts(state: SwarmState) -> NDArray[np.int32] | None:
-    """Return counts in the layout of the kernels: rows flattened, 64 columns a word."""
+    """Return particle counts in the kernels' layout: flat rows with 64 columns per word."""
     if state.counts is None:
         return None
     layout = state.occupied.layout
@@ -67,12 +67,12 @@ def _counts(state: SwarmState) -> NDArray[np.int32] | None:
 
 
 def board_of(layout: GridLayout, flat: Words) -> Board:
-    """Return the board that the kernels hold flat."""
+    """Convert a kernel's flat array to a board."""
     return Board(layout, flat.reshape(layout.words))
 
 
 def state_of(layout: GridLayout, field: moves.Field) -> SwarmState:
-    """Return the state that the kernels' boards hold now."""
+    """Return the current state of the kernel arrays."""
     counts = None
     if field.counts.size:
         counts = field.counts[:, : layout.columns].reshape(layout.window).copy()

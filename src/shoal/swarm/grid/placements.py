@@ -1,4 +1,4 @@
-"""Placements: where the particles are at the start."""
+"""Placements: rules that choose the start cells of the particles."""
 
 from __future__ import annotations
 
@@ -26,21 +26,20 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
     ----------
     workspace : GridWorkspace
     n : int
-        1 to ``workspace.n_free``.
+        Number of particles, from 1 to ``workspace.n_free``.
     placement : str or callable
-        "uniform", "flood-fill", "region-fill", "left-wall", "module:attribute", or a function
-        (workspace, n, rng) -> cells.
+        "uniform", "flood-fill", "region-fill", "left-wall", "module:attribute", or a function (workspace, n, rng) -> cells.
     rng : numpy.random.Generator
 
     Returns
     -------
     ndarray of int64, shape (n, ndim)
-        Different free cells, in row-major order.
+        Distinct free cells in row-major order.
 
     Raises
     ------
     InvalidInputError
-        If the workspace, or the part of it that the placement chose, has fewer than ``n`` free cells.
+        If the workspace, or the part chosen by the placement, has fewer than ``n`` free cells.
 
     Examples
     --------
@@ -64,7 +63,7 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
 
 
 def _takes(function: object, *arguments: object) -> bool:
-    """Tell whether something can be called with these arguments; some built-in functions do not say."""
+    """Return whether a function accepts the placement arguments. Built-in functions without a signature pass."""
     if not callable(function):
         return False
     try:
@@ -82,13 +81,13 @@ def _name(placement: str | Placement) -> str:
 
 @PLACEMENTS.register("uniform")
 def uniform(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
-    """Draw n free cells without replacement."""
+    """Draw n free cells at random without replacement."""
     return workspace.cells[rng.choice(workspace.n_free, size=n, replace=False)]
 
 
 @PLACEMENTS.register("flood-fill")
 def flood_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
-    """Take the n cells nearest to a random free cell by path length, in breadth-first order."""
+    """Choose a random free cell and take the n cells nearest to it by path length, in breadth-first order."""
     from shoal.swarm.kernels.search.breadth_first import nearest_cells
 
     padded, start = np.pad(workspace.free, 1), workspace.cells[rng.integers(workspace.n_free)]
@@ -104,7 +103,7 @@ def flood_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.i
 
 @PLACEMENTS.register("region-fill")
 def region_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
-    """Take the n free cells nearest by Manhattan distance to a random cell of the map, walls ignored."""
+    """Take the n free cells with the smallest Manhattan distance to a random cell of the map, ignoring walls."""
     center = np.array([rng.integers(size) for size in workspace.shape])
     distance = np.abs(workspace.cells - center).sum(axis=1)
     return workspace.cells[np.argsort(distance, kind="stable")[:n]]
@@ -112,6 +111,6 @@ def region_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.
 
 @PLACEMENTS.register("left-wall")
 def left_wall(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
-    """Take the n leftmost free cells, top to bottom: the start of policy sweep (paper D, section III.B.2)."""
+    """Take the n leftmost free cells from top to bottom, the start for the policy sweep (paper D, section III.B.2)."""
     cells = workspace.cells
     return cells[np.lexsort((*cells.T[:-1][::-1], cells[:, -1]))[:n]]

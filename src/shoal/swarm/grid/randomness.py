@@ -1,4 +1,4 @@
-"""The generators of random numbers of a trial: they depend on nothing but (seed, trial)."""
+"""Random number generators of a trial. They depend only on (seed, trial)."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from numpy.random import Generator
 
 
 def trial_rng(seed: int, trial: int = 0) -> Generator:
-    """Return the generator of a trial: of its start, its targets and its policy."""
+    """Return the generator for a trial's start cells, targets and policy."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial,)))
 
 
 def noise_rng(seed: int, trial: int = 0) -> Generator:
-    """Return the generator of a trial's noise."""
+    """Return the generator for a trial's noise."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial, 1)))

@@ -1,9 +1,9 @@
-"""Scan rules: how many equal commands are sent before each scan, and what a scan after them tells.
+"""Scan rules: the number of equal commands before each scan, and the states that can be inferred from two scans.
 
-While a swarm is pushed in one direction, the particles of a row (or column) keep their order. So the i-th of a row before the run
-is the i-th of it afterwards, and its displacement is known without any label. Displacement d below the number of commands means d
-free cells, and behind them an obstacle or a particle that was itself stopped; a stopped particle stays stopped. That gives the
-positions after every single command, and a scan after a run tells no less than one after each command.
+During pushes in one direction, the particles of one row (or column) keep their order. So the i-th particle of a row before the run
+is also the i-th after it, and its displacement is known without labels. A displacement d smaller than the number of commands means
+d free cells, followed by an obstacle or a particle that was itself stopped. A stopped particle stays stopped. Two scans therefore
+determine the positions after every single command. A scan after a run gives the same information as a scan after each command.
 """
 
 from __future__ import annotations
@@ -23,23 +23,24 @@ Kind = Literal["equal", "doubling", "hyper", "adaptive"]
 SCAN_COST, MOVE_COST = 10.0, 1.0
 LONGEST = 1_000_000_000
 DEAREST = 1e100
-_LAST_DOUBLING, _LAST_HYPER = 40, 12  # runs longer than any map are long enough
+_LAST_DOUBLING, _LAST_HYPER = 40, 12  # longer than any map is wide
 _AXES = {"l": (-1, -1), "r": (-1, 1), "u": (-2, -1), "d": (-2, 1), "i": (-3, -1), "o": (-3, 1)}
 
 
 @dataclass(frozen=True)
 class ScanRule:
-    """How many equal commands to send before each scan, and the prices of both.
+    """The number of equal commands before each scan, and the prices of moves and scans.
 
     Parameters
     ----------
     kind : str
-        "equal": `step` commands. "doubling": in one direction scans after 1, 2, 4, 8, ... commands. "hyper": after 1, 4, 27, 256,
-        ... "adaptive": the number expected to classify most cells for its price; no scan where its outcome is known.
+        "equal": scan after `step` commands. "doubling": scan after 1, 2, 4, 8, ... commands in one direction. "hyper": scan after
+        1, 4, 27, 256, ... commands. "adaptive": choose the number with the highest expected number of classified cells per price.
+        Adaptive skips scans whose outcome is known.
     step : int
         Of "equal".
     scan_cost, move_cost : float
-        Not negative, not both zero; in any unit.
+        Prices in any common unit. Both must be at least 0, and one must be positive.
 
     Raises
     ------
@@ -47,7 +48,7 @@ class ScanRule:
 
     Notes
     -----
-    Source: paper M, section III.A.3, of which it is the form in two dimensions; docs/concepts/scanning.md.
+    Source: paper M, section III.A.3, extended to two dimensions; docs/concepts/scanning.md.
 
     Examples
     --------
@@ -71,7 +72,7 @@ class ScanRule:
 
     @property
     def every(self) -> str:
-        """The rule as a word: a number of commands, or the name of the kind."""
+        """The rule as a word: the number of commands, or the name of the kind."""
         return str(self.step) if self.kind == "equal" else self.kind
 
     @property
@@ -80,7 +81,7 @@ class ScanRule:
         return self.kind == "equal" and self.step == 1
 
     def interval(self, streak: int) -> int:
-        """Return the length of a run after ``streak`` others in the same direction; not for "adaptive".
+        """Return the length of the next run after ``streak`` runs in the same direction. Not defined for "adaptive".
 
         Examples
         --------
@@ -96,12 +97,12 @@ class ScanRule:
         return int((i + 1) ** (i + 1) - (i**i if i else 0))
 
     def cost(self, *, moves: int, scans: int) -> float:
-        """Return the price of a number of moves and scans."""
+        """Return the total price of moves and scans."""
         return self.move_cost * moves + self.scan_cost * scans
 
     @classmethod
     def parse(cls, every: str | int, *, scan_cost: float = SCAN_COST, move_cost: float = MOVE_COST) -> ScanRule:
-        """Return the rule of a word: a number of commands, "doubling", "hyper" or "adaptive".
+        """Parse a scan rule: a number of commands, "doubling", "hyper" or "adaptive".
 
         Raises
         ------
@@ -128,30 +129,30 @@ def _unknown(every: object) -> InvalidInputError:
 
 
 def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: int) -> Iterator[SwarmState]:
-    """Return the states after each command of a run, from a scan before it and one after it.
+    """Infer the state after each command of a run from the scans before and after the run.
 
     Parameters
     ----------
     before, after : SwarmState
-        What the two scans show. Under rule merge that includes how many particles share a cell.
+        States observed by the two scans. Under the rule merge they include the number of particles per cell.
     command : str
-        The letter that was sent.
+        The letter of the repeated command.
     steps : int
-        How often, 1 or more.
+        Number of times that the command was sent, at least 1.
 
     Returns
     -------
     iterator of SwarmState
-        ``steps`` of them; once no particle moves any more, ``after`` itself.
+        Yields ``steps`` states. Once no particle moves any more, it yields ``after`` itself.
 
     Raises
     ------
     InvalidInputError
-        If no run of that kind leads from one to the other.
+        If no such run leads from ``before`` to ``after``.
 
     Notes
     -----
-    For the rules block and merge. A tilt is a run by itself.
+    Only for the rules block and merge. Under tilt, each run has one command.
 
     Examples
     --------
@@ -190,6 +191,6 @@ def _states(
 
 
 def _by_line(cells: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
-    """Return cells sorted by the line along ``axis`` that they lie in, and within it by their place."""
+    """Return cells sorted by their line along ``axis``, and within a line by position."""
     others = [i for i in range(cells.shape[1]) if i != cells.shape[1] + axis]
     return cells[np.lexsort((cells[:, axis], *(cells[:, i] for i in others)))]

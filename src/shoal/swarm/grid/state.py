@@ -1,4 +1,4 @@
-"""SwarmState: where the particles are."""
+"""SwarmState: the cells of the particles."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ def check_cells(cells: ArrayLike, shape: tuple[int, ...], *, what: str, rim: int
     Parameters
     ----------
     cells : array_like of int, shape (n, ndim)
-        There may be none.
+        Cells to check. The array may be empty.
     shape : tuple of int
-        Of the workspace.
+        Shape of the workspace.
     what : str
-        How error messages call them.
+        Name of the cells in error messages.
     rim : int
-        Number of cells around the workspace that count as inside, too.
+        Width of the rim around the workspace, in cells, that also counts as inside.
 
     Raises
     ------
     InvalidInputError
-        If they are no cells, or one lies outside.
+        If the values are not integer cells, or a cell lies outside.
     """
     expected = f"{what}: expected integer cells of shape (n, {len(shape)})"
     try:
@@ -52,9 +52,9 @@ class SwarmState:
     Parameters
     ----------
     occupied : Board
-        The cells that hold a particle.
+        Cells that hold at least one particle.
     counts : ndarray of int32, shape ``layout.window``, or None
-        Particles of each cell under rule merge, where a cell may hold several; else None.
+        Number of particles per cell under the rule merge, where several particles may share a cell; otherwise None.
     """
 
     occupied: Board
@@ -62,7 +62,7 @@ class SwarmState:
 
     @classmethod
     def of_cells(cls, layout: GridLayout, cells: NDArray[np.int64], *, shared: bool) -> SwarmState:
-        """Return the state of particles at ``cells``, shape (n, ndim); ``shared`` if a cell may hold several."""
+        """Return the state of particles at ``cells``, shape (n, ndim). Set ``shared`` if a cell may hold several particles."""
         counts = None
         if shared:
             counts = np.zeros(layout.window, dtype=np.int32)
@@ -76,7 +76,7 @@ class SwarmState:
 
     @property
     def cells(self) -> NDArray[np.int64]:
-        """Cell of each particle in row-major order; int64, shape (n, ndim); repeated where particles share one."""
+        """Cell of each particle in row-major order; int64, shape (n, ndim). A shared cell is repeated."""
         if self.counts is None:
             return self.occupied.cells
         return np.repeat(np.argwhere(self.counts > 0) - 1, self.counts[self.counts > 0], axis=0)

@@ -1,4 +1,4 @@
-"""Tasks: what is known at the start and what counts as done."""
+"""Tasks: the belief at the start, its updates, and the criterion for completion."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from shoal.swarm.maps.workspace import GridWorkspace
 
 @runtime_checkable
 class Task(Protocol):
-    """The protocol of tasks; `shoal.testing.check_task` tests it.
+    """The interface of tasks. `shoal.testing.check_task` tests it.
 
-    ``begin`` returns the belief at the start, ``update`` the belief after one push (see `GridWorld.pushes`). A task is
-    complete when the frontier of its belief is empty. Both are pure.
+    ``begin`` returns the belief at the start. ``update`` returns the belief after one push (see `GridWorld.pushes`). A task is
+    complete when the frontier of its belief is empty. Neither method may change its arguments.
     """
 
     @property
     def name(self) -> str:
-        """Name for summaries and files."""
+        """Name of the task in summaries and files."""
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Return what the task draws at random from ``rng``, as a mask of the cells of ``workspace``, or None."""
+        """Return random target cells, drawn from ``rng``, as a mask of the workspace's cells; or None without targets."""
 
     def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
         """Return the belief before the first command.
 
-        ``world`` moves the particles, ``state`` says where they are, ``targets`` is what `choose_targets` drew.
+        ``world`` moves the particles, ``state`` holds their cells, and ``targets`` is the result of `choose_targets`.
         """
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief after one push by ``command``, from the positions ``before`` and ``after`` it alone."""
+        """Return the belief after one push by ``command``, using only the positions ``before`` and ``after``."""
 
 
 TASKS: Registry[type[Task]] = Registry("task")
@@ -48,31 +48,31 @@ TASKS: Registry[type[Task]] = Registry("task")
 
 @dataclass(frozen=True)
 class Mapping:
-    """Find every free cell that the particles can reach, and the obstacles around them.
+    """Find every free cell that particles can reach, and the obstacles around these cells.
 
     Only the particles' own cells are known at the start. Source: paper M, section III.B; docs/concepts/belief.md.
     """
 
     name: ClassVar[str] = "mapping"
-    mapping: ClassVar[bool] = True  # how kernels know the built-in tasks
+    mapping: ClassVar[bool] = True  # code of the built-in tasks in kernels
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Return None: a mapping draws nothing."""
+        """Return None, because a mapping task has no random targets."""
         return None
 
     def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
-        """Return the belief in which the occupied cells are free and all others unknown."""
+        """Return the belief in which occupied cells are free and all other cells are unknown."""
         here = state.occupied
         return Belief(open=here, known=here, frontier=here.dilated() - here)
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
-        """Classify the cells that particles tried to enter."""
+        """Return the belief in which all cells that particles tried to enter are classified."""
         return belief.observed(command, before, after)
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Let some particle stand in every free cell of a known map.
+    """Visit every free cell of a known map with at least one particle.
 
     Source: paper M, section IV.B; docs/concepts/belief.md.
     """
@@ -81,16 +81,16 @@ class Coverage:
     mapping: ClassVar[bool] = False
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Return all free cells; nothing is drawn."""
+        """Return all free cells, without random choice."""
         return workspace.free
 
     def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
-        """Return the belief that knows the map and has each target without a particle as a frontier cell.
+        """Return the belief with the known map. Target cells without a particle are frontier cells.
 
         Raises
         ------
         InvalidInputError
-            If a target lies where no particle can get to.
+            If no particle can reach some target cell.
         """
         wanted = world.workspace.free if targets is None else targets
         check_reachable(world.workspace, state.occupied.cells, wanted)
@@ -98,18 +98,18 @@ class Coverage:
         return Belief(open=world.free, known=everything, frontier=Board.of_mask(wanted) - state.occupied)
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
-        """Take the cells where particles stand now out of the frontier."""
+        """Return the belief without the frontier cells that hold a particle now."""
         return belief.covered(after)
 
 
 @dataclass(frozen=True)
 class SubsetCoverage(Coverage):
-    """Let some particle stand in every cell of a random subset of the free cells ("foraging" in paper D).
+    """Visit every cell of a random subset of the free cells ("foraging" in paper D).
 
     Parameters
     ----------
     fraction : float
-        Share of the free cells, above 0 and at most 1 (at least one cell is drawn). The papers take 0.1.
+        Fraction of free cells to visit, above 0 and at most 1. At least one cell is drawn. The papers use 0.1.
     """
 
     name: ClassVar[str] = "subset-coverage"
@@ -120,7 +120,7 @@ class SubsetCoverage(Coverage):
             raise InvalidInputError(f"subset: expected a share above 0 and at most 1, got {self.fraction:g}")
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Draw the subset without replacement."""
+        """Draw the random subset without replacement."""
         size = max(1, round(self.fraction * workspace.n_free))
         chosen = workspace.cells[rng.choice(workspace.n_free, size=size, replace=False)]
         targets = np.zeros(workspace.shape, dtype=np.bool_)
@@ -133,7 +133,7 @@ for _task in (Mapping, Coverage, SubsetCoverage):
 
 
 def check_reachable(workspace: GridWorkspace, start: NDArray[np.int64], targets: NDArray[np.bool_]) -> None:
-    """Refuse targets in a part of the free space that holds none of the start cells, shape (n, ndim)."""
+    """Refuse target cells that are not connected to any start cell. ``start`` has shape (n, ndim)."""
     if targets.shape != workspace.shape:
         raise InvalidInputError(f"targets: expected a mask of shape {workspace.shape}, got {targets.shape}")
     if (targets & ~workspace.free).any():
@@ -153,7 +153,7 @@ def check_reachable(workspace: GridWorkspace, start: NDArray[np.int64], targets:
 
 
 def make_task(task: str | Task) -> Task:
-    """Return a task by name ("mapping", "subset-coverage:fraction=0.2", "module:attribute") or the given one."""
+    """Return a task by name ("mapping", "subset-coverage:fraction=0.2", "module:attribute"), or return a given task object."""
     made = configured(TASKS, task) if isinstance(task, str) else task
     if not isinstance(made, Task):
         raise InvalidInputError(f"task: expected an object with name, choose_targets, begin and update, got {made!r}")

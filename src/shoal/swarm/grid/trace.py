@@ -1,4 +1,4 @@
-"""Trace: what each command of an episode did, one row a command."""
+"""Trace: the effect of each command of an episode, with one row per command."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from shoal.core.dataclass import one_line
 from shoal.swarm.grid.commands import encode
 
 Row = tuple[int, int, int]
-"""(classified, frontier, travelled) of one command."""
+"""Entries (classified, frontier, travelled) of one command."""
 
 
 class Trace(NamedTuple):
-    """What each command did; every array has one entry a command.
+    """The effect of each command. Every array has one entry per command.
 
     Parameters
     ----------
     commands : ndarray of int8
-        As codes; see `shoal.swarm.grid.commands.decode`.
+        Commands as codes; see `shoal.swarm.grid.commands.decode`.
     classified : ndarray of int32
-        Cells classified (coverage: covered) by each command.
+        Number of cells classified (coverage: covered) by each command.
     frontier : ndarray of int32
-        Frontier cells after each command.
+        Number of frontier cells after each command.
     travelled : ndarray of int64
-        Cells travelled at each command, summed over the particles.
+        Total distance of all particles in cells for each command.
     scanned : ndarray of bool
-        Whether a scan followed each command. There was one more before the first.
+        Whether a scan followed each command. One more scan precedes the first command.
     """
 
     commands: NDArray[np.int8]
@@ -43,7 +43,7 @@ class Trace(NamedTuple):
 
     @classmethod
     def empty(cls, moves: int) -> Trace:
-        """Return a trace with room for a number of commands."""
+        """Return a trace with space for a number of commands."""
         return cls(
             np.zeros(moves, np.int8),
             np.zeros(moves, np.int32),
@@ -54,12 +54,12 @@ class Trace(NamedTuple):
 
     @classmethod
     def joined(cls, pieces: Iterable[Trace]) -> Trace:
-        """Return several traces as one."""
+        """Return the concatenation of several traces."""
         columns: list[Any] = [np.concatenate(column) for column in zip(cls.empty(0), *pieces, strict=True)]
         return cls(*columns)
 
     def part(self, first: int, stop: int) -> Trace:
-        """Return some of the rows, sharing their memory."""
+        """Return a range of rows as views of the same memory."""
         columns: list[Any] = [column[first:stop] for column in self]
         return Trace(*columns)
 
@@ -69,7 +69,7 @@ class Trace(NamedTuple):
         return len(self.commands)
 
     def difference(self, replayed: Trace) -> str | None:
-        """Return where a replay differs from this trace, in one sentence; None if it does not."""
+        """Return one sentence about the first difference between a replay and this trace, or None if they are equal."""
         for name in self._fields[1:]:
             mine, theirs = getattr(self, name), getattr(replayed, name)
             if (mine != theirs).any():
@@ -79,16 +79,16 @@ class Trace(NamedTuple):
 
 
 class Recorder:
-    """Builds a trace, one run of equal commands after the other.
+    """Builds a trace, adding one run of equal commands at a time.
 
     Attributes
     ----------
     moves : int
-        Commands so far.
+        Number of commands so far.
     idle : int
-        Runs in a row that moved no particle and classified no cell.
+        Number of consecutive runs that moved no particle and classified no cell.
     last : tuple of int
-        (travelled, classified) of the last run.
+        Entries (travelled, classified) of the last run.
     """
 
     def __init__(self) -> None:
@@ -98,7 +98,7 @@ class Recorder:
         self.moves, self.idle, self.last = 0, 0, (0, 0)
 
     def add(self, command: str, rows: list[Row], *, scanned: bool) -> None:
-        """Take in a run of equal commands, and whether a scan followed it."""
+        """Add a run of equal commands. ``scanned`` says whether a scan followed the run."""
         self._letters.append(command * len(rows))
         self._rows += rows
         self._scanned += [False] * (len(rows) - 1) + [scanned]
@@ -108,11 +108,11 @@ class Recorder:
 
     @property
     def trace(self) -> Trace:
-        """What has been recorded."""
+        """The trace recorded so far."""
         return _recorded("".join(self._letters), self._rows, self._scanned)
 
     def newest(self, moves: int) -> Trace:
-        """Return the last so many moves, which one run made."""
+        """Return the last ``moves`` commands, which came from one run."""
         return _recorded(self._letters[-1], self._rows[-moves:], self._scanned[-moves:])
 
 

@@ -1,4 +1,4 @@
-"""GridWorld: how a command moves the particles; what stops them is in `shoal.swarm.kernels.dynamics.moves`."""
+"""GridWorld: the motion of particles under a command. The collision rules are in `shoal.swarm.kernels.dynamics.moves`."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from shoal.swarm.maps.workspace import GridWorkspace
 
 
 def check_start(workspace: GridWorkspace, cells: ArrayLike, *, rule: str = "block") -> NDArray[np.int64]:
-    """Return start cells as an int64 array (n, ndim), sorted in row-major order.
+    """Check start cells and return them as an int64 array of shape (n, ndim) in row-major order.
 
     Raises
     ------
     InvalidInputError
-        If a cell is outside, an obstacle, or (but for rule merge) given twice; or there is none.
+        If there is no cell, a cell is outside or an obstacle, or a cell is repeated under a rule other than merge.
     """
     array = check_cells(cells, workspace.shape, what="start", rim=0)
     if len(array) == 0:
@@ -40,7 +40,7 @@ def check_start(workspace: GridWorkspace, cells: ArrayLike, *, rule: str = "bloc
 
 @dataclass(frozen=True)
 class GridWorld:
-    """The dynamics of particles in a workspace under one shared command.
+    """The dynamics of particles in a workspace under one shared command. All methods leave their arguments unchanged.
 
     Parameters
     ----------
@@ -51,15 +51,15 @@ class GridWorld:
     Raises
     ------
     UnknownNameError
-        If there is no such rule.
+        If the rule is unknown.
 
     Notes
     -----
-    Source: paper M, section I (rule block); docs/concepts/world.md. Nothing here is changed in place.
+    Source: paper M, section I (rule block); docs/concepts/world.md.
 
     Examples
     --------
-    A train of three moves together; against the wall it queues.
+    Three particles in a row move together and queue at the wall.
 
     >>> world = GridWorld(GridWorkspace([[1, 1, 1, 1, 1]]))
     >>> state = world.initial([(0, 1), (0, 2), (0, 3)])
@@ -77,16 +77,16 @@ class GridWorld:
 
     @cached_property
     def layout(self) -> GridLayout:
-        """The window of the workspace's boards."""
+        """The window that all boards of the workspace share."""
         return GridLayout(self.workspace.shape)
 
     @cached_property
     def free(self) -> Board:
-        """The free cells as a board."""
+        """The free cells of the workspace as a board."""
         return Board.of_mask(self.workspace.free)
 
     def initial(self, cells: ArrayLike) -> SwarmState:
-        """Return the state with particles at ``cells``, int, shape (n, ndim), in any order.
+        """Return the state with particles at ``cells``, an int array of shape (n, ndim) in any order.
 
         Raises
         ------
@@ -97,16 +97,16 @@ class GridWorld:
         return SwarmState.of_cells(self.layout, checked, shared=self.rule == "merge")
 
     def step(self, state: SwarmState, command: str) -> SwarmState:
-        """Return the state after one command, a letter out of ``lurd`` (3-D: ``lurdio``)."""
+        """Return the state after one command, a letter of ``lurd`` (``lurdio`` in 3-D)."""
         *_, last = self.pushes(state, command)
         return last
 
     def pushes(self, state: SwarmState, command: str) -> Iterator[SwarmState]:
-        """Yield the states after each push of one command.
+        """Yield the state after each push of one command.
 
-        Under block and merge a command is one push. A tilt is pushes until nothing moves; the last one, at which
-        everything stays, is yielded too: it is what tells the walls. Particles of a row keep their order, so an observer who
-        sees only the first and the last of these states knows all between.
+        Under block and merge, a command is one push. Under tilt, a command is a series of pushes until no particle moves. The last
+        push, in which nothing moves, is also yielded because it reveals the walls. Particles of one row keep their order. Therefore
+        an observer who sees only the first and the last state can infer all states between them.
         """
         letters = encode(command, ndim=self.workspace.ndim)
         if len(letters) != 1:

@@ -1,1 +1,1 @@
-"""Maps: workspaces, the formats they are read from and written to, and those made by generators."""
+"""Maps: workspaces, map file formats and map generators."""

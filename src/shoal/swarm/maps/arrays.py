@@ -1,4 +1,4 @@
-"""Maps as arrays of numbers: NumPy's ``.npy``, and what turns numbers into free cells."""
+"""Maps as numeric arrays: NumPy's ``.npy`` format, and the conversion of numbers to free cells."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from shoal.swarm.maps.workspace import GridWorkspace, check_finite
 def read_npy(path: Path, options: MapOptions) -> NDArray[Any]:
     """Return the free cells of a ``.npy`` file."""
     with path.open("rb") as file, reading(path, "a NumPy array file (.npy)"):
-        np.lib.format.read_magic(file)  # of other files NumPy says that they may be pickled objects
-        # Mapped first: that checks the length of the file before anything is read.
+        np.lib.format.read_magic(file)  # for other files NumPy's message suggests pickled objects
+        # Memory mapping checks the length of the file before any data is read.
         array = np.load(path, mmap_mode="r", allow_pickle=False)
         if not isinstance(array, np.ndarray) or array.ndim not in (2, 3) or array.dtype.kind not in "biuf":
             found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else "an archive"
@@ -35,13 +35,13 @@ def encode_npy(workspace: GridWorkspace) -> bytes:
 
 
 def free_by_number(array: NDArray[Any], options: MapOptions, *, where: str) -> NDArray[Any]:
-    """Return the free cells of an array of numbers, by level, by label, or because there are two numbers only.
+    """Return the free cells of a numeric array, selected by level, by label, or because the array has only two values.
 
     Raises
     ------
     InvalidInputError
-        If a number is not finite, no cell has the label, or without level and label there are more than two numbers:
-        intensities and probabilities are no map without a level.
+        If a number is not finite, or no cell has the label. Also if the array has more than two values and neither level nor label
+        is given, because intensities and probabilities need a level.
     """
     if options.level is not None:
         check_finite(array, what=where)

@@ -1,4 +1,4 @@
-"""Read and write map files; a new format is one entry in `FORMATS`."""
+"""Reading and writing of map files. A new format is one entry in `FORMATS`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from shoal.swarm.maps.volumes import NIFTI, encode_nifti, read_nifti
 from shoal.swarm.maps.workspace import GridWorkspace
 
 Cells = tuple[NDArray[Any], tuple[float, ...] | None]
-"""Free cells, and the size of a cell along each axis where the file says it."""
+"""Free cells, and the size of a cell along each axis if the file contains it."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class MapFormat:
     Parameters
     ----------
     read : callable
-        Takes the path and the options, returns free cells and the size of a cell.
+        Function from a path and the options to the free cells and the size of a cell.
     encode : callable
-        Takes a workspace, returns the bytes of a file that ``read`` reads.
+        Function from a workspace to the bytes of a file that ``read`` can read.
     dimensions : tuple of int
-        Of the workspaces that it holds.
+        Numbers of dimensions that the format supports.
     """
 
     read: Callable[[Path, MapOptions], Cells]
@@ -61,36 +61,38 @@ FORMATS: dict[str, MapFormat] = {
     ".npy": MapFormat(_unsized(read_npy), encode_npy, (2, 3)),
     **{suffix: MapFormat(read_nifti, partial(encode_nifti, suffix=suffix), (3,)) for suffix in NIFTI},
 }
-"""The formats by suffix."""
+"""The map formats by file suffix."""
 
 
 def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
-    """Read a workspace from a file; the suffix gives the format.
+    """Read a workspace from a map file. The suffix determines the format.
 
     Parameters
     ----------
     path : path
-        ``.png .tif .tiff .bmp .jpg .jpeg`` (bright is free), ``.txt`` (``.`` free, ``#`` obstacle), ``.map`` (MovingAI: ``.``,
-        ``G``, ``S`` free), ``.npy`` (2-D or 3-D, not zero is free), ``.csv`` (1 free, 0 obstacle), or ``.nii .nii.gz`` (3-D, not
-        zero is free; the size of a voxel is kept). A TIFF of several pages and a folder of pictures are 3-D: a layer each.
+        A file with one of these suffixes: ``.png .tif .tiff .bmp .jpg .jpeg`` (bright is free), ``.txt`` (``.`` free, ``#``
+        obstacle), ``.map`` (MovingAI: ``.``, ``G``, ``S`` free), ``.npy`` (2-D or 3-D, nonzero is free), ``.csv`` (1 free, 0
+        obstacle), or ``.nii .nii.gz`` (3-D, nonzero is free; the voxel size is kept). A TIFF of several pages and a folder of
+        pictures are 3-D maps with one layer per picture.
     **options
-        threshold, invert, scale (pictures), level, label (``.npy`` and NIfTI); see `shoal.swarm.maps.reading.MapOptions`.
+        Options threshold, invert, scale (pictures), level, label (``.npy`` and NIfTI); see `shoal.swarm.maps.reading.MapOptions`.
 
     Returns
     -------
     GridWorkspace
-        Named as the file, without its suffix.
+        The workspace. Its name is the file name without the suffix.
 
     Raises
     ------
     InvalidInputError
-        If the file is missing, unreadable, damaged, of another format, too large, or has no free cell; the message says where.
+        If the file is missing, unreadable, damaged, of another format, too large, or has no free cell. The message gives the
+        location.
     MissingExtraError
-        For NIfTI without nibabel.
+        If nibabel is not installed and the file is NIfTI.
     """
     source, chosen = Path(path), MapOptions(**options)
     suffix = _suffix(source)
-    folder = bool(source.name) and os.path.isdir(source)  # unlike Path.is_dir it takes names of any length
+    folder = bool(source.name) and os.path.isdir(source)  # unlike Path.is_dir, it accepts names of any length
     if not folder and suffix not in FORMATS:
         raise InvalidInputError(f"{source}: expected a map file ({' '.join(FORMATS)}), got the suffix {suffix!r}")
     try:
@@ -105,36 +107,36 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
 
 
 def named_after(path: Path, free: NDArray[Any], *, spacing: tuple[float, ...] | None = None) -> GridWorkspace:
-    """Return free cells as a workspace that is named as its file, without the suffix; errors name the file."""
+    """Return a workspace named after its file without the suffix. Error messages name the file."""
     stem = path.name[: len(path.name) - len(_suffix(path))]
-    try:  # bytes of a name that are no text become "?"
+    try:  # undecodable bytes of a name become "?"
         return GridWorkspace(free, name=stem.encode("utf-8", "replace").decode(), spacing=spacing)
     except InvalidInputError as error:
         raise InvalidInputError(f"{path}: {error}") from None
 
 
 def _suffix(path: Path) -> str:
-    """Return the suffix of a file in small letters; of ``x.nii.gz`` both."""
+    """Return the lower-case suffix of a file. ``x.nii.gz`` has the suffix ``.nii.gz``."""
     return ".nii.gz" if path.name.lower().endswith(".nii.gz") else path.suffix.lower()
 
 
 def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
-    """Write a workspace; `read_map` reads the same cells back.
+    """Write a workspace to a map file. `read_map` reads the same cells back.
 
     Parameters
     ----------
     workspace : GridWorkspace
     path : path
-        The suffix says the format, as for `read_map`.
+        The output file. Its suffix determines the format, as for `read_map`.
 
     Raises
     ------
     InvalidInputError
-        For another suffix, or a workspace of dimensions that the format does not take.
+        If the suffix is unknown, or the format does not support the workspace's number of dimensions.
     MissingExtraError
-        For NIfTI without nibabel.
+        If nibabel is not installed and the file is NIfTI.
     OutputError
-        If the file cannot be written; nothing is left behind.
+        If the file cannot be written. No partial file remains.
     """
     target = Path(path)
     suffix = _suffix(target)
@@ -144,5 +146,5 @@ def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
         others = [other for other, form in FORMATS.items() if workspace.ndim in form.dimensions]
         raise InvalidInputError(f"{target}: expected {', '.join(others)} for a {workspace.ndim}-D workspace, got {suffix!r}")
     with atomic(target) as temporary:
-        # Encoded in memory first: Pillow does not notice when a full disk takes only a part of what it writes.
+        # Encode in memory first, because Pillow does not detect a partial write on a full disk.
         temporary.write_bytes(FORMATS[suffix].encode(workspace))

@@ -1,4 +1,4 @@
-"""Open a map by whatever a user has: a file, the name of a generated map, an array, or a workspace."""
+"""Opening of maps from any source: a file, the name of a generated map, an array or a workspace."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ def open_map(
     thickest: float | None = None,
     **options: Any,
 ) -> GridWorkspace:
-    """Open a workspace: by name, from a file, or from an array.
+    """Open a workspace from a name, a file or an array.
 
     Parameters
     ----------
     place : str, path, GridWorkspace or array_like
-        A generated map ("vessels:5000"; see ``shoal maps``), the path of a file (see `shoal.swarm.maps.files.read_map`), an array
-        of booleans or numbers, shape (H, W) or (D, H, W), or a workspace, which is returned as it is.
+        A generated map ("vessels:5000"; see ``shoal maps``), the path of a file (see `shoal.swarm.maps.files.read_map`), or an
+        array of booleans or numbers of shape (H, W) or (D, H, W). A workspace is returned unchanged.
     vessels : bool
-        The file is a photograph: find its vessels (needs the extra ``shoal[imaging]``).
+        Whether the file is a photograph whose vessels form the map (needs the extra ``shoal[imaging]``).
     width, low, high, bright, thickest
-        With ``vessels``: see `shoal.swarm.maps.imaging.segment_vessels`.
+        Options for ``vessels``: see `shoal.swarm.maps.imaging.segment_vessels`.
     **options
-        threshold, invert, scale, level, label: see `shoal.swarm.maps.reading.MapOptions`.
+        Options threshold, invert, scale, level, label: see `shoal.swarm.maps.reading.MapOptions`.
 
     Raises
     ------
     InvalidInputError, UnknownNameError, MissingExtraError
-        If there is no such map, or it cannot be read.
+        If the map does not exist or cannot be read.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def open_map(
     #.
     .#
     """
-    chosen = MapOptions(**options)  # refuses values out of range whatever the map is
+    chosen = MapOptions(**options)  # checks all values, whatever the source of the map
     if width is not None and not vessels:
         raise InvalidInputError(f"width: expected it only together with vessels (a photograph to segment), got {width}")
     if isinstance(place, GridWorkspace):
@@ -69,7 +69,7 @@ def open_map(
         return GridWorkspace(free_by_number(array, chosen, where="map") if by_number else array)
     text = os.fspath(place)
     path = Path(text)
-    named = is_spec(text) and not os.path.isfile(path)  # unlike Path.is_file it takes names of any length
+    named = is_spec(text) and not os.path.isfile(path)  # unlike Path.is_file, it accepts names of any length
     if vessels:
         if named:
             raise InvalidInputError(f"vessels: expected a photograph to segment, got the generated map {text!r}")
@@ -83,30 +83,30 @@ def open_map(
 def vessels_in(
     path: str | os.PathLike[str], *, low: float = imaging.LOW, high: float = imaging.HIGH, **options: Any
 ) -> imaging.Vessels:
-    """Return the vessels in a photograph; those of the last one are remembered while its file stays as it is.
+    """Return the vessels in a photograph. The last result is reused while its file is unchanged.
 
     Parameters
     ----------
     path : path
         A picture.
     low, high, **options
-        And bright, thickest: see `shoal.swarm.maps.imaging.find_vessels`.
+        Options of `shoal.swarm.maps.imaging.find_vessels`, including bright and thickest.
 
     Raises
     ------
     InvalidInputError, MissingExtraError
-        If it is no picture, or shows no vessels.
+        If the file is not a picture, or no vessels are found.
     """
     return _vessels_in(Path(path), _stamp(path), low, high, tuple(sorted(options.items())))
 
 
 def finder_of(path: str | os.PathLike[str], *, bright: bool | None = None, thickest: float | None = None) -> imaging.VesselFinder:
-    """Return the finder of a photograph's vessels, which is remembered as `vessels_in` does.
+    """Return the vessel finder of a photograph. The last finder is reused while its file is unchanged.
 
     Raises
     ------
     InvalidInputError, MissingExtraError
-        If it is no picture.
+        If the file is not a picture.
     """
     return _finder_of(Path(path), _stamp(path), (("bright", bright), ("thickest", thickest)))
 

@@ -1,4 +1,4 @@
-"""Maps as pictures: PNG, TIFF (pages are layers), BMP and JPEG, and folders of slices."""
+"""Maps as pictures: PNG, TIFF (one layer per page), BMP, JPEG, and folders of slices."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 PICTURES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
 LARGEST_FILE = 2**31  # bytes
-MIDDLE = 0.8  # share of the brightnesses that are neither black nor white
+MIDDLE = 0.8  # maximum fraction of pixels that are neither black nor white
 _PILLOW_NAMES = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}
 
 
 def read_picture(path: Path, options: MapOptions) -> NDArray[np.bool_]:
-    """Return the free cells of a picture; the pages of a TIFF are layers."""
+    """Return the free cells of a picture. The pages of a TIFF become layers."""
     layers = _pages(path, lambda image: _free_cells(path, image, options))
     return layers[0] if len(layers) == 1 else _stacked(layers, [f"{path}: page {page + 1}" for page in range(len(layers))])
 
 
 def read_slices(folder: Path, options: MapOptions) -> NDArray[np.bool_]:
-    """Return the free cells of a folder of pictures: a layer each, in the order of the numbers in their names.
+    """Return the free cells of a folder of pictures, one layer per picture, sorted by the numbers in their names.
 
     Raises
     ------
     InvalidInputError
-        If there are none, they are of several kinds or sizes, or one has pages.
+        If the folder has no pictures, the pictures differ in format or size, or a picture has several pages.
     """
     entries = (path for path in folder.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != ".")
     files = [path for path in islice(entries, MAX_LAYERS + 1) if not path.is_dir()]
@@ -62,12 +62,12 @@ def read_slices(folder: Path, options: MapOptions) -> NDArray[np.bool_]:
 
 
 def read_pixels(path: Path) -> NDArray[np.uint8]:
-    """Return the pixels of a picture; uint8, shape (H, W) if it is grey, else (H, W, 3).
+    """Return the pixels of a picture; uint8, shape (H, W) for greyscale, otherwise (H, W, 3).
 
     Raises
     ------
     InvalidInputError
-        If it is missing, damaged, or no picture.
+        If the file is missing, damaged or not a picture.
     """
     if path.suffix.lower() not in PICTURES:
         raise InvalidInputError(f"{path}: expected a picture ({' '.join(PICTURES)}), got {path.suffix!r}")
@@ -76,7 +76,10 @@ def read_pixels(path: Path) -> NDArray[np.uint8]:
 
 
 def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
-    """Return the bytes of a picture, free cells white; layers are the pages of a TIFF. JPEG keeps black and white apart."""
+    """Return the bytes of a picture with white free cells. Layers become the pages of a TIFF.
+
+    JPEG keeps black and white distinct.
+    """
     from PIL import Image
 
     best: dict[str, Any] = {"quality": 100} if suffix in {".jpg", ".jpeg"} else {}
@@ -90,12 +93,12 @@ def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
 
 
 def _pages(path: Path, turn: Callable[[Image], T], *, most: int | None = None) -> list[T]:
-    """Return what ``turn`` makes of each page of a picture; sizes are checked before anything is decoded."""
+    """Return the result of ``turn`` for each page of a picture. Sizes are checked before any page is decoded."""
     from PIL import Image, UnidentifiedImageError
 
     limit = Image.MAX_IMAGE_PIXELS
     try:
-        Image.MAX_IMAGE_PIXELS = None  # checked here, with a sentence of our own
+        Image.MAX_IMAGE_PIXELS = None  # checked here, to raise an error of our own
         with path.open("rb") as file, reading(path, "a picture"):
             try:
                 image = Image.open(file, formats=("PNG", "TIFF", "BMP", "JPEG"))
@@ -109,7 +112,7 @@ def _pages(path: Path, turn: Callable[[Image], T], *, most: int | None = None) -
                 check_size(path, image.height, image.width)
                 made: list[T] = []
                 for page in range(most or MAX_LAYERS + 1):
-                    try:  # one page after the other: to count them first would read a directory of each
+                    try:  # one page after the other, because counting the pages first would read all their directories
                         image.seek(page)
                     except EOFError:
                         break
@@ -125,7 +128,7 @@ def _pages(path: Path, turn: Callable[[Image], T], *, most: int | None = None) -
 
 
 def _check_tiles(path: Path, image: Image) -> None:
-    """Refuse a picture whose file has no data for some of its pixels: Pillow would take them for black."""
+    """Refuse a picture whose file lacks data for some pixels, because Pillow would read these pixels as black."""
     tiles: list[Any] = getattr(image, "tile", [])
     told = sum((right - left) * (low - high) for _, (left, high, right, low), *_ in tiles)
     if tiles and told < image.width * image.height:
@@ -148,7 +151,7 @@ def _free_cells(path: Path, image: Image, options: MapOptions) -> NDArray[np.boo
         width, height = (max(1, round(side * options.scale)) for side in image.size)
         check_size(path, height, width)
         grey = np.asarray(Pillow.fromarray(_share(grey)).resize((width, height), Pillow.Resampling.BOX))
-    # Of 8 bits by a table: brightness as fractions would take four times the memory.
+    # 8-bit pictures use a table, because brightness as a float would need four times the memory.
     shares = _share(np.arange(256, dtype=np.uint8))
     free = (shares >= options.threshold)[grey] if grey.dtype == np.uint8 else grey >= options.threshold
     sample = grey[:: max(1, grey.shape[0] // 256), :: max(1, grey.shape[1] // 256)]
@@ -162,26 +165,26 @@ def _free_cells(path: Path, image: Image, options: MapOptions) -> NDArray[np.boo
 
 
 def _pixels(path: Path, image: Image) -> NDArray[np.uint8]:
-    if _is_deep(image):  # Pillow would clip these at 255, not scale them
+    if _is_deep(image):  # Pillow would clip these values at 255 instead of scaling them
         return np.asarray(np.rint(255 * _share(_grey(path, image))), dtype=np.uint8)
     return np.asarray(image.convert("L" if image.mode in {"1", "L"} else "RGB"))
 
 
 def _is_deep(image: Image) -> bool:
-    """Tell whether a picture has more than 8 bits a channel: modes I, I;16, I;16B (big-endian) and F."""
+    """Return whether a picture has more than 8 bits per channel: modes I, I;16, I;16B (big-endian) and F."""
     return image.mode.startswith("I") or image.mode == "F"
 
 
 def _share(grey: NDArray[Any]) -> NDArray[np.float32]:
-    """Return brightness 0 to 1."""
+    """Return brightness as a fraction from 0 to 1."""
     return grey.astype(np.float32) / np.float32(255) if grey.dtype == np.uint8 else grey
 
 
 def _grey(path: Path, image: Image) -> NDArray[Any]:
-    """Return brightness, uint8 0 to 255 or float32 0 to 1; transparent pixels count as white."""
+    """Return brightness: uint8 from 0 to 255, or float32 from 0 to 1. Transparent pixels count as white."""
     from PIL import Image as Pillow
 
-    if _is_deep(image):  # 16-bit and float pictures: full range of the type, or of the data
+    if _is_deep(image):  # 16-bit and float pictures: scaled by the range of the type or of the data
         values = np.asarray(image).astype(np.float32)
         if not np.isfinite(values).all():
             row, column = (int(i) for i in np.argwhere(~np.isfinite(values))[0])
@@ -190,7 +193,7 @@ def _grey(path: Path, image: Image) -> NDArray[Any]:
             )
         top = 65535.0 if image.mode != "F" else max(float(values.max(initial=0.0)), 1e-30)
         return np.asarray(np.clip(values / np.float32(top), 0, 1), dtype=np.float32)
-    if image.mode == "LAB":  # Pillow converts it to colours only
+    if image.mode == "LAB":  # Pillow converts this mode only to colours
         image = image.convert("RGB")
     if image.has_transparency_data:
         rgba = image.convert("RGBA")

@@ -1,4 +1,4 @@
-"""Pictures of cells as arrays of pixels, without a plotting library."""
+"""Pictures of cells as pixel arrays, without a plotting library."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 UNKNOWN, FRONTIER, FREE, OBSTACLE, PARTICLE = range(5)
-"""What a cell shows: the states of `Belief.states`, and a particle over a free cell."""
+"""The content of a cell: a state of `Belief.states`, or a particle in a free cell."""
 
-# Told apart with every common colour blindness, and in grey: particles vermilion, frontier sky blue.
+# The colours differ for all common kinds of colour blindness and in greyscale: particles vermilion, frontier sky blue.
 PALETTE: dict[str, str] = {
     "unknown": "#8f96a1",
     "frontier": "#62c4f7",
@@ -19,12 +19,12 @@ PALETTE: dict[str, str] = {
     "particle": "#d55e00",
 }
 _COLOURS = np.array([tuple(bytes.fromhex(colour[1:])) for colour in PALETTE.values()], dtype=np.uint8)
-MOST_LINES = 200  # of a map that is printed
-_WIDEST = 12  # ratio of width to height above which a map is drawn in several strips
+MOST_LINES = 200  # largest side of a map that is printed
+_WIDEST = 12  # maps with a larger ratio of width to height are drawn in several strips
 
 
 def raster_of(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a picture of cells, one pixel a cell; layers of a 3-D map stand side by side.
+    """Return a picture of cells with one pixel per cell. Layers of a 3-D map stand side by side.
 
     Parameters
     ----------
@@ -36,13 +36,13 @@ def raster_of(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     ndarray of uint8, shape (H, W, 3)
     """
     if codes.ndim == 3:
-        gap = np.full((codes.shape[1], 1), FREE, dtype=codes.dtype)  # white between layers
+        gap = np.full((codes.shape[1], 1), FREE, dtype=codes.dtype)  # white columns between layers
         codes = np.hstack([part for layer in codes for part in (layer, gap)][:-1])
     return _COLOURS[codes]
 
 
 def text_rows(cells: NDArray[np.bool_], letters: str) -> str:
-    """Return rows of two letters, the first where a cell is true; in 3-D an empty line stands between layers.
+    """Return rows of text with two letters, the first for True cells. In 3-D, an empty line separates layers.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def text_rows(cells: NDArray[np.bool_], letters: str) -> str:
 
 
 def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Cut a very wide picture into strips, one below the other, as text is broken into lines.
+    """Cut a very wide picture into strips that are stacked like lines of text.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def png_bytes(raster: NDArray[np.uint8], *, side: int = 640) -> bytes:
-    """Return a PNG file about ``side`` pixels wide: whole pixels are repeated or, if there are too many, left out."""
+    """Return a PNG file about ``side`` pixels wide. Pixels are repeated, or left out if there are too many."""
     from PIL import Image
 
     sheet = in_strips(raster)

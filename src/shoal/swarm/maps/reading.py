@@ -1,4 +1,4 @@
-"""What all readers of maps share: the options, the limit on size, and errors of one sentence for damaged files."""
+"""Shared code of all map readers: options, size limits, and one-sentence errors for damaged files."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError
 
 MAX_CELLS = 2**28
-"""The largest map accepted, in cells (16384 x 16384)."""
+"""Maximum size of a map in cells (16384 x 16384)."""
 
 MAX_LAYERS = 2**13
-"""The most layers accepted: pages of a TIFF, or slices in a folder."""
+"""Maximum number of layers: pages of a TIFF, or slices in a folder."""
 
 
 @dataclass(frozen=True)
 class MapOptions:
-    """How a file becomes a map.
+    """Options for converting a file to a map.
 
     Parameters
     ----------
     threshold : float
-        Pictures, 0 to 1: pixels at least this bright are free (black 0, white 1).
+        For pictures: brightness from 0 (black) to 1 (white) from which pixels are free.
     invert : bool
-        Pictures: dark pixels are free instead.
+        For pictures: dark pixels are free instead of bright ones.
     scale : float
-        Pictures, above 0 and at most 64: cells a pixel along each side; 0.5 halves both.
+        For pictures: cells per pixel along each side, above 0 and at most 64. A scale of 0.5 halves both sides.
     level : float, optional
-        Arrays and volumes: cells of at least this number are free.
+        For arrays and volumes: cells with at least this value are free.
     label : int, optional
-        Arrays and volumes: cells of exactly this number are free. Without level and label there may be 0, the obstacles, and one
-        other number only.
+        For arrays and volumes: cells with exactly this value are free. Without level and label, the data may contain only 0 for
+        obstacles and one other value for free cells.
 
     Raises
     ------
@@ -61,7 +61,7 @@ class MapOptions:
 
 
 def check_layers(where: Path, count: int) -> None:
-    """Refuse more layers than `MAX_LAYERS`.
+    """Refuse more than `MAX_LAYERS` layers.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def check_size(where: Path, *sides: int) -> None:
 
 @contextmanager
 def reading(path: Path, what: str) -> Iterator[None]:
-    """Turn whatever a library raises for a damaged file into one sentence; its warnings are not shown.
+    """Convert any exception that a library raises for a damaged file into one sentence. Hide the library's warnings.
 
     Raises
     ------
@@ -96,6 +96,6 @@ def reading(path: Path, what: str) -> Iterator[None]:
             yield
         except ShoalError:
             raise
-        except Exception as error:  # readers of files raise many kinds
+        except Exception as error:  # file readers raise many kinds of exceptions
             why = " ".join(str(error).split())[:160] or type(error).__name__
             raise InvalidInputError(f"{path}: expected {what}, got a damaged or cut off one: {why}") from None

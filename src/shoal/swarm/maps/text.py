@@ -16,12 +16,12 @@ from shoal.swarm.maps.workspace import GridWorkspace
 
 
 def read_rows(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
-    """Return the free cells of rows of ``.`` (free) and ``#`` (obstacle)."""
+    """Return the free cells of a text map with rows of ``.`` (free) and ``#`` (obstacle)."""
     return _cells(path, _lines(path), 1, free=".", blocked="#")
 
 
 def read_csv(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
-    """Return the free cells of comma-separated ones (free) and zeros (obstacle)."""
+    """Return the free cells of a CSV map: 1 is free, 0 is an obstacle."""
     rows = [[value.strip() for value in line.split(",")] for line in _lines(path)]
     return _cells(path, rows, 1, free="1", blocked="0", expected="0 or 1")
 
@@ -68,7 +68,7 @@ def encode_movingai(workspace: GridWorkspace) -> bytes:
     return f"type octile\nheight {height}\nwidth {width}\nmap\n{workspace.text.replace('#', '@')}\n".encode()
 
 
-LARGEST_TEXT = 2**26  # bytes; a cell takes up to 100 bytes of memory while it is read
+LARGEST_TEXT = 2**26  # bytes; reading takes up to 100 bytes of memory per cell
 
 
 def _lines(path: Path) -> list[str]:
@@ -79,7 +79,7 @@ def _lines(path: Path) -> list[str]:
 def _cells(
     path: Path, rows: Sequence[Sequence[str]], first_line: int, *, free: str, blocked: str, expected: str = ""
 ) -> NDArray[np.bool_]:
-    """Return rows of words as cells; errors name line and column."""
+    """Convert rows of words to cells. Error messages name line and column."""
     width = len(rows[0])
     if not width:
         raise InvalidInputError(f"{path}, line {first_line}: expected a row of cells, got an empty line")

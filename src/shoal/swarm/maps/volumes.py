@@ -1,4 +1,4 @@
-"""Maps as medical volumes: NIfTI, by nibabel."""
+"""Maps from medical volumes in NIfTI format, read by nibabel."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ CHUNK = 1 << 20  # bytes
 
 
 def read_nifti(path: Path, options: MapOptions) -> tuple[NDArray[Any], tuple[float, ...]]:
-    """Return the free cells (layers, rows, columns) of a NIfTI file and the size of a voxel along each, in millimetres.
+    """Return the free cells (layers, rows, columns) of a NIfTI file, and the voxel size along each axis in millimetres.
 
-    Turned as the header says, to what one sees who stands before the body: layer 0 is its front, row 0 the head, and columns run
-    from its right to its left.
+    The volume is rotated according to its header, as seen by a viewer in front of the body. Layer 0 is the front, row 0 the head,
+    and columns run from the body's right to its left.
 
     Raises
     ------
     InvalidInputError
-        If it is damaged, cut off, has another number of dimensions, too many voxels, or numbers that are not finite.
+        If the file is damaged or truncated, has another number of dimensions or too many voxels, or contains non-finite numbers.
     MissingExtraError
     """
     nibabel = _nibabel()
@@ -55,7 +55,7 @@ def read_nifti(path: Path, options: MapOptions) -> tuple[NDArray[Any], tuple[flo
 
 
 def encode_nifti(workspace: GridWorkspace, suffix: str) -> bytes:
-    """Return the bytes of a NIfTI file of zeros and ones, with the voxel size."""
+    """Return the bytes of a NIfTI file of zeros and ones with the voxel size."""
     nibabel = _nibabel()
     data = workspace.free.transpose(2, 0, 1)[::-1, ::-1, ::-1].astype(np.uint8)
     sides = workspace.spacing or (1.0, 1.0, 1.0)
@@ -75,7 +75,7 @@ def _nibabel() -> Any:
 
 @contextmanager
 def _silent(logger: logging.Logger) -> Iterator[None]:
-    """Keep a library from saying on stderr what our error says."""
+    """Suppress a library's messages on stderr that our error repeats."""
     before = logger.level
     logger.setLevel(logging.CRITICAL + 1)
     try:
@@ -85,7 +85,7 @@ def _silent(logger: logging.Logger) -> Iterator[None]:
 
 
 def _check_archive(path: Path, expected: int) -> None:
-    """Read a compressed volume to its end, where the checksum of all of it is: nibabel stops before."""
+    """Read a compressed volume to its end to verify the checksum, because nibabel stops earlier."""
     if not path.name.lower().endswith(".gz"):
         return
     with gzip.open(path) as file:
@@ -97,7 +97,7 @@ def _check_archive(path: Path, expected: int) -> None:
 
 
 def _kind(path: Path, nibabel: Any) -> Any:
-    """Return the class of NIfTI images that a file begins as, so that it is read as that and as nothing else."""
+    """Return the NIfTI image class that matches the file's first bytes, so that nibabel tries no other format."""
     with nibabel.openers.Opener(path) as file:
         begin = file.read(4)
     for length, kind in ((348, nibabel.Nifti1Image), (540, nibabel.Nifti2Image)):
@@ -109,6 +109,6 @@ def _kind(path: Path, nibabel: Any) -> Any:
 
 
 def _unit(header: Any) -> float:
-    """Return millimetres of a header's unit of length; without a unit the lengths are in millimetres."""
+    """Return the header's unit of length in millimetres. Without a unit, lengths are in millimetres."""
     units = {"meter": 1000.0, "micron": 0.001}
     return units.get(header.get_xyzt_units()[0], 1.0) if hasattr(header, "get_xyzt_units") else 1.0

@@ -1,4 +1,4 @@
-"""GridWorkspace: the free cells of a map, and nothing else."""
+"""GridWorkspace: the free cells of a map."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from shoal.swarm.maps.reading import MAX_CELLS
 
 
 def check_finite(array: NDArray[np.generic], *, what: str) -> None:
-    """Refuse an array with NaN or infinity in it.
+    """Refuse an array that contains NaN or infinity.
 
     Raises
     ------
     InvalidInputError
-        With the first such cell.
+        If a value is not finite. The message names the first such cell.
     """
     if np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
         bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
@@ -37,14 +37,14 @@ def check_free(free: ArrayLike, *, what: str = "workspace") -> NDArray[np.bool_]
     Parameters
     ----------
     free : array_like of bool, shape (H, W) or (D, H, W)
-        True where a particle can be; numbers count as free where they are not zero.
+        True where a particle can be. Nonzero numbers count as free.
     what : str
-        How error messages call it.
+        Name of the array in error messages.
 
     Raises
     ------
     InvalidInputError
-        If it has another number of dimensions, no free cell, NaN, or more than ``MAX_CELLS`` cells.
+        If the array has another number of dimensions, no free cell, NaN, or more than ``MAX_CELLS`` cells.
     """
     try:
         array = np.asarray(free)
@@ -68,22 +68,22 @@ def check_free(free: ArrayLike, *, what: str = "workspace") -> NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class GridWorkspace:
-    """The free cells of a 2-D or 3-D grid; everything outside the array is obstacle.
+    """The free cells of a 2-D or 3-D grid. Everything outside the array is an obstacle.
 
     Parameters
     ----------
     free : array_like of bool, shape (H, W) or (D, H, W)
-        True where a particle can be. Row 0 is the top of the picture, layer 0 the front. Free space may be
-        disconnected and corridors one cell wide. Stored as a read-only copy.
+        True where a particle can be. Row 0 is the top of the picture, layer 0 the front. The free space may be disconnected, and
+        corridors may be one cell wide. The array is stored as a read-only copy.
     name : str
-        For summaries and files.
+        Name of the workspace in summaries and files.
     spacing : tuple of float, optional
-        Size of a cell along each axis, in millimetres, where it is known: for pictures and files. The world counts cells.
+        Size of a cell along each axis in millimetres, if known. Pictures and files use it; the simulation counts cells.
 
     Raises
     ------
     InvalidInputError
-        If ``free`` is not such an array (see `check_free`), or a spacing not above 0.
+        If ``free`` is invalid (see `check_free`), or a spacing is not above 0.
 
     Notes
     -----
@@ -133,31 +133,34 @@ class GridWorkspace:
 
     @cached_property
     def components(self) -> NDArray[np.int32]:
-        """Label of each cell's connected component, 0 for obstacles; int32, the shape of ``free``."""
-        from shoal.jit.kernels.connected import connected_parts  # needs Numba, which takes long to import
+        """Label of each cell's connected component; 0 for obstacles; int32, the shape of ``free``."""
+        from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
 
         return connected_parts(self.free)[0]
 
     def largest_component(self) -> GridWorkspace:
-        """Return the workspace that keeps only the largest connected component (the first of equals)."""
+        """Return the workspace reduced to its largest connected component. Among equals, the first is kept."""
         sizes = np.bincount(self.components.ravel())
         sizes[0] = 0
         return GridWorkspace(self.components == int(np.argmax(sizes)), name=self.name, spacing=self.spacing)
 
     @property
     def text(self) -> str:
-        """Rows of ``.`` (free) and ``#``, in 3-D an empty line between layers; as what it prints unless there are too many."""
+        """The map as rows of ``.`` (free) and ``#`` (obstacle). In 3-D, an empty line separates layers.
+
+        Small maps print this text.
+        """
         return raster.text_rows(self.free, ".#")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the workspace as JSON holds it: rows of ``.`` and ``#``; in 3-D an empty row stands before each layer."""
+        """Return the workspace as JSON data: rows of ``.`` and ``#``. In 3-D, an empty row precedes each layer."""
         rows = self.text.split("\n")
         told: dict[str, Any] = {"name": self.name, "rows": ["", *rows] if self.ndim == 3 else rows}
         return told if self.spacing is None else told | {"spacing": list(self.spacing)}
 
     @classmethod
     def from_dict(cls, told: Mapping[str, Any]) -> GridWorkspace:
-        """Return the workspace that `to_dict` wrote.
+        """Return the workspace from the data that `to_dict` returned.
 
         Raises
         ------
@@ -189,7 +192,7 @@ class GridWorkspace:
 
     @property
     def picture(self) -> NDArray[np.uint8]:
-        """A picture, one pixel a cell; uint8, shape (H, W, 3). Layers of a 3-D workspace stand side by side."""
+        """A picture with one pixel per cell; uint8, shape (H, W, 3). Layers of a 3-D workspace stand side by side."""
         return raster.raster_of(np.where(self.free, raster.FREE, raster.OBSTACLE).astype(np.uint8))
 
     def _repr_png_(self) -> bytes:

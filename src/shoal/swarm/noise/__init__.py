@@ -1,4 +1,4 @@
-"""Noise: particles that slip, are seen beside their cell, or are not seen; and maps of a stated confidence from them."""
+"""Noise (particles that slip or are observed wrongly), and maps with a stated confidence from noisy scans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""NoisyBelief: log-odds of each cell, from positions that are seen wrongly now and then."""
+"""NoisyBelief: the log-odds that each cell is free, estimated from noisy observations of particles."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from shoal.swarm.kernels.search.frontier_search import Search
 from shoal.swarm.noise.model import CONFIDENCE, PRIOR, Noise, bound_of
 from shoal.swarm.policies.paths import path_to_frontier
 
-PAD = 3  # the rim, and two more cells that are never free
+PAD = 3  # the rim and two more cells that are never free
 NEVER = -700.0  # log-odds
 
 
 def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of the kernels' arrays: three cells more on each side."""
+    """Return the shape of the kernels' arrays, with three more cells on each side."""
     return tuple(size + 2 * PAD for size in shape)
 
 
 def noisy_state_of(layout: GridLayout, about: Noise, confidence: float, *, prior: float = PRIOR) -> kernels.NoisyState:
-    """Return the kernels' arrays for a workspace of which nothing is known, without particles."""
+    """Return the kernels' arrays for an unknown workspace without particles."""
     shape = padded_shape(layout.shape)
     strides = [1, shape[-1], shape[-1] * shape[-2]]
     steps = {"l": -strides[0], "u": -strides[1], "r": strides[0], "d": strides[1], "i": -strides[2], "o": strides[2]}
@@ -54,22 +54,22 @@ def noisy_state_of(layout: GridLayout, about: Noise, confidence: float, *, prior
 
 
 def inner_of(flat: NDArray[np.generic], shape: tuple[int, ...], *, rim: int = 0) -> NDArray[np.generic]:
-    """Return the part of a kernel's array that has the workspace's shape, with ``rim`` cells around it."""
+    """Return the part of a kernel's array with the workspace's shape plus ``rim`` cells around it."""
     cut = PAD - rim
     return flat.reshape(padded_shape(shape))[(slice(cut, -cut),) * len(shape)]
 
 
 class NoisyBelief:
-    """What is known of each cell, in log-odds; it changes in place with each command and scan.
+    """The belief about each cell in log-odds. Each command and each scan updates it in place.
 
     Parameters
     ----------
     shape : tuple of int
     seen : Board
-        The first scan.
+        The particles observed in the first scan.
     noise : Noise
     confidence : float
-        Above 0.75: a cell counts as free or as an obstacle from this probability on.
+        Probability from which a cell counts as free or as an obstacle; above 0.75.
 
     Raises
     ------
@@ -77,13 +77,13 @@ class NoisyBelief:
 
     Notes
     -----
-    Each move spreads the particles over the cells where they may have gone; the scan then weighs each cell, together with the one
-    behind it, by Bayes' rule. Cells are taken as independent beyond that. A move without a scan only spreads the particles.
-    Docs: docs/concepts/noise.md.
+    Each move spreads every particle over the cells that it may have entered. The next scan then weights each cell, together with
+    the cell behind it, by Bayes' rule. Apart from that, cells are treated as independent. A move without a scan only spreads the
+    particles. Docs: docs/concepts/noise.md.
 
     Examples
     --------
-    A particle is pushed against the wall on its left twice; that it slipped each time is ever less likely.
+    A particle is pushed twice against the wall on its left. Each time it becomes less likely that the particle slipped.
 
     >>> layout = GridLayout((1, 3))
     >>> here = Board.of_cells(layout, [(0, 0)])
@@ -102,7 +102,7 @@ class NoisyBelief:
         noise: Noise,
         confidence: float = CONFIDENCE,
         *,
-        noisy: kernels.NoisyState | None = None,  # of a simulation, whose truth lies in the same arrays
+        noisy: kernels.NoisyState | None = None,  # of a simulation, whose true state is in the same arrays
     ) -> None:
         self.layout, self.noise, self.confidence = GridLayout(shape), noise, confidence
         self.state = noisy_state_of(self.layout, noise, confidence) if noisy is None else noisy
@@ -113,31 +113,31 @@ class NoisyBelief:
         noisy_episode.refresh(self.state, self._field, self.guard)
 
     def update(self, command: str, seen: Board) -> int:
-        """Take in what was seen after one command; return how many cells are classified for the first time."""
+        """Update the belief with the particles seen after one command. Return the number of cells classified for the first time."""
         self._show(seen)
         return self.learn(encode(command, ndim=self.layout.ndim)[0])
 
     def learn(self, code: np.int8) -> int:
-        """Take in what the arrays show as seen after a command; return how many cells are classified for the first time."""
+        """Update the belief with the observation in the arrays. Return the number of cells classified for the first time."""
         kernels.learn_noisy(self.state, code)
         return int(noisy_episode.refresh(self.state, self._field, self.guard))
 
     def spread(self, command: str) -> None:
-        """Take in a command that no scan follows: particles may have gone on, and no cell is known any better."""
+        """Update the belief with a command without a scan. Particles may have moved; the knowledge of cells stays the same."""
         self.spread_code(encode(command, ndim=self.layout.ndim)[0])
 
     def spread_code(self, code: np.int8) -> None:
-        """Do what `spread` does, for the code of a command."""
+        """Do the same as `spread`, for a command code."""
         kernels.spread_noisy(self.state, code)
         noisy_episode.refresh(self.state, self._field, self.guard)
 
     def play(self, search: Search, rng: Generator, trace: Trace, *, every: int, limit: int) -> tuple[int, int]:
-        """Play closest-frontier until the trace is full; return (moves, status code); see `noisy_episode.play_noisy`."""
+        """Run closest-frontier until the trace is full. Return (moves, status code); see `noisy_episode.play_noisy`."""
         played, status = noisy_episode.play_noisy(self.state, self._field, search, self.guard, rng, trace, every, limit)
         return int(played), int(status)
 
     def follow(self, rng: Generator, trace: Trace) -> None:
-        """Play the commands of the trace and fill in its other columns."""
+        """Replay the commands of the trace and fill its other columns."""
         noisy_episode.follow_noisy(self.state, self._field, self.guard, rng, trace)
 
     def _show(self, seen: Board) -> None:
@@ -145,12 +145,12 @@ class NoisyBelief:
 
     @property
     def probability(self) -> NDArray[np.float64]:
-        """Probability that each cell is free; float64, the shape of the workspace with one cell of rim."""
+        """Probability that each cell is free; float64, the workspace's shape with a rim of one cell."""
         return 1 / (1 + np.exp(-self.logit))
 
     @property
     def logit(self) -> NDArray[np.float64]:
-        """Log-odds that each cell is free; float64, with the rim."""
+        """Log-odds that each cell is free; float64, with a rim of one cell."""
         return np.array(inner_of(self.state.logit, self.layout.shape, rim=1))
 
     @property
@@ -160,23 +160,23 @@ class NoisyBelief:
 
     @property
     def finished(self) -> bool:
-        """Whether no frontier cell is left that a particle could get to, and none was given up."""
+        """Whether no reachable frontier cell is left and no cell was given up."""
         belief, occupied = self.belief, self.occupied
         return self.undecided == 0 and bool(belief.open) and bool(occupied) and not path_to_frontier(belief, occupied)
 
     @property
     def undecided(self) -> int:
-        """Number of cells given up."""
+        """Number of frontier cells that were given up as undecidable."""
         return int(self.guard.memory.undecided)
 
     @property
     def occupied(self) -> Board:
-        """The cells that hold a particle, more likely than not."""
+        """The cells that hold a particle with probability above one half."""
         return Board(self.layout, self._field.occupied.reshape(self.layout.words).copy())
 
     @property
     def belief(self) -> Belief:
-        """What is classified at the stated confidence, as policies know it."""
+        """The cells classified at the stated confidence, in the form that policies use."""
         field = self._field
         return Belief(
             *(Board(self.layout, words.reshape(self.layout.words).copy()) for words in (field.open, field.known, field.frontier))
@@ -184,7 +184,7 @@ class NoisyBelief:
 
 
 def guard_of(layout: GridLayout) -> noisy_episode.ProgressGuard:
-    """Return the guard of an episode that begins."""
+    """Return the progress guard for a new episode."""
     size = layout.words[0] * layout.words[1]
     memory = new_record(noisy_episode.MEMORY, budget=-1)
     return noisy_episode.ProgressGuard(np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory)

@@ -1,4 +1,4 @@
-"""How right a map is that was made with noise."""
+"""Classification errors of a map from noisy observations."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from shoal.swarm.maps.workspace import GridWorkspace
 
 @dataclass(frozen=True)
 class MapErrors:
-    """How right a map is, over the cells that a mapping without noise would classify.
+    """Classification errors over the cells that a mapping without noise would classify.
 
     Parameters
     ----------
     free, walls : int
-        Cells that particles can reach, and the obstacles beside them.
+        Number of cells that particles can reach, and number of obstacles beside them.
     false_free : int
-        Obstacles classified as free.
+        Number of obstacles classified as free.
     false_obstacles : int
-        Free cells classified as obstacles.
+        Number of free cells classified as obstacles.
     undecided : int
-        Cells that are not classified.
+        Number of unclassified cells.
     """
 
     free: int
@@ -35,7 +35,7 @@ class MapErrors:
 
     @classmethod
     def of(cls, workspace: GridWorkspace, start: NDArray[np.int64], belief: Belief) -> MapErrors:
-        """Compare the belief at the end with the workspace in which particles started at ``start``."""
+        """Compare the final belief with the true workspace in which particles started at ``start``."""
         labels = workspace.components
         reached = Board.of_mask(workspace.free & np.isin(labels, np.unique(labels[tuple(start.T)])))
         walls = reached.dilated() - reached
@@ -49,16 +49,16 @@ class MapErrors:
 
     @property
     def right(self) -> float:
-        """Share of the cells that are classified as what they are."""
+        """Fraction of the cells that are classified correctly."""
         cells = self.free + self.walls
         return 1 - (self.false_free + self.false_obstacles + self.undecided) / cells
 
     @property
     def false_free_rate(self) -> float:
-        """Share of the walls that are classified as free."""
+        """Fraction of the obstacles that are classified as free."""
         return self.false_free / max(1, self.walls)
 
     @property
     def false_obstacle_rate(self) -> float:
-        """Share of the free cells that are classified as obstacles."""
+        """Fraction of the free cells that are classified as obstacles."""
         return self.false_obstacles / max(1, self.free)

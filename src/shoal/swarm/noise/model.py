@@ -1,4 +1,4 @@
-"""How particles fail and how they are seen wrongly."""
+"""The noise model: random failures of motion and of observation."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 
 CONFIDENCE = 0.99
-PRIOR = 0.25  # that a cell of which nothing is known is free: about the share in vascular maps
-MOST = 0.5  # of each rate
+PRIOR = 0.25  # prior probability that an unknown cell is free: about the fraction in vascular maps
+MOST = 0.5  # upper limit of each probability
 SUREST = 0.99999
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What goes wrong, each for every particle and move by itself.
+    """Noise probabilities. Failures are independent for every particle and every move.
 
     Parameters
     ----------
     slip : float
-        Probability, 0 to 0.5, that a particle does not move at a command; it holds up those behind it.
+        Probability, 0 to 0.5, that a particle does not move at a command. It then blocks the particles behind it.
     misplace : float
-        That one which is seen at all is seen in a neighbouring cell (4, in 3-D 6, one as likely as the other) instead of its own.
+        Probability that an observed particle appears in a neighbouring cell instead of its own. All neighbours (4, in 3-D 6) are
+        equally likely.
     miss : float
-        That it is not seen in a scan.
+        Probability that a scan does not show a particle.
 
     Raises
     ------

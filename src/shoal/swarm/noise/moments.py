@@ -1,4 +1,4 @@
-"""What there is to see of an episode with noise at one moment: where particles are, and what the belief holds of each cell."""
+"""One moment of an episode with noise: the particles' cells and the belief about each cell, as data for pictures."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from shoal.swarm.noise.belief import NoisyBelief
 from shoal.swarm.noise.model import PRIOR, bound_of
 
 LEVELS = 8
-"""Shades between a cell of which nothing is known and one that is classified, on either side."""
+"""Number of shades between an unknown cell and a classified cell, for free cells and for obstacles."""
 
-OBSTACLE, UNKNOWN, FREE = 0, LEVELS, 2 * LEVELS  # looks: the shades from classified as obstacle to classified as free,
-FRONTIER = 2 * LEVELS + 1  # ... the same of frontier cells, from here on,
-FALSE_FREE = 2 * FRONTIER  # ... an obstacle classified as free,
-FALSE_OBSTACLE = FALSE_FREE + 1  # ... and a free cell classified as obstacle
+OBSTACLE, UNKNOWN, FREE = 0, LEVELS, 2 * LEVELS  # values of looks: shades from classified obstacle to classified free,
+FRONTIER = 2 * LEVELS + 1  # the same shades for frontier cells start here,
+FALSE_FREE = 2 * FRONTIER  # an obstacle wrongly classified as free,
+FALSE_OBSTACLE = FALSE_FREE + 1  # a free cell wrongly classified as obstacle
 LOOKS = FALSE_OBSTACLE + 1
 
 
 @dataclass(frozen=True)
 class Moment:
-    """One moment of an episode with noise; both arrays have the shape of the workspace with one cell of rim.
+    """One moment of an episode with noise. Both arrays have the workspace's shape with a rim of one cell.
 
     Parameters
     ----------
     particles : ndarray of bool
-        Where particles are; of a rig, of which that is not known, where the last scan has shown them.
+        Cells with particles. For a rig, whose true positions are unknown, these are the cells of the last scan.
     looks : ndarray of uint8
-        A shade from ``OBSTACLE`` (classified as that) over ``UNKNOWN`` to ``FREE``, even in log-odds; ``FRONTIER`` is added for
-        frontier cells; ``FALSE_FREE`` or ``FALSE_OBSTACLE`` if a cell is classified wrongly, as far as that is known.
+        A shade for each cell: from ``OBSTACLE`` (classified) over ``UNKNOWN`` to ``FREE`` (classified), linear in log-odds.
+        ``FRONTIER`` is added for frontier cells. Cells known to be classified wrongly have ``FALSE_FREE`` or ``FALSE_OBSTACLE``.
     """
 
     particles: NDArray[np.bool_]
@@ -39,7 +39,7 @@ class Moment:
 
 
 def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Return the looks of a belief; ``truth`` says which cells are free, rim included, if that is known.
+    """Return the looks of a belief. ``truth`` is the mask of free cells with the rim, if it is known.
 
     Examples
     --------
@@ -52,7 +52,7 @@ def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np
     bound, start = bound_of(belief.confidence), log(PRIOR / (1 - PRIOR))
     gained = belief.logit - start
     share = np.where(gained >= 0, gained / (bound - start), gained / (bound + start))
-    inner = LEVELS - 1  # of cells that are not classified
+    inner = LEVELS - 1  # shades of unclassified cells
     looks = (UNKNOWN + np.clip(np.rint(share * LEVELS), -inner, inner)).astype(np.uint8)
     known = belief.belief
     free, obstacles = known.open.mask, known.obstacles.mask

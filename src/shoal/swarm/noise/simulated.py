@@ -1,4 +1,4 @@
-"""Simulated particles with noise: a rig, and the belief that an episode begins with."""
+"""Simulation of particles with noise: a rig, and the belief at the start of an episode."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from shoal.swarm.noise.model import CONFIDENCE, Noise
 
 
 class NoisyRig:
-    """Particles of rule block that slip, are seen beside their cell, or are not seen. Each look is another one.
+    """Particles under the rule block with noise: they may slip, be missed, or appear in a neighbouring cell.
+
+    Each scan draws new errors.
 
     Parameters
     ----------
@@ -65,17 +67,17 @@ class NoisyRig:
         noisy_state.move_noisy(self.state, encode(command, ndim=self.workspace.ndim)[0], self.rng)
 
     def observe(self) -> NDArray[np.int64]:
-        """Return cells where something is seen; int64, shape (k, ndim); the rim has row or column -1 and H or W."""
+        """Return the cells in which particles are observed; int64, shape (k, ndim). Rim cells have row or column -1, H or W."""
         noisy_state.look(self.state, self.rng)
         return np.argwhere(inner_of(self.state.seen, self.shape, rim=1)) - 1
 
     def stop(self) -> None:
-        """Take no further commands."""
+        """Refuse all further commands."""
         self._stopped = True
 
 
 def truth_of(workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float) -> noisy_state.NoisyState:
-    """Return the kernels' arrays of a workspace with particles, of which nothing is known yet."""
+    """Return the kernels' arrays for a workspace with particles and an empty belief."""
     noisy = noisy_state_of(GridLayout(workspace.shape), about, confidence)
     inner_of(noisy.truth, workspace.shape)[...] = workspace.free
     inner_of(noisy.there, workspace.shape)[tuple(start.T)] = True
@@ -85,7 +87,7 @@ def truth_of(workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, c
 def noisy_belief(
     workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float, rng: Generator
 ) -> NoisyBelief:
-    """Return the belief after the first scan of a simulation; its arrays hold the truth, too."""
+    """Return the belief after the first scan of a simulation. Its arrays also hold the true state."""
     noisy, layout = truth_of(workspace, start, about, confidence), GridLayout(workspace.shape)
     noisy_state.look(noisy, rng)
     seen = Board(layout, layout.pack(np.array(inner_of(noisy.seen, layout.shape, rim=1), dtype=np.bool_)))

@@ -1,4 +1,4 @@
-"""Policies: what decides the next commands. One file a policy."""
+"""Policies: rules that choose the next commands. Each policy has its own file."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ POLICIES: Registry[type[Policy]] = Registry("policy")
 for _policy in (ClosestFrontier, ElectParticle, RandomMoves, DepthFirst, WallSweep, GreedyClassify, Rollout, BeamRollout, Manual):
     POLICIES.add(_policy.kind, _policy)
 POLICIES.add(Offline.kind, Offline)
-POLICIES.add("best", BeamRollout)  # an alias, which may stand for another one some day
+POLICIES.add("best", BeamRollout)  # an alias, which may denote another policy in a later version
 
 
 def make_policy(policy: str | Policy) -> Policy:
-    """Return a policy by name, or the given object itself.
+    """Return a policy by name, or return a given policy object.
 
     Parameters
     ----------
     policy : str or Policy
-        "closest-frontier", "closest-frontier:ties=row-major", "manual:llurr", "module:attribute" (an object, or a class that
-        is called without arguments), or an object that has the protocol's methods.
+        "closest-frontier", "closest-frontier:ties=row-major", "manual:llurr", "module:attribute" (an object, or a class that is
+        called without arguments), or an object with the methods of `Policy`.
 
     Raises
     ------
@@ -44,12 +44,12 @@ def make_policy(policy: str | Policy) -> Policy:
 
 
 def with_budget(policy: Policy, **wanted: float) -> Policy:
-    """Return a policy that may plan so much: ``budget`` in simulated moves a move, or ``milliseconds`` a move.
+    """Return the policy with a limit on planning: ``budget`` in simulated moves per move, or ``milliseconds`` per move.
 
     Raises
     ------
     InvalidInputError
-        If the policy does not plan, or a number does not fit.
+        If the policy does not plan, or a number is out of range.
     """
     for name, value in wanted.items():
         if name not in getattr(policy, "__dataclass_fields__", {}):

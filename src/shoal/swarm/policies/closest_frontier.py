@@ -1,4 +1,4 @@
-"""closest-frontier: bring the nearest particle to the nearest frontier cell."""
+"""Policy closest-frontier: move the nearest particle to the nearest frontier cell."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from shoal.swarm.policies.protocol import Decision, View
 
 @dataclass(frozen=True)
 class ClosestFrontier(Searching):
-    """Search from all particles to the nearest frontier cell, play the whole path, repeat.
+    """Find the shortest path from any particle to a frontier cell, send its commands, and repeat.
 
-    Playing the path always classifies its target: a particle that is held up on the way is held up by one that stands where it
-    should be. At most m(3m + 1) moves in 2-D, m the number of free cells (theorem 2 of paper M says m(m+1)/2, which leaves out
-    the walls). Source: paper M, algorithm 3; ties: docs/concepts/policies.md.
+    A path always classifies its target: if a particle on the path is blocked, the blocking particle is on the path one cell
+    further. The number of moves is at most m(3m + 1) in 2-D, where m is the number of free cells. (Theorem 2 of paper M states
+    m(m+1)/2, which ignores the walls.) Source: paper M, algorithm 3; docs/concepts/policies.md describes the tie rules.
     """
 
     kind: ClassVar[str] = "closest-frontier"
     code: ClassVar[int] = 2
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return the path to the nearest frontier cell."""
+        """Return the commands of the path to the nearest frontier cell."""
         path = path_to_frontier(
             view.belief,
             view.occupied,

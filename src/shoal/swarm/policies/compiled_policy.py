@@ -1,4 +1,4 @@
-"""What the built-in policies share: a number by which kernels know them, and the tie rule."""
+"""Base classes of the built-in policies: the code by which kernels identify a policy, and the tie rule."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from shoal.swarm.policies.protocol import Policy
 
 @dataclass(frozen=True)
 class Compiled:
-    """Base of the built-in policies, which kernels can play whole."""
+    """Base class of the built-in policies. Kernels can run them without Python code."""
 
     kind: ClassVar[str]
-    code: ClassVar[int]  # the constant of shoal.swarm.kernels.episodes.policy_episode
+    code: ClassVar[int]  # the policy's constant in shoal.swarm.kernels.episodes.policy_episode
     rules: ClassVar[frozenset[str]] = frozenset(RULES)
     dimensions: ClassVar[tuple[int, ...]] = (2, 3)
-    runs: ClassVar[bool] = True  # whether it can do with a scan after several commands
+    runs: ClassVar[bool] = True  # whether the policy works with one scan after several commands
 
     @property
     def name(self) -> str:
-        """The registered name, and the options that are not the default."""
+        """The registered name with all options that differ from their defaults."""
         changed = [f"{f.name}={getattr(self, f.name)}" for f in fields(self) if getattr(self, f.name) != f.default]
         return self.kind + (":" + ",".join(changed) if changed else "")
 
     def check(self, layout: GridLayout, rule: str) -> None:
-        """Refuse a rule or a number of dimensions that the policy cannot play.
+        """Refuse a rule or a number of dimensions that the policy does not support.
 
         Raises
         ------
@@ -46,14 +46,14 @@ class Compiled:
 
 @dataclass(frozen=True)
 class Searching(Compiled):
-    """Base of the policies that look for the nearest frontier cell.
+    """Base class of the policies that search for the nearest frontier cell.
 
     Parameters
     ----------
     ties : str
-        "column-major" or "row-major": the order in which the cells of one distance are expanded.
+        "column-major" or "row-major": the order of expansion for cells of equal distance.
     neighbours : str
-        The order in which their neighbours are looked at.
+        The order in which the neighbours of a cell are expanded.
     """
 
     ties: str = "column-major"
@@ -66,7 +66,7 @@ class Searching(Compiled):
 
 
 def check_scanning(scanning: ScanRule, policy: Policy, rule: str) -> None:
-    """Refuse a scan rule that a policy or a move rule does not go with.
+    """Refuse a scan rule that the policy or the move rule does not support.
 
     Raises
     ------

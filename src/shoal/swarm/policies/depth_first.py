@@ -1,4 +1,4 @@
-"""depth-first: one particle explores a tree and returns along it."""
+"""Policy depth-first: one particle explores a tree of cells by depth-first search and backtracking."""
 
 from __future__ import annotations
 
@@ -25,11 +25,13 @@ class _Trail:
 
 @dataclass(frozen=True)
 class DepthFirst(Compiled):
-    """Drive one particle (the first in row-major order): probe, else step to a cell not visited, else go back.
+    """Drive the first particle in row-major order.
 
-    At most 2(m - 1) moves along the tree plus one for each wall found; with one particle that is at most twice the optimum of any
-    tour of the cells (competitive ratio 2, which no strategy betters on general grid graphs). Other particles that come along
-    help. Source: paper M, section III.B.1.
+    It probes unknown neighbours, otherwise enters an unvisited cell, otherwise backtracks.
+
+    The number of moves is at most 2(m - 1) along the tree, plus one for each wall found. With a single particle, this is at most
+    twice the optimal tour of the cells. No strategy has a better competitive ratio than 2 on general grid graphs. Other particles
+    that move along can only help. Source: paper M, section III.B.1.
     """
 
     kind: ClassVar[str] = "depth-first"
@@ -38,7 +40,7 @@ class DepthFirst(Compiled):
     rules: ClassVar[frozenset[str]] = frozenset({"block", "merge"})
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return one probe, step or step back."""
+        """Return the next command: a probe, a step or a step back."""
         if memory is None:
             cell = tuple(view.occupied.cells[0].tolist())
             trail = _Trail(cell, {cell})

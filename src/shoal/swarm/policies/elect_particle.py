@@ -1,4 +1,4 @@
-"""elect-particle: plan for one particle only, and let whoever is in its way take over."""
+"""Policy elect-particle: plan for one elected particle. A particle that blocks its path takes its place."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class _Elected:
 
 @dataclass(frozen=True)
 class ElectParticle(Searching):
-    """Elect a random particle; go to the frontier cell nearest to it; replan as soon as that is classified.
+    """Elect a random particle, follow the shortest path to the nearest frontier cell, and replan when that cell is classified.
 
-    If another particle holds the elected one up, that particle stands where the elected one should be and becomes the elected one.
-    Without this handover the literal algorithm can cycle for ever. Source: paper M, algorithm 2; docs/concepts/policies.md.
+    If another particle blocks the elected particle, it is where the elected particle should be. It then becomes the elected
+    particle. Without this rule the paper's algorithm can cycle forever. Source: paper M, algorithm 2; docs/concepts/policies.md.
     """
 
     kind: ClassVar[str] = "elect-particle"
@@ -45,7 +45,7 @@ class ElectParticle(Searching):
             entered = intended in view.occupied
             cell = intended if entered else memory.cell
             plan, target = memory.plan[1:] if entered else "", memory.target
-            if cell not in view.occupied:  # with noise only: it was lost from sight
+            if cell not in view.occupied:  # only with noise: the particle was lost from view
                 cells = view.occupied.cells
                 cell = tuple(cells[rng.integers(0, len(cells))].tolist()) if len(cells) else cell
                 plan = ""
@@ -57,7 +57,10 @@ class ElectParticle(Searching):
         return plan[:1], _Elected(cell, plan, target)
 
     def _plan(self, view: View, cell: tuple[int, ...]) -> tuple[str, tuple[int, ...]]:
-        """Return a path and the cell it starts from: the elected one, or the nearest if that has nothing left to reach."""
+        """Return a path and its start cell.
+
+        If the elected particle reaches no frontier cell, the nearest particle's path is used.
+        """
         plan, start = "", cell
         for sources in (Board.of_cells(view.occupied.layout, [cell]), view.occupied):
             plan, start = route_to_frontier(

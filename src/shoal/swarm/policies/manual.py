@@ -1,4 +1,4 @@
-"""manual: a given command string."""
+"""Policy manual: a fixed sequence of commands."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from shoal.swarm.policies.protocol import Decision, View
 
 @dataclass(frozen=True)
 class Manual(Compiled):
-    """Send the given commands; stalled if they end before the task is complete.
+    """Send the given commands. The episode is stalled if they end before the task is complete.
 
     Parameters
     ----------
     commands : str
-        For example "llurr".
+        Command letters, for example "llurr".
     """
 
     kind: ClassVar[str] = "manual"
@@ -28,10 +28,10 @@ class Manual(Compiled):
     commands: str = ""
 
     def check(self, layout: GridLayout, rule: str) -> None:
-        """Refuse letters that are no commands."""
+        """Refuse letters that are not commands."""
         super().check(layout, rule)
         encode(self.commands, ndim=layout.ndim)
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return all commands at the first call, none afterwards."""
+        """Return all commands at the first call and no commands afterwards."""
         return (self.commands if memory is None else ""), "sent"

@@ -1,4 +1,4 @@
-"""Shortest paths of particles to the frontier, as the searching policies take them."""
+"""Shortest paths of particles to the frontier, used by the searching policies."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from shoal.swarm.grid.fields import new_field
 from shoal.swarm.kernels.search import frontier_search, tilt_search
 
 ORDERS = {"column-major": frontier_search.COLUMN_MAJOR, "row-major": frontier_search.ROW_MAJOR}
-# The cell from which a command comes, in the order in which such cells are expanded; column-major: left, up, in, out, down, right.
+# Order of expansion of the cells from which a command comes. Column-major: left, up, in, out, down, right.
 _PARENTS = {"column-major": "rdoiul", "row-major": "droilu"}
 
 
 def check_neighbours(neighbours: str, ndim: int) -> NDArray[np.int8]:
-    """Return the codes of an order of neighbours; "lurd" stands for "lurdio" in 3-D."""
+    """Return the codes of an order of neighbours. In 3-D, "lurd" means "lurdio"."""
     text = neighbours + "io" if ndim == 3 and len(neighbours) == 4 else neighbours
     if sorted(text) != sorted(letters_of(ndim)):
         raise InvalidInputError(f"neighbours: expected an order of {letters_of(ndim)!r}, got {neighbours!r}")
@@ -26,7 +26,7 @@ def check_neighbours(neighbours: str, ndim: int) -> NDArray[np.int8]:
 
 
 def search_of(layout: GridLayout, *, ties: str, neighbours: str, plan_size: int) -> frontier_search.Search:
-    """Return the work space of a frontier search."""
+    """Return the working memory of a frontier search."""
     if ties not in ORDERS:
         raise InvalidInputError(f"ties: expected one of {', '.join(ORDERS)}, got {ties!r}")
     parents = "".join(letter for letter in _PARENTS[ties] if letter in letters_of(layout.ndim))
@@ -42,7 +42,7 @@ def search_of(layout: GridLayout, *, ties: str, neighbours: str, plan_size: int)
 
 
 def slides_of(layout: GridLayout) -> tilt_search.Slides:
-    """Return the work space of the tilt search."""
+    """Return the working memory of the search under the rule tilt."""
     rows, words = layout.words
     size = rows * words * 64
     return tilt_search.Slides(np.zeros(size, np.int64), np.zeros(size, np.int8), np.zeros(size, np.int64))
@@ -57,20 +57,20 @@ def path_to_frontier(
     ties: str = "column-major",
     neighbours: str = "lurd",
 ) -> str:
-    """Return the shortest commands that bring a particle from ``sources`` onto a frontier cell, "" if none do.
+    """Return the shortest commands that move a particle from ``sources`` to a frontier cell, or "" if no path exists.
 
-    Breadth-first search through known-free cells. At each distance cells are expanded in the order of ``ties``, their neighbours in
-    the order of ``neighbours``; the first frontier cell met is the target.
+    Breadth-first search through cells known to be free. Cells of equal distance are expanded in the order ``ties``, and their
+    neighbours in the order ``neighbours``. The target is the first frontier cell found.
 
     Parameters
     ----------
     belief : Belief
     sources : Board
-        The cells to start from.
+        The start cells of the search.
     rule : str
-        Under "tilt" the path is over stop cells and has the fewest tilts.
+        The move rule. Under "tilt", the path consists of tilts between stop cells and has the fewest tilts.
     mapping : bool
-        Matters under "tilt" only: whether frontier cells are unknown (mapping) or known to be free (coverage).
+        Whether frontier cells are unknown (mapping) or known to be free (coverage). Only the rule "tilt" uses it.
     ties : str
         "column-major" (leftmost column first, top to bottom) or "row-major".
     neighbours : str
@@ -94,7 +94,7 @@ def path_to_frontier(
 def route_to_frontier(
     belief: Belief, sources: Board, *, rule: str, mapping: bool, ties: str, neighbours: str
 ) -> tuple[str, tuple[int, ...]]:
-    """Return the path of `path_to_frontier` and the cell from which it starts (meaningless under "tilt")."""
+    """Return the path of `path_to_frontier` and its start cell. The start cell has no meaning under "tilt"."""
     layout = sources.layout
     space = search_of(layout, ties=ties, neighbours=neighbours, plan_size=len(belief.open) + 2)
     field = new_field(

@@ -1,4 +1,4 @@
-"""What a policy is: it sees what is known and answers with commands."""
+"""The interface of policies: a policy sees the belief and returns commands."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board
 
 Decision = tuple[str, Any]
-"""Commands, and the memory to hand to the next decision."""
+"""Commands, and the memory for the next decision."""
 
 
 @dataclass(frozen=True)
 class View:
-    """The view of a policy: everything that it may see.
+    """All information that a policy may use for a decision.
 
     Parameters
     ----------
     belief : Belief
-        What is known; its frontier is what is left to do.
+        The belief of the task. Its frontier holds the cells that are still to be classified or covered.
     occupied : Board
         The cells that hold particles now.
     rule : str
@@ -29,11 +29,11 @@ class View:
     mapping : bool
         Whether frontier cells are unknown (mapping) or known to be free (coverage).
     moves : int
-        Commands sent so far.
+        Number of commands sent so far.
     travelled : int
-        Cells travelled by all particles at the last command.
+        Total distance of all particles at the last command, in cells.
     classified : int
-        Frontier cells that the last command classified.
+        Number of frontier cells that the last command classified.
     """
 
     belief: Belief
@@ -47,16 +47,16 @@ class View:
 
 @runtime_checkable
 class Policy(Protocol):
-    """The protocol of policies; `shoal.testing.check_policy` tests it.
+    """The interface of policies. `shoal.testing.check_policy` tests it.
 
-    ``decide(view, memory, rng)`` returns ``(commands, memory)``: the commands are all sent before it is asked again (fewer if the
-    task is complete before); "" says that the policy can make no progress. Memory is None at the first decision; a policy
-    object itself never changes, so that one object can play many episodes.
+    ``decide(view, memory, rng)`` returns ``(commands, memory)``. All commands are sent before the next decision, or until the task
+    is complete. An empty text means that the policy can make no progress. The memory is None at the first decision. A policy object
+    never changes, so one object can play many episodes.
     """
 
     @property
     def name(self) -> str:
-        """Name for summaries and files, with its options."""
+        """Name with options, for summaries and files."""
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return the next commands and the memory for the next decision."""

@@ -1,4 +1,4 @@
-"""random-moves: a uniformly random command each step."""
+"""Policy random-moves: a uniformly random command at each step."""
 
 from __future__ import annotations
 

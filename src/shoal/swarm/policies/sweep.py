@@ -1,4 +1,4 @@
-"""sweep: a column of particles goes over a rectangle and back."""
+"""Policy sweep: a column of particles sweeps across a rectangle and back."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ from shoal.swarm.policies.protocol import Decision, View
 
 @dataclass(frozen=True)
 class _Phase:
-    phase: int = 0  # 0 to the left wall, 1 up and right, 2 down and left, 3 a whole turn made
+    phase: int = 0  # phase: 0 left to the wall, 1 up and right, 2 down and left, 3 one cycle finished
     second: bool = False
     gain: int = 0
 
 
 @dataclass(frozen=True)
 class WallSweep(Compiled):
-    """Left to the wall; up and right by turns until nothing goes right; down and left by turns back; again while it helps.
+    """Move left to the wall. Alternate up and right until no particle moves right, then alternate down and left.
 
-    For a rectangle k cells tall with k particles along its left wall (placement left-wall) this takes 4m/k moves. It is no strategy
-    for other shapes: where a whole turn classifies nothing it stops and the episode is reported as stalled.
-    Source: paper D, section III.B.2.
+    Repeat while cells are classified.
+
+    On a rectangle k cells tall, with k particles along its left wall (placement left-wall), the policy needs 4m/k moves. It is not
+    suited to other shapes. If a whole cycle classifies no cell, the policy stops and the episode is stalled. Source: paper D,
+    section III.B.2.
     """
 
     kind: ClassVar[str] = "sweep"
@@ -33,7 +35,7 @@ class WallSweep(Compiled):
     dimensions: ClassVar[tuple[int, ...]] = (2,)
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return the next command of the turn."""
+        """Return the next command of the cycle."""
         now = _Phase() if memory is None else self._noticed(memory, view)
         if now.phase == 3:
             if now.gain == 0:

@@ -1,6 +1,6 @@
-"""Driving a real or simulated rig in a closed loop: commands out, positions in.
+"""Closed-loop control of a real or simulated rig: send commands, receive positions.
 
-A *rig* is whatever moves particles and sees them: a simulation, or a laboratory's rig behind a line. Any policy drives any rig.
+A *rig* is a device, or its simulation, that moves particles and observes their positions. Every policy works with every rig.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Drive a rig: any policy maps what a rig moves in, in the closed loop of all simulations; and replay the log of it."""
+"""Mapping with a rig: run any policy in the closed loop of the simulations, and replay the log."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ from shoal.swarm.simulation.loop import OnMoves, closed_loop
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What came of driving a rig; true if the map is complete.
+    """The result of driving a rig. It is true as a bool if the map is complete.
 
     Parameters
     ----------
     policy : str
-        The policy that was played; says what ``auto`` chose.
+        The policy that ran. It names the policy that ``auto`` chose.
     status : Status
     trace : Trace
-        What was sent and what it did.
+        The commands sent and their effects.
     belief : Belief
-        The map at the end.
+        The belief about the map at the end.
     cells : ndarray of int64, shape (n, ndim)
-        Where the particles are believed to be at the end.
+        Estimated cells of the particles at the end.
     episode : SwarmEpisode or None
-        The run as an episode, in a workspace of the free cells that were found: to film, draw and verify. With noise it
-        holds what the scans showed; None if no free cell was found.
+        The run as an episode in a workspace made of the free cells found; use it for films, figures and verification. With noise it
+        also stores the scans. None if no free cell was found.
     link : LinkCounts or None
-        What happened on the connection of a remote rig.
+        Connection statistics of a remote rig.
     seconds : float
     """
 
@@ -70,7 +70,7 @@ class Drive:
 
     @property
     def commands(self) -> str:
-        """What was sent."""
+        """The commands that were sent, as letters."""
         return decode(self.trace.commands)
 
     @property
@@ -80,22 +80,22 @@ class Drive:
 
     @property
     def scans(self) -> int:
-        """Number of scans, the one at the start included."""
+        """Number of scans, including the scan at the start."""
         return 1 + int(np.count_nonzero(self.trace.scanned))
 
     @property
     def reason(self) -> str:
-        """Why the drive has its status, in one sentence."""
+        """Return one sentence that explains the status."""
         rest = "" if self else f"; {len(self.belief.frontier)} frontier cells left"
         return f"{REASONS[self.status]} after {self.moves} moves{rest}"
 
     def compared(self, truth: GridWorkspace) -> dict[str, int]:
-        """Return how many cells were classified wrongly: walls as free, and free cells as walls.
+        """Return the number of wrongly classified cells: walls classified as free, and free cells classified as walls.
 
         Raises
         ------
         InvalidInputError
-            If the map has another shape.
+            If the true map has another shape.
         """
         if truth.shape != self.belief.open.layout.shape:
             raise InvalidInputError(f"map: expected one of shape {self.belief.open.layout.shape}, got {truth.shape}")
@@ -104,29 +104,29 @@ class Drive:
 
 
 def drive(rig: Rig, *, seed: int = 0, log: DriveLog | None = None, on_moves: OnMoves | None = None, **fields: Any) -> Drive:
-    """Map the workspace of a rig: the policy sees positions and nothing else.
+    """Map the workspace of a rig. The policy uses only the observed positions.
 
-    However it ends, with an error and by Ctrl-C too, the rig is sent a stop command.
+    The rig gets a stop command at the end, also after an error and after Ctrl-C.
 
     Parameters
     ----------
     rig : Rig
     seed : int
-        For policies that draw.
+        Seed for policies with random decisions.
     log : DriveLog, optional
-        Everything is written there, as it happens.
+        Log file. Each command and each scan is written immediately.
     on_moves : callable, optional
-        Told the progress.
+        Function that is called with the progress.
     **fields
-        Those of `SwarmProblem` that are named in `shoal.swarm.problem.DRIVEN`. With ``slip``, ``misplace`` and ``miss`` nothing
-        that is seen is held against the rig.
+        Fields of `SwarmProblem` listed in `shoal.swarm.problem.DRIVEN`. With ``slip``, ``misplace`` or ``miss``, no observation
+        counts as an error of the rig.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        For arguments that do not fit.
+        If an argument is invalid.
     RigError
-        If the rig does not answer, or moves as none under its rule can.
+        If the rig does not answer, or its particles move in a way that its rule does not allow.
 
     Examples
     --------
@@ -170,7 +170,7 @@ def _driven(rig: Rig, problem: SwarmProblem, *, seed: int, log: DriveLog | None 
     about: dict[str, Any] = {"trace": trace, "status": status, "policy": policy, "seconds": seconds}
     episode = None
     if swarm.belief.open:
-        # Without noise every particle moves in the map that was found as it did on the rig. With noise it is what was seen.
+        # Without noise, every particle moves in the map found exactly as it moved on the rig. With noise, the scans are replayed.
         found = GridWorkspace(swarm.belief.open.inner, name=rig.name)
         episode = SwarmEpisode(
             problem=problem.replaced(map=found, start=tuple(map(tuple, swarm.start.tolist())) or None),
@@ -198,7 +198,7 @@ class _RecordedRuns:
 
     @property
     def due(self) -> bool:
-        """Whether there was a scan after the last run."""
+        """Whether a scan followed the last run."""
         return self._at in self._rig.scans
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
@@ -212,35 +212,35 @@ class _RecordedRuns:
         return commands[first], self._at - first
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Do not ask: scans are where they were."""
+        """Do nothing, because the log determines the scans."""
         return True
 
 
 def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Drive, Verification]:
-    """Drive a recorded rig with the commands that were sent to it; tell whether map and status are those of the log.
+    """Replay the commands of a recorded rig, and verify that the final map and the status equal those of the log.
 
     Parameters
     ----------
     path : path
     trust : bool
-        Whether a task of somebody's code, which the log names, may run.
+        Whether a third-party task that the log names may run.
 
     Raises
     ------
     InvalidInputError
         See `read_log`.
     RigError
-        If the positions do not follow from one another.
+        If the recorded positions are inconsistent.
     """
     rig = read_log(path, trust=trust)
     result = _driven(rig, rig.problem, seed=rig.seed)
     ended = rig.ended
     if ended is None or ended["map"] is None:
         how = "breaks off" if ended is None else f"was {ended['status']}"
-        if result.status is Status.LIMIT:  # the end of the log is no limit that anybody set
+        if result.status is Status.LIMIT:  # the end of the log is not a limit set by a user
             episode = None if result.episode is None else replace(result.episode, status=Status.INTERRUPTED)
             result = replace(result, status=Status.INTERRUPTED, episode=episode)
-        return result, Verification(True, f"{result.moves} moves replayed; the log {how} there, before the run was over")
+        return result, Verification(True, f"{result.moves} moves replayed; the log {how} there, before the run ended")
     if rig.problem.noise is None and result.belief.complete != (ended["status"] == "complete"):
         return result, Verification(
             False, f"status {ended['status']!r} in the log, {len(result.belief.frontier)} frontier cells left"

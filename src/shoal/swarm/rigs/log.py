@@ -1,4 +1,4 @@
-"""The log of a drive: JSON lines, written as it goes, from which the run can be replayed."""
+"""The log of a rig run: a file of JSON lines, written during the run, from which the run can be replayed."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ LARGEST_LOG = 2**31  # bytes
 
 
 class DriveLog:
-    """A log that is written line by line, so that what has happened is on disk whatever happens next.
+    """A log that is written line by line, so that a crash loses nothing that was already recorded.
 
-    The file appears when the rig has told its first positions, not before.
+    The file is created when the rig reports its first positions.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class DriveLog:
     Raises
     ------
     OutputError
-        If it is there already or cannot be written.
+        If the file exists already or cannot be written.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -54,7 +54,7 @@ class DriveLog:
         self._waiting: list[dict[str, Any]] = []
 
     def begin(self, rig: Rig, problem: SwarmProblem, *, policy: str, seed: int) -> None:
-        """Write the header: what is driven, and how."""
+        """Write the header: the rig, the problem, the policy and the seed."""
         try:
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
         except OSError as error:
@@ -67,15 +67,15 @@ class DriveLog:
             self._write(entry)
 
     def command(self, move: int, command: str) -> None:
-        """Write that a command is about to be sent."""
+        """Record that a command is about to be sent."""
         self._write({"kind": "command", "move": move, "command": command, "time": self._time()})
 
     def scan(self, move: int, cells: NDArray[np.int64]) -> None:
-        """Write what a scan has shown."""
+        """Record the cells of a scan."""
         self._write({"kind": "scan", "move": move, "cells": cells.tolist(), "time": self._time()})
 
     def event(self, what: str, details: dict[str, Any]) -> None:
-        """Write what has happened on the line."""
+        """Record an event on the connection."""
         entry = {"kind": "event", "event": what} | details
         if self._file is None:
             self._waiting.append(entry)
@@ -83,7 +83,7 @@ class DriveLog:
             self._write(entry | {"time": self._time()})
 
     def end(self, status: Status, *, moves: int, belief: Belief | None) -> None:
-        """Write how it ended, with the map unless it was interrupted, and close the file."""
+        """Record the status, and the map unless the run was interrupted. Close the file."""
         if self._file is None:
             return
         found = {} if belief is None else {"moves": moves} | map_digest(belief)
@@ -102,7 +102,7 @@ class DriveLog:
 
 
 def map_digest(belief: Belief) -> dict[str, Any]:
-    """Return what tells a map from others: numbers of cells, and a checksum of what is known of each."""
+    """Return a fingerprint of the map: cell counts, and a checksum of the belief about each cell."""
     return {
         "free": len(belief.open),
         "obstacles": len(belief.obstacles),
@@ -163,27 +163,27 @@ _ANY: TypeAdapter[_Header | _Command | _Scan | _Event | _End] = TypeAdapter(
 
 @dataclass
 class RecordedRig:
-    """A rig that plays back a log: it takes the commands that were sent then, and shows what was seen then.
+    """A rig that plays back a log: it accepts the recorded commands and returns the recorded scans.
 
     Parameters
     ----------
     name : str
-        What the rig called itself.
+        Name of the recorded rig.
     shape : tuple of int
-        The cells that it could see.
+        Shape of the rig's field of view in cells.
     problem : SwarmProblem
-        How it was driven.
+        The problem with which the rig was driven.
     policy : str
-        The policy that was played.
+        The policy that ran.
     seed : int
     commands : str
-        What was sent and then seen: commands after the last scan are left out.
+        The recorded commands up to the last scan. Later commands are left out.
     scans : dict
-        From the number of moves to the cells that were seen then.
+        Observed cells of each scan, by the number of moves before it.
     events : list of dict
-        What happened on the connection.
+        Events on the connection.
     ended : dict or None
-        The last line; None if the log breaks off before.
+        The last line of the log, or None if the log is truncated.
     """
 
     name: str
@@ -199,16 +199,16 @@ class RecordedRig:
 
     @property
     def rule(self) -> str:
-        """Its move rule."""
+        """The move rule of the rig."""
         return self.problem.rule
 
     def send(self, command: str) -> None:
-        """Take the next command of the log.
+        """Accept the next command of the log.
 
         Raises
         ------
         RigError
-            If it is another one.
+            If the command differs from the recorded one.
         """
         if self._at >= len(self.commands) or self.commands[self._at] != command:
             there = self.commands[self._at : self._at + 1] or "the end"
@@ -216,28 +216,28 @@ class RecordedRig:
         self._at += 1
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells that were seen after the commands sent so far."""
+        """Return the cells observed after the commands sent so far."""
         if self._at not in self.scans:
             raise RigError(f"the log: expected a scan after move {self._at}, got none")
         return np.array(self.scans[self._at], dtype=np.int64).reshape(-1, len(self.shape))
 
     def stop(self) -> None:
-        """Do nothing: what was done then is over."""
+        """Do nothing, because the recorded run is over."""
 
 
 def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRig:
-    """Read a log; a last line that was cut off, as by a power failure, is passed over.
+    """Read a log. An incomplete last line, for example after a power failure, is ignored.
 
-    A task of somebody's code is run only if ``trust`` is true.
+    A third-party task runs only if ``trust`` is true.
 
     Raises
     ------
     InvalidInputError
-        If it is missing, damaged or no such log; the message names the line.
+        If the file is missing, damaged or not a log. The message names the line.
     """
     source = Path(path)
     check_file(source, what="log", most=LARGEST_LOG)
-    lines = source.read_bytes().split(b"\n")[:-1]  # after the last newline there is nothing, or a torn line
+    lines = source.read_bytes().split(b"\n")[:-1]  # the text after the last newline is empty or an incomplete line
     entries = [_entry(line, f"{source}, line {number}") for number, line in enumerate(lines, start=1)]
     if not entries or not isinstance(entries[0], _Header):
         raise InvalidInputError(f"{source}, line 1: expected the header of a log, got {entries[0].kind if entries else 'none'}")

@@ -1,7 +1,7 @@
-"""The messages between Shoal and a rig, version 1: one JSON object a line, its last member a checksum.
+"""Messages between Shoal and a rig, protocol version 1: one JSON object per line, with a checksum as its last member.
 
-Every request has a number, one higher than the last. A rig that gets a number again answers as it did before and does nothing: so
-what was sent again after a cut is never carried out twice. docs/concepts/rigs.md has every message.
+Requests are numbered consecutively. A rig that receives the same number again repeats its answer without acting again. A request
+that is repeated after a lost connection is therefore never carried out twice. docs/concepts/rigs.md describes every message.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from shoal.core.errors import InvalidInputError
 
 PROTOCOL: Literal[1] = 1
-LONGEST_LINE = 2**26  # bytes; longer ones are damaged
+LONGEST_LINE = 2**26  # bytes; a longer line counts as damaged
 _CRC = re.compile(rb',"crc":"([0-9a-f]{8})"}$')
 
 
 class _Message(BaseModel):
-    """What all messages share: members that are not known are passed over, so that rigs may say more."""
+    """Base class of all messages. Unknown members are ignored, so rigs may send additional ones."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
 
 
 class Hello(_Message):
-    """Begin a session, or take it up again after a cut."""
+    """Begin a session, or resume it after a lost connection."""
 
     type: Literal["hello"] = "hello"
     protocol: int = PROTOCOL
@@ -35,7 +35,7 @@ class Hello(_Message):
 
 
 class Command(_Message):
-    """Move all particles: a letter out of ``lurd`` (3-D: ``lurdio``)."""
+    """Move all particles by one command, a letter of ``lurd`` (``lurdio`` in 3-D)."""
 
     type: Literal["command"] = "command"
     seq: Annotated[int, Field(ge=1)]
@@ -43,20 +43,20 @@ class Command(_Message):
 
 
 class Observe(_Message):
-    """Tell where the particles are."""
+    """Request the positions of the particles."""
 
     type: Literal["observe"] = "observe"
     seq: Annotated[int, Field(ge=1)]
 
 
 class Stop(_Message):
-    """Come to rest at once and take no further commands in this session."""
+    """Stop all motion at once and refuse further commands in this session."""
 
     type: Literal["stop"] = "stop"
 
 
 class Welcome(_Message):
-    """Answer to hello: what rig this is, and the number of the last request that it has carried out."""
+    """Answer to hello: the rig's description, and the number of the last request carried out."""
 
     type: Literal["welcome"] = "welcome"
     protocol: int
@@ -68,7 +68,7 @@ class Welcome(_Message):
 
 
 class Done(_Message):
-    """Answer to a command: it has been carried out."""
+    """Answer to a command: the command has been carried out."""
 
     type: Literal["done"] = "done"
     seq: int
@@ -89,13 +89,13 @@ class Stopped(_Message):
 
 
 class Again(_Message):
-    """What came was damaged: send it again."""
+    """Report that the last line was damaged and request it again."""
 
     type: Literal["again"] = "again"
 
 
 class Refusal(_Message):
-    """The rig cannot do what was asked, and why."""
+    """The rig cannot carry out the request. The text gives the reason."""
 
     type: Literal["error"] = "error"
     seq: int | None = None
@@ -109,7 +109,7 @@ _ANY: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator=
 def encode_message(message: Message) -> bytes:
     r"""Return the line of a message: JSON, checksum, newline.
 
-    The checksum is the CRC-32 (as of zlib) of all bytes of the line before ``,"crc":``, in eight hexadecimal digits.
+    The checksum is the CRC-32 (as in zlib) of all bytes of the line before ``,"crc":``, written as eight hexadecimal digits.
 
     Examples
     --------
@@ -121,12 +121,12 @@ def encode_message(message: Message) -> bytes:
 
 
 def decode_message(line: bytes) -> Message | None:
-    """Return the message of a line, None if the line is damaged.
+    """Return the message of a line, or None if the line is damaged.
 
     Raises
     ------
     InvalidInputError
-        If the checksum is right and yet it is no message of this protocol: then the rig is wrong, not the line.
+        If the checksum is correct but the line is not a message of this protocol. The fault is then in the rig, not on the line.
     """
     line = line.strip()
     found = _CRC.search(line)

@@ -1,4 +1,4 @@
-"""What a rig is: whatever carries out commands and sees particles."""
+"""The interface of rigs: devices that carry out commands and observe particles."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 @runtime_checkable
 class Rig(Protocol):
-    """What moves particles and sees them.
+    """A device, or its simulation, that moves particles and observes them.
 
-    Between two commands a rig is at rest, so a policy may take any time.
+    A rig is at rest between two commands, so a policy may take any time.
     """
 
     @property
@@ -21,17 +21,17 @@ class Rig(Protocol):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The cells that it can see: (rows, columns) or (layers, rows, columns)."""
+        """Shape of the field of view in cells: (rows, columns) or (layers, rows, columns)."""
 
     @property
     def rule(self) -> str:
-        """Its move rule: "block", "merge" or "tilt"."""
+        """The rig's move rule: "block", "merge" or "tilt"."""
 
     def send(self, command: str) -> None:
-        """Carry out one command, a letter out of ``lurd`` (3-D: ``lurdio``), once."""
+        """Carry out one command once. A command is a letter of ``lurd`` (``lurdio`` in 3-D)."""
 
     def observe(self) -> NDArray[np.int64]:
         """Return the cells of the particles; int64, shape (n, ndim)."""
 
     def stop(self) -> None:
-        """Come to rest at once and take no further commands."""
+        """Stop all motion at once and refuse further commands."""

@@ -1,4 +1,4 @@
-"""A rig behind a connection that may be cut and may damage messages."""
+"""A remote rig over an unreliable connection, which may be lost and may damage messages."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ from shoal.swarm.rigs.messages import (
 from shoal.swarm.rigs.transports import ConnectionCutError, Transport, open_transport
 
 OnEvent = Callable[[str, dict[str, Any]], None]
-"""Called with what has happened on the connection, "cut", "reconnected", "damaged" or "resent", and details."""
+"""Function that is called with connection events ("cut", "reconnected", "damaged" or "resent") and their details."""
 TIMEOUT, PATIENCE = 5.0, 60.0  # seconds
-FIRST_PAUSE, LONGEST_PAUSE = 0.02, 1.0  # seconds between attempts to open a connection again
-STOP_EVERY = 0.5  # seconds between two stop commands until one is confirmed
+FIRST_PAUSE, LONGEST_PAUSE = 0.02, 1.0  # seconds between two attempts to reconnect
+STOP_EVERY = 0.5  # seconds between two stop commands until the rig confirms one
 
 
 @dataclass
 class LinkCounts:
-    """What happened on a connection so far.
+    """Statistics of a connection.
 
     Parameters
     ----------
     requests, resent : int
-        Requests, and how often one was sent again.
+        Number of requests, and number of repeated requests.
     damaged : int
-        Lines that came with a wrong checksum, and those of which the rig said so.
+        Number of lines with a wrong checksum, as received by Shoal or reported by the rig.
     reconnects : int
-        How often the connection was taken up again after a cut.
+        Number of reconnections after a lost connection.
     """
 
     requests: int = 0
@@ -62,31 +62,31 @@ class LinkCounts:
 
 
 class RemoteRig:
-    """A rig that speaks the protocol of `shoal.swarm.rigs.messages` over a connection.
+    """A rig that uses the protocol of `shoal.swarm.rigs.messages` over a connection.
 
-    Requests are numbered. One that is not answered is sent again, under the same number, until ``patience`` seconds have gone
-    by without any answer; a connection that is cut is opened again and the session taken up. A rig carries out no number twice.
+    Requests are numbered. An unanswered request is repeated under the same number, until ``patience`` seconds pass without any
+    answer. A lost connection is reopened and the session resumed. A rig carries out each number only once.
 
     Parameters
     ----------
     transport : Transport
     timeout : float
-        Seconds to wait for an answer.
+        Seconds to wait for an answer before the request is repeated.
     patience : float
-        Seconds without an answer, cuts included, after which the rig is given up.
+        Seconds without any answer, including connection losses, after which the rig counts as lost.
     on_event : callable, optional
-        Told what happens on the connection.
+        Function that is called with connection events.
     session : str, optional
-        By default a random word.
+        Session identifier. The default is a random word.
 
     Raises
     ------
     RigError
-        If the rig does not answer or speaks another version.
+        If the rig does not answer or uses another protocol version.
 
     Notes
     -----
-    It is a context manager: at its end the connection is closed. That stops nothing: `stop` does.
+    The object is a context manager that closes the connection at the end. Closing does not stop the rig; `stop` does.
     """
 
     def __init__(
@@ -109,12 +109,12 @@ class RemoteRig:
 
     @property
     def name(self) -> str:
-        """What the rig calls itself."""
+        """The rig's own name."""
         return self._welcome.name
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The cells that the rig can see."""
+        """Shape of the rig's field of view in cells."""
         return tuple(self._welcome.shape)
 
     @property
@@ -133,14 +133,14 @@ class RemoteRig:
         self.transport.close()
 
     def send(self, command: str) -> None:
-        """Have the rig carry out one command, and wait until it has.
+        """Send one command, and wait until the rig has carried it out.
 
         Raises
         ------
         InvalidInputError
-            If it is no command.
+            If the letter is not a command.
         RigError
-            If the rig does not answer or refuses.
+            If the rig does not answer or refuses the command.
         """
         if len(command) != 1 or command not in letters_of(len(self.shape)):
             raise InvalidInputError(f"expected one command out of {letters_of(len(self.shape))!r}, got {command!r}")
@@ -153,7 +153,7 @@ class RemoteRig:
         Raises
         ------
         RigError
-            If the rig does not answer or tells what are no cells.
+            If the rig does not answer, or its answer has invalid cells.
         """
         self._seq += 1
         answer = self._ask(Observe(seq=self._seq), Positions)
@@ -163,19 +163,19 @@ class RemoteRig:
             raise RigError(str(error)) from None
 
     def stop(self) -> None:
-        """Stop the rig, whatever else is going on; sent again until the rig confirms it.
+        """Stop the rig in any situation. The stop is repeated until the rig confirms it.
 
         Raises
         ------
         RigError
-            If it does not within ``patience`` seconds.
+            If the rig does not confirm within ``patience`` seconds.
         """
         until, pause = time.monotonic() + self.patience, FIRST_PAUSE
         while time.monotonic() < until:
             try:
                 self.transport.write(
                     b"\n" + encode_message(Stop())
-                )  # the newline ends what an interruption may have left half-written
+                )  # the newline ends a line that an interruption may have left incomplete
                 if self._stopped(min(STOP_EVERY, self.timeout)):
                     return
             except ConnectionCutError:
@@ -183,12 +183,12 @@ class RemoteRig:
         raise RigError(f"{self.transport.name}: the rig has not confirmed the stop command within {self.patience:g} s")
 
     def _messages(self, timeout: float) -> Iterator[Message | None]:
-        """Yield the messages that come within some seconds; None for a damaged one.
+        """Yield the messages that arrive within ``timeout`` seconds, and None for each damaged message.
 
         Raises
         ------
         RigError
-            If one is whole and yet none of the protocol.
+            If an undamaged line is not a message of the protocol.
         """
         until = time.monotonic() + timeout
         while (left := until - time.monotonic()) > 0:
@@ -202,7 +202,7 @@ class RemoteRig:
                     raise RigError(f"{self.transport.name}: {error}") from None
 
     def _stopped(self, timeout: float) -> bool:
-        """Wait until the rig confirms the stop; return False to ask again. Nothing else that it says is worth an error now."""
+        """Wait until the rig confirms the stop. Return False if the stop must be repeated. Other messages are ignored."""
         try:
             for message in self._messages(timeout):
                 if isinstance(message, Stopped | Again):
@@ -212,7 +212,7 @@ class RemoteRig:
         return False
 
     def _ask(self, request: Command | Observe, kind: type[Any]) -> Any:
-        """Send a request until it is answered."""
+        """Send a request and repeat it until the rig answers."""
         self.counts.requests += 1
         self._heard = time.monotonic()
         while True:
@@ -231,7 +231,7 @@ class RemoteRig:
             self.on_event("resent", {"seq": request.seq})
 
     def _answer(self, seq: int) -> Any:
-        """Return the answer to a request, None if it is to be sent again."""
+        """Return the answer to a request, or None if the request must be repeated."""
         for message in self._messages(self.timeout):
             if message is None or isinstance(message, Again):
                 self.counts.damaged += 1
@@ -259,7 +259,7 @@ class RemoteRig:
         self.on_event("reconnected", {"seq": self._seq})
 
     def _reopen(self, pause: float) -> float:
-        """Try once to open the connection again after a pause; return the next pause."""
+        """Wait, try once to reopen the connection, and return the next waiting time."""
         self.transport.close()
         time.sleep(pause)
         try:
@@ -289,7 +289,7 @@ class RemoteRig:
             pause = min(2 * pause, LONGEST_PAUSE)
 
     def _greet(self) -> Welcome | None:
-        """Say hello; return the answer, None if none comes in time."""
+        """Say hello. Return the answer, or None on timeout."""
         for _ in range(3):
             self.transport.write(b"\n" + encode_message(Hello(session=self._session)))
             for message in self._messages(self.timeout):
@@ -301,7 +301,7 @@ class RemoteRig:
         return None
 
     def _accepted(self, welcome: Welcome, *, new: bool) -> Welcome:
-        """Check that this is the rig, and the session, that we know."""
+        """Check that the answer comes from the expected rig and session."""
         if welcome.protocol != PROTOCOL:
             raise RigError(f"{self.transport.name}: expected a rig that speaks protocol {PROTOCOL}, got {welcome.protocol}")
         if welcome.rule not in RULES or int(np.prod(welcome.shape, dtype=object)) > MAX_CELLS:
@@ -314,8 +314,8 @@ class RemoteRig:
                 raise RigError(f"{self.transport.name}: expected a new session, got one with {welcome.seq} requests")
         elif welcome.session != self._session or welcome.seq not in {self._seq - 1, self._seq}:
             raise RigError(
-                f"{self.transport.name}: expected the rig to go on at request {self._seq}, got {welcome.seq}: "
-                "it has been started anew, and what it did with the last command is not known"
+                f"{self.transport.name}: expected the rig to continue at request {self._seq}, got {welcome.seq}: the rig has "
+                "restarted, and the effect of the last command is unknown"
             )
         return welcome
 
@@ -326,22 +326,23 @@ def open_rig(spec: str, *, timeout: float = TIMEOUT, patience: float = PATIENCE,
     Parameters
     ----------
     spec : str
-        ``serial:/dev/ttyUSB0`` (``serial:/dev/ttyUSB0@9600`` for another speed than 115200), ``tcp:HOST:PORT``, or
-        ``exec:COMMAND``: a program that speaks the protocol on its standard input and output.
+        ``serial:/dev/ttyUSB0``, ``tcp:HOST:PORT``, or ``exec:COMMAND``. A serial line has 115200 baud unless its spec ends with
+        another speed, as in ``serial:/dev/ttyUSB0@9600``. A command is a program that uses the protocol on its standard input and
+        output.
     timeout : float
         Seconds to wait for an answer before the request is sent again.
     patience : float
-        Seconds without any answer after which the rig is given up.
+        Seconds without any answer after which the rig counts as lost.
     on_event : callable, optional
-        Told what happens on the connection.
+        Function that is called with connection events.
 
     Raises
     ------
     InvalidInputError
-        For a spec that is none of these.
+        If the spec has none of these forms.
     MissingExtraError
-        For a serial line without pyserial (``pip install 'shoal[serial]'``).
+        If pyserial is not installed (``pip install 'shoal[serial]'``) and the rig is on a serial line.
     RigError
-        If the rig does not answer, or speaks another version.
+        If the rig does not answer, or uses another protocol version.
     """
     return RemoteRig(open_transport(spec), timeout=timeout, patience=patience, on_event=on_event)

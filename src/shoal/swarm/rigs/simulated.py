@@ -11,7 +11,7 @@ from shoal.swarm.maps.workspace import GridWorkspace
 
 
 class SimulatedRig:
-    """Particles in a workspace, moved and seen without fault.
+    """Simulated particles in a workspace. Motion and observation are free of errors.
 
     Parameters
     ----------
@@ -62,5 +62,5 @@ class SimulatedRig:
         return self._state.cells
 
     def stop(self) -> None:
-        """Take no further commands."""
+        """Refuse all further commands."""
         self._stopped = True

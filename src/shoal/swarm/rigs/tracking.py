@@ -1,4 +1,4 @@
-"""The particles of a rig in the closed loop: commands are sent, positions become a belief, impossible ones are refused."""
+"""The particles of a rig in the closed loop: send commands, convert positions to a belief, and refuse impossible positions."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ NOISY = "if it slips or is seen wrongly, say how often (slip, misplace, miss)"
 
 
 class RigSwarm(ABC):
-    """The particles of a rig, as the closed loop controls them; see `shoal.swarm.simulation.loop.Controlled`.
+    """The particles of a rig in the closed loop; see `shoal.swarm.simulation.loop.Controlled`.
 
     Parameters
     ----------
     rig : Rig
-        It is observed once.
+        The rig, which is observed once at the start.
 
     Attributes
     ----------
     belief : Belief
     state : SwarmState
-        Where the particles are, or are believed to be.
+        Cells of the particles, observed or estimated.
     start : ndarray of int64, shape (n, ndim)
         The first positions.
     first_frontier : int
-        Frontier cells at the start.
+        Number of frontier cells at the start.
     moves : int
         Commands sent.
     log : DriveLog, optional
-        What is sent and seen is written there.
+        Log of all commands and scans.
     """
 
     belief: Belief
@@ -60,22 +60,22 @@ class RigSwarm(ABC):
     @property
     @abstractmethod
     def finished(self) -> bool:
-        """Whether nothing is left that could be done."""
+        """Whether no frontier cell is left that particles could classify."""
 
     @abstractmethod
     def predict(self, command: str, steps: int) -> list[Row] | None:
-        """Take in ``steps`` equal commands without a scan, as `update`; return None, changing nothing, if a scan is needed."""
+        """Process ``steps`` equal commands without a scan, like `update`. Return None without any change if a scan is needed."""
 
     @abstractmethod
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
-        """Take in a scan after ``steps`` equal commands; return (classified, frontier, travelled) of each."""
+        """Process a scan after ``steps`` equal commands. Return (classified, frontier, travelled) of each command."""
 
     def observe(self) -> NDArray[np.int64]:
-        """Return where the rig sees particles; int64, shape (n, ndim)."""
+        """Return the cells in which the rig observes particles; int64, shape (n, ndim)."""
         return check_cells(self.rig.observe(), self.rig.shape, what="positions")
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
-        """Send a run of commands, and observe unless that can tell nothing new."""
+        """Send a run of commands. Observe afterwards unless the outcome is already known."""
         for _ in range(steps):
             self.moves += 1
             if self.log is not None:
@@ -91,12 +91,13 @@ class RigSwarm(ABC):
 
 
 class ExactRigSwarm(RigSwarm):
-    """The particles of a rig (an apparatus that moves and sees them) whose positions are always right.
+    """The particles of a rig that always reports correct positions.
 
     Raises
     ------
     RigError
-        If no positions are seen, or one is where no particle can be; later if no swarm can have got there.
+        If no positions are observed, or a position is outside the free space. Later also if the commands cannot explain the
+        positions.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -109,11 +110,11 @@ class ExactRigSwarm(RigSwarm):
 
     @property
     def finished(self) -> bool:
-        """Whether nothing is left to do."""
+        """Whether the frontier is empty."""
         return self.belief.complete
 
     def predict(self, command: str, steps: int) -> list[Row] | None:
-        """See `RigSwarm`; the outcome is certain if no unknown cell is tried."""
+        """See `RigSwarm`. The outcome is certain if no particle tries to enter an unknown cell."""
         state, code = self.state, self._code(command)
         for _ in range(self._pushes(steps)):
             if state.occupied.shifted(command) - self.belief.known:
@@ -129,7 +130,7 @@ class ExactRigSwarm(RigSwarm):
         Raises
         ------
         RigError
-            If no swarm can have got there by the commands.
+            If the commands cannot explain the observed positions.
         """
         after, rows = self._state_at(cells), []
         try:
@@ -155,7 +156,7 @@ class ExactRigSwarm(RigSwarm):
         if len(cells) == 0:
             raise RigError(f"the rig, after {self.moves} moves: expected the cells of particles, got none")
         outside = ((cells < 0) | (cells >= np.array(self.layout.shape))).any(axis=1)
-        twice = (cells[1:] == cells[:-1]).all(axis=1) & (self.rule != "merge")  # they are sorted
+        twice = (cells[1:] == cells[:-1]).all(axis=1) & (self.rule != "merge")  # the cells are sorted
         for wrong, at, what in ((outside, cells, f"inside {self.layout.shape}"), (twice, cells[1:], "of one particle each")):
             if wrong.any():
                 cell = tuple(at[wrong][0].tolist())
@@ -163,7 +164,7 @@ class ExactRigSwarm(RigSwarm):
         return SwarmState.of_cells(self.layout, cells, shared=self.rule == "merge")
 
     def _check(self, belief: Belief, code: int, after: SwarmState) -> None:
-        """Refuse positions that do not follow from those before, in a map that has just the cells known to be free."""
+        """Refuse positions that do not follow from the previous positions in a map with exactly the cells known to be free."""
         should = pushed(self.layout, belief.open.words, self.state, code, self.rule)
         wrong = should.occupied ^ after.occupied
         if wrong or should != after:
@@ -187,7 +188,7 @@ class NoisyRigSwarm(RigSwarm):
     Attributes
     ----------
     observations : list of ndarray of int64, shape (k, ndim)
-        What each scan showed.
+        Observed cells of each scan.
     """
 
     def __init__(self, rig: Rig, noise: Noise, confidence: float) -> None:
@@ -199,18 +200,18 @@ class NoisyRigSwarm(RigSwarm):
 
     @property
     def finished(self) -> bool:
-        """Whether no frontier cell is left that a particle could get to."""
+        """Whether no reachable frontier cell is left."""
         return self._noisy.finished
 
     def predict(self, command: str, steps: int) -> list[Row]:
-        """See `RigSwarm`; particles may have gone on, and nothing is learnt."""
+        """See `RigSwarm`. Particles may have moved, and no cell is classified."""
         for _ in range(steps):
             self._noisy.spread(command)
         self._take_over()
         return [(0, self._noisy.remaining, 0)] * steps
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
-        """See `RigSwarm`; how far particles travelled is not known, and 0."""
+        """See `RigSwarm`. The travelled distance is unknown and reported as 0."""
         rows = self.predict(command, steps - 1)
         classified = self._noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)

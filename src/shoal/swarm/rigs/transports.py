@@ -1,4 +1,7 @@
-"""Connections to a rig: serial, TCP, or the standard input and output of a program. They carry lines and may be cut at any time."""
+"""Connections to a rig: a serial port, TCP, or a program's standard input and output.
+
+They transmit lines and may be lost any time.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +25,15 @@ from shoal.swarm.rigs.messages import LONGEST_LINE
 T = TypeVar("T")
 BAUD = 115200
 CHUNK = 65536
-WRITING = 5.0  # seconds that a write may take before the connection counts as cut
+WRITING = 5.0  # seconds after which a blocked write counts as a lost connection
 
 
 class ConnectionCutError(Exception):
-    """The connection was cut: the other end has gone, or the device has."""
+    """The connection was lost."""
 
 
 class Transport(ABC):
-    """A connection that can be opened again after a cut.
+    """A connection that can be reopened after a loss.
 
     Parameters
     ----------
@@ -54,12 +57,12 @@ class Transport(ABC):
             self._write(data)
 
     def read(self, timeout: float) -> bytes | None:
-        """Return the next line without its newline, None if none comes within ``timeout`` seconds, or raise ConnectionCutError."""
+        """Return the next line without its newline, or None after ``timeout`` seconds, or raise ConnectionCutError."""
         until = time.monotonic() + timeout
         while b"\n" not in self._pending:
             if len(self._pending) > LONGEST_LINE:
                 self._pending = b""
-                return b"too long"  # no message: it will be asked for again
+                return b"too long"  # not a message: it will be requested again
             left = until - time.monotonic()
             if left <= 0:
                 return None
@@ -76,36 +79,36 @@ class Transport(ABC):
 
     @abstractmethod
     def _read(self, timeout: float) -> bytes:
-        """Return what has come, b"" if nothing does within the time."""
+        """Return the bytes received, or b"" on timeout."""
 
     @abstractmethod
     def close(self) -> None:
-        """Close the connection, whatever state it is in."""
+        """Close the connection in any state."""
 
 
 @contextmanager
 def _cuts() -> Iterator[None]:
-    """Turn what operating systems say of lost connections into ConnectionCutError."""
+    """Convert the operating system's errors for lost connections to ConnectionCutError."""
     try:
         yield
-    except (OSError, EOFError, ValueError) as error:  # ValueError: a pipe that is closed already
+    except (OSError, EOFError, ValueError) as error:  # ValueError: the pipe is already closed
         raise ConnectionCutError(str(error) or type(error).__name__) from error
 
 
 def _opened(end: T | None) -> T:
-    """Return one end of a connection if it is open; one that is not, as between two attempts to open it again, counts as cut."""
+    """Return one end of an open connection. A closed connection counts as lost."""
     if end is None:
         raise EOFError("the connection is not open")
     return end
 
 
 class SerialTransport(Transport):
-    """A serial port, by pyserial.
+    """A serial port, accessed by pyserial.
 
     Parameters
     ----------
     device : str
-        Such as ``/dev/ttyUSB0``. If it vanishes and comes back under the same name, the connection is taken up again.
+        Device name such as ``/dev/ttyUSB0``. If the device disappears and returns under the same name, the connection is resumed.
     baud : int
     """
 
@@ -177,12 +180,12 @@ class TcpTransport(Transport):
 
 
 class ProcessTransport(Transport):
-    """The standard input and output of a program, which is started here and started again if it ends.
+    """A program's standard input and output. The program is started here, and restarted if it ends.
 
     Parameters
     ----------
     command : str
-        Program and arguments, quoted as for a shell (none is used).
+        Program and arguments, quoted as for a shell. No shell is used.
     """
 
     def __init__(self, command: str) -> None:
@@ -192,7 +195,7 @@ class ProcessTransport(Transport):
         self._came: queue.Queue[bytes] = queue.Queue()
 
     def _open(self) -> None:
-        # A session of its own: Ctrl-C is for us, and the child hears of it as a stop command.
+        # The child gets its own session, so Ctrl-C reaches only this process, which sends the child a stop command.
         child = subprocess.Popen(self._words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True, bufsize=0)
         self._child, self._came = child, queue.Queue()
         threading.Thread(target=_pump, args=(child.stdout, self._came), daemon=True).start()
@@ -211,7 +214,7 @@ class ProcessTransport(Transport):
         return data
 
     def close(self) -> None:
-        """Close its input, wait a moment, end it."""
+        """Close the program's input, wait briefly, and then terminate the program."""
         if self._child is None:
             return
         if self._child.stdin is not None:
@@ -228,7 +231,7 @@ class ProcessTransport(Transport):
 
 
 def _pump(pipe: Any, came: queue.Queue[bytes]) -> None:
-    """Hand on what comes; b"" at the end."""
+    """Forward received bytes. b"" marks the end."""
     with suppress(OSError, ValueError):
         while data := pipe.read(CHUNK):
             came.put(data)
@@ -236,7 +239,7 @@ def _pump(pipe: Any, came: queue.Queue[bytes]) -> None:
 
 
 def open_transport(spec: str) -> Transport:
-    """Return the connection that ``spec`` names, not opened yet; see `shoal.swarm.rigs.open_rig`.
+    """Return the closed connection that ``spec`` names; see `shoal.swarm.rigs.open_rig`.
 
     Raises
     ------
@@ -254,7 +257,7 @@ def open_transport(spec: str) -> Transport:
         if baud and not re.fullmatch("[1-9][0-9]{0,7}", baud):
             raise InvalidInputError(f"rig: expected a speed in baud after '@', got {baud[:40]!r}")
         if os.name == "posix" and not os.path.exists(device):
-            raise InvalidInputError(f"rig: expected a serial port, got {device[:80]!r}, and there is no such device")
+            raise InvalidInputError(f"rig: expected a serial port, got {device[:80]!r}, which does not exist")
         return SerialTransport(device, baud=int(baud or BAUD))
     if kind == "tcp":
         host, _, port = rest.rpartition(":")

@@ -1,1 +1,1 @@
-"""The closed loop (observe, decide, send, record) in Python and compiled, replays, and the file of an episode."""
+"""The closed loop (observe, decide, send, record) in Python and in compiled code, replays, and episode files."""

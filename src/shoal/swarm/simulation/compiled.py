@@ -1,4 +1,4 @@
-"""The closed loop in compiled code: the built-in policies, played whole by kernels, equal to the loop in Python move by move."""
+"""The closed loop in compiled code for built-in policies. It equals the Python loop move by move."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ from shoal.swarm.policies.planners.state import Pace, new_prior, planner_of, see
 RUNNING = policy_episode.RUNNING
 STATUSES = {policy_episode.RUNNING: Status.LIMIT, policy_episode.COMPLETE: Status.COMPLETE, policy_episode.STALLED: Status.STALLED}
 KINDS = {"equal": scan_runs.EQUAL, "doubling": scan_runs.DOUBLING, "hyper": scan_runs.HYPER, "adaptive": scan_runs.ADAPTIVE}
-LONGEST_RUN = 500  # that an adaptive policy weighs
-SHOWN_FIRST, SHOWN_EVERY = 16, 0.1  # moves of the first piece, seconds of the others, where somebody watches
-TIMED_PIECE = 8  # moves after which the time taken is looked at
-NOISY_PIECE = 256  # moves with noise between two moments at which progress is shown and Ctrl-C takes effect
+LONGEST_RUN = 500  # number of runs that an adaptive policy compares
+SHOWN_FIRST, SHOWN_EVERY = 16, 0.1  # moves of the first piece and seconds of later pieces, if a progress function is given
+TIMED_PIECE = 8  # number of moves after which the computing time is checked
+NOISY_PIECE = 256  # moves with noise between two points at which progress is shown and Ctrl-C takes effect
 
 
 class Game(Protocol):
-    """A policy at play in compiled code, in pieces as long as the traces that it is given."""
+    """A policy that runs in compiled code. Each call fills one trace."""
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
-        """Fill in the trace until it is full or the episode ends, at most ``limit`` moves from now; return (moves, status code)."""
+        """Continue until the trace is full or the episode ends, for at most ``limit`` moves. Return (moves, status code)."""
 
     @property
     def remaining(self) -> int:
@@ -49,16 +49,16 @@ class Game(Protocol):
 
     @property
     def largest(self) -> int:
-        """Moves of the longest piece."""
+        """Maximum number of moves of one call."""
 
     def cut(self, trace: Trace) -> Status:
-        """Return the status of an episode that was stopped; a run that was cut short is looked at where it ends."""
+        """Return the status of an episode that was stopped. The end of an interrupted run is observed."""
 
 
 def compiled_loop(
     game: Game, max_moves: int, on_moves: Any = None, on_trace: Any = None, *, scanned: NDArray[np.bool_] | None = None
 ) -> tuple[Trace, Status]:
-    """Play in compiled code, in pieces of a fraction of a second; ``scanned`` are the scans of a replay."""
+    """Run an episode in compiled code, in pieces of a fraction of a second. ``scanned`` holds the scans of a replay."""
     room, moves, ended = min(2048 if on_trace is None else SHOWN_FIRST, game.largest), 0, RUNNING
     pieces: list[Trace] = []
     while moves < max_moves and ended == RUNNING:
@@ -82,7 +82,7 @@ def compiled_loop(
 
 
 def trail_of(layout: GridLayout) -> policy_episode.DepthFirstSpace:
-    """Return the memory of depth-first, which has been nowhere yet."""
+    """Return the initial memory of the policy depth-first."""
     return policy_episode.DepthFirstSpace(empty_boards(layout, 1)[0], np.zeros(int(np.prod(layout.window)), dtype=np.int8))
 
 
@@ -92,11 +92,14 @@ PLAYED: dict[int, tuple[Any, Callable[[GridLayout], Any]]] = {
     policy_episode.DEPTH_FIRST: (policy_episode.play_depth_first, trail_of),
     policy_episode.SWEEP: (policy_episode.play_sweep, lambda _: None),
 }
-"""By the code of a policy: the kernel that plays it, and what makes the space that it works in; given commands need neither."""
+"""For each policy code: the kernel that runs the policy, and the function that makes its working memory.
+
+Fixed commands need neither.
+"""
 
 
 class SearchGame:
-    """A policy of the papers at play: those that kernels/episodes knows.
+    """A run of one of the papers' policies in compiled code (kernels/episodes).
 
     Parameters
     ----------
@@ -107,10 +110,10 @@ class SearchGame:
     rule : str
     mapping : bool
     n_free : int
-        Of the workspace.
+        Number of free cells of the workspace.
     rng : Generator
     scanning : ScanRule or None
-        None if the traces give the scans: a replay.
+        The scan rule, or None for a replay, where the traces contain the scans.
     """
 
     def __init__(
@@ -132,7 +135,7 @@ class SearchGame:
             choose_driven(policy.code, state, self.policy_state, rng)
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
-        """Play a piece; see `Game`. What is random is drawn here, outside the kernel."""
+        """Run one piece; see `Game`. Random numbers are drawn here, outside the kernel."""
         if self.code == policy_episode.RANDOM:
             trace.commands[:] = self.rng.integers(0, len(self.policy_state.search.neighbours), size=trace.moves)
         played, status = self.play(self.code, self.field, self.rule, self.mapping, self.policy_state, self.scan_planner, trace)
@@ -145,11 +148,11 @@ class SearchGame:
 
     @property
     def largest(self) -> int:
-        """Moves of the longest piece: the larger the boards, the slower a move."""
+        """Maximum number of moves of one piece. It is smaller for larger boards, whose moves take longer."""
         return largest_piece(self.field)
 
     def cut(self, trace: Trace) -> Status:
-        """Look at the end of a run that was cut short, unless its outcome was known beforehand; see `Game`."""
+        """Observe the end of an interrupted run, unless its outcome was already known; see `Game`."""
         known = self.policy_state.scanning.kind == scan_runs.ADAPTIVE and self.policy_state.memory.learnt == 0
         if self.policy_state.memory.run_left == 0 or known:
             return Status.LIMIT
@@ -158,13 +161,13 @@ class SearchGame:
 
     @property
     def final(self) -> tuple[SwarmState, Belief]:
-        """State and belief now."""
+        """Return the current state and belief."""
         boards = (self.field.open, self.field.known, self.field.frontier)
         return state_of(self.layout, self.field), Belief(*(board_of(self.layout, words) for words in boards))
 
 
 class PlannerGame:
-    """A planner at play; for the parameters see `SearchGame`."""
+    """A run of a planner in compiled code. See `SearchGame` for the parameters."""
 
     def __init__(
         self, policy: PlannerPolicy, free: Board, state: SwarmState, belief: Belief, *, rule: str, mapping: bool, rng: Generator
@@ -176,7 +179,7 @@ class PlannerGame:
         self.planner = planner_of(belief.open.layout, belief, rule=rule, mapping=mapping, seed=seed, options=options)
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
-        """Play a piece; see `Game`."""
+        """Run one piece; see `Game`."""
         moves, status, piece = 0, RUNNING, TIMED_PIECE if self.pace.milliseconds else max(1, trace.moves)
         while moves < trace.moves and status == RUNNING:
             part = trace.part(moves, moves + piece)
@@ -192,26 +195,26 @@ class PlannerGame:
 
     @property
     def largest(self) -> int:
-        """Moves of the longest piece; see `SearchGame`."""
+        """Maximum number of moves of one piece; see `SearchGame`."""
         return largest_piece(self.field)
 
     def cut(self, trace: Trace) -> Status:
-        """Return the limit: there is a scan after every move."""
+        """Return the status limit, because planners scan after every move."""
         return Status.LIMIT
 
 
 class NoisyGame:
-    """closest-frontier at play under noise.
+    """A run of closest-frontier with noise in compiled code.
 
     Parameters
     ----------
     policy : ClosestFrontier
     belief : NoisyBelief
-        With the truth in its arrays.
+        The belief. Its arrays also hold the true state.
     rng : Generator
-        Of the noise.
+        Generator of the noise.
     every : int
-        Commands before each scan, at most.
+        Maximum number of commands before each scan.
     """
 
     largest = NOISY_PIECE
@@ -222,7 +225,7 @@ class NoisyGame:
         self.belief, self.rng, self.every = belief, rng, every
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
-        """Play a piece; see `Game`."""
+        """Run one piece; see `Game`."""
         return self.belief.play(self.search, self.rng, trace, every=self.every, limit=limit)
 
     @property
@@ -231,29 +234,29 @@ class NoisyGame:
         return self.belief.remaining
 
     def cut(self, trace: Trace) -> Status:
-        """Return whether nothing was left to do just then."""
+        """Return complete or limit, depending on whether the task was just finished."""
         return Status.COMPLETE if self.belief.finished else Status.LIMIT
 
 
 def is_compiled(task: Any) -> bool:
-    """Tell whether kernels know a task: a built-in one, or a subclass that begins and updates beliefs in the same way."""
+    """Return whether kernels support a task: a built-in task, or a subclass with the same ``begin`` and ``update``."""
     parts = ("begin", "update", "mapping")
     builtin = (known for known in (Mapping, Coverage) if isinstance(task, known))
     return any(all(getattr(type(task), part) is getattr(known, part) for part in parts) for known in builtin)
 
 
 def largest_piece(field: moves.Field) -> int:
-    """Return how many moves take about a fraction of a second."""
+    """Return the number of moves that takes about a fraction of a second."""
     return int(np.clip(2**25 // field.free.size, 64, 2**16))
 
 
 def scanning_of(scanning: ScanRule | None) -> scan_runs.Scanning:
-    """Return a scan rule as kernels know it; without one the log gives the scans."""
+    """Return a scan rule in the kernels' form. Without a rule, the log determines the scans."""
     return scan_runs.Scanning(scan_runs.GIVEN, 1) if scanning is None else scan_runs.Scanning(KINDS[scanning.kind], scanning.step)
 
 
 def scan_planner_of(layout: GridLayout, scanning: ScanRule | None) -> scan_runs.ScanPlanner | None:
-    """Return what an adaptive scan rule works in; None for all others."""
+    """Return the working memory of the adaptive scan rule, or None for other rules."""
     if scanning is None or KINDS[scanning.kind] != scan_runs.ADAPTIVE:
         return None
     longest = min(max(layout.window), LONGEST_RUN)
@@ -280,7 +283,7 @@ def policy_state_of(
     scanning: ScanRule | None = EVERY_MOVE,
     space: Any = None,
 ) -> policy_episode.PolicyState:
-    """Return the memory of a built-in policy that has not decided anything yet, or follows ``plan``."""
+    """Return the initial memory of a built-in policy, or of one that follows ``plan``."""
     search = search_of(layout, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), lookahead.LONGEST_PLAN))
     memory = new_record(policy_episode.MEMORY)
     memory.run_command, memory.scanned = -1, 1
@@ -292,7 +295,7 @@ def policy_state_of(
 
 
 def choose_driven(code: int, state: SwarmState, policy_state: policy_episode.PolicyState, rng: Generator) -> None:
-    """Choose the particle that a policy drives: elect-particle a random one, depth-first the first; others drive none."""
+    """Choose the particle that a policy drives: elect-particle a random one, depth-first the first, other policies none."""
     if code not in {policy_episode.ELECT, policy_episode.DEPTH_FIRST}:
         return
     layout, cells = state.occupied.layout, state.occupied.cells

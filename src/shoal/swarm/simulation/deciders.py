@@ -1,4 +1,4 @@
-"""Deciders: what turns the commands of a policy into runs of equal commands with a scan at their end."""
+"""Deciders convert the commands of a policy into runs of equal commands, each followed by a scan."""
 
 from __future__ import annotations
 
@@ -22,27 +22,28 @@ from shoal.swarm.policies.protocol import Policy, View
 from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 
 PATIENCE = policy_episode.PATIENCE
-"""So many runs in a row that move no particle and classify no cell: the policy is stopped as stalled."""
+"""Number of consecutive runs without motion or classification after which the policy counts as stalled."""
 NOISY_TIMES = 20
-"""With noise: a policy is stopped after so many times the moves that closest-frontier may take across all free cells known."""
+"""With noise: a policy without progress is stopped after this multiple of closest-frontier's longest path through known free cells.
+"""
 
 
 class Decider(Protocol):
-    """What chooses the runs of an episode."""
+    """Chooses the runs of an episode."""
 
     @property
     def due(self) -> bool:
-        """Whether a scan has to follow the last run chosen; else it may be left out where its outcome is known."""
+        """Whether a scan must follow the last run. Otherwise the scan may be skipped if its outcome is known."""
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return a command and how often to send it, or None if there is nothing left to send."""
+        """Return a command and its number of repetitions, or None if no commands are left."""
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Learn that the last run classified ``learnt`` cells; tell whether a scan was to follow it."""
+        """Record that the last run classified ``learnt`` cells. Return whether a scan had to follow the run."""
 
 
 def make_decider(scanning: ScanRule, policy: Policy, *, rule: str, mapping: bool, belief: Belief, rng: Generator) -> Decider:
-    """Return what chooses the runs of a policy under a scan rule, without noise."""
+    """Return the decider for a policy under a scan rule, without noise."""
     if scanning.kind != "adaptive":
         return PlannedRuns(scanning, policy, rng)
     options = {name: getattr(policy, name) for name in ("ties", "neighbours")}
@@ -50,9 +51,10 @@ def make_decider(scanning: ScanRule, policy: Policy, *, rule: str, mapping: bool
 
 
 class PlannedRuns:
-    """Cuts the plans of a policy into runs.
+    """Divides the plans of a policy into runs.
 
-    A run never goes past a turn of the plan. The plan's last stretch leads into the unknown, so a run may go on there.
+    A run never includes a change of direction in the plan. The last part of a plan leads into unknown cells, so its run may be
+    longer than the plan.
     """
 
     due = True
@@ -82,17 +84,17 @@ class PlannedRuns:
         return limit if stretch == len(rest) and not isinstance(self.policy, Manual) else min(limit, stretch)
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Scan after every run; see `Decider`."""
+        """Request a scan after every run; see `Decider`."""
         return True
 
 
 class AdaptiveRuns:
-    """The adaptive scan rule: kernels choose the runs, the same that compiled episodes use.
+    """The adaptive scan rule. Kernels choose the runs, exactly as in compiled episodes.
 
     Parameters
     ----------
     belief : Belief
-        At the start.
+        The belief at the start.
     rule : str
     mapping : bool
     scanning : ScanRule
@@ -112,24 +114,25 @@ class AdaptiveRuns:
         """Return the next run; see `Decider`."""
         memory, belief = self.policy_state.memory, view.belief
         memory.remaining, memory.idle, memory.run_left = len(belief.frontier), idle, 0
-        field = field_of(belief.open.words, state, belief)  # the truth is what is believed: no kernel called here moves there
+        # the belief replaces the true state, because no kernel called here moves particles
+        field = field_of(belief.open.words, state, belief)
         rule, closest = RULE_CODES[self.rule], policy_episode.CLOSEST
         if not policy_episode.begin_run(closest, field, rule, self.mapping, self.policy_state, self.scan_planner, np.int8(0)):
             return None
         return LETTERS[memory.run_command], int(memory.run_left)
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Scan where something was learnt; see `Decider`."""
+        """Request a scan if the last run classified cells; see `Decider`."""
         self.policy_state.memory.learnt = learnt
         return bool(policy_episode.end_run(field_of(belief.open.words, state, belief), self.policy_state, self.scan_planner, False))
 
 
 class ReplannedRuns:
-    """With noise: one command at a time, and a new plan after each scan, as it may change everything.
+    """Runs with noise: one command at a time, and a new plan after each scan, because any scan may change the plan.
 
-    A scan is due after ``every`` commands, and where a plan ends. A plan without memory is dropped then. A policy that classifies
-    no new cell for `NOISY_TIMES` times the moves that closest-frontier may take across all free cells known is stopped, so that
-    every episode ends.
+    A scan follows every ``every`` commands and the end of each plan. A plan without memory is then discarded. A policy is stopped
+    if it classifies no new cell for too many moves, so every episode ends. The limit is `NOISY_TIMES` times the number of moves
+    that closest-frontier may need across all known free cells.
     """
 
     def __init__(self, policy: Policy, rng: Generator, *, every: int, max_moves: int) -> None:
@@ -143,7 +146,7 @@ class ReplannedRuns:
         self.in_vain = 0 if view.classified else self.in_vain + 1
         if self.in_vain > NOISY_TIMES * (NOISY_PATIENCE + TIMES * len(view.belief.open)):
             return None
-        if not view.belief.open:  # scans that are often wrong need a few moves to be sure of a first free cell
+        if not view.belief.open:  # if scans are often wrong, the first free cell needs several moves
             self.wakes, self.unseen, self.due = self.wakes + 1, 0, True
             letters = letters_of(view.occupied.layout.ndim)
             return (letters[(self.wakes - 1) % len(letters)], 1) if self.wakes <= NOISY_PATIENCE else None
@@ -163,12 +166,12 @@ class ReplannedRuns:
         return command, 1
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Tell whether the scan after the last command was due; see `Decider`."""
+        """Return whether the scan after the last command was required; see `Decider`."""
         return self.due
 
 
 def decided(policy: Policy, view: View, memory: Any, rng: Generator) -> tuple[str, Any]:
-    """Ask a policy; say in one sentence what is wrong with an answer, or where its own code failed."""
+    """Ask a policy for its decision. An invalid answer or an exception gives an error of one sentence."""
     try:
         answer = policy.decide(view, memory, rng)
     except ShoalError:

@@ -1,4 +1,4 @@
-"""Episodes of swarms on disk: one ``.npz`` file without pickles, with a header in JSON that is checked."""
+"""Episode files of swarms: one ``.npz`` file without pickles, with a validated JSON header."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _COLUMNS: dict[str, type[np.generic]] = {
     "commands": np.int8, "classified": np.int32, "frontier": np.int32, "travelled": np.int64,
 }  # fmt: skip
 MOST_COMMANDS = 20_000_000
-"""Commands of an episode file: with what is stored of each move, 340 MB."""
+"""Maximum number of commands in an episode file, which then has 340 MB."""
 
-_ROOM = 1024  # bytes of an array's header
+_ROOM = 1024  # maximum bytes of an array's header
 _LIMITS = {
     "header": 50_000_000,
     "free": MAX_CELLS // 8,
@@ -53,12 +53,12 @@ def write(
     start: NDArray[np.int64],
     targets: NDArray[np.bool_] | None,
 ) -> None:
-    """Write an episode; ``told`` are its fields that are no arrays. See `shoal.swarm.episode.SwarmEpisode.save`."""
+    """Write an episode. ``told`` holds its fields that are not arrays. See `shoal.swarm.episode.SwarmEpisode.save`."""
     target = Path(path)
     if target.suffix != ".npz":
         raise InvalidInputError(f"{target}: expected the suffix .npz, got {target.suffix!r}")
     workspace, fields = problem.place, problem.to_dict()
-    if not isinstance(fields["map"], str):  # it is in the file below
+    if not isinstance(fields["map"], str):  # it is in the file
         fields["map"] = {}
     about = {"name": workspace.name, "shape": workspace.shape, "spacing": workspace.spacing}
     header = json.dumps({"format": FORMAT, "problem": fields, "map": about} | told, allow_nan=False)
@@ -71,7 +71,7 @@ def write(
     }
     if targets is not None:
         arrays["targets"] = np.packbits(targets)
-    buffer = io.BytesIO()  # first in memory, which is quick, as Ctrl-C has to wait for it
+    buffer = io.BytesIO()  # written in memory first, which is fast, because Ctrl-C has to wait for it
     with interruption_held():
         np.savez_compressed(buffer, allow_pickle=False, **arrays)
     with atomic(target) as temporary:
@@ -79,9 +79,9 @@ def write(
 
 
 def read(path: str | os.PathLike[str], *, trust: bool) -> tuple[SwarmProblem, dict[str, Any], Trace, dict[str, Any]]:
-    """Return problem, fields, trace, and the arrays start and targets; see `shoal.swarm.episode.SwarmEpisode.load`."""
+    """Return problem, fields, trace, start and targets; see `shoal.swarm.episode.SwarmEpisode.load`."""
     source = Path(path)
-    if not os.path.isfile(source):  # unlike Path.is_file it takes names of any length
+    if not os.path.isfile(source):  # unlike Path.is_file, it accepts names of any length
         raise InvalidInputError(
             f"{source}: expected an episode file, got {'a folder' if os.path.isdir(source) else 'no such file'}"
         )
@@ -96,7 +96,7 @@ def read(path: str | os.PathLike[str], *, trust: bool) -> tuple[SwarmProblem, di
 
 
 def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
-    """Return the arrays of the file that make an episode; others are not looked at."""
+    """Return the arrays of an episode from the file. Other arrays are ignored."""
     if not zipfile.is_zipfile(file):
         raise InvalidInputError("expected a zip archive of arrays, got another format or one that is cut off")
     file.seek(0)
@@ -104,11 +104,11 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
     file.seek(0)
     needed = ("header", "free", "start", *_COLUMNS, "scanned")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of odd array headers: what matters about them is checked
+        warnings.simplefilter("ignore")  # about unusual array headers: the relevant parts are checked below
         try:
             with np.load(file, allow_pickle=False) as archive:
                 arrays = {name: np.asarray(archive[name]) for name in (*needed, "targets") if name in archive.files}
-        except Exception as error:  # zip, deflate and array headers have many ways to be damaged
+        except Exception as error:  # damage of zip, deflate or array headers raises many kinds of exceptions
             raise InvalidInputError(" ".join(str(error).split())[:200] or type(error).__name__) from None
     missing = [name for name in needed if name not in arrays]
     if missing:
@@ -117,7 +117,7 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
 
 
 def _check_sizes(file: BinaryIO) -> None:
-    """Refuse arrays that unfold to more than an episode can hold, before anything is unfolded."""
+    """Refuse arrays that unpack to more data than an episode can hold, before any array is unpacked."""
     try:
         with zipfile.ZipFile(file) as archive:
             sizes = {one.filename.removesuffix(".npy"): one.file_size for one in archive.infolist()}
@@ -148,7 +148,7 @@ def _assembled(arrays: dict[str, NDArray[Any]], *, trust: bool) -> tuple[SwarmPr
     fields = header["problem"]
     if isinstance(fields, dict) and fields.get("map") == {}:
         fields["map"] = workspace
-    if not trust:  # of what the problem names a replay runs the task only
+    if not trust:  # a replay runs only the task among the objects that the problem names
         SwarmProblem.refuse_code(fields, where="problem", names=("task",))
     problem = SwarmProblem.from_dict(fields).at_place(workspace)
     trace = _trace(arrays, commands=len(letters_of(workspace.ndim)))

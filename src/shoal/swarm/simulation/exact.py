@@ -1,4 +1,4 @@
-"""A swarm that is simulated without fault, one pure step after another."""
+"""A simulated swarm without noise. Every step returns new data and changes no argument."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shoal.swarm.grid.world import GridWorld
 
 
 class ExactSwarm:
-    """Particles in a world, and a task's belief of them; see `shoal.swarm.simulation.loop.Controlled`.
+    """Particles in a world, and the belief of a task; see `shoal.swarm.simulation.loop.Controlled`.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ class ExactSwarm:
     task : Task
     state : SwarmState
     belief : Belief
-        At the start.
+        The belief at the start.
     """
 
     def __init__(self, world: GridWorld, task: Any, state: SwarmState, belief: Belief) -> None:
@@ -44,7 +44,7 @@ class ExactSwarm:
             travelled = classified = 0
             for after in pushes:
                 still, stuck = stuck, after is self.state
-                if still and stuck:  # nobody has moved at the command before either, which has found the walls
+                if still and stuck:  # the previous command moved no particle either, and it found the walls
                     continue
                 travelled += distance_of_push(self.state, after, command)
                 updated = self.task.update(self.belief, command, self.state.occupied, after.occupied)
@@ -54,24 +54,24 @@ class ExactSwarm:
         return rows, True
 
     def _pushes(self, command: str, steps: int) -> Iterator[Iterator[SwarmState]]:
-        """Yield for each command of a run the states after its pushes; of a longer run only its end is looked at."""
+        """Yield, for each command of a run, the states after its pushes. Of a longer run, only the end is observed."""
         if steps == 1:
             yield self.world.pushes(self.state, command)
             return
         after = self.state
         for _ in range(steps):
             before, after = after, self.world.step(after, command)
-            if after == before:  # and so for the rest of the run
+            if after == before:  # the same holds for the rest of the run
                 break
         for between in states_of_run(self.state, after, command, steps):
             yield iter([between])
 
 
 def distance_of_push(before: SwarmState, after: SwarmState, command: str) -> int:
-    """Return how many particles moved one cell in a push.
+    """Return the number of particles that moved one cell in a push.
 
-    In a queue the leader stays and the others close up, so particles are told apart by their order: the occupied cells
-    summed along the direction of the command say how far the swarm has moved in all.
+    In a queue, the first particle stays and the others close up, so their order identifies the particles. The sum of the occupied
+    cells' coordinates along the command's direction therefore gives the total distance.
     """
     axis = {"l": -1, "r": -1, "u": -2, "d": -2, "i": -3, "o": -3}[command]
     sign = 1 if command in "rdo" else -1
@@ -79,6 +79,6 @@ def distance_of_push(before: SwarmState, after: SwarmState, command: str) -> int
 
 
 def newly_classified(before: Belief, after: Belief) -> int:
-    """Return how many cells a push classified: newly known ones (mapping) or frontier cells covered (coverage)."""
+    """Return the number of cells that a push classified: newly known cells (mapping) or covered frontier cells (coverage)."""
     learnt = len(after.known) - len(before.known)
     return learnt if learnt else len(before.frontier - after.frontier)

@@ -1,4 +1,4 @@
-"""The closed loop in Python: observe, decide, send, record. Simulations, noise and rigs go through it."""
+"""The closed loop in Python (observe, decide, send, record), used by simulations, noise and rigs."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from shoal.swarm.policies.protocol import View
 from shoal.swarm.simulation.deciders import Decider
 
 OnMoves = Callable[[int, int], None]
-"""Called now and then with (moves so far, frontier cells left)."""
+"""Function that is called at intervals with (moves so far, frontier cells left)."""
 
 OnTrace = Callable[[Trace], None]
-"""Called with each piece of the trace as it is played."""
+"""Function that is called with each piece of the trace during the run."""
 
 
 class Controlled(Protocol):
-    """What the loop controls: it carries out commands, and says what is believed of the map and of the particles.
+    """The swarm that the loop controls. It carries out commands, and estimates the map and the particles' cells.
 
-    ``belief`` and ``state`` are what policies see; of a rig or under noise they are no more than that.
+    Policies see ``belief`` and ``state``. For a rig or with noise, both are estimates.
     """
 
     @property
     def belief(self) -> Belief:
-        """What is known of the map."""
+        """The belief about the map."""
 
     @property
     def state(self) -> SwarmState:
@@ -39,22 +39,22 @@ class Controlled(Protocol):
 
     @property
     def finished(self) -> bool:
-        """Whether the task is done, once the frontier is empty."""
+        """Whether the task is done, given that the frontier is empty."""
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
-        """Send ``steps`` equal commands, look, and update belief and state.
+        """Send ``steps`` equal commands, observe, and update belief and state.
 
         Parameters
         ----------
         command : str
         steps : int
         scan : bool
-            Whether a scan has to follow; else it may be left out where its outcome is known.
+            Whether a scan must follow. Otherwise the scan may be skipped if its outcome is known.
 
         Returns
         -------
         list of tuple of int, and bool
-            (classified, frontier, travelled) of each command, and whether there was a scan.
+            (classified, frontier, travelled) of each command, and whether a scan was made.
         """
 
 
@@ -67,18 +67,18 @@ def closed_loop(
     on_moves: OnMoves | None = None,
     on_trace: OnTrace | None = None,
 ) -> tuple[Trace, Status]:
-    """Play until nothing is left to do, the policy has no more commands, or the limit of moves is reached.
+    """Run until no frontier cell is left, the policy has no more commands, or the maximum number of moves is reached.
 
-    Between two scans nothing is decided; what a run of equal commands did is worked out from the scan at its end.
+    No decision is made between two scans. The scan at the end of a run of equal commands determines the effect of each command.
 
     Parameters
     ----------
     swarm : Controlled
     decider : Decider
-        What turns a policy into runs of equal commands.
+        Converts the policy's commands into runs of equal commands.
     max_moves : int
     mapping : bool
-        Whether frontier cells are unknown; policies are told.
+        Whether frontier cells are unknown. Policies receive this value.
     on_moves, on_trace : callable, optional
 
     Returns

@@ -1,4 +1,4 @@
-"""A swarm that is simulated with noise: particles slip and are seen wrongly, and belief is what a filter makes of that."""
+"""A simulated swarm with noise: particles slip and are observed wrongly, and a Bayes filter estimates the belief."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from shoal.swarm.noise.belief import NoisyBelief
 
 
 class NoisySwarm:
-    """Particles whose truth lies in the arrays of their belief; see `shoal.swarm.simulation.loop.Controlled`.
+    """Particles whose true state is stored in their belief's arrays; see `shoal.swarm.simulation.loop.Controlled`.
 
     Parameters
     ----------
     noisy : NoisyBelief
-        Changed in place.
+        The belief, which changes in place.
     rng : Generator
-        Of the noise.
+        Generator of the noise.
     """
 
     rule = "block"
@@ -33,11 +33,11 @@ class NoisySwarm:
 
     @property
     def finished(self) -> bool:
-        """Whether no frontier cell is left that a particle could get to, and none was given up."""
+        """Whether no reachable frontier cell is left and no cell was given up."""
         return self.noisy.finished
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
-        """Send commands, and scan after the last one if ``scan`` says so; see `shoal.swarm.simulation.loop.Controlled`."""
+        """Send commands, and scan after the last one if ``scan`` is true; see `shoal.swarm.simulation.loop.Controlled`."""
         code, rows = encode(command, ndim=self.noisy.layout.ndim)[0], []
         for step in range(1, steps + 1):
             travelled, classified = int(noisy_state.move_noisy(self.noisy.state, code, self.rng)), 0

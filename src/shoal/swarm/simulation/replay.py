@@ -1,4 +1,4 @@
-"""Replays of what was sent: without noise, with the same noise again, and from what the scans of a rig showed."""
+"""Replays of episodes: without noise, with the same noise, and from the recorded scans of a rig."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from shoal.swarm.simulation.exact import ExactSwarm
 
 
 class End(NamedTuple):
-    """What a replay ends with."""
+    """The final state of a replay."""
 
     state: SwarmState
     belief: Belief
@@ -40,20 +40,20 @@ class End(NamedTuple):
 
 
 class Replay(Protocol):
-    """An episode played again from its commands and scans."""
+    """An episode replayed from its commands and scans."""
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield state and belief at the start and after each command."""
 
     def moments(self) -> Iterator[Moment]:
-        """Yield what there is to see at the start and after each command; of episodes with noise."""
+        """Yield the observable quantities at the start and after each command, for episodes with noise."""
 
     @property
     def end(self) -> End:
-        """State and belief at the end, and the trace as replayed."""
+        """State and belief at the end, and the replayed trace."""
 
     def wrong_scan(self, scanning: ScanRule) -> str | None:
-        """Return what is wrong with the scans, None if they fit the rule."""
+        """Return a description of the first wrong scan, or None if all scans fit the rule."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class ExactReplay:
     start : ndarray of int64, shape (n, ndim)
     targets : ndarray of bool, or None
     trace : Trace
-        Of which commands and scans are taken.
+        The trace that provides commands and scans.
     """
 
     world: GridWorld
@@ -81,9 +81,9 @@ class ExactReplay:
         return state, self.task.begin(self.world, state, self.targets)
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
-        """Yield state and belief at the start and after each command, replayed step by step.
+        """Yield state and belief at the start and after each command.
 
-        The belief is that of the last scan, or the newest if all that has happened since was known beforehand.
+        The belief is the one after the last scan. If the outcome of all later commands was already known, it is the newest belief.
         """
         state, shown = self._begin()
         swarm = ExactSwarm(self.world, self.task, state, shown)
@@ -95,7 +95,7 @@ class ExactReplay:
             yield swarm.state, shown
 
     def moments(self) -> Iterator[Moment]:
-        """Yield nothing: there is no noise."""
+        """Yield nothing, because the replay has no noise."""
         yield from ()
 
     @cached_property
@@ -116,11 +116,11 @@ class ExactReplay:
         return End(swarm.state, swarm.belief, recorder.trace, first)
 
     def wrong_scan(self, scanning: ScanRule) -> str | None:
-        """Return what is wrong with the scans, None if they fit the rule: no decision may fall between a run and its scan."""
+        """Return a description of the first wrong scan, or None. No decision may fall between a run and its scan."""
         commands, scanned = self.trace.commands, self.trace.scanned
         if scanning.every_move and not scanned.all():
             return f"no scan after move {int(np.argmin(scanned)) + 1}, although there should be one after every move"
-        unseen = 0  # moves since the last scan that are still to be looked at
+        unseen = 0  # moves since the last scan whose effect is not yet observed
         for move, (code, scan) in enumerate(zip(commands.tolist(), scanned.tolist(), strict=True), start=1):
             if unseen and code != commands[move - 2]:
                 return f"no scan after move {move - 1}, where the direction changes"
@@ -133,31 +133,37 @@ class ExactReplay:
 
 
 class _BeliefReplay(ABC):
-    """What replays with noise share: they go from belief to belief."""
+    """Base class of the replays with noise, which step from belief to belief."""
 
     trace: Trace
 
     @abstractmethod
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
-        """Yield the belief, which changes in place, and where particles are (of a rig: where they were seen), with the rim."""
+        """Yield the belief, which changes in place, and the particles' cells with the rim.
+
+        For a rig these are the observed cells.
+        """
 
     @abstractmethod
     def _truth(self) -> NDArray[np.bool_] | None: ...
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
-        """Yield at the start and after each command where particles are believed to be, and the belief."""
+        """Yield the estimated state and the belief, at the start and after each command."""
         for belief, _ in self.beliefs():
             yield SwarmState(belief.occupied), belief.belief
 
     def moments(self) -> Iterator[Moment]:
-        """Yield what there is to see at the start and after each command."""
+        """Yield the observable quantities at the start and after each command."""
         free = self._truth()
         truth = None if free is None else np.pad(free, 1)
         for belief, particles in self.beliefs():
             yield Moment(particles, looks_of(belief, truth))
 
     def wrong_scan(self, scanning: ScanRule) -> str | None:
-        """Return what is wrong with the scans, None if they fit the rule; unlike without noise a plan may turn before its scan."""
+        """Return a description of the first wrong scan, or None.
+
+        Unlike without noise, a plan may change direction before its scan.
+        """
         unseen, most = 0, scanning.step
         for move, scan in enumerate(self.trace.scanned.tolist(), start=1):
             unseen = 0 if scan else unseen + 1
@@ -196,7 +202,7 @@ class NoisyReplay(_BeliefReplay):
         return self.workspace.free
 
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
-        """Yield the belief, which changes in place, and where particles are."""
+        """Yield the belief, which changes in place, and the cells with particles."""
         belief, rng = self._begin()
         yield belief, self._particles(belief)
         for code, scanned in zip(self.trace.commands, self.trace.scanned.tolist(), strict=True):
@@ -213,7 +219,7 @@ class NoisyReplay(_BeliefReplay):
 
     @cached_property
     def last(self) -> tuple[NoisyBelief, End]:
-        """The belief at the end with its probabilities, and the rest of it."""
+        """The belief at the end with its probabilities, and the other final values."""
         belief, rng = self._begin()
         first, trace = belief.remaining, Trace.empty(self.trace.moves)
         trace.commands[:], trace.scanned[:] = self.trace.commands, self.trace.scanned
@@ -228,7 +234,7 @@ class NoisyReplay(_BeliefReplay):
 
 @dataclass(frozen=True)
 class ObservedReplay(_BeliefReplay):
-    """A replay of what the scans of a rig showed.
+    """A replay from the recorded scans of a rig.
 
     Parameters
     ----------
@@ -237,9 +243,9 @@ class ObservedReplay(_BeliefReplay):
     confidence : float
     trace : Trace
     observations : tuple of ndarray of int64, shape (k, ndim)
-        What each scan showed, that before the first command included.
+        Observed cells of each scan, including the scan before the first command.
     truth : ndarray of bool, or None
-        The free cells, if they are known.
+        The true free cells, if they are known.
     """
 
     shape: tuple[int, ...]
@@ -253,7 +259,7 @@ class ObservedReplay(_BeliefReplay):
         return self.truth
 
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
-        """Yield the belief, which changes in place, and where the last scan showed particles."""
+        """Yield the belief, which changes in place, and the cells of the last scan."""
         layout = GridLayout(self.shape)
         boards = (Board.of_cells(layout, cells) for cells in self.observations)
         seen = next(boards)
@@ -269,7 +275,7 @@ class ObservedReplay(_BeliefReplay):
 
     @cached_property
     def end(self) -> End:
-        """See `Replay`; what was classified and travelled cannot be told from observations, and is taken as it was."""
+        """See `Replay`. The classified and travelled columns are copied from the trace, because scans do not determine them."""
         frontier: list[int] = []
         belief: Any = None
         for belief, _ in self.beliefs():

@@ -1,4 +1,4 @@
-"""How an episode begins: what is drawn, and the swarm that is then controlled."""
+"""The start of an episode: random start cells and targets, and the swarm to control."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shoal.swarm.simulation.noisy import NoisySwarm
 
 
 def draw_start(problem: SwarmProblem, rng: Generator) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
-    """Draw start cells, int64, (n, ndim), unless the problem gives them, and then what its task draws, a mask of cells or None."""
+    """Return start cells, int64, shape (n, ndim), and the task's random target mask or None. Given start cells are not drawn."""
     workspace = problem.place
     if problem.start is None:
         start = place(workspace, problem.particles, problem.placement, rng)
@@ -27,7 +27,7 @@ def draw_start(problem: SwarmProblem, rng: Generator) -> tuple[NDArray[np.int64]
 def swarm_of(
     problem: SwarmProblem, start: NDArray[np.int64], targets: NDArray[np.bool_] | None, noise_rng: Generator
 ) -> ExactSwarm | NoisySwarm:
-    """Return the swarm that an episode begins with; ``noise_rng`` is the generator of its noise."""
+    """Return the swarm at the start of an episode. ``noise_rng`` is the generator of its noise."""
     if problem.noise is not None:
         return NoisySwarm(noisy_belief(problem.place, start, problem.noise, problem.confidence, noise_rng), noise_rng)
     world = GridWorld(problem.place, problem.rule)

@@ -1,1 +1,1 @@
-"""Theory: closed forms of one dimension, schedules of scans, and bounds on the number of moves."""
+"""Theory of the papers: exact formulas in one dimension, scan schedules, and bounds on the number of moves."""

@@ -1,4 +1,4 @@
-"""Lower bounds on the number of moves, for any map."""
+"""Lower bounds on the number of moves on any map."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ from shoal.swarm.grid.commands import offsets_of
 from shoal.swarm.grid.world import check_start
 from shoal.swarm.maps.workspace import GridWorkspace
 
-_AXES = ((0, 2), (1, 3), (4, 5))  # commands that undo each other
+_AXES = ((0, 2), (1, 3), (4, 5))  # commands with opposite directions
 
 
 @dataclass(frozen=True)
 class LowerBound:
-    """Numbers of moves that no plan can stay below; ``moves`` is the largest.
+    """Lower bounds on the number of moves of any plan. ``moves`` is the largest bound.
 
     Parameters
     ----------
     count : int
-        Each move classifies at most one cell a particle.
+        Counting bound: each move classifies at most one cell per particle.
     distance : int
-        The farthest cell from any particle; and if N cells are farther than d, d moves and then those for N cells.
+        Distance bound: the distance from the particles to the farthest cell. If N cells are farther away than d, a plan needs d
+        moves and then the counting bound of N cells.
     axes : int
-        The sum over the axes of the commands needed along each: those without which some cell cannot be reached, whatever the
-        commands of the other axes are, or those for the walls that can be probed along this axis only.
+        Axis bound: the sum over the axes of the commands needed along each axis. Some cells cannot be reached with fewer commands
+        along the axis, whatever the other commands are. Some walls can be probed along this axis only.
     """
 
     count: int
@@ -40,13 +41,13 @@ class LowerBound:
 
 
 def flat_cells(workspace: GridWorkspace) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return the free cells with a rim of one, flat, and the offset of each command."""
+    """Return the free cells as a flat array with a rim of one cell, and the offset of each command."""
     padded = np.pad(workspace.free, 1)
     return padded.ravel(), offsets_of(padded.shape)
 
 
 def flat_mask(workspace: GridWorkspace, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return a set of cells with a rim of one, flat, as `flat_cells` does the free ones."""
+    """Return a set of cells as a flat array with a rim of one cell, in the layout of `flat_cells`."""
     mask = np.zeros(workspace.shape, dtype=np.bool_)
     mask[tuple(cells.T)] = True
     return np.pad(mask, 1).ravel()
@@ -55,7 +56,7 @@ def flat_mask(workspace: GridWorkspace, cells: NDArray[np.int64]) -> NDArray[np.
 def check_case(
     workspace: GridWorkspace, start: ArrayLike, task: str, targets: NDArray[np.bool_] | None, rule: str
 ) -> NDArray[np.int64]:
-    """Return the start cells; refuse a task, targets and a rule that bounds are not made for."""
+    """Return the start cells. Refuse a task, targets or a rule without bounds."""
     if rule not in ("block", "merge"):
         raise InvalidInputError(f"rule: expected block or merge, where a particle moves at most one cell a command, got {rule}")
     if task not in ("mapping", "coverage"):
@@ -73,17 +74,17 @@ def lower_bound(
     targets: NDArray[np.bool_] | None = None,
     rule: str = "block",
 ) -> LowerBound:
-    """Return numbers of moves that no plan can stay below, even one that knows the map.
+    """Return lower bounds on the number of moves of any plan, even with knowledge of the map.
 
     Parameters
     ----------
     workspace : GridWorkspace
     start : array_like of int, shape (n, ndim)
-        Cells of the particles.
+        Start cells of the particles.
     task : str
-        "coverage" or "mapping". Of a mapping all free cells and walls that the particles can get to are to be classified.
+        "coverage" or "mapping". In a mapping task, all free cells and walls that the particles can reach must be classified.
     targets : ndarray of bool, the shape of the workspace, optional
-        Coverage: the cells to cover, if not all.
+        For coverage: the cells to cover. The default is all free cells.
     rule : str
         "block" or "merge".
 
@@ -126,7 +127,7 @@ def lower_bound(
 
 
 def _only_by(free: NDArray[np.bool_], offsets: NDArray[np.int64], wanted: NDArray[np.bool_], command: int) -> int:
-    """Return how many walls can be probed by one command only: they have one free neighbour."""
+    """Return the number of walls that only this command can probe, because they have a single free neighbour."""
     walls = np.flatnonzero(wanted & ~free)
     inside = [(walls - offset >= 0) & (walls - offset < free.size) for offset in offsets]
     entered = [ok & free[np.clip(walls - offset, 0, free.size - 1)] for ok, offset in zip(inside, offsets, strict=True)]

@@ -1,4 +1,4 @@
-"""The fewest moves of small coverages, proved by search."""
+"""Minimum numbers of moves of small coverage tasks, proved by exhaustive search."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ MOST_STATES = 2_000_000
 
 @dataclass(frozen=True)
 class Optimum:
-    """The fewest moves, proved by search.
+    """The minimum number of moves, proved by search.
 
     Parameters
     ----------
     moves : int
     commands : str
-        A plan with that number of moves.
+        A plan with this number of moves.
     states : int
-        States that the search has looked at.
+        Number of states that the search expanded.
     """
 
     moves: int
@@ -43,23 +43,23 @@ def optimum(
     rule: str = "block",
     most_states: int = MOST_STATES,
 ) -> Optimum:
-    """Return the fewest moves that cover all free cells, or the targets: A* over particles and cells left.
+    """Return the minimum number of moves that covers all free cells, or the targets, by A* search.
 
     Parameters
     ----------
     workspace : GridWorkspace
-        A small one: the number of states grows exponentially.
+        A small workspace, because the number of states grows exponentially.
     start : array_like of int, shape (n, ndim)
     targets : ndarray of bool, the shape of the workspace, optional
     rule : str
         "block" or "merge".
     most_states : int
-        Limit of the search.
+        Maximum number of states to expand.
 
     Raises
     ------
     InvalidInputError
-        If some cell cannot be reached, or the search needs more states.
+        If a cell cannot be reached, or the search needs more states.
 
     Examples
     --------
@@ -107,23 +107,23 @@ def optimum(
 
 
 class SmallWorld:
-    """A small world whose sets of cells are whole numbers."""
+    """A small world in which each set of cells is an integer with one bit per cell."""
 
     def __init__(self, free: NDArray[np.bool_], offsets: NDArray[np.int64], rule: str) -> None:
         self.free, self.offsets, self.merge = self.number(free), offsets.tolist(), rule == "merge"
 
     @staticmethod
     def number(mask: NDArray[np.bool_]) -> int:
-        """Return a set of cells as a number."""
+        """Return a set of cells as an integer."""
         return int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
 
     @staticmethod
     def shifted(cells: int, offset: int) -> int:
-        """Return the cells moved by an offset."""
+        """Return the cells shifted by an offset."""
         return cells << offset if offset > 0 else cells >> -offset
 
     def push(self, particles: int, command: int, free: int | None = None) -> int:
-        """Return where particles are after one command."""
+        """Return the cells of the particles after one command."""
         offset = self.offsets[command]
         moving = particles & self.shifted(self.free if free is None else free, -offset)
         staying = particles & ~moving
@@ -148,7 +148,7 @@ class SmallWorld:
 
 
 def set_bits(number: int) -> Iterator[int]:
-    """Yield the places of a number's bits."""
+    """Yield the indices of an integer's set bits."""
     while number:
         low = number & -number
         yield low.bit_length() - 1

@@ -1,7 +1,7 @@
-"""Maps by name: ``line:5000``, ``htree:5000``, ``vessels:5000:7``, ``maze:61x41:3``, ….
+"""Generated maps with names such as ``line:5000``, ``htree:5000``, ``vessels:5000:7``, ``maze:61x41:3``.
 
-A name is ``NAME:SIZE`` or ``NAME:SIZE:SEED``; the seed is 0 if it is not given. The same name gives the same
-map. Every map is 4-connected. More generators can be added to `GENERATORS`.
+A name is ``NAME:SIZE`` or ``NAME:SIZE:SEED``. The default seed is 0. The same name always gives the same map. Every map is
+4-connected. Add further generators to `GENERATORS`.
 """
 
 from __future__ import annotations

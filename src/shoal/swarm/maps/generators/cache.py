@@ -1,4 +1,4 @@
-"""A cache of generated maps on disk, so that a command need not wait for the same map twice."""
+"""Disk cache of generated maps. A command can reuse a map instead of generating it again."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from shoal.swarm.maps.generators.names import generate
 
 
 def generate_cached(spec: str) -> NDArray[np.bool_]:
-    """Return the map with the given name as `generate` does, from the user's cache folder if it is there.
+    """Return the map of the given name, from the user's cache folder if possible; otherwise from `generate`.
 
-    Only maps that take long to generate are kept. The cache is ``$XDG_CACHE_HOME/shoal`` or ``~/.cache/shoal``; what was made by
-    another version of the generators is not used, and a folder that cannot be written does no harm.
+    Only maps with slow generators are cached. The cache folder is ``$XDG_CACHE_HOME/shoal`` or ``~/.cache/shoal``. Maps from
+    another version of the generators are ignored. A read-only folder only disables the cache.
     """
     name = spec.partition(":")[0]
     if name not in GENERATORS or not GENERATORS.get(name).slow:
@@ -31,7 +31,7 @@ def generate_cached(spec: str) -> NDArray[np.bool_]:
         if kept.dtype == np.bool_ and kept.ndim in {2, 3}:
             return np.ascontiguousarray(kept)
     except (OSError, ValueError, EOFError):
-        pass  # not there yet, or damaged: made again
+        pass  # missing or damaged: generate the map again
     free = generate(spec)
     try:
         with atomic(path) as temporary:
@@ -48,7 +48,7 @@ def _folder() -> Path:
 
 @cache
 def _fingerprint() -> str:
-    """Return a digest of the generators' own code: another code may make other maps."""
+    """Return a digest of the generators' source code, because changed code may generate other maps."""
     digest = hashlib.sha256(np.__version__.encode())
     for file in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(file.read_bytes())

@@ -1,4 +1,4 @@
-"""The generators of maps: name, size, example and function of each; a new generator is one entry here."""
+"""The catalogue of map generators: name, size, example and function. A new generator is one entry here."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from shoal.swarm.maps.reading import MAX_CELLS
 
 @dataclass(frozen=True, kw_only=True)
 class Generator:
-    """A way to make maps of any size.
+    """A generator of maps of any size.
 
     Attributes
     ----------
     name : str
         The first part of the map name.
     summary : str
-        What the map looks like, for people.
+        Description of the map's appearance.
     axes : tuple of str
-        What each number of the size counts.
+        Quantity that each number of the size counts.
     example : str
-        A map name.
+        An example of a map name.
     function : callable
-        Takes one integer for each axis, and ``seed=`` if the generator is seeded; returns ndarray, bool,
-        shape (H, W) or (D, H, W).
+        Function with one integer per axis, and ``seed=`` if the generator is seeded. It returns a bool ndarray of shape (H, W) or
+        (D, H, W).
     seeded : bool
-        Whether a seed makes a difference; a map name with a seed is refused if not.
+        Whether the map depends on a seed. A map name with a seed is refused otherwise.
     smallest, largest : int
-        Bounds on the product of the numbers of the size.
+        Limits on the product of the size's numbers.
     slow : bool
-        Whether it takes long enough that maps are worth keeping on disk.
+        Whether generation is slow enough to cache the maps on disk.
     """
 
     name: str
@@ -64,7 +64,7 @@ def draw_line(count: int) -> NDArray[np.bool_]:
 
 
 def draw_rectangle(rows: int, columns: int) -> NDArray[np.bool_]:
-    """Return a room without walls inside. Source: paper M, Fig. 7 (map "empty rectangle", 50 rows, 100 columns)."""
+    """Return an empty room. Source: paper M, Fig. 7 (map "empty rectangle", 50 rows, 100 columns)."""
     return np.ones((rows, columns), dtype=np.bool_)
 
 
@@ -89,7 +89,7 @@ for _generator in (
     ),
     Generator(
         name="htree",
-        summary="Bars that fork at right angles again and again: a tree of corridors one cell wide.",
+        summary="A tree of corridors one cell wide, made of bars that fork at right angles.",
         axes=("CELLS",),
         example="htree:5000",
         function=draw_htree,
@@ -107,7 +107,7 @@ for _generator in (
     ),
     Generator(
         name="vessels3d",
-        summary="A tree of vessels in space whose radii follow Murray's law.",
+        summary="A 3-D tree of vessels whose radii follow Murray's law.",
         axes=("CELLS",),
         example="vessels3d:5000:7",
         function=draw_vessel_tree,
@@ -117,7 +117,7 @@ for _generator in (
     ),
     Generator(
         name="vessels3d-loops",
-        summary="The same with loops: some twigs are joined.",
+        summary="A 3-D network of vessels with loops: the tree with some twigs joined.",
         axes=("CELLS",),
         example="vessels3d-loops:5000:7",
         function=draw_vessel_net,
@@ -127,7 +127,7 @@ for _generator in (
     ),
     Generator(
         name="maze",
-        summary="A perfect maze: one way between any two cells.",
+        summary="A perfect maze: exactly one path between any two cells.",
         axes=("WIDTH", "HEIGHT"),
         example="maze:61x41:3",
         function=draw_maze,

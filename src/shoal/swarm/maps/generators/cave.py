@@ -1,4 +1,4 @@
-"""Caves: random cells smoothed by a cellular automaton, the largest connected part kept."""
+"""Cave maps: random cells smoothed by a cellular automaton. Only the largest connected part is kept."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import numpy as np
 
 from shoal.swarm.maps.generators.components import Mask, largest_part
 
-FIRST_SHARE = 0.5  # of the cells are free before smoothing; raised until the cave is large enough
-WANTED_SHARE = 0.38  # of the picture that the cave must fill
-ROUNDS = 5  # of smoothing, fewer in small pictures, which would vanish
+FIRST_SHARE = 0.5  # initial fraction of free cells; increased until the cave is large enough
+WANTED_SHARE = 0.38  # minimum fraction of the picture that the cave fills
+ROUNDS = 5  # smoothing steps; small pictures get fewer, otherwise their caves would vanish
 
 
 def draw_cave(width: int, height: int, *, seed: int = 0) -> Mask:
@@ -17,14 +17,14 @@ def draw_cave(width: int, height: int, *, seed: int = 0) -> Mask:
     Parameters
     ----------
     width, height : int
-        Size of the picture in cells.
+        Size of the map in cells.
     seed : int
         The same seed gives the same map.
 
     Returns
     -------
     ndarray, bool, shape (height, width)
-        True where free; 4-connected, more than a third of the picture.
+        True where free. The free cells are 4-connected and fill more than a third of the map.
     """
     rng = np.random.default_rng([seed, height, width])
     rounds = min(ROUNDS, min(width, height) // 4)
@@ -40,7 +40,7 @@ def draw_cave(width: int, height: int, *, seed: int = 0) -> Mask:
 
 
 def _smooth(free: Mask) -> Mask:
-    """Return each cell as most of the nine cells around it are; outside is wall."""
+    """Replace each cell by the majority of its 3 x 3 neighbourhood. Cells outside the map count as walls."""
     count = np.pad(free, 1).astype(np.int8)
     count = count[:-2] + count[1:-1] + count[2:]
     count = count[:, :-2] + count[:, 1:-1] + count[:, 2:]

@@ -1,4 +1,4 @@
-"""What several generators and the vessel finder need: the largest connected part, and no empty rim."""
+"""Largest connected part of a map, and removal of empty borders. Several generators and the vessel finder use both."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ Mask = NDArray[np.bool_]
 
 
 def largest_part(free: Mask, *, corners: bool = False) -> Mask:
-    """Return the largest connected part of the free cells; all of them if there are none.
+    """Return the largest connected part of the free cells. An empty map is returned unchanged.
 
     Parameters
     ----------
     free : ndarray, bool, shape (H, W)
         True where free.
     corners : bool
-        Whether cells touch that share no more than a corner.
+        Whether cells that share only a corner count as connected.
     """
-    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which takes long to import
+    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
 
     parts, number = connected_parts(free, corners=corners)
     if number <= 1:
@@ -29,5 +29,5 @@ def largest_part(free: Mask, *, corners: bool = False) -> Mask:
 
 
 def crop(free: Mask) -> Mask:
-    """Return the map, which has a free cell, without empty rows, columns and layers at its sides."""
+    """Remove empty rows, columns and layers at the borders of a map with at least one free cell."""
     return np.ascontiguousarray(free[tuple(slice(int(where.min()), int(where.max()) + 1) for where in np.nonzero(free))])

@@ -1,9 +1,9 @@
-"""H-trees: bars that fork at right angles, each pair of levels half as long as the pair before.
+"""H-tree maps: bars that fork at right angles. After every two levels the bars become half as long.
 
-The map of the paper has 5000 free cells. The smallest regular tree with at least as many has 5953, with bars
-of half-lengths 32, 32, 16, 16, 8, 8, 4, 4, 2, 2. Cut down to 5000 branch by branch, from one corner on, it
-reproduces the published means of the closest-frontier policy within 10 %. With one more level, of half-length
-1, bars touch, so that there are loops, and the same cut makes the means up to 38 % too low.
+The paper's map has 5000 free cells. The smallest regular tree with at least 5000 cells has 5953; its bars have half-lengths 32, 32,
+16, 16, 8, 8, 4, 4, 2, 2. This tree is cut down to 5000 cells branch by branch, starting at one corner. On this map the
+closest-frontier policy reproduces the published means within 10 %. A tree with one more level, of half-length 1, has loops because
+bars touch, and the same cut makes the means up to 38 % too low.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ DOWN_UP = np.array([[1, 0], [-1, 0]])
 
 
 def draw_htree(count: int) -> NDArray[np.bool_]:
-    """Return an H-tree with exactly ``count`` free cells: a tree, no loops, corridors one cell wide.
+    """Return an H-tree with exactly ``count`` free cells. It has no loops, and its corridors are one cell wide.
 
-    It is the smallest regular tree with enough cells; the branches of the lower left corner are cut off, each
-    from its tips on, until ``count`` cells remain.
+    The generator takes the smallest regular tree with enough cells. It then cuts off the branches of the lower left corner, each
+    from its tips, until ``count`` cells remain.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def draw_htree(count: int) -> NDArray[np.bool_]:
     Raises
     ------
     InvalidInputError
-        If the picture would have more than ``MAX_CELLS`` cells.
+        If the map would have more than ``MAX_CELLS`` cells, obstacles included.
 
     Source: paper M, Fig. 7 (map "H-tree").
     """
@@ -53,7 +53,7 @@ def draw_htree(count: int) -> NDArray[np.bool_]:
 
 
 def half_lengths(count: int) -> tuple[int, ...]:
-    """Return the half-lengths of the bars, level by level, of the smallest tree with ``count`` cells or more.
+    """Return the half-lengths of the bars, level by level, of the smallest tree with at least ``count`` cells.
 
     >>> half_lengths(5000)
     (32, 32, 16, 16, 8, 8, 4, 4, 2, 2)
@@ -65,7 +65,7 @@ def half_lengths(count: int) -> tuple[int, ...]:
 
 
 def tree_size(halves: tuple[int, ...]) -> int:
-    """Return the number of cells of the whole tree: level k has 2^(k+1) half bars."""
+    """Return the number of cells of the whole tree. Level k has 2^(k+1) half bars."""
     return 1 + sum(half << (level + 1) for level, half in enumerate(halves))
 
 
@@ -75,19 +75,19 @@ def draw_bars(halves: tuple[int, ...], count: int) -> NDArray[np.bool_]:
     Parameters
     ----------
     halves : tuple of int
-        Half-length of the bars of each level; even levels are horizontal, odd ones vertical.
+        Half-length of the bars of each level. Even levels are horizontal, odd levels vertical.
     count : int
-        Cells to keep, from 1 to ``tree_size(halves)``.
+        Number of cells to keep, from 1 to ``tree_size(halves)``.
 
     Returns
     -------
     ndarray, bool, shape (H, W)
-        True where free, no empty rim.
+        True where free. The map has no empty border.
     """
     cells = np.zeros((1, 2), dtype=np.int64)
     if halves:
         arms = _arms(halves)
-        # One arm after the other is cut, from its tip, until enough cells are gone.
+        # Cut one arm after the other, from its tip, until enough cells are removed.
         cut = tree_size(halves) - count - (np.cumsum(arms.length) - arms.length)
         kept = arms.length - np.clip(cut, 0, arms.length)
         arm = np.repeat(np.arange(len(kept)), kept)
@@ -100,7 +100,7 @@ def draw_bars(halves: tuple[int, ...], count: int) -> NDArray[np.bool_]:
 
 
 class _Arms(NamedTuple):
-    """Half bars: an arm has the cells ``start + step``, ..., ``start + length * step``."""
+    """Half bars: each arm has the cells ``start + step``, ..., ``start + length * step``."""
 
     start: NDArray[np.int64]  # (arms, 2), row and column
     step: NDArray[np.int64]  # (arms, 2)
@@ -108,15 +108,15 @@ class _Arms(NamedTuple):
 
 
 def _regular(levels: int) -> tuple[int, ...]:
-    """Return halving half-lengths, two levels each, that end with 2."""
+    """Return half-lengths that halve after every two levels and end with 2."""
     return tuple(2 ** ((levels - level + 1) // 2) for level in range(levels))
 
 
 def _arms(halves: tuple[int, ...]) -> _Arms:
-    """Return all arms in the order in which they are cut.
+    """Return all arms in cutting order.
 
-    What grows from an arm comes before it; at a fork, the arm to the left or down comes, with all that grows
-    from it, before the other one. So the lower left corner goes first, branch by branch.
+    All arms that grow from an arm precede it. At a fork, the arm to the left or down, with all its branches, precedes the other
+    arm. The cut therefore starts at the lower left corner and removes branch by branch.
     """
     starts, steps, lengths, levels, last_leaves = [], [], [], [], []
     tips = np.zeros((1, 2), dtype=np.int64)
@@ -128,7 +128,7 @@ def _arms(halves: tuple[int, ...]) -> _Arms:
         steps.append(step)
         lengths.append(np.full(len(tips), half))
         levels.append(np.full(len(tips), level))
-        # Number the tips of the whole tree from the corner on: an arm goes with the last one it leads to.
+        # Number the tips of the whole tree from the corner. Each arm is cut together with the last tip that it leads to.
         last_leaves.append(np.arange(1, len(tips) + 1) << (len(halves) - 1 - level))
     order = np.lexsort((-np.concatenate(levels), np.concatenate(last_leaves)))
     return _Arms(np.concatenate(starts)[order], np.concatenate(steps)[order], np.concatenate(lengths)[order])

@@ -1,4 +1,4 @@
-"""Perfect mazes: one way between any two cells, corridors one cell wide."""
+"""Perfect mazes: exactly one path between any two cells, with corridors one cell wide."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from numpy.typing import NDArray
 
 
 def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
-    """Return a maze carved by a depth-first walk that turns back at dead ends.
+    """Return a maze carved by a randomized depth-first search.
 
-    Rooms lie at even rows and columns, walls between them. An even size leaves a last row or column without
-    rooms: there, short dead ends are added at random.
+    Rooms lie at even rows and columns, with walls between them. An even size leaves a last row or column without rooms, where
+    random short dead ends are added.
 
     Parameters
     ----------
     width, height : int
-        Size of the picture in cells.
+        Size of the maze in cells.
     seed : int
         The same seed gives the same map.
 
     Returns
     -------
     ndarray, bool, shape (height, width)
-        True where free: a tree, 4-connected.
+        True where free. The free cells form a 4-connected tree.
     """
     rng = np.random.default_rng([seed, height, width])
     free = np.zeros((height, width), dtype=np.bool_)
@@ -30,7 +30,7 @@ def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
     rooms[:] = True
     rows, columns = rooms.shape
     entered, left = _walk(rows, columns, rng)
-    # The wall between two neighbouring rooms lies halfway.
+    # The wall between two neighbouring rooms is the cell halfway between them.
     free[entered // columns + left // columns, entered % columns + left % columns] = True
     if width % 2 == 0:
         free[::2, -1] = rng.random(rows) < 0.5
@@ -40,8 +40,8 @@ def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
 
 
 def _walk(rows: int, columns: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return each room but the first, as a flat index, and the room from which it was entered."""
-    # Twelve is a multiple of 1, 2, 3 and 4, so one draw chooses fairly among that many doors.
+    """Return every room except the first as a flat index, and for each the room from which it was entered."""
+    # Twelve is a multiple of 1, 2, 3 and 4, so one draw chooses uniformly among that many doors.
     draws = rng.integers(0, 12, rows * columns).tolist()
     unvisited = bytearray(b"\x01") * (rows * columns)
     room = int(rng.integers(rows * columns))
@@ -64,7 +64,7 @@ def _walk(rows: int, columns: int, rng: np.random.Generator) -> tuple[NDArray[np
 
 
 def _doors(room: int, rows: int, columns: int, unvisited: bytearray) -> list[int]:
-    """Return the neighbouring rooms that have not been visited."""
+    """Return the unvisited neighbouring rooms."""
     row, column = divmod(room, columns)
     doors = []
     if column > 0 and unvisited[room - 1]:

@@ -1,4 +1,4 @@
-"""Maps by name: the name is taken apart, its numbers are checked, and the generator draws the map."""
+"""Map names: parse a name, check its numbers and generate the map."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shoal.swarm.maps.generators.catalogue import GENERATORS, Generator
 
 
 def is_spec(text: str) -> bool:
-    """Tell whether ``text`` is meant as a map name: what stands before the first colon names a generator.
+    """Return whether ``text`` is a map name, that is, whether the part before the first colon names a generator.
 
     >>> is_spec("maze:61x41"), is_spec("maze"), is_spec("maze.png")
     (True, True, False)
@@ -37,9 +37,9 @@ def generate(spec: str) -> NDArray[np.bool_]:
     Raises
     ------
     UnknownNameError
-        If no generator has that name; the message suggests the nearest one.
+        If no generator has that name. The message suggests the nearest name.
     InvalidInputError
-        If the size or the seed is missing or does not fit.
+        If the size or the seed is missing or invalid.
 
     Examples
     --------
@@ -93,5 +93,5 @@ def _size(text: str, generator: Generator, spec: str) -> tuple[int, ...]:
 
 
 def _cut(text: str) -> str:
-    """Return the text quoted, cut if it is too long for a sentence."""
+    """Return the text in quotes, shortened for a message."""
     return repr(text if len(text) <= 40 else text[:40] + "…")

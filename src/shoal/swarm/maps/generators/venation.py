@@ -1,11 +1,11 @@
-"""The centre lines of a vascular network, grown by space colonisation.
+"""Centre lines of a vascular network, grown by space colonization.
 
-Attraction points fill the outline of an organ; the network grows towards the points that are near it and
-removes those it has reached (Runions et al., Modeling and visualization of leaf venation patterns, 2005).
-Several rounds, each with points closer together than the last, give trunks, branches and twigs. Twigs that
-end close to another vessel are then joined to it, which gives the closed loops of a leaf or a capillary bed.
+Attraction points fill the outline of an organ. The network grows towards nearby points and removes the points that it has reached
+(Runions et al., Modeling and visualization of leaf venation patterns, 2005). Several rounds with increasingly dense points give
+trunks, branches and twigs. Twigs that end close to another vessel are then joined to that vessel. These joints form the closed
+loops of a leaf or a capillary bed.
 
-Coordinates here are real (x, y) pairs in units of a cell, the centre of the organ at the origin.
+Coordinates are real (x, y) pairs in units of a cell, with the organ's centre at the origin.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from shoal.core.dataclass import dataclass
 Points = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-STEP = 1.5  # length of one piece of vessel, in cells: short enough for smooth bends
-WANDER = 0.22  # random part of the direction of each piece
+STEP = 1.5  # length of one vessel segment, in cells: short enough for smooth bends
+WANDER = 0.22  # random part of each segment's direction
 SPACING = 5.2  # distance between neighbouring twigs, in cells
 ROUNDS = (6.0, 3.0, 1.6, 1.0)  # spacing of the attraction points of each round, in units of SPACING
-JOIN_REACH = 1.9  # how far a twig looks for a vessel to join, in units of SPACING
-JOINED_SHARE = 0.6  # of the twigs; the others stay dead ends
+JOIN_REACH = 1.9  # search radius of a twig for a vessel to join, in units of SPACING
+JOINED_SHARE = 0.6  # fraction of twigs that are joined; the others stay dead ends
 
 
 @dataclass(frozen=True)
 class VesselNetwork:
-    """A vascular network as a tree of nodes and the joints that close loops.
+    """A vascular network: a tree of nodes, and the joints that close loops.
 
     Attributes
     ----------
     points : ndarray, float64, shape (nodes, 2)
         Position of each node.
     parents : ndarray, int64, shape (nodes,)
-        Node that each node grew from, always an earlier one; a root is its own parent.
+        Parent of each node, always a node with a smaller index. A root is its own parent.
     joints : tuple of ndarray, float64, shape (k, 2)
         Curves from the tip of a twig to another vessel.
     """
@@ -47,7 +47,7 @@ class VesselNetwork:
 
 @dataclass(frozen=True)
 class OrganOutline:
-    """A smooth closed curve around the origin: radius as a function of the angle."""
+    """A smooth closed curve around the origin, given as radius by angle."""
 
     radius: float
     stretch: float
@@ -60,12 +60,12 @@ class OrganOutline:
         return np.asarray(self.radius * (1 + wave))
 
     def at(self, angle: float, share: float) -> Points:
-        """Return the point at ``share`` of the way from the centre to the outline."""
+        """Return the point at fraction ``share`` of the distance from the centre to the outline."""
         limit = share * self.limit(np.array([angle]))
         return np.array([limit[0] * np.cos(angle) * self.stretch, limit[0] * np.sin(angle) / self.stretch])
 
     def scatter(self, spacing: float, rng: np.random.Generator) -> Points:
-        """Return random points inside, one for each square of side ``spacing``."""
+        """Return random points inside the outline, one per square of side ``spacing``."""
         half = 1.6 * self.radius
         points = rng.uniform(-half, half, (int((2 * half / spacing) ** 2) + 8, 2))
         flat = points / (self.stretch, 1 / self.stretch)
@@ -74,14 +74,14 @@ class OrganOutline:
 
 
 def random_outline(area: float, rng: np.random.Generator) -> OrganOutline:
-    """Return a blob of about the given area (in cells)."""
+    """Return a random smooth outline of approximately the given area (in cells)."""
     amplitude = rng.uniform(0.3, 1.0, 4) * (0.085, 0.06, 0.035, 0.02)
     waves = np.column_stack([amplitude, rng.uniform(0, 2 * np.pi, 4)])
     return OrganOutline(float(np.sqrt(area / np.pi)), float(rng.uniform(1.02, 1.12)), waves)
 
 
 def grow_network(area: float, rng: np.random.Generator) -> VesselNetwork:
-    """Grow a network that fills a random blob of about ``area`` cells."""
+    """Grow a network that fills a random outline of about ``area`` cells."""
     outline = random_outline(area, rng)
     points, parents = _roots(outline, rng)
     for coarseness in ROUNDS:
@@ -93,9 +93,9 @@ def grow_network(area: float, rng: np.random.Generator) -> VesselNetwork:
 
 
 def subtrees(parents: Indices) -> tuple[Indices, Indices]:
-    """Return each node's place in depth-first order and the size of its subtree, each of shape (nodes,).
+    """Return each node's index in depth-first order and the size of its subtree, each of shape (nodes,).
 
-    A node and all its descendants have the places ``first`` to ``first + size - 1``.
+    A node and all its descendants have the consecutive indices ``first`` to ``first + size - 1``.
     """
     up = parents.tolist()
     size, first, taken = [1] * len(up), [0] * len(up), [1] * len(up)
@@ -114,13 +114,13 @@ def subtrees(parents: Indices) -> tuple[Indices, Indices]:
 
 
 def _tips(parents: Indices) -> Indices:
-    """Return the nodes that nothing grew from."""
+    """Return the nodes without children."""
     grown_from = parents[parents != np.arange(len(parents))]
     return np.flatnonzero(np.bincount(grown_from, minlength=len(parents)) == 0)
 
 
 def _roots(outline: OrganOutline, rng: np.random.Generator) -> tuple[Points, Indices]:
-    """Return the first nodes: one vessel that enters the organ, or two from different sides."""
+    """Return the first nodes: one vessel that enters the organ, or two vessels from different sides."""
     angles = rng.uniform(0, 2 * np.pi) + np.array([0, rng.uniform(0.6, 1.4) * np.pi])
     stems = [_stem(outline, float(angle)) for angle in angles[: rng.integers(1, 3)]]
     starts = np.cumsum([0] + [len(stem) for stem in stems])
@@ -129,7 +129,7 @@ def _roots(outline: OrganOutline, rng: np.random.Generator) -> tuple[Points, Ind
 
 
 def _stem(outline: OrganOutline, angle: float) -> Points:
-    """Return the nodes of a straight vessel from the outline inwards."""
+    """Return the nodes of a straight vessel that starts at the outline and points inwards."""
     entry, inner = outline.at(angle, 1.0), outline.at(angle, 0.8)
     pieces = max(2, int(np.hypot(*(entry - inner)) / STEP))
     return np.asarray(entry + np.linspace(0, 1, pieces)[:, None] * (inner - entry))
@@ -138,15 +138,15 @@ def _stem(outline: OrganOutline, angle: float) -> Points:
 def _colonise(
     points: Points, parents: Indices, targets: Points, spacing: float, rng: np.random.Generator
 ) -> tuple[Points, Indices]:
-    """Grow towards ``targets`` until each one is reached or out of the network's sight."""
+    """Grow towards ``targets`` until each target is reached or has no node within range."""
     from scipy.spatial import cKDTree
 
     distance, nearest = cKDTree(points).query(targets)
     sight = max(5 * spacing, float(distance.min()) + spacing) if len(targets) else 0.0
     patience = np.full(len(targets), 6)
-    fresh = len(points)  # nodes from here on grew in the last step
+    fresh = len(points)  # nodes from this index on grew in the last step
     while True:
-        # A target that no vessel comes nearer to is balanced by others: drop it, so that growth ends.
+        # Opposing targets can cancel each other. Remove a target that no vessel approaches, so that growth ends.
         left = (distance > 0.6 * spacing) & (patience > 0)
         targets, distance, nearest, patience = targets[left], distance[left], nearest[left], patience[left]
         seen = distance < sight
@@ -166,7 +166,7 @@ def _colonise(
 
 
 def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> Indices:
-    """Return the nodes that outrank all others within ``room``: no combs of parallel vessels."""
+    """Return the nodes that have the highest rank within distance ``room``. This prevents combs of parallel vessels."""
     from scipy.spatial import cKDTree
 
     one, two = cKDTree(places).query_pairs(room, output_type="ndarray").T
@@ -175,7 +175,7 @@ def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> In
 
 
 def _headings(points: Points, targets: Points, nearest: Indices, rng: np.random.Generator) -> Points:
-    """Return the unit direction in which each pulled node grows, nodes in ascending order."""
+    """Return the unit growth direction of each attracted node, with nodes in ascending order."""
     slot = np.unique(nearest, return_inverse=True)[1]
     pull = _unit(targets - points[nearest])
     total = np.column_stack([np.bincount(slot, pull[:, axis]).astype(np.float64) for axis in (0, 1)])
@@ -183,12 +183,12 @@ def _headings(points: Points, targets: Points, nearest: Indices, rng: np.random.
 
 
 def _unit(vectors: Points) -> Points:
-    """Return vectors, shape (k, 2), scaled to length 1 (or 0)."""
+    """Return vectors of shape (k, 2) scaled to length 1. Zero vectors stay zero."""
     return np.asarray(vectors / (np.hypot(vectors[:, 0], vectors[:, 1]) + 1e-9)[:, None])
 
 
 def _smooth(points: Points, parents: Indices) -> Points:
-    """Return the nodes moved towards the middle of their neighbours; forks, roots and tips stay."""
+    """Return the nodes shifted towards the mean of their neighbours. Forks, roots and tips stay in place."""
     nodes = np.arange(len(parents))
     is_root = parents == nodes
     grown = np.bincount(parents[~is_root], minlength=len(parents))
@@ -203,7 +203,7 @@ def _smooth(points: Points, parents: Indices) -> Points:
 
 
 def _join_tips(points: Points, parents: Indices, rng: np.random.Generator) -> tuple[Points, ...]:
-    """Return curves that lead most tips to a vessel nearby which is not their own branch."""
+    """Return curves that connect most tips to a nearby vessel of another branch."""
     from scipy.spatial import cKDTree
 
     first, size = subtrees(parents)
@@ -226,7 +226,7 @@ def _join_tips(points: Points, parents: Indices, rng: np.random.Generator) -> tu
 
 
 def _bridge(points: Points, in_first_tree: NDArray[np.bool_]) -> list[Points]:
-    """Return the shortest line between the first tree and the second, if there is one."""
+    """Return the shortest segment between the first tree and the second tree, if there is a second tree."""
     from scipy.spatial import cKDTree
 
     one, two = points[in_first_tree], points[~in_first_tree]
@@ -238,7 +238,7 @@ def _bridge(points: Points, in_first_tree: NDArray[np.bool_]) -> list[Points]:
 
 
 def _best_target(points: Points, tip: int, heading: Points, candidates: Indices) -> int | None:
-    """Return the candidate that is near and ahead of the tip, or None."""
+    """Return the candidate that is near the tip and ahead of it, or None."""
     if not len(candidates):
         return None
     way = points[candidates] - points[tip]
@@ -250,7 +250,7 @@ def _best_target(points: Points, tip: int, heading: Points, candidates: Indices)
 
 
 def _bend(start: Points, end: Points, heading: Points) -> Points:
-    """Return a curve from ``start`` to ``end`` that leaves along ``heading``, shape (k, 2)."""
+    """Return a curve from ``start`` to ``end`` with initial direction ``heading``, shape (k, 2)."""
     length = float(np.hypot(*(end - start)))
     control = start + heading / (np.hypot(*heading) + 1e-9) * 0.5 * length
     share = np.linspace(0, 1, int(length / STEP) + 2)[:, None]
@@ -258,7 +258,7 @@ def _bend(start: Points, end: Points, heading: Points) -> Points:
 
 
 def _ancestor(parents: Indices, node: int, steps: int) -> int:
-    """Return the node ``steps`` generations back, or the root before that."""
+    """Return the ancestor ``steps`` generations back, or the root if it comes first."""
     for _ in range(steps):
         node = int(parents[node])
     return node

@@ -1,4 +1,4 @@
-"""Vascular maps: a grown network drawn on cells, with an exact number of free cells."""
+"""Vascular maps: a grown network drawn on a grid, with an exact number of free cells."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import numpy as np
 from shoal.swarm.maps.generators.components import Mask, crop
 from shoal.swarm.maps.generators.venation import Indices, Points, VesselNetwork, grow_network, subtrees
 
-AREA_PER_CELL = 1.65  # area of the organ for each free cell, before the network is scaled
-TIP_WIDTH = 1.5  # cells, at the end of a twig
-TRUNK_WIDTH = 4.8  # cells, at 5000 free cells
-THIN = 1.7  # pieces narrower than this are drawn as a line of single cells
-SAMPLES = 9  # points drawn for each piece, which is one or two cells long
-SPECK = 2  # cells of the largest hole that is filled: there two vessels touch
+AREA_PER_CELL = 1.65  # area of the organ per free cell, before the network is scaled
+TIP_WIDTH = 1.5  # width at the end of a twig, in cells
+TRUNK_WIDTH = 4.8  # width of the trunk at 5000 free cells, in cells
+THIN = 1.7  # narrower segments are drawn as a line of single cells
+SAMPLES = 9  # points drawn per segment, which is one or two cells long
+SPECK = 2  # largest hole that is filled, in cells: such holes appear where two vessels touch
 
 
 def draw_vessels(count: int, *, seed: int = 0) -> Mask:
     """Return a vascular network with exactly ``count`` free cells.
 
-    The network has one or two inlets, vessels that get narrower from fork to fork, closed loops, dead ends.
+    The network has one or two inlets, vessels that narrow at each fork, closed loops and dead ends.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def draw_vessels(count: int, *, seed: int = 0) -> Mask:
     Returns
     -------
     ndarray, bool, shape (H, W)
-        True where free; 4-connected, no empty rim.
+        True where free. The free cells are 4-connected, and the map has no empty border.
     """
     rng = np.random.default_rng([seed, count])
     network = grow_network(AREA_PER_CELL * count, rng)
@@ -48,16 +48,17 @@ def _fit(network: VesselNetwork, count: int) -> Mask:
             best, best_excess = free, excess
         if best is not None and (best_excess <= max(2, count // 300) or attempt > 10):
             break
-        # Aim a little high: free cells are easier to take away than to add.
+        # Aim slightly high, because removing free cells is easier than adding them.
         scale *= ((count + max(1.0, count / 600)) / (count + excess)) ** 0.8
     assert best is not None, "a larger scale gives more free cells"
     return best
 
 
 def _pieces(network: VesselNetwork, trunk_width: float) -> tuple[Points, Points, Points]:
-    """Return start, end (pieces, 2) and width (pieces,) of every straight piece of vessel.
+    """Return start and end points (segments, 2) and the width (segments,) of every straight vessel segment.
 
-    As in Murray's law the width is a power of what a vessel feeds: here the length of vessel behind it.
+    Following Murray's law, the width is a power of the demand that a vessel supplies. Here the demand is the total vessel length
+    behind the segment.
     """
     points, parents = network.points, network.parents
     size = subtrees(parents)[1]
@@ -72,7 +73,7 @@ def _pieces(network: VesselNetwork, trunk_width: float) -> tuple[Points, Points,
 
 
 def _draw(start: Points, end: Points, width: Points) -> Mask:
-    """Return the cells under the pieces; each piece is 4-connected."""
+    """Return the cells that the segments cover. Each segment is 4-connected."""
     share = np.linspace(0, 1, SAMPLES)[None, :, None]
     at = start[:, None] + share * (end - start)[:, None]
     margin = int(np.ceil(width.max() / 2)) + 1
@@ -80,7 +81,7 @@ def _draw(start: Points, end: Points, width: Points) -> Mask:
     cell = np.floor(at).astype(np.int64)
     free = np.zeros((cell.max(axis=(0, 1)) + margin + 1)[::-1], dtype=np.bool_)
     free[cell[..., 1], cell[..., 0]] = True
-    free[cell[:, 1:, 1], cell[:, :-1, 0]] = True  # the corner of each diagonal step
+    free[cell[:, 1:, 1], cell[:, :-1, 0]] = True  # the corner cell of each diagonal step
     wide = width >= THIN
     radius = np.repeat(width[wide] / 2, SAMPLES)
     _paint_discs(free, at[wide].reshape(-1, 2), cell[wide].reshape(-1, 2), radius)
@@ -88,7 +89,7 @@ def _draw(start: Points, end: Points, width: Points) -> Mask:
 
 
 def _paint_discs(free: Mask, centre: Points, cell: Indices, radius: Points) -> None:
-    """Free all cells whose middle lies within ``radius`` of a centre."""
+    """Mark all cells as free whose centre lies within ``radius`` of a disc's centre."""
     reach = int(np.ceil(radius.max(initial=0)))
     for right in range(-reach, reach + 1):
         for down in range(-reach, reach + 1):
@@ -98,8 +99,8 @@ def _paint_discs(free: Mask, centre: Points, cell: Indices, radius: Points) -> N
 
 
 def _fill_specks(free: Mask) -> Mask:
-    """Return the map without its smallest holes."""
-    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which takes long to import
+    """Return the map with its smallest holes filled."""
+    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
 
     holes = connected_parts(~free, corners=True)[0]
     area = np.bincount(holes.ravel())
@@ -107,7 +108,7 @@ def _fill_specks(free: Mask) -> Mask:
 
 
 def _trim(free: Mask, count: int, rng: np.random.Generator) -> Mask:
-    """Return the map with only ``count`` free cells left: dead ends are shortened, a cell at a time."""
+    """Reduce the map to ``count`` free cells by shortening dead ends cell by cell."""
     free = np.pad(free, 1)
     excess = int(np.count_nonzero(free)) - count
     while excess > 0:
@@ -115,7 +116,7 @@ def _trim(free: Mask, count: int, rng: np.random.Generator) -> Mask:
         if not len(ends):
             return _nearest_cells(free, count)
         gone = rng.permutation(ends)[:excess]
-        for row, column in gone:  # one at a time: the neighbour of an end may be an end itself
+        for row, column in gone:  # one at a time, because the neighbour of a dead end may be a dead end itself
             if _free_neighbours(free, row, column) == 1:
                 free[row, column] = False
                 excess -= 1
@@ -123,7 +124,7 @@ def _trim(free: Mask, count: int, rng: np.random.Generator) -> Mask:
 
 
 def _dead_ends(free: Mask) -> Indices:
-    """Return the free cells with one free neighbour, shape (k, 2); the rim of the map must not be free."""
+    """Return the free cells with exactly one free neighbour, shape (k, 2). The map's border must be obstacles."""
     neighbours = np.zeros(free.shape, dtype=np.int64)
     neighbours[1:-1, 1:-1] = free[:-2, 1:-1].astype(np.int64) + free[2:, 1:-1] + free[1:-1, :-2] + free[1:-1, 2:]
     return np.argwhere(free & (neighbours == 1))
@@ -135,7 +136,7 @@ def _free_neighbours(free: Mask, row: int, column: int) -> int:
 
 
 def _nearest_cells(free: Mask, count: int) -> Mask:
-    """Return the ``count`` free cells that are nearest to the first one by path."""
+    """Return the ``count`` free cells with the shortest paths to the first free cell."""
     kept = np.zeros_like(free)
     queue = [tuple(np.argwhere(free)[0])]
     kept[queue[0]] = True

@@ -1,4 +1,4 @@
-"""Vessel trees in space: a volume is split again and again, and each half is fed by a branch; radii follow Murray's law."""
+"""Vessel trees in 3-D: a volume is split repeatedly, and a branch supplies each half. The radii follow Murray's law."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ from numpy.typing import NDArray
 from shoal.swarm.maps.generators.components import Mask, crop
 from shoal.swarm.maps.generators.venation import Points
 
-CELLS_A_TIP = 60  # free cells for each end of a twig, before the tree is scaled
+CELLS_A_TIP = 60  # free cells per tip, before the tree is scaled
 TIP_RADIUS = 0.8  # cells
-REACH = 0.4  # of the way to the middle of what it feeds that a branch goes before it forks
-UNEVEN = (0.3, 0.7)  # share of the tips that the first of two branches feeds
-ORGAN = (0.8, 1.2, 1.0)  # half-axes: layers, rows, columns
-EXCESS = 0.02  # share of cells that may be drawn too many; they are taken off the ends of twigs
-LOOPS = 0.12  # share of the tips that are joined to another one
+REACH = 0.4  # a branch forks after this fraction of the distance to the centre of its tips
+UNEVEN = (0.3, 0.7)  # fraction of the tips that the first of two branches supplies
+ORGAN = (0.8, 1.2, 1.0)  # half-axes of the ellipsoid: layers, rows, columns
+EXCESS = 0.02  # fraction of excess cells allowed in the drawing; the ends of twigs are cut to remove them
+LOOPS = 0.12  # fraction of the tips that are joined to another tip
 
 
 def draw_vessel_tree(count: int, *, seed: int = 0) -> Mask:
-    """Return a tree of vessels with exactly ``count`` free cells; see `draw_vessel_net`.
+    """Return a vessel tree with exactly ``count`` free cells; see `draw_vessel_net`.
 
     Returns
     -------
     ndarray, bool, shape (D, H, W)
-        True where free; 6-connected, no empty rim.
+        True where free. The free cells are 6-connected, and the map has no empty border.
     """
     return _draw_vessels(count, np.random.default_rng([seed, count]), loops=0.0)
 
 
 def draw_vessel_net(count: int, *, seed: int = 0) -> Mask:
-    """Return vessels with loops: a tree in which some twigs are joined to twigs of other branches.
+    """Return a vessel network with loops: a tree in which some twigs are joined to twigs of other branches.
 
-    Tips are spread over an ellipsoid. From the inlet a branch goes towards the middle of the tips that it feeds; there they are
-    split by a plane along the branch, and each part is fed by a branch of its own, down to single tips.
-    Radii follow Murray's law, r0³ = r1³ + r2³, as the cube of a radius is proportional to the number of tips fed.
+    The tips are spread over an ellipsoid. A branch grows from the inlet towards the centre of its tips. A plane along the branch
+    then divides the tips into two groups, and a new branch supplies each group. This repeats down to single tips. The radii follow
+    Murray's law, r0³ = r1³ + r2³, because the cube of a radius is proportional to the number of supplied tips.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def draw_vessel_net(count: int, *, seed: int = 0) -> Mask:
 
     Notes
     -----
-    Source: Murray, The physiological principle of minimum work, 1926; Tawhai, Pullan and Hunter, Generation of an anatomically
+    Sources: Murray, The physiological principle of minimum work, 1926; Tawhai, Pullan and Hunter, Generation of an anatomically
     based three-dimensional model of the conducting airways, 2000 (splitting by planes).
     """
     return _draw_vessels(count, np.random.default_rng([seed, count, 1]), loops=LOOPS)
@@ -65,12 +65,12 @@ def _draw_vessels(count: int, rng: np.random.Generator, *, loops: float) -> Mask
 
 
 def murray_radius(fed: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the radius, in cells, of branches, given the number of tips that each feeds."""
+    """Return the radius of each branch in cells, from the number of tips that it supplies."""
     return TIP_RADIUS * np.cbrt(fed.astype(np.float64))
 
 
 def _spread(tips: int, rng: np.random.Generator) -> Points:
-    """Return points in an ellipsoid, (tips, 3): layer, row, column."""
+    """Return random points in an ellipsoid, shape (tips, 3): layer, row, column."""
     found: Points = np.zeros((0, 3))
     while len(found) < tips:
         cube = rng.uniform(-1, 1, (2 * tips + 8, 3))
@@ -79,7 +79,7 @@ def _spread(tips: int, rng: np.random.Generator) -> Points:
 
 
 def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, NDArray[np.int64]]:
-    """Return start and end of each branch, (n, 3), and how many tips it feeds, (n,): the first is the trunk."""
+    """Return start and end of each branch, shape (n, 3), and its number of supplied tips, shape (n,). The trunk comes first."""
     starts, ends, fed = [], [], []
     inlet = np.array([0.0, 1.1 * ORGAN[1], 0.0])  # below
     waiting = [(inlet, tips)]
@@ -97,13 +97,13 @@ def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, N
 
 
 def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Split points by a plane along a branch, across the direction in which they are spread most; neither part is empty."""
+    """Split points by a plane along a branch, across the direction of largest spread. Neither half is empty."""
     offset = points - points.mean(axis=0)
     length = float(np.linalg.norm(along))
     if length > 0:
         offset = offset - np.outer(offset @ along, along) / length**2
     widest = np.linalg.eigh(offset.T @ offset)[1][:, -1]
-    widest = widest * (1 if widest[np.argmax(np.abs(widest))] > 0 else -1)  # its sign must not depend on the library
+    widest = widest * (1 if widest[np.argmax(np.abs(widest))] > 0 else -1)  # fix the sign, which differs between libraries
     place = offset @ widest
     size = int(np.clip(round(float(rng.uniform(*UNEVEN)) * len(points)), 1, len(points) - 1))
     first = np.zeros(len(points), dtype=np.bool_)
@@ -112,7 +112,7 @@ def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDAr
 
 
 def _bridges(tips: Points, count: int) -> tuple[Points, Points]:
-    """Return twigs between tips that are near in space and far apart in the tree, whose tips come in the order of growth."""
+    """Return twigs between tips that are close in space but far apart in the tree. ``tips`` are in growth order."""
     from scipy.spatial import cKDTree
 
     near = cKDTree(tips).query(tips, k=min(8, len(tips)))
@@ -141,14 +141,15 @@ def _fitted(start: Points, end: Points, radius: NDArray[np.float64], count: int)
                 break
         else:
             low = scale
-        aimed = scale * (count * (1 + EXCESS / 2) / (count + excess)) ** 0.9  # a tree of thin tubes grows with its length
+        # the volume of thin tubes is proportional to their length
+        aimed = scale * (count * (1 + EXCESS / 2) / (count + excess)) ** 0.9
         scale = aimed if low < aimed < high else (low + high) / 2 if high < np.inf else 1.3 * low
     assert best is not None, "a larger scale gives more free cells"
     return best
 
 
 def _drawn(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
-    """Return the cells under the branches; each branch is 6-connected."""
+    """Return the cells that the branches cover. Each branch is 6-connected."""
     steps = np.maximum(1, np.ceil(2 * np.linalg.norm(end - start, axis=1)).astype(np.int64))
     branch = np.repeat(np.arange(len(start)), steps + 1)
     first = np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
@@ -161,14 +162,14 @@ def _drawn(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
     free[tuple(cell.T)] = True
     same = branch[1:] == branch[:-1]
     one, other = cell[:-1][same], cell[1:][same]
-    free[other[:, 0], one[:, 1], one[:, 2]] = True  # the corners of a diagonal step
+    free[other[:, 0], one[:, 1], one[:, 2]] = True  # the corner cells of a diagonal step
     free[other[:, 0], other[:, 1], one[:, 2]] = True
     _paint_balls(free, at, cell, radius[branch])
     return free
 
 
 def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: NDArray[np.float64]) -> None:
-    """Free all cells whose middle lies within ``radius`` of a centre; thick branches need no centre at every half cell."""
+    """Mark all cells as free whose centre lies within ``radius`` of a centre. Thick branches need fewer centres."""
     for reach in range(1, int(np.ceil(radius.max())) + 1):
         thick = np.flatnonzero((np.ceil(radius) == reach) & (radius > 0.6))
         thick = thick[:: max(1, reach // 2)]
@@ -180,8 +181,8 @@ def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: ND
 
 
 def _trimmed(free: Mask, count: int) -> Mask:
-    """Return the ``count`` free cells that are nearest to the inlet by path, without an empty rim: ends of twigs go."""
-    from shoal.swarm.kernels.search.breadth_first import nearest_cells  # needs Numba, which takes long to import
+    """Return the ``count`` free cells with the shortest paths to the inlet, without an empty border. This shortens twigs."""
+    from shoal.swarm.kernels.search.breadth_first import nearest_cells  # needs Numba, which is slow to import
 
     padded = np.pad(free, 1)
     lowest = int(np.flatnonzero(padded.any(axis=(0, 2)))[-1])

@@ -1,7 +1,8 @@
-"""Vessels in photographs: which pixels they are, and the map of free cells that they make.
+"""Vessel segmentation of photographs, and conversion of the vessels to a map of free cells.
 
-The steps: the green channel; the field of view (a fundus photograph has a dark surround); what is darker than the ground, a wide
-median; line detectors and long ridges; thresholds with hysteresis; cells. Needs scikit-image, the extra ``shoal[imaging]``.
+The steps are: take the green channel; find the field of view (a fundus photograph has a dark surround); subtract the background, a
+wide median; apply line detectors and ridge filters; apply thresholds with hysteresis; convert to cells. The module needs
+scikit-image, the extra ``shoal[imaging]``.
 """
 
 from shoal.swarm.maps.imaging.network import map_of_vessels, pixels_a_cell, segment_vessels

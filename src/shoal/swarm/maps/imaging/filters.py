@@ -1,7 +1,7 @@
-"""Filters that answer to vessels: a flat ground, line detectors of many lengths, long ridges of many widths.
+"""Filters that respond to vessels: background subtraction, line detectors of several lengths, ridge filters of several widths.
 
-The parameters are for photographs of an eye whose field of view is 540 pixels wide and whose vessels are up to ten pixels
-wide. For thicker vessels the filters also run on the picture in half its size, and so on.
+The parameters are for eye photographs with a field of view 540 pixels wide and vessels up to ten pixels wide. For thicker vessels,
+the filters also run on the picture at half size, quarter size, and so on.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from shoal.swarm.maps.generators.components import Mask
 
 Grey = NDArray[np.float64]
 
-ANGLES = 12  # of lines, over half a turn
-LINE_WINDOW = 15  # pixels (Nguyen et al. 2013), as are the lengths of the lines: 1, 3, ... 15
-THICKEST_VESSEL = 10  # pixels, of the published filters
-FLATTENING = 19  # pixels, deviation of the Gaussian that is the ground
-RIDGES = tuple((width, 3 * width + 4) for width in (1.2, 1.7, 2.4, 3.4))  # deviations across a vessel and along it, pixels
-RIDGE_WEIGHT = 0.5  # of these beside the line detector
+ANGLES = 12  # number of line angles over half a turn
+LINE_WINDOW = 15  # window width in pixels (Nguyen et al. 2013); the line lengths are 1, 3, ... 15 pixels
+THICKEST_VESSEL = 10  # pixels, from the published filters
+FLATTENING = 19  # pixels, standard deviation of the Gaussian for the background
+RIDGES = tuple((width, 3 * width + 4) for width in (1.2, 1.7, 2.4, 3.4))  # standard deviations across and along a vessel, in pixels
+RIDGE_WEIGHT = 0.5  # weight of the ridge filters relative to the line detector
 
 
 def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
-    """Return how much each pixel looks like a part of a vessel: about 0 on the ground.
+    """Return the vessel response of each pixel. The response is about 0 on the background.
 
     Parameters
     ----------
     flat : ndarray of float64, shape (H, W)
-        A flattened picture, high in vessels.
+        A picture with flat background in which vessels have high values.
     view : ndarray of bool, shape (H, W)
-        Where to look.
+        Mask of the pixels to evaluate.
     levels : int
-        1 for vessels up to 10 pixels wide, and one more for each doubling of that.
+        Number of scales: 1 for vessels up to 10 pixels wide, and one more for each doubling of that width.
     """
     answers = []
     for level in range(levels):
@@ -51,7 +51,7 @@ def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
 
 
 def without_ground(grey: Grey, view: Mask, deviation: float) -> Grey:
-    """Return a picture less its ground, a wide median; what is outside the field of view mirrors what is inside."""
+    """Subtract the background, a wide median. Pixels outside the field of view mirror the pixels inside."""
     reach = int(3 * deviation)
     grey = np.pad(_mirrored(grey, view), reach, mode="symmetric")
     step = max(1, int(deviation / 5))
@@ -66,7 +66,7 @@ def _enlarged(coarse: Grey, shape: tuple[int, ...], step: int) -> Grey:
 
 
 def standardised(values: Grey, view: Mask) -> Grey:
-    """Return values with mean 0 and deviation 1 over the field of view."""
+    """Scale values to mean 0 and standard deviation 1 over the field of view."""
     inside = values[view]
     return np.asarray((values - inside.mean()) / (inside.std() + 1e-12))
 
@@ -82,7 +82,7 @@ def _mirrored(grey: Grey, view: Mask) -> Grey:
 
 
 def _line_strength(grey: Grey, view: Mask) -> Grey:
-    """Return the multi-scale line detector: the brightest line through each pixel against the window around it."""
+    """Return the multi-scale line detector: the brightest line through each pixel minus the mean of the window around it."""
     total = standardised(grey, view)
     around = scipy.ndimage.uniform_filter(grey, LINE_WINDOW)
     lengths = range(1, LINE_WINDOW + 1, 2)
@@ -92,13 +92,13 @@ def _line_strength(grey: Grey, view: Mask) -> Grey:
 
 
 def strongest_line(grey: Grey, length: int = LINE_WINDOW) -> Grey:
-    """Return the highest mean along a line through each pixel, of any angle."""
+    """Return, for each pixel, the highest mean along a line through it over all angles."""
     angles = np.pi * np.arange(ANGLES if length > 1 else 1) / ANGLES
     return _highest(scipy.ndimage.convolve(grey, _line(length, angle)) for angle in angles)
 
 
 def _line(length: int, angle: float) -> Grey:
-    """Return the weights of a line's pixels, spread over the pixels that it passes between."""
+    """Return the pixel weights of a line. Positions between pixels are distributed over their neighbours."""
     weights = np.zeros((length + 2, length + 2))
     for step in np.arange(length) - (length - 1) / 2:
         row, column = (length + 1) / 2 + step * np.sin(angle), (length + 1) / 2 + step * np.cos(angle)
@@ -109,9 +109,9 @@ def _line(length: int, angle: float) -> Grey:
 
 
 def _ridge_strength(grey: Grey) -> Grey:
-    """Return the strongest answer of filters that are long along a vessel and a second derivative of a Gaussian across it.
+    """Return the maximum response of ridge filters: a second derivative of a Gaussian across the vessel, elongated along it.
 
-    They have all widths and angles, and energy 1, so that noise answers alike to all.
+    The filters cover all widths and angles. Each has energy 1, so that all respond equally to noise.
     """
     reach = int(2.5 * max(length for _, length in RIDGES))
     padded = np.pad(grey, reach, mode="symmetric")
@@ -130,5 +130,5 @@ def _ridge_strength(grey: Grey) -> Grey:
 
 
 def _highest(pictures: Iterable[Grey]) -> Grey:
-    """Return the highest value at each pixel."""
+    """Return the maximum of several pictures at each pixel."""
     return reduce(np.maximum, pictures)

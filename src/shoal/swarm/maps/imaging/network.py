@@ -1,4 +1,4 @@
-"""The map of a photograph's vessels: their largest connected network on cells."""
+"""Conversion of a photograph's vessels to a map: the largest connected vessel network on a grid."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ def segment_vessels(
     Parameters
     ----------
     image : array_like, shape (H, W), (H, W, 3) or (H, W, 4)
-        Grey or colour picture with any range of values.
+        Greyscale or colour picture with any range of values.
     width : int, optional
-        Larger side of the map in cells (160 if not given); less if the vessels cover fewer pixels than that.
+        Larger side of the map in cells; the default is 160. The map is smaller if the vessels span fewer pixels.
     low, high, bright, thickest
         See `find_vessels`.
 
     Returns
     -------
     ndarray, bool, shape (H, W)
-        True where free: one 4-connected network, no empty rim.
+        True where free. The map contains one 4-connected network without an empty border.
 
     Raises
     ------
     InvalidInputError
-        If the array is no picture, an option is out of range, or no vessels are found.
+        If the array is not a picture, an option is out of range, or no vessels are found.
     MissingExtraError
         If scikit-image is not installed.
     """
@@ -48,14 +48,14 @@ def segment_vessels(
 
 
 def map_of_vessels(mask: Mask, *, width: int | None = None) -> Mask:
-    """Return the largest connected network of a mask, shape (H, W), on cells; a thin vessel stays connected.
+    """Return the largest connected network of a mask of shape (H, W) as grid cells. Thin vessels stay connected.
 
-    The network is cut to its bounding box. The larger side has at most ``width`` cells, 160 if None.
+    The map is the network's bounding box. Its larger side has at most ``width`` cells, or 160 if ``width`` is None.
 
     Raises
     ------
     InvalidInputError
-        If the width is below 1.
+        If the width is less than 1.
     """
     vessels = crop(_joined(mask))
     factor = 1 / _pixels_a_cell(vessels, width)
@@ -69,12 +69,12 @@ def map_of_vessels(mask: Mask, *, width: int | None = None) -> Mask:
 
 
 def pixels_a_cell(mask: Mask, *, width: int | None = None) -> float:
-    """Return how many pixels of a mask, shape (H, W), are a side of a cell of its map, `map_of_vessels`.
+    """Return the side of one map cell in pixels, for the map that `map_of_vessels` makes of a mask of shape (H, W).
 
     Raises
     ------
     InvalidInputError
-        If the width is below 1.
+        If the width is less than 1.
     """
     return _pixels_a_cell(crop(_joined(mask)), width)
 
@@ -86,7 +86,7 @@ def _pixels_a_cell(network: Mask, width: int | None) -> float:
 
 
 def _joined(mask: Mask) -> Mask:
-    """Return the largest network of a mask, gaps of a hundredth of the larger side bridged by a line."""
+    """Return the largest network of a mask after bridging gaps of up to a hundredth of the larger side."""
     from scipy import ndimage
 
     reach = max(mask.shape) / 200
@@ -110,7 +110,7 @@ def _trace(skeleton: Mask, rows: NDArray[np.int64], columns: NDArray[np.int64], 
         one = at[padded[at[:, 0] + 1 + down, at[:, 1] + 1 + right]]
         row_one, column_one = rows[one[:, 0]], columns[one[:, 1]]
         row_two, column_two = rows[one[:, 0] + down], columns[one[:, 1] + right]
-        # When only one of them changes, both corners are one of the two cells.
+        # If only the row or only the column changes, the corner cell equals one of the two cells.
         upper = share[row_one, column_two] >= share[row_two, column_one]
         free[np.where(upper, row_one, row_two), np.where(upper, column_two, column_one)] = True
     return free

@@ -1,4 +1,4 @@
-"""Photographs as numbers: one grey channel, the field of view, and both at the size of the filters."""
+"""Photographs as numeric arrays: one grey channel and the field of view, at the size that the filters expect."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from shoal.swarm.maps.generators.components import Mask
 Grey = NDArray[np.float64]
 
 SMALLEST_SIDE = 16
-SIDE = 565  # pixels of the larger side on which the filters run; a field of view has 540 of them, as published
+SIDE = 565  # larger side in pixels of the picture that is filtered; the published field of view has 540 pixels
 FIELD = 540
-CLOSE = 0.25  # logarithm of a ratio of sizes below which a photograph is taken as it is: every change of size blurs
+CLOSE = 0.25  # a photograph whose logarithmic size ratio is below this is not resized, because resizing blurs
 LUMA = (0.2125, 0.7154, 0.0721)
-SURROUND = 0.08  # a surround differs from black or white by at most this share of the range of brightness
-RIM, MIRRORED = 6, 2  # pixels of a field of view next to its surround that are replaced by their mirror image; searched of these
+SURROUND = 0.08  # a surround differs from black or white by at most this fraction of the brightness range
+# width in pixels of the border of the field of view that is replaced by a mirror image, and of the searched border
+RIM, MIRRORED = 6, 2
 
 
 class Photograph(NamedTuple):
@@ -27,27 +28,27 @@ class Photograph(NamedTuple):
 
     grey: Grey
     view: Mask
-    """The field of view, less its rim."""
+    """The field of view without its border."""
 
     within: Mask
-    """Where to look for vessels."""
+    """The pixels in which vessels are searched for."""
 
     def __repr__(self) -> str:
         return one_line(self)
 
     @property
     def has_surround(self) -> bool:
-        """Whether there is anything outside of the field of view."""
+        """Whether some pixels lie outside the field of view."""
         return not self.view.all()
 
 
 def read_photograph(image: ArrayLike) -> Photograph:
-    """Return the channel of a picture in which blood stands out, from 0 to 1, and its field of view.
+    """Return the picture's channel with the best contrast of blood, scaled to 0 to 1, and the field of view.
 
     Raises
     ------
     InvalidInputError
-        If the array is no picture, or has a single colour.
+        If the array is not a picture or has a single colour.
     """
     array = np.asarray(image)
     if array.ndim not in (2, 3) or (array.ndim == 3 and array.shape[2] not in (3, 4)):
@@ -72,7 +73,7 @@ def read_photograph(image: ArrayLike) -> Photograph:
 
 
 def resized(picture: NDArray[np.generic], shape: tuple[int, ...]) -> Grey:
-    """Return a picture in another size, smoothed if it gets smaller."""
+    """Return a picture in another size. A picture is smoothed before it is reduced."""
     from PIL import Image
 
     floats = Image.fromarray(np.asarray(picture, dtype=np.float32))
@@ -80,7 +81,7 @@ def resized(picture: NDArray[np.generic], shape: tuple[int, ...]) -> Grey:
 
 
 def _from_0_to_1(values: NDArray[Any]) -> NDArray[np.float32]:
-    """Return values from 0 to 1; all 0 if they are as good as equal."""
+    """Scale values to the range from 0 to 1. Return zeros if all values are almost equal."""
     darkest, brightest = float(values.min()), float(values.max())
     if not brightest - darkest > 1e-9 * max(abs(brightest), abs(darkest)):
         return np.zeros(values.shape, dtype=np.float32)
@@ -92,7 +93,7 @@ def _scaled(shape: tuple[int, ...], factor: float) -> tuple[int, ...]:
 
 
 def _field_of_view(light: NDArray[np.float32]) -> Mask:
-    """Return what is not in a black or white surround, at a size of at most `SIDE`."""
+    """Return the mask of pixels outside any black or white surround, at a size of at most `SIDE`."""
     from scipy import ndimage
 
     small = resized(light, _scaled(light.shape, min(1.0, SIDE / max(light.shape))))
@@ -101,7 +102,7 @@ def _field_of_view(light: NDArray[np.float32]) -> Mask:
         parts = ndimage.label(np.pad(plain, 1, constant_values=True))[0]
         surround = parts == parts[0, 0]
         view = ndimage.binary_opening(ndimage.binary_fill_holes(~surround), iterations=rim)[1:-1, 1:-1]
-        # Vessels drawn on an empty ground have no solid inside: there the whole picture is the field of view.
+        # A drawing of vessels on an empty background has no solid interior. Then the whole picture is the field of view.
         if surround[1:-1, 1:-1].mean() > 0.05 and view.mean() > 0.35 and plain[view].mean() < 0.25:
             return np.asarray(view)
     return np.ones(small.shape, dtype=np.bool_)

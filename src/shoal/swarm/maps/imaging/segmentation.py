@@ -1,4 +1,4 @@
-"""Find vessels in a photograph: which of its pixels are vessel, and how sure that is."""
+"""Vessel segmentation of a photograph, with a confidence."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ from shoal.swarm.maps.generators.components import Mask
 from shoal.swarm.maps.imaging.filters import FLATTENING, THICKEST_VESSEL, strongest_line, vessel_response, without_ground
 from shoal.swarm.maps.imaging.photographs import Grey, Photograph, read_photograph, resized
 
-LOW, HIGH = 0.6, 1.2  # thresholds, as multiples of the one that splits the responses best
+LOW, HIGH = 0.6, 1.2  # thresholds, as multiples of the threshold that best splits the responses
 SHARES = {True: (0.09, 0.16), False: (0.02, 0.4)}
-"""Least and largest share of the pixels above the threshold, with a field of view (experts mark 12 % on average) and without."""
+"""Minimum and maximum fraction of pixels above the threshold, with a field of view (experts mark 12 % on average) and without."""
 THICKEST = {True: 0.0185, False: 0.035}
-"""Width of the thickest vessel over the larger side, with a field of view and without."""
-CLEARLY_BRIGHTER = 3.0  # strength of bright lines over that of dark ones from which dark ones are not tried
+"""Width of the thickest vessel relative to the larger side, with a field of view and without."""
+CLEARLY_BRIGHTER = 3.0  # if bright lines are this much stronger than dark lines, dark lines are not tried
 SMALLEST_PART = 40  # pixels
 LEAST_CONFIDENCE, SURE = 0.25, 0.45
-NOISE, CLEAR = 1.04, 1.44  # strength of lines over that in noise of the same spectrum
-EDGE = 0.2  # share of the depth of a vessel that its edge has at least
-FAINT = 3.0  # contrast of a network to its ground, over the deviation of the ground, that noise does not reach
-EDGES, LINES = 0.5, 0.9  # share of the network that differs from both of its sides
-SPECKS, TREES = 0.2, 0.65  # extent of a connected part over the larger side, on average over the network
-WOVEN = 0.2  # how much all lines run along or across one direction, from 0 to 1: above, confidence is not sure
-STRAIGHT = 60  # pixels for which a line keeps its direction: short networks run along one by chance
+NOISE, CLEAR = 1.04, 1.44  # strength of lines relative to noise of the same spectrum
+EDGE = 0.2  # minimum step at a vessel's edge, as a fraction of the vessel's depth
+FAINT = 3.0  # contrast of a network to its background, in standard deviations of the background, that noise does not reach
+EDGES, LINES = 0.5, 0.9  # fraction of the network that differs from both of its sides
+SPECKS, TREES = 0.2, 0.65  # mean extent of a connected part relative to the larger side of the network
+WOVEN = 0.2  # alignment of all lines with one direction, from 0 to 1; above this limit the confidence is reduced
+STRAIGHT = 60  # length in pixels over which a line keeps its direction: short networks are aligned by chance
 
 
 @dataclass(frozen=True)
 class Vessels:
-    """Where a photograph shows vessels.
+    """The vessels found in a photograph.
 
     Parameters
     ----------
     mask : ndarray of bool, shape (H, W)
-        True where there is vessel, in the photograph's own pixels.
+        True at vessel pixels, at the photograph's own resolution.
     confidence : float
-        From 0 (noise, or edges of other things) to 1.
+        From 0 (noise, or edges of other objects) to 1.
     bright : bool
-        Whether vessels are brighter than what is around them.
+        Whether vessels are brighter than their surroundings.
     """
 
     mask: Mask
@@ -52,7 +52,7 @@ class Vessels:
 
     @property
     def warning(self) -> str | None:
-        """A sentence if the picture may show something else; None if not."""
+        """A warning sentence if the picture may not show vessels; otherwise None."""
         if self.confidence >= SURE:
             return None
         return f"the picture may show no vessels: confidence {self.confidence:.2f} of 1 (compare the overlay)"
@@ -61,39 +61,41 @@ class Vessels:
 def find_vessels(
     image: ArrayLike, *, low: float = LOW, high: float = HIGH, bright: bool | None = None, thickest: float | None = None
 ) -> Vessels:
-    """Return which pixels of a picture are vessel.
+    """Return the vessel pixels of a picture.
 
     Parameters
     ----------
     image : array_like, shape (H, W), (H, W, 3) or (H, W, 4)
-        Grey or colour picture with any range of values; a fourth channel (opacity) is ignored.
+        Greyscale or colour picture with any range of values. A fourth channel (opacity) is ignored.
     low, high : float
-        Thresholds of the response, as multiples of the one that splits vessels from ground best (Otsu). A vessel goes on while
-        it is above ``low``, and counts if it is above ``high`` somewhere. Lower values give more and finer vessels.
+        Thresholds of the filter response, as multiples of Otsu's threshold between vessels and background. A vessel continues while
+        its response is above ``low``, and counts if its response exceeds ``high`` somewhere. Lower values give more and finer
+        vessels.
     bright : bool, optional
-        Whether vessels are brighter than what is around them; if not given, the clearer lines decide.
+        Whether vessels are brighter than their surroundings. By default, the clearer lines (bright or dark) are used.
     thickest : float, optional
-        Width of the thickest vessel, as a fraction of the larger side of the picture. If not given, 0.0185 in a photograph with a
-        surround, such as one of an eye, else 0.035.
+        Width of the thickest vessel as a fraction of the picture's larger side. The default is 0.0185 for a photograph with a
+        surround, such as a photograph of an eye, and 0.035 otherwise.
 
     Raises
     ------
     InvalidInputError
-        If the array is no picture, an option is out of range, or there are no vessels.
+        If the array is not a picture, an option is out of range, or no vessels are found.
     MissingExtraError
         If scikit-image is not installed.
 
     Notes
     -----
-    The response is the multi-scale line detector (U. T. V. Nguyen et al., Pattern Recognition 46, 2013), standardised, and half as
-    much of long second derivatives of Gaussians, used as Gabor filters are (J. V. B. Soares et al., IEEE Transactions on Medical
-    Imaging 25, 2006). `python -m benchmarks.vessels_from_photographs` measures it on drawn eyes.
+    The response is the sum of two standardized filters. The first is the multi-scale line detector (U. T. V. Nguyen et al., Pattern
+    Recognition 46, 2013). The second, with half the weight, consists of elongated second derivatives of Gaussians, similar to Gabor
+    filters (J. V. B. Soares et al., IEEE Transactions on Medical Imaging 25, 2006). `python -m benchmarks.vessels_from_photographs`
+    measures the accuracy on drawn eyes.
     """
     return VesselFinder(image, bright=bright, thickest=thickest).find(low=low, high=high)
 
 
 class VesselFinder:
-    """A photograph whose filters run once: its vessels are then found for one pair of thresholds after the other.
+    """A photograph with its filter responses. The filters run once, and vessels can then be found for many pairs of thresholds.
 
     Parameters
     ----------
@@ -116,7 +118,7 @@ class VesselFinder:
         first = 0.0
         for levels in self.tried:
             confidence, way, clearest = self._clearest_at(levels, low, high)
-            # Vessels of more than the usual width have to be clear.
+            # Vessels wider than usual must have a clear response.
             if confidence >= (LEAST_CONFIDENCE if levels == self.tried[0] else SURE):
                 self._clearest = clearest
                 return Vessels(clearest.mask(low, high, self.shape), confidence, way)
@@ -127,7 +129,10 @@ class VesselFinder:
         )
 
     def mask(self, *, low: float, high: float, shape: tuple[int, int]) -> Mask:
-        """Return what the thresholds make of the lines that `find` chose last, in ``shape``: soon, and with no confidence."""
+        """Return the mask for other thresholds and the lines that `find` chose last, resized to ``shape``.
+
+        Fast, without a confidence.
+        """
         _check_thresholds(low, high)
         if self._clearest is None:
             self.find(low=low, high=high)
@@ -135,14 +140,14 @@ class VesselFinder:
         return self._clearest.mask(low, high, shape)
 
     def _clearest_at(self, levels: int, low: float, high: float) -> tuple[float, bool, _Filtered]:
-        """Return the more confident one of bright and dark lines on so many sizes of the picture."""
+        """Return the result with the higher confidence, for bright or for dark lines, using ``levels`` sizes of the picture."""
         view = self.picture.view
         flat = without_ground(self.picture.grey, view, FLATTENING * 2 ** (levels - 1))
         if self.bright is not None:
             ways = [self.bright]
         else:
             ratio = _strength(flat, view) / (_strength(-flat, view) + 1e-12)
-            ways = [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]  # an optic disc is bright, too
+            ways = [ratio > 1] if ratio > CLEARLY_BRIGHTER or ratio <= 1 else [False, True]  # an optic disc is also bright
         for way in ways:
             if (levels, way) not in self._filtered:
                 self._filtered[levels, way] = _filter(flat if way else -flat, self.picture, levels)
@@ -154,7 +159,7 @@ class VesselFinder:
 
 @dataclass(frozen=True)
 class _Filtered:
-    """A picture flattened, without what differs the other way; how much each pixel looks like vessel, and what splits them."""
+    """A picture with flat background, without structures of opposite brightness; its vessel response and the threshold."""
 
     flat: Grey
     response: Grey
@@ -170,7 +175,7 @@ class _Filtered:
 
 
 def photograph_response(image: ArrayLike) -> Grey:
-    """Return how much each pixel of a photograph of an eye, or another one with dark vessels, looks like vessel; shape (H, W)."""
+    """Return the vessel response of each pixel of a photograph with dark vessels, such as an eye; shape (H, W)."""
     picture = read_photograph(image)
     levels = _levels(picture, THICKEST[picture.has_surround])
     flat = without_ground(picture.grey, picture.view, FLATTENING * 2 ** (levels - 1))
@@ -178,7 +183,7 @@ def photograph_response(image: ArrayLike) -> Grey:
 
 
 def _filter(flat: Grey, picture: Photograph, levels: int) -> _Filtered:
-    """Return the response of a flattened picture on so many sizes of it, and the threshold that splits it best."""
+    """Return the filter response of a flat picture over ``levels`` sizes, and the threshold that splits it best."""
     from scipy.ndimage import gaussian_filter, grey_dilation
 
     filters, view = imaging_module("filters"), picture.view
@@ -194,7 +199,7 @@ def _filter(flat: Grey, picture: Photograph, levels: int) -> _Filtered:
 
 
 def _without_opposite(flat: Grey, view: Mask) -> Grey:
-    """Return a flattened picture whose low parts are cut off: else the filters answer beside what differs the other way."""
+    """Return a flat picture with its low values clipped. Otherwise the filters respond beside structures of opposite brightness."""
     return np.maximum(flat, -3 * 1.4826 * float(np.median(np.abs(flat[view]))))
 
 
@@ -204,7 +209,7 @@ def _check_thresholds(low: float, high: float) -> None:
 
 
 def imaging_module(module: str) -> Any:
-    """Return a module of scikit-image, which ships no types and takes long to import."""
+    """Import a module of scikit-image, which has no type annotations and is slow to import."""
     try:
         return importlib.import_module(f"skimage.{module}")
     except ImportError:
@@ -214,20 +219,20 @@ def imaging_module(module: str) -> Any:
 
 
 def _levels(picture: Photograph, thickest: float) -> int:
-    """Return on how many sizes of the picture the filters run so that they see the thickest vessel."""
+    """Return the number of picture sizes at which the filters must run to detect the thickest vessel."""
     width = thickest * max(picture.grey.shape) / THICKEST_VESSEL
     return 1 + max(0, int(np.ceil(np.log2(width) - 0.2)))
 
 
 def _strength(flat: Grey, view: Mask, share: float = 0.05) -> float:
-    """Return how clear bright lines are: the mean of that share of the strongest of them."""
+    """Return the strength of bright lines: the mean of the given fraction of strongest responses."""
     lines: NDArray[np.float64] = strongest_line(flat)[view]
     kept = max(1, int(share * lines.size))
     return float(np.partition(lines, -kept)[-kept:].mean())
 
 
 def _without_small(found: Mask, least: float) -> Mask:
-    """Return the parts of at least so many pixels; the largest ones if none has."""
+    """Remove parts with fewer than ``least`` pixels. If all parts are smaller, keep the largest ones."""
     from scipy import ndimage
 
     parts, _ = ndimage.label(found, np.ones((3, 3)))
@@ -237,10 +242,11 @@ def _without_small(found: Mask, least: float) -> Mask:
 
 
 def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
-    """Return how sure it is that a network is one of vessels.
+    """Return the confidence that a network consists of vessels.
 
-    Vessels give stronger lines than noise of the same spectrum; they differ from both sides, where an edge differs from one; they
-    are connected over long ways, unlike letters and stars; and they turn to all directions, unlike the joints of a wall.
+    The confidence combines four criteria. Vessels give stronger lines than noise of the same spectrum. They differ from both of
+    their sides, whereas an edge differs from one. They are connected over long distances, unlike letters and stars. They have all
+    directions, unlike the joints of a wall.
     """
     spectrum = np.fft.rfft2(flat)
     phase = np.angle(np.fft.rfft2(np.random.default_rng(0).standard_normal(flat.shape)))
@@ -260,7 +266,7 @@ def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
 
 
 def _mean_extent(network: Mask, middle: Mask) -> float:
-    """Return the diagonal of the connected parts of a network over its larger side, on average over its middle lines."""
+    """Return the mean diagonal of the network's connected parts relative to the larger side, averaged over the centre lines."""
     from scipy import ndimage
 
     parts, _ = ndimage.label(network, np.ones((3, 3)))
@@ -269,10 +275,10 @@ def _mean_extent(network: Mask, middle: Mask) -> float:
 
 
 def _shape_of_lines(flat: Grey, network: Mask, middle: Mask) -> tuple[float, float]:
-    """Return two measures of the network's middle lines, from 0 to 1.
+    """Return two measures of the network's centre lines, each from 0 to 1.
 
-    The share of them that differs from one side at least half as much as from the other, and how much all of them run along or
-    across one direction.
+    The first is the fraction of centre lines whose contrast on one side is at least half the contrast on the other. The second is
+    the alignment of all centre lines with one direction or its perpendicular.
     """
     from scipy import ndimage
 
@@ -287,7 +293,7 @@ def _shape_of_lines(flat: Grey, network: Mask, middle: Mask) -> tuple[float, flo
 
 
 def _in_own_pixels(network: Mask, response: Grey, low: float, shape: tuple[int, ...]) -> Mask:
-    """Return a network in the pixels of the photograph, its edges where the response passes the threshold."""
+    """Return a network at the photograph's resolution. Its edges lie where the response crosses the threshold."""
     if network.shape == shape:
         return network
     from scipy import ndimage

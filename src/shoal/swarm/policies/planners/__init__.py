@@ -1,1 +1,1 @@
-"""Policies that simulate plans in the predicted world before they send a command."""
+"""Planning policies: they simulate plans in a predicted world before they send a command."""

@@ -1,4 +1,4 @@
-"""beam-rollout, the best planner that we know: plans to the end, completed in two manners, in a farther prediction."""
+"""Policy beam-rollout, the best planner. It simulates plans to completion with two base policies and a longer-range prediction."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ TUNING = Tuning(
 
 @dataclass(frozen=True)
 class BeamRollout(Budgeted):
-    """As rollout, with three things added: it is the one that ``best`` stands for.
+    """The policy rollout with three extensions. The policy name ``best`` stands for this planner.
 
-    Plans are simulated until nothing is left to do from the first move on. They are also completed carefully, probing what would be
-    left behind before stepping on. And the prediction goes on as long as all cells up to there are likely to be free together.
-    Source: docs/concepts/planners.md.
+    First, plans are simulated to the end of the task from the first move on. Second, plans are also completed carefully: a careful
+    completion probes cells that would be left behind before it moves on. Third, the prediction extends as far as all predicted
+    cells are likely to be free together. Source: docs/concepts/planners.md.
     """
 
     kind: ClassVar[str] = "beam-rollout"
@@ -51,11 +51,11 @@ class BeamRollout(Budgeted):
     budget: float = 1000.0
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return budget and tuning for so many particles.
+        """Return the budget and the tuning for a number of particles.
 
-        The more thought that few and many are given goes into variations, and that of many into a wider and deeper beam, too. The
-        more they are, the sooner all is classified: then the end is in sight of more frontier cells, and what is classified early
-        counts less.
+        The extra budget of few or many particles is spent on variations. With many particles, part of it also makes the beam wider
+        and deeper. More particles also classify all cells sooner. Therefore plans are simulated to the end from a larger frontier
+        on, and early classification has less weight.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
         tuning, many = self.tuning, max(1.0, more)

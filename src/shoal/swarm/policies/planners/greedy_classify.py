@@ -1,4 +1,4 @@
-"""greedy-classify: the command that classifies most frontier cells now."""
+"""Policy greedy-classify: send the command that classifies most frontier cells immediately."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from shoal.swarm.policies.planners.planner_policy import PlannerPolicy
 
 @dataclass(frozen=True)
 class GreedyClassify(PlannerPolicy):
-    """Send the command that classifies most frontier cells at once; if none classifies any, the whole path to the nearest one.
+    """Send the command that classifies most frontier cells.
 
-    Ends as closest-frontier does: each command or way classifies a cell. Source: docs/concepts/planners.md.
+    If no command classifies a cell, send the path to the nearest frontier cell.
+
+    Every episode ends, as for closest-frontier, because each command or path classifies a cell. Source: docs/concepts/planners.md.
     """
 
     kind: ClassVar[str] = "greedy-classify"

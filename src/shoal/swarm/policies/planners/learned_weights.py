@@ -1,4 +1,4 @@
-"""The network that has seen maps: its weights, which `python -m benchmarks.learned_prior` trains, as kernels want them."""
+"""Weights of the learned prior, a neural network trained on maps, in the form that kernels use."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 from shoal.swarm.kernels.prediction.learned_prior import SPAN, LearnedPrior
 
 WEIGHTS = Path(__file__).with_name("learned_weights.npz")
-TURNS = (3, 0, 1, 2)  # quarters, against the clock, that bring the way in below, for l, u, r, d
+TURNS = (3, 0, 1, 2)  # anticlockwise quarter turns that bring the entry side to the bottom, for l, u, r, d
 CHANCES = 2**16  # for certain
 
 
 @cache
 def weights() -> dict[str, Any]:
-    """Return the weights, as they are stored, and where the cells of a window are once it is turned."""
+    """Return the stored weights and the cell indices of a window after each rotation."""
     cells = np.arange(SPAN * SPAN).reshape(SPAN, SPAN)
     places = np.array([np.argsort(np.rot90(cells, turns).ravel()) for turns in TURNS])
     with np.load(WEIGHTS) as stored:
@@ -26,7 +26,7 @@ def weights() -> dict[str, Any]:
 
 
 def learned_prior_of(inner: Any, width: int, *, used: bool) -> LearnedPrior:
-    """Return the network, which has told nothing yet; unless it is used there is nothing to remember what it told."""
+    """Return the network with an empty cache of predictions. An unused network gets no cache."""
     size = 64 * len(inner) if used else 0
     return LearnedPrior(
         **weights(),

@@ -1,4 +1,4 @@
-"""offline: a whole plan for a known map before the first move."""
+"""Policy offline: compute the complete plan for a known map before the first move."""
 
 from __future__ import annotations
 
@@ -27,34 +27,34 @@ from shoal.swarm.policies.planners.state import planner_of, seed_of
 from shoal.swarm.policies.planners.tuning import Tuning
 from shoal.swarm.policies.protocol import Decision, View
 
-PLAN_BUDGET = 32_000.0  # simulated moves for each command: nobody waits between two of them
-FIRST_SHARE = 0.25  # of the budget, for the plan that annealing begins with
-HEAT, COOL = 3.0, 0.1  # moves that a worse plan may be longer, at first and at last
-LEAST = 200  # commands that the budget is reckoned for, if a plan has fewer: short ones are cheap
-PIECES = 60  # of annealing, each at one heat; between two of them Python may be interrupted
-PLACES = 64  # states kept on the way of a plan
+PLAN_BUDGET = 32_000.0  # default number of simulated moves per command, large because no robot waits between two commands
+FIRST_SHARE = 0.25  # fraction of the budget for the initial plan of the annealing
+HEAT, COOL = 3.0, 0.1  # accepted increase of the plan length in moves, at the first and the last temperature
+LEAST = 200  # minimum number of commands in the budget's calculation, because short plans are cheap
+PIECES = 60  # annealing steps at one temperature; Python can be interrupted between two of them
+PLACES = 64  # states stored along a plan
 
 
 @dataclass(frozen=True)
 class FirstPlan(BeamRollout):
-    """beam-rollout that searches wider; its plan is where annealing begins."""
+    """The planner beam-rollout with a wider search. Annealing starts from its plan."""
 
     kind: ClassVar[str] = "offline"
     tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(beam_width=24, beam_depth=12, beam_leaves=6, variations=12)
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return the budget as it is, however many particles there are, and the tuning."""
+        """Return the full budget and the tuning, independent of the number of particles."""
         return (self.budget, *self.tuning)
 
 
 @dataclass(frozen=True)
 class Offline:
-    """Send the plan of `plan_coverage`; for coverages alone, since it has to know the map.
+    """Send the plan of `plan_coverage`. This policy supports only coverage tasks because it needs the map.
 
     Parameters
     ----------
     budget : float
-        Moves that may be simulated for each command of the plan, on average.
+        Mean number of simulated moves per command of the plan.
     """
 
     kind: ClassVar[str] = "offline"
@@ -70,12 +70,12 @@ class Offline:
         return self.kind if self.budget == PLAN_BUDGET else f"{self.kind}:budget={self.budget:g}"
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return the whole plan at the first call, none afterwards."""
+        """Return the whole plan at the first call and no commands afterwards."""
         if memory is not None:
             return "", memory
         if view.mapping:
             raise InvalidInputError("policy offline: expected a task whose map is known, such as coverage, got a mapping")
-        # Particles that share a cell share it for ever, so one for each cell will do.
+        # Particles that share a cell stay together forever, so one particle per cell is enough.
         state = SwarmState.of_cells(view.occupied.layout, view.occupied.cells, shared=view.rule == "merge")
         return plan_from(view.belief, state, view.rule, self.budget, rng), "sent"
 
@@ -90,29 +90,30 @@ def plan_coverage(
     attempts: int = 1,
     seed: int = 0,
 ) -> str:
-    """Return commands that bring some particle onto every free cell, or every target: a plan, as nothing is left to chance.
+    """Return commands that move at least one particle onto every free cell, or every target, of a known map.
 
-    The planner beam-rollout with the map itself for a prediction makes a first plan; simulated annealing makes it shorter.
+    The planner beam-rollout, with the true map as its prediction, makes an initial plan. Simulated annealing then shortens the
+    plan.
 
     Parameters
     ----------
     workspace : GridWorkspace
     start : array_like of int, shape (n, ndim)
-        Cells of the particles.
+        Start cells of the particles.
     targets : ndarray of bool, the shape of the workspace, optional
-        The cells to cover, if not all.
+        The cells to cover. The default is all free cells.
     rule : str
         "block" or "merge".
     budget : float
-        Moves that may be simulated for each command of the plan, on average; of at least 200 commands.
+        Mean number of simulated moves per command of the plan. Plans shorter than 200 commands count as 200.
     attempts : int
-        Plans of which the shortest is returned; each with other random changes.
+        Number of plans to compute with different random changes. The shortest plan is returned.
     seed : int
 
     Raises
     ------
     InvalidInputError
-        If a target cannot be reached, or an argument does not fit.
+        If a target cannot be reached, or an argument is invalid.
 
     Examples
     --------
@@ -133,7 +134,7 @@ def plan_coverage(
 
 
 def plan_from(belief: Belief, state: SwarmState, rule: str, budget: float, rng: Generator) -> str:
-    """Return commands that cover what is left to cover in a known map."""
+    """Return commands that cover the remaining frontier cells of a known map."""
     FirstPlan().check(state.occupied.layout, rule)
     if belief.complete:
         return ""
@@ -153,11 +154,11 @@ def plan_from(belief: Belief, state: SwarmState, rule: str, budget: float, rng: 
 
 
 def first_plan(belief: Belief, state: SwarmState, rule: str, budget: float, rng: Generator) -> tuple[Any, NDArray[np.int8]]:
-    """Return the planner that made it, and the commands of a first plan."""
+    """Return the planner and the commands of an initial plan."""
     policy = FirstPlan(budget=budget)
     options = policy.settings(len(state.occupied))
     planner = planner_of(belief.open.layout, belief, rule=rule, mapping=False, seed=seed_of(rng), options=options)
-    field = field_of(belief.open.words, state, belief)  # changed as the plan is played
+    field = field_of(belief.open.words, state, belief)  # changed while the plan is simulated
     pieces, status = [], policy_episode.RUNNING
     while status == policy_episode.RUNNING:
         trace = Trace.empty(256)

@@ -1,4 +1,4 @@
-"""What the planners share: they see every move, and remember in arrays that kernels work in."""
+"""Base classes of the planners. Planners observe every move and keep their memory in kernel arrays."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from shoal.swarm.policies.planners.tuning import Tuning
 from shoal.swarm.policies.protocol import Decision, View
 
 UNLIMITED = 1e9
-USUAL = 1000  # particles that are given the budget as it is
-MOST_FEW, MOST_MANY = 10.0, 4.0  # times as much is given to fewer and to more
+USUAL = 1000  # number of particles for which the budget is used unchanged
+MOST_FEW, MOST_MANY = 10.0, 4.0  # maximum budget factor for fewer and for more particles
 
 
 @dataclass(frozen=True)
 class PlannerPolicy(Compiled):
-    """Base of the policies that simulate moves before they choose one."""
+    """Base class of the policies that simulate moves before they choose a command."""
 
     runs: ClassVar[bool] = False
     rules: ClassVar[frozenset[str]] = frozenset({"block", "merge"})
@@ -33,13 +33,13 @@ class PlannerPolicy(Compiled):
     milliseconds: ClassVar[float] = 0.0
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return budget and tuning as kernels know them, for so many particles."""
+        """Return the budget and the tuning for a number of particles, in the form that kernels use."""
         return () if self.tuning is None else (UNLIMITED, *self.tuning)
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return the next command; memory is all that the planner has learnt, and the last command."""
+        """Return the next command. The memory holds everything that the planner has learnt and the last command."""
         belief, layout, memory = view.belief, view.occupied.layout, copy.deepcopy(memory)
-        field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # the truth is not looked at
+        field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # planners do not read the true state
         if memory is None:
             options = self.settings(len(view.occupied))
             planner = planner_of(layout, belief, rule=view.rule, mapping=view.mapping, seed=seed_of(rng), options=options)
@@ -65,18 +65,18 @@ class _Remembered:
 
 @dataclass(frozen=True)
 class Budgeted(PlannerPolicy):
-    """Base of the planners that can be told how much to think.
+    """Base class of the planners with an adjustable planning budget.
 
     Parameters
     ----------
     budget : float
-        Moves that may be simulated for each move sent, on average, by 1000 particles. The fewer they are, the more moves are needed
-        and the more it is worth to think: n particles are given (1000 / n) squared times as many, at most ten times. The more they
-        are, the fewer moves are sent in all: n particles are given n / 1000 times as many, at most four times. The same seed and
-        budget give the same commands on every machine.
+        Mean number of simulated moves per move sent, for 1000 particles. Fewer particles need more moves, and planning pays off
+        more: n particles get (1000 / n) squared times the budget, at most ten times. More particles need fewer moves in total: n
+        particles get n / 1000 times the budget, at most four times. The same seed and budget give the same commands on every
+        machine.
     milliseconds : float
-        If above 0, time for each move, on average, instead of a budget. Then the commands depend on the machine and on what else
-        runs there; an episode replays all the same, since it holds its commands.
+        If above 0, mean computing time per move, which replaces the budget. The commands then depend on the machine and its load.
+        An episode can still be replayed because it stores its commands.
     """
 
     budget: float = UNLIMITED
@@ -89,7 +89,7 @@ class Budgeted(PlannerPolicy):
             raise InvalidInputError(f"milliseconds: expected a time a move, 0 to 1e9, got {self.milliseconds:g}")
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return budget and tuning as kernels know them, for so many particles."""
+        """Return the budget and the tuning for a number of particles, in the form that kernels use."""
         assert self.tuning is not None
         few, many = min(MOST_FEW, (USUAL / max(1, particles)) ** 2), min(MOST_MANY, particles / USUAL)
         return (self.budget * max(few, many), *self.tuning)

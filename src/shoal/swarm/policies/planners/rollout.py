@@ -1,4 +1,4 @@
-"""rollout: candidates completed by a base policy in the predicted world; the best one's first command."""
+"""Policy rollout: complete candidate plans with a base policy in the predicted world, and send the best plan's first command."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ P1 = Tuning(
 
 @dataclass(frozen=True)
 class Rollout(Budgeted):
-    """Simulate several plans in the world as predicted; send the first command of the best.
+    """Simulate several plans in the predicted world and send the first command of the best plan.
 
-    Candidates are what is left of the last plan, the single commands, the best leaves of a beam search and variations of the
-    best so far; each is completed greedily. If nothing is classified for 450 moves, a whole path to the nearest frontier cell is
-    played, so every episode ends. Source: docs/concepts/planners.md (the prototype there).
+    The candidates are the rest of the last plan, all single commands, the best leaves of a beam search, and variations of the best
+    candidate. A greedy base policy completes each candidate. If 450 moves classify no cell, the planner sends a whole path to the
+    nearest frontier cell, so every episode ends. Source: docs/concepts/planners.md describes the prototype.
     """
 
     kind: ClassVar[str] = "rollout"

@@ -1,4 +1,4 @@
-"""What planners remember between two moves, the arrays that their kernels work in, and how long they may think."""
+"""Memory of the planners between two moves, the working arrays of their kernels, and their computing time."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ from shoal.swarm.kernels.records import new_record, record_type
 from shoal.swarm.policies.planners.learned_weights import learned_prior_of
 from shoal.swarm.policies.planners.tuning import Tuning
 
-OPTIONS = record_type(np.float64, "budget", *Tuning._fields)  # budget: moves that may be simulated for each move sent, on average
-BEAM_WIDTH, BEAM_WORDS = 24, 2**20  # states of a beam on any board; words of all its boards of one kind, if it is to be wider
+OPTIONS = record_type(np.float64, "budget", *Tuning._fields)  # budget: mean number of simulated moves per move sent
+# number of states of a beam on any board; for wider beams, number of words of all its boards of one kind
+BEAM_WIDTH, BEAM_WORDS = 24, 2**20
 LONGEST_PLAN = 2_000
-FIRST_RATE = 200.0  # simulated moves a millisecond, while nothing is known of the machine
-ADVANCE = 10  # moves whose time may be spent before they are sent: most is to be thought about in the first ones
+FIRST_RATE = 200.0  # simulated moves per millisecond, before the machine's speed has been measured
+ADVANCE = 10  # moves whose time may be spent in advance, because the first moves need most planning
 
 
 def new_prior(layout: GridLayout, *, lattices: int = 0, learned: bool = False) -> occupancy_prior.OccupancyPrior:
-    """Return a prior that has learnt nothing yet, with as many of its models and with the learned expert, or without."""
+    """Return an empty prior with the given number of lattice models, with or without the learned network."""
     weights = np.zeros(occupancy_prior.EXPERTS)
     weights[: lattices + 1] = (0.5 if learned else 1.0) / (lattices + 1)
     weights[occupancy_prior.LEARNED] = 0.5 if learned else 0.0
@@ -45,7 +46,7 @@ def new_prior(layout: GridLayout, *, lattices: int = 0, learned: bool = False) -
 
 
 def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, seed: int, options: tuple[float, ...] = ()) -> Any:
-    """Return the memory and the work space of a planner that has not decided anything yet."""
+    """Return the memory and the working arrays of a planner before its first decision."""
     size, directions = layout.words[0] * layout.words[1], len(letters_of(layout.ndim))
     longest = int(np.prod(layout.shape)) + LONGEST_PLAN
     extents: Any = {"layers": layout.layers, "rows": layout.rows, "width": layout.words[1]}
@@ -72,7 +73,7 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
     memory = new_record(planner_state.MEMORY)
     memory.random = seed
     memory.remaining = len(belief.frontier)
-    memory.surprise = planner_state.WHOLE // 4 if mapping else 0  # of a known map nothing is a surprise
+    memory.surprise = planner_state.WHOLE // 4 if mapping else 0  # a known map has no prediction errors
     return planner_state.Planner(
         memory=memory,
         options=new_record(OPTIONS, **given),
@@ -106,26 +107,27 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
 
 
 def seed_of(rng: Generator) -> int:
-    """Draw the seed of a planner's own generator."""
+    """Draw the seed of a planner's own random generator."""
     return int(rng.integers(1, 2**62))
 
 
 class Pace:
-    """Turns a time for each move into a budget of simulated moves, from what they have taken so far."""
+    """Converts a time per move into a budget of simulated moves, based on the speed measured so far."""
 
     def __init__(self, milliseconds: float) -> None:
         self.milliseconds, self.spent, self.simulated, self.moves = milliseconds, 0.0, 0, 0
 
     @contextmanager
     def timed(self, planner: Any, moves: int) -> Iterator[None]:
-        """Set the budget for so many moves, and time the block, which plays them."""
+        """Set the budget for a number of moves, and measure the time that the block needs to play them."""
         if not self.milliseconds:
             yield
             return
         rate = self.simulated / self.spent if self.simulated else FIRST_RATE
         budget = max(1.0, self.milliseconds * rate)
         planner.options.budget = budget
-        # What earlier moves have saved or overdrawn is known in milliseconds: it replaces what the planner has counted itself.
+        # The time saved or overdrawn by earlier moves is known in milliseconds. It replaces the planner's own count of simulated
+        # moves.
         saved = (self.milliseconds * (self.moves + ADVANCE) - self.spent) * rate
         planner.memory.credit = int(min(SAVINGS * budget, saved))
         before, began = int(planner.memory.simulated), time.perf_counter()

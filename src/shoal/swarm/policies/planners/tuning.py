@@ -1,4 +1,4 @@
-"""Tuning: what planners weigh."""
+"""Tuning parameters of the planners."""
 
 from __future__ import annotations
 
@@ -6,29 +6,29 @@ from typing import NamedTuple
 
 
 class Tuning(NamedTuple):
-    """What a planner weighs; docs/concepts/planners.md says why these numbers."""
+    """Tuning parameters of a planner. docs/concepts/planners.md explains their values."""
 
-    end_frontier: float  # frontier cells up to which plans are simulated to the end
-    horizon: float  # moves, of plans to the end
+    end_frontier: float  # largest frontier for which plans are simulated to the end, in cells
+    horizon: float  # horizon of plans to the end, in moves
     discount: float
-    near_horizon: float  # moves, while there are more frontier cells
-    frontier_worth: float  # moves that classifying all at once is worth
-    beam_width: float  # of the beam
+    near_horizon: float  # horizon with a larger frontier, in moves
+    frontier_worth: float  # value of classifying all cells immediately, in moves
+    beam_width: float  # depth of the beam
     beam_depth: float
-    beam_leaves: float  # of the beam that are completed
-    variations: float  # of the incumbent
-    left_behind_cost: float  # cells classified that a cell left behind offsets; 0: greedy completions alone
-    free_threshold: float  # chance from which a cell is predicted to be free
-    prediction_layers: float  # cells that predictions go on
-    run_candidates: float  # 1: runs in one direction are candidates, too
-    force_after: float  # moves that classify nothing, after which a whole way is played
-    joint_chance: float  # chance that all cells up to a predicted one are free
-    future_weight: float  # what a cell counts that will join the frontier if all is as predicted
-    surprise_weight: float  # how much more classifying early is worth if all that is found is a surprise
-    surprise_shrink: float  # how fast the horizon shrinks towards the near one with surprises; 0: not at all
-    end_surprise: float  # share of surprises below which plans are simulated to the end, however many frontier cells there are
-    far_surprise: float  # share of surprises below which plans to the end are simulated as far as the next two say
+    beam_leaves: float  # number of leaves of the beam that are completed
+    variations: float  # number of variations of the incumbent
+    left_behind_cost: float  # number of classified cells that outweighs one cell left behind; 0 means greedy completions only
+    free_threshold: float  # probability from which a cell is predicted to be free
+    prediction_layers: float  # range of predictions, in cells
+    run_candidates: float  # 1: runs in one direction are also candidates
+    force_after: float  # number of moves without classification after which a whole path is sent
+    joint_chance: float  # probability that all cells up to a predicted cell are free
+    future_weight: float  # weight of a cell that joins the frontier if the prediction is correct
+    surprise_weight: float  # additional weight of early classification at 100 % prediction error
+    surprise_shrink: float  # rate at which the horizon shrinks towards the near horizon with prediction errors; 0: constant horizon
+    end_surprise: float  # prediction error below which plans are simulated to the end for any size of frontier
+    far_surprise: float  # prediction error below which the next two numbers limit plans to the end
     far_horizon: float
     far_discount: float
-    lattices: float  # that the free cells may lie on, of periods 2, 4, ...
-    learned: float  # 1: an expert that has seen maps has a say in what is predicted
+    lattices: float  # lattices that may contain the free cells, of periods 2, 4, ...
+    learned: float  # 1: the trained network contributes to the prediction

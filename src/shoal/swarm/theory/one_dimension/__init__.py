@@ -1,6 +1,6 @@
-"""The theory of one dimension: m cells in a line, n particles, one command for all, left first and then right.
+"""Theory in one dimension: n particles on a line of m cells under one shared command, first to the left and then to the right.
 
-Paper M, section III.A, with its errata: exact values beside the printed formulas and beside Monte Carlo.
+Paper M, section III.A, with its errata: exact values, the printed formulas, and Monte Carlo estimates.
 """
 
 from __future__ import annotations

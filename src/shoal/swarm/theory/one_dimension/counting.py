@@ -1,13 +1,14 @@
-"""Counting placements on a line with whole numbers only.
+"""Exact counting of particle placements on a line, with integers only.
 
-A placement is the n + 1 gaps around n particles, of m - n empty cells in all. Let a be the first gap, b the last, t = a + b, and
-g(1) ... g(n-1) those between. Then (see `positions.coverage_moves`) full coverage takes
+A placement is given by the n + 1 gaps around n particles, with m - n empty cells in total. Let a be the first gap, b the last, t =
+a + b, and g(1) ... g(n-1) the inner gaps. Then (see `positions.coverage_moves`) full coverage takes
 
     a + 1 + max(t + 2, g(i), but g(i) - 1 for the first i with g(i) > 0)
 
-moves, and one less in the clumps, where all g(i) are 0. So the placements whose maximum is at most g have t <= g - 2 (t + 1 ways
-to split it) and gaps up to g, the first that is not 0 up to g + 1. Generating functions turn that into sums of binomials: with
-G = (1 - x^(g+1)) / (1 - x) for one gap and T = sum of (t+1) x^t for t <= g - 2, it is the coefficient of x^(m-n) in
+moves. It takes one move less for a clump, where all g(i) are 0. The maximum is at most g for the placements with t <= g - 2 (t + 1
+ways to split t) and inner gaps of at most g, where the first nonzero gap may be g + 1. Generating functions turn this count into
+sums of binomials. Let G = (1 - x^(g+1)) / (1 - x) represent one gap, and T be the sum of (t+1) x^t for t <= g - 2. The count is
+then the coefficient of x^(m-n) in
 
     T G^(n-1)  +  T x^(g+1) (1 + G + ... + G^(n-2)).
 """
@@ -43,7 +44,7 @@ def signed_binomials(n: int, at_most: int) -> list[int]:
 
 
 def placements_by_largest_gap(cells: int, particles: int) -> list[int]:
-    """Return for g = 0 .. cells - particles how many placements have no gap, ends included, above g."""
+    """Return, for g = 0 .. cells - particles, the number of placements without a gap above g, end gaps included."""
     placements, signs = choose_all(cells, particles), signed_binomials(particles + 1, cells)
     counts = []
     for g in range(cells - particles + 1):
@@ -53,20 +54,21 @@ def placements_by_largest_gap(cells: int, particles: int) -> list[int]:
 
 
 def coverage_total(cells: int, particles: int) -> int:
-    """Return the moves of full coverage, summed over all placements."""
+    """Return the number of moves of full coverage, summed over all placements."""
     if particles == 1:
         return cells * (3 * cells + 1) // 2
     empty = cells - particles
     placements = comb(cells, particles)
     within = CoverageCounts(cells, particles)
-    # The sum of a + 1 over all placements, and of the maximum as the sum over g of those above g.
+    # The result is the sum of a + 1 over all placements, plus the sum of the maximum. The latter is the sum over g of the number of
+    # placements whose maximum exceeds g.
     total = comb(cells + 1, particles + 1) + 2 * placements
     total += sum(placements - within(g) for g in range(2, empty + 2))
     return total - (empty + 1)  # the clumps
 
 
 class CoverageCounts:
-    """For g >= 2: how many placements have the maximum of the module's text at most g."""
+    """For g >= 2, counts the placements for which the maximum defined in the module's docstring is at most g."""
 
     def __init__(self, cells: int, particles: int) -> None:
         n = particles
@@ -77,11 +79,11 @@ class CoverageCounts:
         self.inner = choose_all(cells, n - 2)[n - 2 :]  # of 1 / (1-x)^(n-1)
 
     def __call__(self, g: int) -> int:
-        """Return the number for g."""
+        """Return the number of placements for g."""
         return self._all_below(g) + self._first_above(g)
 
     def printed(self, g: int, extra: int) -> int:
-        """Return how many placements have the maximum of the papers' formula at most g."""
+        """Return the number of placements for which the maximum in the papers' formula is at most g."""
         if g < extra:
             return 0
         return _truncated(lambda total: self._bounded(self.with_ends, total, g - extra + 1), self.empty, g - 1)
@@ -98,7 +100,7 @@ class CoverageCounts:
     def _first_above(self, g: int) -> int:
         """Return the coefficient of x^(m-n) in T x^(g+1) (1 + G + ... + G^(n-2)).
 
-        The last factor is (G^(n-1) - 1) / (G - 1) and G - 1 = x (1 - x^g) / (1 - x): dividing by 1 - x^g leaves a sum over every
+        The last factor is (G^(n-1) - 1) / (G - 1), and G - 1 = x (1 - x^g) / (1 - x). Division by 1 - x^g gives a sum over every
         g-th coefficient of G^(n-1).
         """
         if self.empty < g:
@@ -106,15 +108,15 @@ class CoverageCounts:
         return self._bounded(self.one_free, self.empty - g, g + 1) - 1 - g * self._every(g)
 
     def _every(self, g: int) -> int:
-        """Return the sum of the coefficients of x^i in G^(n-1) for i = m-n-2g+1, less g, less g, ..., above 0."""
+        """Return the sum of the coefficients of x^i in G^(n-1) for i = m-n-2g+1, m-n-3g+1, ..., while i is above 0."""
         top = self.empty - 2 * g + 1
         if top <= 0:
             return 0
-        whole = 1 if top % g == 0 else 0  # i = 0 is not to be counted; its coefficient is 1
+        whole = 1 if top % g == 0 else 0  # i = 0 is excluded; its coefficient is 1
         return sum(sign * part for sign, part in zip(self.signs, self._sums(top, g), strict=False)) - whole
 
     def _sums(self, top: int, g: int) -> Iterator[int]:
-        """Yield the sums of every g-th coefficient of 1 / (1-x)^(n-1) down from top, top - (g+1), ..."""
+        """Yield the sums of every g-th coefficient of 1 / (1-x)^(n-1), starting at top, top - (g+1), ..."""
         starts = range(top, -1, -(g + 1))
         if g * g > top:
             yield from (sum(self.inner[start::-g]) for start in starts)
@@ -126,9 +128,10 @@ class CoverageCounts:
 
 
 def printed_coverage_total(cells: int, particles: int, *, extra: int = 0) -> int:
-    """Return what the papers' formula for full coverage gives, summed over all placements.
+    """Return the papers' formula for full coverage, summed over all placements.
 
-    It is a + 2 + max(t + 1, largest inner gap + ``extra``), at most g if t <= g - 1 and inner gaps are up to g - ``extra``.
+    The formula is a + 2 + max(t + 1, largest inner gap + ``extra``). Its maximum is at most g if t <= g - 1 and all inner gaps are
+    at most g - ``extra``.
     """
     empty, placements = cells - particles, comb(cells, particles)
     total = comb(cells + 1, particles + 1) + placements

@@ -14,18 +14,18 @@ from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.swarm.theory.one_dimension import counting
 
-_COUNTED = 1000  # particles, or empty cells, from which on C(m, n) has thousands of digits
+_COUNTED = 1000  # number of particles or empty cells from which C(m, n) has thousands of digits
 
 
 @dataclass(frozen=True)
 class Mean:
-    """An expected value: exact, and as a paper's formula gives it.
+    """An expected value: the exact value and the value of a paper's printed formula.
 
     Parameters
     ----------
     exact : Fraction
     printed : Fraction
-        What the papers' formula gives, or counts.
+        Value of the papers' printed formula.
     """
 
     exact: Fraction
@@ -33,7 +33,7 @@ class Mean:
 
     @property
     def difference(self) -> Fraction:
-        """Printed less exact."""
+        """The printed value minus the exact value."""
         return self.printed - self.exact
 
     def __float__(self) -> float:
@@ -42,14 +42,14 @@ class Mean:
 
 @dataclass(frozen=True)
 class Distribution:
-    """How often each value occurs among all equally likely placements.
+    """Number of placements for each value of a quantity, over all equally likely placements.
 
     Parameters
     ----------
     first : int
         The smallest value listed.
     counts : tuple of int
-        Placements with the values first, first + 1, ...; exact.
+        Exact number of placements with the values first, first + 1, ...
     """
 
     first: int
@@ -74,28 +74,28 @@ class Distribution:
     def probabilities(self) -> NDArray[np.float64]:
         """Probability of each of `values`; float64."""
         total = self.total
-        return np.array([count / total for count in self.counts])  # Python divides integers of any size correctly rounded
+        return np.array([count / total for count in self.counts])  # Python rounds the quotient of integers of any size correctly
 
 
 @dataclass(frozen=True)
 class Line:
-    """n particles in m cells in a row, all placements equally likely; commands go left first, then right.
+    """n particles on a line of m cells, with all placements equally likely. Commands go first left, then right.
 
     Parameters
     ----------
     cells : int
-        m, 1 or more.
+        m, at least 1.
     particles : int
         n, 1 to m.
 
     Raises
     ------
     InvalidInputError
-        For other numbers.
+        If a number is out of range.
 
     Notes
     -----
-    Source: paper M, section III.A. There are C(m, n) placements, not C(m-n, n+1) as printed.
+    Source: paper M, section III.A. The number of placements is C(m, n), not C(m-n, n+1) as printed.
 
     Examples
     --------
@@ -115,14 +115,15 @@ class Line:
 
     @property
     def placements(self) -> int:
-        """How many there are: C(m, n)."""
+        """Number of placements: C(m, n)."""
         return comb(self.cells, self.particles)
 
     @property
     def boundary(self) -> Mean:
-        """Moves until both ends are found.
+        """Expected number of moves until both ends are found.
 
-        Exact: 3(1+m)/(1+n) - (m-n+1)/C(m,n), paper M, eq. 2. Printed: paper D, eq. 2, without the last term, the clumps.
+        Exact value: 3(1+m)/(1+n) - (m-n+1)/C(m,n), paper M, eq. 2. Printed value: paper D, eq. 2, which lacks the last term, the
+        clumps.
         """
         m, n = self.cells, self.particles
         printed = Fraction(3 * (1 + m), 1 + n)
@@ -130,16 +131,22 @@ class Line:
 
     @property
     def boundary_float(self) -> float:
-        """The exact mean of `boundary` as a float, for lines of any length: the clumps of large swarms are below its last digit."""
+        """The exact mean of `boundary` as a float, for lines of any length.
+
+        In large swarms the clumps contribute less than rounding.
+        """
         m, n = self.cells, self.particles
         clumps = Fraction(m - n + 1, comb(m, n)) if min(n, m - n) <= _COUNTED else 0
         return float(Fraction(3 * (1 + m), 1 + n) - clumps)
 
     @cached_property
     def coverage(self) -> Mean:
-        """Moves until every cell has been visited and both ends are found; printed: the papers' formula.
+        """Expected number of moves until every cell was visited and both ends are found.
 
-        The work grows with m sqrt(m), in integers of up to m bits: a millisecond for m = 100, up to half a minute for m = 10,000.
+        The printed value is the papers' formula.
+
+        The computing time grows with m sqrt(m) operations on integers of up to m bits. It is a millisecond for m = 100 and up to
+        half a minute for m = 10,000.
         """
         return Mean(
             Fraction(counting.coverage_total(self.cells, self.particles), self.placements),
@@ -148,10 +155,10 @@ class Line:
 
     @cached_property
     def published_coverage(self) -> Fraction:
-        """What the published curve of full coverage shows: the papers' formula with a gap counted as difference of positions.
+        """The published curve of full coverage: the papers' formula with each gap counted as a difference of positions.
 
-        That is one cell too many a second time. Source: paper M, Fig. 7 (its 1-D curve); where particles fill all cells the
-        curve has 2 moves, as is right.
+        This counts one cell too many a second time. Source: paper M, Fig. 7 (its 1-D curve). Where particles fill all cells, the
+        curve has the correct value of 2 moves.
         """
         if self.particles == self.cells:
             return Fraction(2)
@@ -159,13 +166,16 @@ class Line:
 
     @cached_property
     def largest_gap(self) -> Mean:
-        """Empty cells in the largest of all n + 1 gaps; printed: one more, as the papers take differences of positions."""
+        """Expected number of empty cells in the largest of all n + 1 gaps.
+
+        The printed value is one more, because the papers use differences of positions.
+        """
         exact = self.largest_gap_distribution.mean
         return Mean(exact, exact + 1)
 
     @cached_property
     def largest_gap_distribution(self) -> Distribution:
-        """Of the largest of all n + 1 gaps, in empty cells.
+        """Distribution of the largest of all n + 1 gaps, in empty cells.
 
         P(largest <= g) = sum over j of (-1)^j C(n+1, j) C(m - j(g+1), n) / C(m, n).
         """
@@ -174,13 +184,16 @@ class Line:
 
     @property
     def first_distribution(self) -> Distribution:
-        """Of p_1, the position of the first particle: the moves left that find the wall. That of m + 1 - p_n is the same."""
+        """Distribution of p_1, the position of the first particle.
+
+        It is the number of moves left until the wall is found. m + 1 - p_n has the same distribution.
+        """
         m, n = self.cells, self.particles
         return Distribution(1, tuple(comb(m - k, n - 1) for k in range(1, m - n + 2)))
 
     @property
     def spread_distribution(self) -> Distribution:
-        """Of p_n - p_1."""
+        """Distribution of p_n - p_1."""
         m, n = self.cells, self.particles
         if n == 1:
             return Distribution(0, (m,))
@@ -188,17 +201,18 @@ class Line:
 
     @property
     def boundary_distribution(self) -> Distribution:
-        """Of the moves until both ends are found."""
+        """Distribution of the number of moves until both ends are found."""
         m, n = self.cells, self.particles
         free = m - n
         if n == 1:
             return Distribution(m + 1, (1,) * m)
-        # 3 + 2a + b moves with a cells before the first particle and b after the last; the others lie in the m - 2 - a - b between.
+        # The moves number 3 + 2a + b, with a cells before the first particle and b after the last. The other particles lie in the m
+        # - 2 - a - b cells between.
         counts = [0] * (2 * free + 2)
         for moves in range(2 * free + 1):
             most = min(moves // 2, free)
             counts[moves + 1] = comb(m - 1 - moves + most, n - 1) - (comb(m - 2 - moves, n - 1) if moves <= m - 2 else 0)
-        for a in range(free + 1):  # a clump takes one move less
+        for a in range(free + 1):  # a clump needs one move less
             counts[a + free + 1] -= 1
             counts[a + free] += 1
         low = next(i for i, count in enumerate(counts) if count)

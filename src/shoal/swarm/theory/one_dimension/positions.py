@@ -1,4 +1,4 @@
-"""The moves that given placements on a line need: formulas over arrays of sorted positions."""
+"""Number of moves for given placements on a line: formulas over arrays of sorted positions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def check_positions(positions: ArrayLike, cells: int) -> NDArray[np.int64]:
     Raises
     ------
     InvalidInputError
-        If they are no whole numbers in 1 .. cells, each larger than the one before.
+        If the positions are not strictly increasing whole numbers in 1 .. cells.
     """
     given = np.asarray(positions)
     if given.ndim < 1 or given.shape[-1] < 1 or not np.issubdtype(given.dtype, np.integer):
@@ -30,14 +30,15 @@ def check_positions(positions: ArrayLike, cells: int) -> NDArray[np.int64]:
 
 
 def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
-    """Return the moves until both ends of the line are found, left first.
+    """Return the number of moves until both ends of the line are found, moving left first.
 
-    ``2 p_1 + cells - p_n + 1``, one less if the particles form one clump: then the last move left holds them all.
+    The number is ``2 p_1 + cells - p_n + 1``. It is one less if the particles form one clump, because the last move to the left
+    then holds all of them.
 
     Parameters
     ----------
     positions : array_like of int, shape (..., n)
-        Cells 1 .. cells, ascending along the last axis.
+        Positions in 1 .. cells, ascending along the last axis.
     cells : int
 
     Returns
@@ -47,11 +48,11 @@ def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
     Raises
     ------
     InvalidInputError
-        For positions that do not fit.
+        If the positions are invalid.
 
     Notes
     -----
-    Source: paper M, section III.A.2; the clump is the last term of its eq. 2.
+    Source: paper M, section III.A.2. The clump is the last term of its eq. 2.
 
     Examples
     --------
@@ -64,16 +65,16 @@ def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
 
 
 def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
-    """Return the moves until every cell has held a particle and both ends are found, left first.
+    """Return the number of moves until every cell has held a particle and both ends are found, moving left first.
 
-    With ``L_i = min(p_1, p_i - i)``, how far particle i comes to the left, ``R = cells - (p_n - L_n) + 1`` moves right find the
-    other end and ``p_{i+1} - p_i - 1 - (L_{i+1} - L_i)`` close the gap behind particle i; in all it takes p_1
-    plus the largest of them.
+    Particle i moves ``L_i = min(p_1, p_i - i)`` cells to the left. Then ``R = cells - (p_n - L_n) + 1`` moves to the right find the
+    other end, and ``p_{i+1} - p_i - 1 - (L_{i+1} - L_i)`` moves close the gap behind particle i. The total is p_1 plus the largest
+    of these numbers.
 
     Parameters
     ----------
     positions : array_like of int, shape (..., n)
-        Cells 1 .. cells, ascending along the last axis.
+        Positions in 1 .. cells, ascending along the last axis.
     cells : int
 
     Returns
@@ -83,11 +84,11 @@ def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
     Raises
     ------
     InvalidInputError
-        For positions that do not fit.
+        If the positions are invalid.
 
     Notes
     -----
-    Corrects paper M, section III.A.2, which forgets that the first gap has been narrowed already.
+    This corrects paper M, section III.A.2, which ignores that the first gap has already become smaller.
 
     Examples
     --------

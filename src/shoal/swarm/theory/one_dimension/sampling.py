@@ -1,4 +1,4 @@
-"""Monte Carlo on a line: random placements, measured in compiled code."""
+"""Monte Carlo simulation on a line: random placements, evaluated in compiled code."""
 
 from __future__ import annotations
 
@@ -15,34 +15,34 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.theory.one_dimension.exact import Line
 
-_DRAWS, _CELLS = 2**21, 2**28  # random numbers drawn, and cells looked through, at once; part of what a seed means
-MAX_TRIALS = 100_000_000  # 28 bytes each
-MAX_DRAWS = 10_000_000  # random numbers for one placement
+_DRAWS, _CELLS = 2**21, 2**28  # random numbers drawn, and cells scanned, per block; part of the definition of a seed
+MAX_TRIALS = 100_000_000  # placements of 28 bytes each
+MAX_DRAWS = 10_000_000  # maximum number of random numbers for one placement
 
 Values = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
 class LineSample:
-    """Random placements and what each of them costs; every array is int32, shape (trials,).
+    """Random placements and their numbers of moves. Every array is int32, shape (trials,).
 
     Parameters
     ----------
     line : Line
     first : ndarray
-        p_1, the cells from the left wall to the first particle: the moves left that find the wall.
+        p_1, the position of the first particle: the number of moves left that finds the wall.
     last : ndarray
-        m + 1 - p_n, the same at the right wall.
+        m + 1 - p_n, the same for the right wall.
     largest_gap : ndarray
-        Empty cells in the largest of all n + 1 gaps.
+        Number of empty cells in the largest of all n + 1 gaps.
     spread : ndarray
         p_n - p_1.
     boundary : ndarray
-        Moves until both ends are found.
+        Number of moves until both ends are found.
     coverage : ndarray
-        Moves until every cell has been visited, too.
+        Number of moves until every cell was visited and both ends are found.
     printed_coverage : ndarray
-        The papers' formula for it.
+        The papers' formula for the coverage.
     """
 
     line: Line
@@ -60,7 +60,7 @@ class LineSample:
         return len(self.first)
 
     def standard_error(self, column: str) -> float:
-        """Return the standard error of the mean of a column; 0 for a single trial."""
+        """Return the standard error of a column's mean, or 0 for a single trial."""
         values = getattr(self, column)
         return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
 
@@ -73,19 +73,19 @@ def sample(
     workers: int | None = None,
     on_trials: Callable[[int], None] | None = None,
 ) -> LineSample:
-    """Draw placements, all equally likely, and measure them.
+    """Draw equally likely placements and evaluate them.
 
     Parameters
     ----------
     line : Line
     trials : int
-        1 or more.
+        Number of placements, at least 1.
     seed : int
-        The same seed gives the same sample, whatever the workers.
+        The same seed gives the same sample for any number of workers.
     workers : int, optional
-        Threads; default one a processor.
+        Number of threads. The default is one per processor.
     on_trials : callable, optional
-        Told how many are done.
+        Function that is called with the number of finished trials.
 
     Returns
     -------
@@ -94,12 +94,12 @@ def sample(
     Raises
     ------
     InvalidInputError
-        For numbers that do not fit, or a line too long to draw placements of.
+        If an argument is out of range, or the line is too long to draw placements.
 
     Notes
     -----
-    Placements are drawn by Floyd's algorithm (Bentley and Floyd, "A sample of brilliance", 1987), of the empty cells where those
-    are fewer.
+    Placements are drawn by Floyd's algorithm (Bentley and Floyd, "A sample of brilliance", 1987). If fewer cells are empty than
+    occupied, the empty cells are drawn.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Schedules of scans for a wall at an unknown distance, with exact costs (paper M, section III.A.3)."""
+"""Scan schedules for the search of a wall at unknown distance, with exact costs (paper M, section III.A.3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The schedule with the smallest worst weighted ratio, for known prices and a largest distance."""
+"""The scan schedule with the smallest worst-case weighted ratio, for given prices and a maximum distance."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from shoal.swarm.theory.scan_schedules.schedules import (
 )
 
 MAX_SCANS = 20_000
-"""The largest number of positions of schedules among which the optimum is sought; those of equal steps may have more."""
+"""Maximum number of positions of an optimal schedule. Schedules of equal steps may have more positions."""
 
-_PRECISION = 64  # bits of the bisection, after which the last steps are exact
+_PRECISION = 64  # bits of the bisection, after which the final steps are exact
 _LAST_STEPS = 50
 
 
 class OptimalSchedule(ScanSchedule):
-    """The best schedule for its prices; see `optimal_schedule`.
+    """The optimal schedule for its prices; see `optimal_schedule`.
 
     Parameters
     ----------
@@ -43,14 +43,14 @@ class OptimalSchedule(ScanSchedule):
         self.schedule = schedule
 
     def positions(self) -> Iterator[int]:
-        """Yield the positions up to the first beyond the largest distance."""
+        """Yield the positions up to the first one beyond the maximum distance."""
         for position in self.schedule.positions():
             yield min(position, self.max_distance + 1)
             if position > self.max_distance:
                 return
 
     def cost(self, distance: int) -> Cost:
-        """Return moves and scans; see `ScanSchedule.cost`."""
+        """Return the number of moves and scans; see `ScanSchedule.cost`."""
         check_distance(distance)
         if distance > self.max_distance:
             raise InvalidInputError(f"schedule optimal: expected a distance up to {self.max_distance}, got {distance}")
@@ -59,7 +59,7 @@ class OptimalSchedule(ScanSchedule):
 
     @cached_property
     def guarantee(self) -> Worst:
-        """The largest weighted ratio over the distances that it is made for, and where it occurs."""
+        """The largest weighted ratio over all distances up to the maximum distance, and the distance at which it occurs."""
         return self.worst(scan_cost=self.scan_cost, move_cost=self.move_cost, max_distance=self.max_distance)
 
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
@@ -70,35 +70,35 @@ class OptimalSchedule(ScanSchedule):
 
 
 def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -> OptimalSchedule:
-    """Return the schedule whose worst weighted ratio over the distances 0 .. max_distance is smallest.
+    """Return the schedule with the smallest worst-case weighted ratio over the distances 0 .. max_distance.
 
-    A schedule with positions x_1 < x_2 < ... keeps a ratio r if every position is at most
-    ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``, where c is the price of a scan, v of a move and x_0 = 0. As a later scan never
-    narrows what follows, scanning as late as allowed decides whether r can be kept; a bisection finds the smallest such r, and
-    steps between exact fractions end it.
+    Let c be the price of a scan, v the price of a move, and x_0 = 0. A schedule with positions x_1 < x_2 < ... keeps a ratio r if
+    every position is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. A later scan never restricts the following ones.
+    Therefore, scanning as late as allowed decides whether r is possible. A bisection finds the smallest r, and final steps between
+    exact fractions make it exact.
 
     Parameters
     ----------
     scan_cost, move_cost : number
-        Not negative, not both zero. A float is taken as it is printed.
+        Prices, at least 0 and not both zero. A float counts as its printed decimal value.
     max_distance : int
-        The wall is at most so far away.
+        Maximum distance of the wall.
 
     Returns
     -------
     OptimalSchedule
-        Exact if at most `MAX_SCANS` positions are enough, and distance and prices have up to nine digits. If not, the best of so
-        many positions, to 19 digits, or the best of equal steps, whichever is better.
+        Exact if at most `MAX_SCANS` positions are enough and if distance and prices have up to nine digits. Otherwise the better of
+        two schedules: the best one with `MAX_SCANS` positions, to 19 digits, and the best one with equal steps.
 
     Raises
     ------
     InvalidInputError
-        For other prices or distances.
+        If a price or the distance is out of range.
 
     Notes
     -----
-    Goes beyond paper M, section III.A.3, which treats prices that are not known. For prices 10 and 1 the best steps are equal:
-    15 moves each, as long as the distance is not known to be short.
+    This extends paper M, section III.A.3, which assumes unknown prices. For prices 10 and 1, the best schedule has equal steps of
+    15 moves, unless the maximum distance is small.
 
     Examples
     --------
@@ -118,9 +118,10 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
 
 
 def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> EqualSteps:
-    """Return the equal steps with the smallest worst ratio.
+    """Return the equal steps with the smallest worst-case ratio.
 
-    The worst ratio is that of a wall at the start, which grows with the step, or of one at the largest distance, which falls.
+    Two ratios compete for the worst case. The ratio of a wall at the start grows with the step; the ratio at the maximum distance
+    falls with it.
     """
 
     def too_short(step: int) -> bool:
@@ -136,7 +137,7 @@ def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> Equa
 
 
 def least_worst(scan: Fraction, move: Fraction, max_distance: int, max_scans: int) -> list[int]:
-    """Return the positions, at most ``max_scans`` of them, with the smallest worst ratio; the price of a move is not zero."""
+    """Return at most ``max_scans`` positions with the smallest worst-case ratio. The price of a move must not be zero."""
     unit = lcm(scan.denominator, move.denominator)
     latest = _Latest(int(scan * unit), int(move * unit), max_distance, max_scans)
     low, high = Fraction(1), Fraction(2)
@@ -153,7 +154,7 @@ def least_worst(scan: Fraction, move: Fraction, max_distance: int, max_scans: in
             low = middle
         else:
             best, high = found, latest.ratio(found)
-    for _ in range(_LAST_STEPS):  # enough wherever the limit on scans does not matter
+    for _ in range(_LAST_STEPS):  # enough whenever the limit on scans has no effect
         better = latest(high, below=True)
         if better is None:
             break
@@ -162,13 +163,13 @@ def least_worst(scan: Fraction, move: Fraction, max_distance: int, max_scans: in
 
 
 class _Latest:
-    """Scan as late as a ratio allows; prices are whole numbers."""
+    """Scans as late as a ratio allows, with integer prices."""
 
     def __init__(self, scan: int, move: int, max_distance: int, max_scans: int) -> None:
         self.scan, self.move, self.end, self.max_scans = scan, move, max_distance + 1, max_scans
 
     def __call__(self, ratio: Fraction, *, below: bool = False) -> list[int] | None:
-        """Return the positions that keep a ratio (or stay below it), None if there are none up to the end."""
+        """Return the positions that keep a ratio (or stay below it), or None if no positions reach the end."""
         p, q, scan, move = ratio.numerator, ratio.denominator, self.scan, self.move
         positions: list[int] = []
         last = 0
@@ -183,7 +184,7 @@ class _Latest:
         return positions
 
     def ratio(self, positions: list[int]) -> Fraction:
-        """Return the worst ratio of positions that reach the end."""
+        """Return the worst-case ratio of positions that reach the end."""
         best, below = (0, 1), 0
         for scans, position in enumerate(positions, start=2):
             over, under = self.scan * scans + self.move * position, self.move * (below + 1) + 2 * self.scan

@@ -1,7 +1,7 @@
-"""Scan schedules on a line: after which moves to look, while a particle walks towards a wall at an unknown distance.
+"""Scan schedules on a line: the moves after which to scan while a particle moves towards a wall at unknown distance.
 
-The particle has been seen once, at the start. A wall at distance D stops it after D moves; a scan after x moves finds that if
-x > D. The optimum is (D + 1 moves, 2 scans); without knowing D it cannot be reached.
+The particle is scanned once at the start. A wall at distance D stops it after D moves. A scan after x moves detects the wall if x >
+D. The optimum is D + 1 moves and 2 scans, which requires knowledge of D.
 """
 
 from __future__ import annotations
@@ -18,22 +18,23 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 
 _LONGEST_PRICE = 300
-_PRICE = re.compile(r"[+-]?(\d+/\d+|(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,2})?)", re.ASCII)  # exponents stay small: they are written out
+# exponents are small, because they are multiplied out
+_PRICE = re.compile(r"[+-]?(\d+/\d+|(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,2})?)", re.ASCII)
 
 Price = int | float | str | Decimal | Fraction
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What finding the wall took, in exact integers.
+    """The cost of finding the wall, as exact integers.
 
     Parameters
     ----------
     distance : int
-        Of the wall: D.
+        Distance D of the wall.
     moves : int
     scans : int
-        The one at the start included.
+        Number of scans, including the scan at the start.
     """
 
     distance: int
@@ -42,21 +43,21 @@ class Cost:
 
     @property
     def move_ratio(self) -> Fraction:
-        """Moves to those of the optimum, D + 1."""
+        """Number of moves divided by the optimum D + 1."""
         return Fraction(self.moves, self.distance + 1)
 
     @property
     def scan_ratio(self) -> Fraction:
-        """Scans to those of the optimum, 2."""
+        """Number of scans divided by the optimum 2."""
         return Fraction(self.scans, 2)
 
     def weighted_ratio(self, *, scan_cost: Price, move_cost: Price) -> Fraction:
-        """Return the price of it all to that of the optimum.
+        """Return the total price divided by the price of the optimum.
 
         Raises
         ------
         InvalidInputError
-            For prices that are negative, not finite, or both zero.
+            If a price is negative or not finite, or both are zero.
         """
         scan, move = check_prices(scan_cost, move_cost)
         return (scan * self.scans + move * self.moves) / (2 * scan + move * (self.distance + 1))
@@ -71,7 +72,7 @@ class Worst:
     ratio : Fraction
         The largest weighted ratio.
     distance : int
-        The first distance that has it.
+        The smallest distance with this ratio.
     """
 
     ratio: Fraction
@@ -79,7 +80,7 @@ class Worst:
 
 
 class ScanSchedule(ABC):
-    """An increasing sequence of positions, in moves from the start, at which scans are made.
+    """An increasing sequence of scan positions, in moves from the start.
 
     A subclass has a ``name`` and yields its `positions`.
     """
@@ -88,20 +89,20 @@ class ScanSchedule(ABC):
 
     @abstractmethod
     def positions(self) -> Iterator[int]:
-        """Yield the moves made before each scan, ascending, from 1 up; without the scan at the start."""
+        """Yield the number of moves before each scan, ascending from 1, without the scan at the start."""
 
     def cost(self, distance: int) -> Cost:
-        """Return moves and scans until a wall at this distance is found.
+        """Return the number of moves and scans until a wall at this distance is found.
 
         Parameters
         ----------
         distance : int
-            Any size: the integers are exact.
+            Distance of the wall, of any size, because the integers are exact.
 
         Raises
         ------
         InvalidInputError
-            If the distance is negative or the schedule ends before it.
+            If the distance is negative, or the schedule ends before it.
         """
         distance, last = check_distance(distance), 0
         for scans, last in enumerate(self.positions(), start=2):
@@ -112,12 +113,13 @@ class ScanSchedule(ABC):
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
         """Return the largest weighted ratio over all distances 0 .. max_distance.
 
-        Between two scans the cost stays and the optimum grows, so only the distances just reached by a scan matter.
+        The cost is constant between two scans while the optimum grows. Therefore only the smallest distance after each scan
+        matters.
 
         Raises
         ------
         InvalidInputError
-            For prices or a distance that do not fit, or if the schedule ends before the distance.
+            If a price or the distance is out of range, or the schedule ends before the distance.
         """
         scan, move = check_prices(scan_cost, move_cost)
         check_distance(max_distance)
@@ -141,12 +143,12 @@ class EqualSteps(ScanSchedule):
     Parameters
     ----------
     step : int
-        k, 1 or more.
+        k, at least 1.
 
     Raises
     ------
     InvalidInputError
-        For another step.
+        If the step is out of range.
 
     Examples
     --------
@@ -168,7 +170,10 @@ class EqualSteps(ScanSchedule):
         return Cost(distance, jumps * self.step, jumps + 1)
 
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
-        """Return the worst ratio, that at the start or at the last scan before the largest distance; see `ScanSchedule.worst`."""
+        """Return the worst ratio.
+
+        It occurs at the start or at the last scan before the maximum distance; see `ScanSchedule.worst`.
+        """
         check_distance(max_distance)
         ends = (0, max_distance // self.step * self.step)
         ratios = [self.cost(end).weighted_ratio(scan_cost=scan_cost, move_cost=move_cost) for end in ends]
@@ -176,7 +181,7 @@ class EqualSteps(ScanSchedule):
 
 
 class EveryStep(EqualSteps):
-    """A scan after each move: (D + 1, D + 2).
+    """A scan after each move, with the cost (D + 1, D + 2).
 
     Examples
     --------
@@ -195,17 +200,17 @@ class Powers(ScanSchedule):
     Parameters
     ----------
     base : int
-        k, 2 or more; 2 is doubling.
+        k, at least 2. A base of 2 doubles the distance before each scan.
 
     Raises
     ------
     InvalidInputError
-        For another base.
+        If the base is out of range.
 
     Notes
     -----
-    Source: paper M, section III.A.3. It counts log_k D scans; with the one at the start and the first move it is up to
-    ceil(log_k(D + 1)) + 2.
+    Source: paper M, section III.A.3. The paper counts log_k D scans. With the scan at the start and the first move, the number is
+    up to ceil(log_k(D + 1)) + 2.
 
     Examples
     --------
@@ -229,7 +234,7 @@ class Powers(ScanSchedule):
 class Hyperexponential(ScanSchedule):
     """The i-th scan after i^i moves: 1, 4, 27, 256, ...
 
-    Both ratios grow as log D / log log D, and no schedule does better in both.
+    Both ratios grow as log D / log log D. No schedule has a smaller growth of both.
 
     Notes
     -----
@@ -250,18 +255,18 @@ class Hyperexponential(ScanSchedule):
 
 
 class Custom(ScanSchedule):
-    """Scans after given numbers of moves; it ends after the last of them.
+    """Scans after given numbers of moves. The schedule ends after the last scan.
 
     Parameters
     ----------
     scans_after : sequence of int
-        Ascending, from 1 up.
+        Numbers of moves, ascending, at least 1.
     name : str
 
     Raises
     ------
     InvalidInputError
-        For another sequence.
+        If the sequence is invalid.
 
     Examples
     --------
@@ -279,21 +284,22 @@ class Custom(ScanSchedule):
         self.name = name
 
     def positions(self) -> Iterator[int]:
-        """Yield what was given."""
+        """Yield the given positions."""
         return iter(self.scans_after)
 
 
 class OneJump(Custom):
-    """One scan after a jump so long that it must reach the wall: (M, 2).
+    """One scan after a jump that is long enough to reach the wall, with the cost (M, 2).
 
     Parameters
     ----------
     length : int
-        M; it finds walls at distances below M.
+        M, the number of moves. The schedule finds walls at distances below M.
 
     Notes
     -----
-    Source: paper M, section III.A.3. It asks for M >= D; a particle that has moved just D = M cells has not met the wall yet.
+    Source: paper M, section III.A.3. The paper requires M >= D, but a particle that has moved exactly D = M cells has not yet met
+    the wall.
     """
 
     def __init__(self, length: int) -> None:
@@ -301,17 +307,17 @@ class OneJump(Custom):
 
 
 def check_distance(distance: int) -> int:
-    """Return a distance that is a whole number, 0 or more; raise InvalidInputError for others."""
+    """Return a distance after checking that it is a whole number of at least 0. Other values raise InvalidInputError."""
     return check_integer(distance, what="distance", least=0)
 
 
 def check_prices(scan_cost: Price, move_cost: Price) -> tuple[Fraction, Fraction]:
-    """Return both prices as fractions; a float is taken as it is printed, 0.1 as a tenth.
+    """Return both prices as fractions. A float counts as its printed decimal value, so 0.1 is a tenth.
 
     Raises
     ------
     InvalidInputError
-        If one is no number, not finite or negative, or both are zero.
+        If a price is not a number, not finite or negative, or both prices are zero.
     """
     prices = []
     for name, price in (("scan cost", scan_cost), ("move cost", move_cost)):
@@ -326,5 +332,5 @@ def check_prices(scan_cost: Price, move_cost: Price) -> tuple[Fraction, Fraction
             raise InvalidInputError(f"{name}: expected 0 or more, got {str(price)[:80]}")
         prices.append(value)
     if not any(prices):
-        raise InvalidInputError("prices: expected a scan or a move that costs something, got 0 for both")
+        raise InvalidInputError("prices: expected a positive price of a scan or a move, got 0 for both")
     return prices[0], prices[1]

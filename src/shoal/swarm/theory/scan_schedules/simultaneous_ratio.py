@@ -1,4 +1,4 @@
-"""Theorem 1 of paper M as numbers: how small both ratios of a schedule can be at once."""
+"""Theorem 1 of paper M in numbers: the smallest bound that both ratios of a schedule can keep at once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Bracket:
     Parameters
     ----------
     ratio : Fraction
-        No schedule keeps both ratios below it; `schedule` keeps both at most there.
+        The smallest bound on both ratios. No schedule keeps both ratios below it, and `schedule` reaches it.
     schedule : Custom
     """
 
@@ -26,24 +26,24 @@ class Bracket:
 
 
 def least_simultaneous_ratio(max_distance: int) -> Bracket:
-    """Return the smallest c such that some schedule has move ratio and scan ratio at most c for all distances 0 .. max_distance.
+    """Return the smallest c for which some schedule keeps both ratios (moves and scans) at or below c up to a distance.
 
-    With j scans after the first one the scan ratio is (j + 1) / 2, and the least possible move ratio falls as j grows: it is
-    that of jumps as long as the ratio allows. So the best j lies where they cross, and a search over j is exact.
+    With j scans after the first one, the scan ratio is (j + 1) / 2. The smallest possible move ratio falls as j grows; it belongs
+    to jumps as long as the ratio allows. The best j is where both ratios cross, so a search over j is exact.
 
     Parameters
     ----------
     max_distance : int
-        0 or more.
+        Maximum distance, at least 0.
 
     Raises
     ------
     InvalidInputError
-        For another distance.
+        If the distance is out of range.
 
     Notes
     -----
-    Source: the argument after the proof of theorem 1, paper M: fewer scans need longer jumps. There it is asymptotic.
+    Source: the argument after the proof of theorem 1 in paper M, which is asymptotic: fewer scans need longer jumps.
 
     Examples
     --------
@@ -65,12 +65,12 @@ def least_simultaneous_ratio(max_distance: int) -> Bracket:
 
 
 def worst_of_both(schedule: ScanSchedule, max_distance: int) -> Fraction:
-    """Return the largest of move ratio and scan ratio over the distances 0 .. max_distance.
+    """Return the larger of move ratio and scan ratio, maximized over the distances 0 .. max_distance.
 
     Raises
     ------
     InvalidInputError
-        For a distance that does not fit, or if the schedule ends before it.
+        If the distance is out of range, or the schedule ends before it.
 
     Examples
     --------
