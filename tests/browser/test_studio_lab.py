@@ -11,6 +11,7 @@ import axe_playwright_python
 import pytest
 from playwright.sync_api import Page
 from tests.browser.studio import FORMS, Studio, tab, wear, written_by
+from tests.browser.waiting import until
 
 import shoal
 from shoal.lab import Store, Sweep, run_sweep
@@ -96,6 +97,11 @@ def test_the_file_and_the_form_follow_each_other(page: Page, studio: Studio) -> 
     page.get_by_label("Values").last.fill("1 to 100 in 3 values log")
     page.get_by_text("6 points, 24 trials").wait_for()
     assert 'particles = { from = 1, to = 100, count = 3, scale = "log" }' in text.input_value()
+    text.fill(text.input_value().replace("seed = 1", f"seed = {2**62 + 1}"))
+    until(page, f"document.getElementById('sweepSeed').value === '{2**62 + 1}'")
+    page.get_by_label("Trials a point").fill("5")
+    page.get_by_text("6 points, 30 trials").wait_for()
+    assert f"seed = {2**62 + 1}\n" in text.input_value()
     text.fill(text.input_value().replace("maze:9x7", 'maze:9x7"\nmpa = "x'))
     page.locator(".drafting .warning", has_text="line 9: problem").wait_for()
     assert page.get_by_role("button", name="Run the sweep").is_disabled()

@@ -299,6 +299,20 @@ def test_a_link_opens_the_same_plan(page: Page, studio: Studio) -> None:
     page.keyboard.press("Escape")
 
 
+def test_one_layer_of_a_volume_is_shown_at_a_time(page: Page, studio: Studio) -> None:
+    opened(page, studio, "box:60x40x20")
+    assert page.get_by_label("Ways of the layer").locator("option").all_inner_texts() == ["at 5 m", "at 15 m", "all together"]
+    told = page.evaluate("[...document.querySelectorAll('.ways path')].map((one) => one.getAttribute('d')).join()")
+    page.get_by_label("Ways of the layer").select_option("at 15 m")
+    above = page.evaluate("[...document.querySelectorAll('.ways path')].map((one) => one.getAttribute('d')).join()")
+    page.get_by_label("Ways of the layer").select_option("all together")
+    both = page.evaluate("[...document.querySelectorAll('.ways path')].map((one) => one.getAttribute('d')).join()")
+    assert len(both) > max(len(told), len(above))
+    assert told != above
+    opened(page, studio)
+    assert page.get_by_label("Ways of the layer").is_hidden()
+
+
 def test_what_is_wrong_is_said_beside_the_region(page: Page, studio: Studio) -> None:
     opened(page, studio)
     page.locator("[data-field=launch] input").fill("1,2;3,4;5,6")

@@ -29,6 +29,9 @@ def studio(
     """
     if port is not None:
         check_integer(port, what="port", least=1, most=65535)
+    from shoal.studio.jobs.processes import warm_up
+
+    warm_up("shoal.studio.warm")  # beside what follows, since its end is waited for
     try:
         from shoal.studio.server import serve
     except ModuleNotFoundError as error:

@@ -23,7 +23,6 @@ from shoal.core.parts import PARTS, problem_type
 from shoal.core.problem import Problem
 from shoal.core.version import __version__
 from shoal.studio.folder import Folder
-from shoal.studio.jobs.processes import warm_up
 from shoal.studio.jobs.queue import JobQueue
 from shoal.studio.preview import Preview
 
@@ -231,7 +230,6 @@ def application_of(studio: Studio) -> Starlette:
     async def life(_app: Starlette) -> AsyncIterator[None]:
         async def begin() -> None:
             await studio.forms
-            await asyncio.to_thread(warm_up, "shoal.studio.warm")
             studio.queue.go_on()
 
         beginning = asyncio.create_task(begin())

@@ -12,6 +12,7 @@ import shoal
 from shoal.cli import run as run_command
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchProblem, open_region
+from shoal.search.allocation.plan import plan_search
 from shoal.search.regions.projection import LocalFrame
 from shoal.studio.answers import search
 from shoal.studio.folder import Folder
@@ -108,3 +109,26 @@ def test_missions_are_a_zip_with_the_report_of_the_check(folder, capsys, monkeyp
     assert json.loads(capsys.readouterr().out)["missions"] == done["missions"]
     ours, theirs = (sorted(path.glob("*.plan")) for path in (folder.root / "missions", folder.root / "out/missions"))
     assert [path.read_text() for path in ours] == [path.read_text() for path in theirs]
+
+
+def test_ways_are_corners_in_layers_and_their_length_is_that_of_the_plan(folder, monkeypatch):
+    asked = about(None) | {"drawing": None}
+    asked["problem"] |= {"region": "box:60x40x20", "robots": 2}
+    told = search.plan(folder, asked)
+    plan = plan_search(SearchProblem("box:60x40x20", robots=2, footprint=10, vehicle="multirotor", angle=0), seed=2)
+    assert told["layers"] == plan.altitudes
+    assert {piece["layer"] for robot in told["robots"] for piece in robot["way"]} == {0, 1}
+    for robot, shown in enumerate(told["robots"]):
+        points = plan.route(robot, plan.stops(robot)).points
+        assert shown["length"] == pytest.approx(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        for piece in shown["way"]:
+            level = points[points[:, 2] == plan.altitudes[piece["layer"]], :2]
+            corners = np.array(piece["points"])
+            assert np.abs(corners[:, None] - level).max(axis=2).min(axis=1).max() < 0.006
+            steps = np.diff(corners, axis=0)
+            units = steps / np.linalg.norm(steps, axis=1)[:, None]
+            assert (np.sum(units[1:] * units[:-1], axis=1) < 0.999).all()
+    monkeypatch.setattr(search, "MOST_DRAWN", 3)
+    many = search.plan(folder, asked)
+    assert (many["drawn"], many["closed"], many["robots"][0]["way"]) == (False, [], [])
+    assert many["robots"][0]["length"] == told["robots"][0]["length"]

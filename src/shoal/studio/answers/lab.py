@@ -16,6 +16,7 @@ from shoal.lab.summaries import compare_along, first_measure, summarise
 from shoal.lab.sweeps.sweep import parse_toml, trial_seed
 from shoal.lab.sweeps.toml_writing import as_toml
 from shoal.studio.folder import Folder
+from shoal.studio.forms import checked_seed
 from shoal.studio.sweeps import checked_sweep, sweep_copies, sweep_forms
 
 MOST_SHOWN = 300
@@ -97,12 +98,12 @@ def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     told: dict[str, Any] = {"error": None}
     try:
         if text is None:
-            fields = about["sweep"]
+            fields = about["sweep"] | {"seed": checked_seed(about["sweep"])}
             told["toml"] = text = as_toml(fields)
         else:
             text = check_text(text, what="toml")
             fields = parse_toml(text, where="sweep")
-        told["sweep"] = fields
+        told["sweep"] = fields | {"seed": str(fields.get("seed", 0))}  # as text, since numbers of pages have 53 bits
         made = checked_sweep(text, folder)
     except ShoalError as error:
         return told | {"error": str(error)}

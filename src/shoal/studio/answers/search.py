@@ -19,8 +19,10 @@ from shoal.studio.answers.drawings import drawing_of, frame_of, placed_problem
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_fields, checked_seed
 
-MOST_DRAWN = 40_000
-"""Cells of a plan whose ways are drawn."""
+MOST_DRAWN = 200_000
+"""Corners of ways that are drawn."""
+
+_STRAIGHT = 1 - 1e-9  # cosine of turns that are none
 
 Points = NDArray[np.float64]
 
@@ -37,21 +39,25 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         made = plan_search(problem, seed=checked_seed(about))
     except ShoalError as error:
         return told | {"problem": str(error)}
-    allocation, drawn = made.allocation, len(made.tour_cost) <= MOST_DRAWN
+    allocation = made.allocation
+    tour, robots = _Way(_tour(made), made.altitudes), [_robot(made, robot, canvas) for robot in range(problem.robots)]
+    corners = len(tour.corners) + sum(len(way.corners) for _, way in robots)
+    drawn = corners <= MOST_DRAWN
     return told | {
         "problem": None,
         "cells": made.grid.n_cells,
         "cell": made.grid.size,
         "angle": made.grid.angle,
-        "layers": len(made.altitudes),
+        "layers": made.altitudes,
         "tour": made.tour.name,
         "allocation": allocation.allocator,
         "compared": len(made.compared),
         "vehicle": made.vehicle.kind,
         "makespan": made.seconds(allocation.makespan),
         "bound": made.seconds(allocation.lower_bound),
-        "closed": canvas.points(_tour(made)) if drawn else [],
-        "robots": [_robot(made, robot, canvas, drawn=drawn) for robot in range(problem.robots)],
+        "drawn": drawn,
+        "closed": tour.pieces(canvas) if drawn else [],
+        "robots": [told_robot | {"way": way.pieces(canvas) if drawn else []} for told_robot, way in robots],
     }
 
 
@@ -90,21 +96,42 @@ def _region(region: SearchRegion, canvas: _Canvas) -> dict[str, Any]:
 
 def _tour(plan: SearchPlan) -> Points:
     cells = plan.tour.cells
-    return plan.paths.route(np.concatenate([cells, cells[:1]])).points[:, :2]
+    return plan.paths.route(np.concatenate([cells, cells[:1]])).points
 
 
-def _robot(plan: SearchPlan, robot: int, canvas: _Canvas, *, drawn: bool) -> dict[str, Any]:
+class _Way:
+    """A way without the points at which it goes straight on, and the layers in which it lies."""
+
+    def __init__(self, points: Points, altitudes: list[float]) -> None:
+        steps = np.diff(points, axis=0)
+        lengths = np.linalg.norm(steps, axis=1)
+        self.length = float(lengths.sum())
+        moved = lengths > 0
+        points, steps = points[np.concatenate([[True], moved])[: len(points)]], steps[moved] / lengths[moved, None]
+        turned = np.ones(len(points), dtype=np.bool_)
+        turned[1:-1] = np.sum(steps[1:] * steps[:-1], axis=1) < _STRAIGHT
+        self.corners = points[turned]
+        heights = self.corners[:, 2:3] if len(altitudes) > 1 else np.zeros((len(self.corners), 1))
+        self.layers = np.abs(heights - np.asarray(altitudes)).argmin(axis=1)
+
+    def pieces(self, canvas: _Canvas) -> list[dict[str, Any]]:
+        """Return what lies in one layer each."""
+        cuts = np.flatnonzero(np.diff(self.layers)) + 1
+        found = zip(np.split(self.corners, cuts), np.split(self.layers, cuts), strict=True)
+        return [{"layer": int(layer[0]), "points": canvas.points(part[:, :2])} for part, layer in found if len(part) > 1]
+
+
+def _robot(plan: SearchPlan, robot: int, canvas: _Canvas) -> tuple[dict[str, Any], _Way]:
     stops = plan.stops(robot)
-    told = {"place": canvas.points(plan.places[robot])[0], "seconds": plan.seconds(float(plan.allocation.times[robot]))}
-    if not drawn or not len(stops):
-        return told | {"way": [], "stops": len(stops), "length": None, "turns": None}
-    points = plan.route(robot, stops).points
-    return told | {
-        "way": canvas.points(points[:, :2]),
+    points = plan.route(robot, stops).points if len(stops) else np.zeros((0, 2))
+    way = _Way(points, plan.altitudes)
+    return {
+        "place": canvas.points(plan.places[robot])[0],
+        "seconds": plan.seconds(float(plan.allocation.times[robot])),
         "stops": len(stops),
-        "length": float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()),
-        "turns": int(turns_of(points).sum()),
-    }
+        "length": way.length,
+        "turns": int(turns_of(points).sum()) if len(stops) else 0,
+    }, way
 
 
 def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 /* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes, simulations, missions. */
 import { ask, newest, on, state, upload } from "../shared/api.js";
-import { makeForm } from "../shared/form.js";
+import { makeForm, seedIn } from "../shared/form.js";
 import { el, guarded, number, svg, tabbed } from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
 import { MetricCanvas, handle } from "./search/canvas.js";
@@ -10,6 +10,7 @@ import { missionsPanel } from "./search/missions.js";
 import { lasting, simulation } from "./search/simulate.js";
 import { Underlay } from "./search/underlay.js";
 import { vehicleForm } from "./search/vehicle.js";
+import { Ways } from "./search/ways.js";
 
 const SECTIONS = [
   { title: "Robots", open: true, fields: ["robots", "footprint", "launch", "land", "starts"] },
@@ -24,8 +25,7 @@ const BEGIN = {
 };
 const REGIONS = /\.(geojson|json|kml|kmz|gpkg|shp|zip|csv)$/i, PARTS = /\.(shx|dbf|prj|cpg)$/i;
 const REST = 600; // milliseconds after which what takes longer is asked
-const ring = (points) => points.map((point, k) => `${k ? "L" : "M"}${point.join(" ")}`).join("");
-const closed = (polygons) => polygons.flat().map((points) => `${ring(points)}Z`).join("");
+const closed = (polygons) => polygons.flat().map((points) => `M${points.map((point) => point.join(" ")).join("L")}Z`).join("");
 
 export function search({ remember }) {
   const schema = state.start.schemas.search;
@@ -41,11 +41,11 @@ export function search({ remember }) {
     frame: () => frame(), changed: ({ fit = false } = {}) => { if (fit) canvas.draw(); keep(); },
     setFrame: (given) => drawing.edit((told) => { told.frame = given; }),
   });
-  const layers = Object.fromEntries(["region", "drawn", "tour", "ways"].map((name) => [name, name === "drawn" ? drawing.layer : svg("g", { class: name })]));
-  canvas.world.append(...Object.values(layers));
+  const land = svg("g", { class: "region" }), ways = new Ways(() => show());
+  canvas.world.append(land, drawing.layer, ways.tour, ways.ways);
   const warning = el("p.warning", { role: "status", hidden: true }), source = el("b.source", {}), facts = el("p.facts", {}), where = el("p.soft.where", {});
   const list = el("ul.fleet", { "aria-label": "Robots" });
-  const seedInput = el("input.short", { type: "number", min: 0, value: 0, id: "searchSeed", onchange: () => { seed = Number(seedInput.value) || 0; redo(); } });
+  const seedInput = el("input.short", { type: "number", min: 0, value: 0, id: "searchSeed", onchange: () => { seed = seedIn(seedInput); redo(); } });
 
   const frame = () => drawing.told.frame ?? plan?.frame ?? null;
   const fields = () => ({ kind: "search", ...(region ? { region } : {}), ...form.values(), vehicle: vehicle.value() });
@@ -138,18 +138,17 @@ export function search({ remember }) {
 
   function show() {
     const robots = plan?.robots ?? [], own = drawing.told.parts.length;
-    layers.region.replaceChildren(...(plan ? [
+    land.replaceChildren(...(plan ? [
       svg("path", { class: "land", "fill-rule": "evenodd", d: own ? "" : closed(plan.outline) }), svg("path", { class: "zone", d: own ? "" : closed(plan.no_go) }),
       svg("path", { class: "margin", "fill-rule": "evenodd", d: closed(plan.free) }),
     ] : []));
-    layers.tour.replaceChildren(svg("path", { d: plan?.closed?.length ? ring(plan.closed) : "" }));
-    layers.ways.replaceChildren(...robots.map((robot, k) => svg("path", { class: `way r${k % 12}${chosen >= 0 && chosen !== k ? " dim" : ""}`, d: ring(robot.way) })));
+    ways.show(plan, chosen);
     drawMarks(drawing.show());
     drawList(robots);
     source.textContent = drawing.told.file ?? (own ? "drawn" : region ?? "");
     facts.textContent = plan?.cells ? [
       plan.area >= 1e4 ? `${number(plan.area / 1e4)} ha` : `${number(plan.area)} m²`, `${number(plan.cells, 9)} cells of ${number(plan.cell)} m`,
-      `${plan.tour} at ${number(plan.angle, 3)}°, ${plan.allocation}`, `searched in ${lasting(plan.makespan)}`, nearest(),
+      `${plan.tour} at ${number(plan.angle, 3)}°, ${plan.allocation}`, `searched in ${lasting(plan.makespan)}`, nearest(), plan.drawn ? "" : "too many corners to draw the ways here",
     ].filter(Boolean).join(" · ") : "";
     drawing.numbers.fill();
   }
@@ -166,7 +165,7 @@ export function search({ remember }) {
       move: (to) => launch(points.map((one, i) => (i === k ? to : one)), { quiet: true }), done: redo, remove: () => launch(points.filter((_, i) => i !== k)),
     }));
     const places = points.length ? [] : starts.map((robot, k) => ({ point: robot.place, element: svg("g", { class: `spot r${k % 12}` }, svg("rect", { x: -4, y: -4, width: 8, height: 8 })) }));
-    const heads = starts.length > 30 ? [] : starts.flatMap((robot, k) => (robot.way.length < 2 ? [] : [{ point: robot.way[robot.way.length >> 1], element: svg("g", { class: `head r${k % 12}${chosen >= 0 && chosen !== k ? " dim" : ""}` }, svg("circle", { r: 8 }), svg("text", { y: 3.6, "text-anchor": "middle" }, String(k + 1))) }]));
+    const heads = starts.length > 30 ? [] : starts.map((robot, k) => ({ point: ways.head(robot), element: svg("g", { class: `head r${k % 12}${chosen >= 0 && chosen !== k ? " dim" : ""}` }, svg("circle", { r: 8 }), svg("text", { y: 3.6, "text-anchor": "middle" }, String(k + 1))) })).filter((head) => head.point);
     const meeting = near ? [{ point: near.place, element: svg("g", { class: "near" }, svg("circle", { r: 11 }), svg("title", {}, `Robots ${near.robots.join(" and ")} come within ${number(near.horizontal_m, 3)} m`)) }] : [];
     canvas.setMarks([...heads, ...meeting, ...places, ...corners, ...home]);
     canvas.draw();
@@ -270,7 +269,7 @@ export function search({ remember }) {
   const simulate = simulation({ ready, seed: () => seed, fields, set, open: () => stages.pick("simulate") });
   const missions = missionsPanel({ ready, seed: () => seed, changed: redo });
   const stages = tabbed("Search", [
-    ["plan", "Plan", el("div.stageHead", {}, drawing.toolbar), canvas.element, el("div.underStage", {}, source, facts, where), list],
+    ["plan", "Plan", el("div.stageHead", {}, drawing.toolbar, ways.element), canvas.element, el("div.underStage", {}, source, facts, where), list],
     ["simulate", "Simulate", ...simulate.children],
     ["missions", "Missions", ...missions.children],
   ], {

@@ -1,6 +1,6 @@
 /* A new sweep: a form made from what is declared of problems, and its file beside it; each follows the other. */
 import { ask, newest, run } from "../../shared/api.js";
-import { NEED_OPTIONS, makeForm, parsed } from "../../shared/form.js";
+import { NEED_OPTIONS, makeForm, parsed, seedIn } from "../../shared/form.js";
 import { el, guarded, number, told } from "../../shared/page.js";
 import { failure, showForms } from "../../shared/share.js";
 
@@ -108,7 +108,7 @@ export function drafting({ shown, started }) {
       if (row.same.checked) paired.push(row.choice.value);
     }
     const stays = Object.fromEntries(Object.entries(form.values()).filter(([key]) => !(key in found)));
-    return { name: name.value.trim(), trials: Number(trials.value), seed: Number(seed.value), paired, problem: { kind: kind.value, ...stays }, axes: found };
+    return { name: name.value.trim(), trials: Number(trials.value), seed: seedIn(seed), paired, problem: { kind: kind.value, ...stays }, axes: found };
   }
 
   function show(found, { keep = false } = {}) {
