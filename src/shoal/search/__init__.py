@@ -1,6 +1,6 @@
-"""Exhaustive search by robots without a coordinator, along one closed tour.
+"""Exhaustive search of a region by robots without a coordinator, along one closed tour.
 
-Names are loaded when they are first used, since kernels need Numba. `shoal.search.run.run` runs a `SearchProblem`.
+Names are imported on first use because kernels need Numba. `shoal.search.run.run` runs a `SearchProblem`.
 """
 
 from __future__ import annotations

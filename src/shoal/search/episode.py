@@ -1,4 +1,4 @@
-"""SearchEpisode: a problem, the plan and the scenario that follow from it, and the trace of what the robots did."""
+"""SearchEpisode: a search problem with its plan, its scenario and the trace of the robots."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ FORMAT: Literal[2] = 2
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SearchEpisode(Episode):
-    """A search; ``bool(episode)`` says if all that can be reached was searched and every robot that lived knew it.
+    """A search. ``bool(episode)`` is true if all reachable cells were searched and every working robot knows it.
 
     Parameters
     ----------
     problem : SearchProblem
-        As it was asked for.
+        The problem as the user declared it.
     plan : SearchPlan
     scenario : Scenario
-        Lengths in sides of a cell, times in that of a cell.
+        The scenario. Lengths are in cell sides, times in cell times.
     trace : SearchTrace
     simulated : bool
-        Whether robots and messages were simulated; else all went as planned, or it was live.
+        Whether robots and messages were simulated. Otherwise the search followed its plan, or was live.
     seed : int
     seconds : float
-        Time for planning and simulation.
+        Computing time for planning and simulation in seconds.
     versions : mapping of str to str
     """
 
@@ -66,12 +66,12 @@ class SearchEpisode(Episode):
 
     @cached_property
     def status(self) -> Status:  # type: ignore[override]  # found when it is asked for
-        """Complete if all that some robot can reach was searched, and every live robot knows it."""
+        """Complete if all reachable cells were searched and every live robot knows it."""
         return Status.COMPLETE if self.trace.covered_at < inf and not self._unaware else Status.INCOMPLETE
 
     @property
     def reason(self) -> str:
-        """Why it has its status, in one sentence."""
+        """Return one sentence that explains the status."""
         cells, count = self.scenario.goal.bit_count(), self.problem.multiplicity
         if self.trace.covered_at == inf:
             left = int(np.isinf(searched_at(self.scenario, self.trace.robots)).sum())
@@ -80,7 +80,7 @@ class SearchEpisode(Episode):
         by = "" if count == 1 else f" by {count} robots"
         told = f"all {cells} cells that robots can reach were searched{by} after {duration_text(self.makespan or 0.0)}"
         if self._as_planned:
-            return f"{told}, if all goes as planned: nothing was simulated"
+            return f"{told}, according to the plan: nothing was simulated"
         if self._unaware:
             return f"{told}, but {len(self._unaware)} live robots do not know it"
         return f"{told}, and every live robot knows it"
@@ -91,7 +91,7 @@ class SearchEpisode(Episode):
 
     @cached_property
     def _unaware(self) -> list[int]:
-        """The robots that live and have not declared the search complete; all of them if nobody has."""
+        """The live robots that have not declared the search complete."""
         if self._as_planned:
             return []
         living = [number for number, log in enumerate(self.trace.robots, start=1) if log.status not in ("dead", "paused")]
@@ -99,17 +99,17 @@ class SearchEpisode(Episode):
 
     @property
     def makespan(self) -> float | None:
-        """When the last cell that some robot can reach was searched, seconds; None if some never were."""
+        """Time in seconds at which the last reachable cell was searched; None if some cell was never searched."""
         return self.plan.seconds(self.trace.covered_at) if self.trace.covered_at < inf else None
 
     @property
     def cell_time(self) -> float:
-        """The time that a robot of speed 1 takes for a cell, seconds."""
+        """Time in seconds that a robot of speed 1 needs for one cell."""
         return self.plan.cell_seconds
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """The numbers by name; times in seconds, ``share`` the makespan as a share of what one robot needs, T/T_UB."""
+        """Return the metrics by name. Times are in seconds; ``share`` is the makespan relative to one robot's time, T/T_UB."""
         plan, trace = self.plan, self.trace
         return {
             "status": str(self.status),
@@ -127,33 +127,33 @@ class SearchEpisode(Episode):
 
     @cached_property
     def routes(self) -> tuple[Route, ...]:
-        """The way of each robot, metres."""
+        """The path of each robot in metres."""
         return tuple(self.plan.route(robot, log.cells, log.detours) for robot, log in enumerate(self.trace.robots))
 
     @cached_property
     def liars(self) -> frozenset[int]:
-        """The robots that say they have searched and have not."""
+        """The robots that falsely report cells as searched."""
         return frozenset(fault.robot for fault in self.scenario.faults if isinstance(fault, Liar))
 
     @property
     def coverage(self) -> AreaCoverage:
-        """What the robots have seen of the region, of all layers together, checked apart from the cells."""
+        """The robots' coverage of the region in all layers together, computed independently of the cells."""
         return together(self.coverages)
 
     @cached_property
     def coverages(self) -> tuple[AreaCoverage, ...]:
-        """What the robots have seen in each layer, from the lowest."""
+        """The coverage of each layer, from the lowest."""
         seeing = [robot for robot, log in enumerate(self.trace.robots) if robot + 1 not in self.liars and log.cells.size]
         return coverages(self.plan, self.trace, self.routes, seeing)
 
     @cached_property
     def seen(self) -> tuple[tuple[NDArray[np.int64], ...], ...]:
-        """By robot, the cells that it saw from each in which it stopped, as numbers on the tour."""
+        """For each robot and each of its stops, the cells that it saw, as tour indices."""
         return tuple(tuple(self.plan.seen(robot, log.cells)) for robot, log in enumerate(self.trace.robots))
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """What was found, as those know that declared the search complete; with nobody, as the robots knew."""
+        """The findings known to the robots that declared the search complete. If none did, the findings known to all robots."""
         reports: dict[int, set[int]] = {}
         for number in self.trace.declared or range(1, len(self.trace.robots) + 1):
             for cell, witnesses in self.trace.robots[number - 1].found:
@@ -165,7 +165,7 @@ class SearchEpisode(Episode):
 
     @cached_property
     def obstacles(self) -> dict[int, float]:
-        """When each cell that cannot be entered was found to be one, in the time of a cell; in the order of the tour."""
+        """Time at which each blocked cell was discovered, in cell times, in tour order."""
         found: dict[int, float] = {}
         for moment, cell in sorted(entry for log in self.trace.robots for entry in log.obstructed):
             found.setdefault(cell, moment)
@@ -173,7 +173,7 @@ class SearchEpisode(Episode):
 
     @property
     def unreachable(self) -> int:
-        """How many cells without an obstacle no robot could reach."""
+        """Number of cells without an obstacle that no robot could reach."""
         return len(self.plan.tour_cost) - (self.scenario.blocked | self.scenario.goal).bit_count()
 
     def report(self) -> dict[str, Any]:
@@ -251,24 +251,24 @@ class SearchEpisode(Episode):
         }
 
     def verify(self) -> Verification:
-        """Plan and play the search again; compare everything.
+        """Plan and simulate the search again, and compare all values.
 
-        What processes did cannot be played again: then only whether it fits what the episode says was searched, and when.
+        A live search cannot be repeated. For it, only the consistency of the stored cells and times is checked.
         """
         if self.problem.live is not None:
             good = float(searched_at(self.scenario, self.trace.robots).max()) == self.trace.covered_at
             return Verification(good, f"a live search, {'' if good else 'not '}consistent: what was searched, and when")
         again = simulated_trace(self.plan, self.scenario) if self.simulated else planned_trace(self.plan)
         difference = self.trace.difference(again)
-        return Verification(not difference, difference or "planned and played again: all robots do what the episode says")
+        return Verification(not difference, difference or "planned and simulated again: all robots act as in the episode")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode as JSON: the problem, with its files taken in, and what happened.
+        """Write the episode as JSON: the problem with the contents of its files, and the trace.
 
         Raises
         ------
         InvalidInputError
-            If the suffix is not .json.
+            If the suffix is not ``.json``.
         OutputError
         """
         target = Path(path)
@@ -287,7 +287,7 @@ class SearchEpisode(Episode):
         write_json(target, told, indent=None)
 
     def _self_contained(self) -> SearchProblem:
-        """Return the problem without a file outside of it."""
+        """Return the problem with the contents of its files."""
         problem, plan = self.problem, self.plan
         changes: dict[str, Any] = {}
         if problem.place_is_file() or problem.no_go:
@@ -305,7 +305,7 @@ class SearchEpisode(Episode):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SearchEpisode:
-        """Read an episode; a tour or an allocation of somebody's code is run only if ``trust`` is true.
+        """Read an episode. A third-party tour or allocation runs only if ``trust`` is true.
 
         Raises
         ------
@@ -337,7 +337,7 @@ class SearchEpisode(Episode):
 
 
 def duration_text(seconds: float) -> str:
-    """Return a duration for people: h:mm:ss from a minute on.
+    """Return a duration as text, h:mm:ss from a minute on.
 
     Examples
     --------

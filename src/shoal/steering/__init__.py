@@ -1,4 +1,4 @@
-"""Two particles, one shared input, and walls that hold what is pushed into them. Names are loaded when they are first used."""
+"""Steering of particles by one shared input, with walls that hold particles. Names are imported on first use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SteeringEpisode: a problem, the inputs that were sent, and where the particles went."""
+"""SteeringEpisode: one run of steering with its problem, its inputs and the paths of its particles."""
 
 from __future__ import annotations
 
@@ -25,40 +25,40 @@ STATUSES = (Status.SOLVED, Status.APPROACHABLE, Status.UNREACHABLE, Status.LIMIT
 _STORED = (
     "kind", "problem", "planner", "status", "reason", "inputs", "states", "order", "seed", "lower_bound", "seconds", "versions",
 )  # fmt: skip
-_EQUAL = 1e-9  # of the size: states that differ by less are the same
+_EQUAL = 1e-9  # relative to the size: states that differ by less are equal
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class SteeringEpisode(Episode):
-    """Everything that is needed to play a plan again, and its figures.
+    """One run of steering, with all data to replay its plan, and its metrics.
 
-    ``bool(episode)`` says if the problem is solved.
+    ``bool(episode)`` is true if the problem is solved.
 
     Parameters
     ----------
     problem : SteeringProblem
-        As it was asked for.
+        The problem as the user declared it.
     planner : str
-        The planner that planned: what was asked for, or what ``auto`` chose.
+        The planner that planned: the requested planner, or the planner that ``auto`` chose.
     status : Status
-        ``solved``: all particles are within the tolerance of their goals. ``approachable``: they are not, and the
-        goal itself cannot be reached, only what is near to it; ``error`` says how near the plan comes. ``unreachable``: no plan
-        exists. ``limit``: none was found.
+        ``solved``: all particles are within the tolerance of their goals. ``approachable``: moves come arbitrarily close to the
+        goals but cannot reach them, and this plan ends outside the tolerance; ``error`` is the remaining distance. ``unreachable``:
+        no plan exists. ``limit``: no plan was found.
     reason : str
-        Why the status is what it is, in one sentence.
+        One sentence that explains the status.
     inputs : ndarray of float64, shape (moves, d)
         The moves that were sent.
     states : ndarray of float64, shape (moves + 1, n, d)
-        At the start and after each move.
+        Positions of the particles at the start and after each move.
     order : ndarray of int64, shape (n,)
-        Which goal each particle went to.
+        Index of the goal of each particle.
     seed : int
     lower_bound : float or None
-        No plan that ends within the tolerance is shorter; None where none is known.
+        Lower bound on the length of any plan that ends within the tolerance, or None if no bound is known.
     seconds : float
-        Time for planning, without what goes by compiling and loading kernels; in a closed loop for all of it.
+        Planning time in seconds, without compiling and loading kernels. For closed-loop planners, time of the whole run.
     versions : dict
-        What it was computed with.
+        Versions of Shoal and its libraries.
     """
 
     part: ClassVar[str] = "steering"
@@ -82,12 +82,12 @@ class SteeringEpisode(Episode):
 
     @cached_property
     def length(self) -> float:
-        """Length of all moves."""
+        """Total length of all moves."""
         return float(np.linalg.norm(self.inputs, axis=1).sum())
 
     @property
     def final(self) -> Points:
-        """Where the particles end; float64, shape (n, d)."""
+        """Final positions of the particles; float64, shape (n, d)."""
         return np.asarray(self.states[-1])
 
     @cached_property
@@ -97,26 +97,26 @@ class SteeringEpisode(Episode):
 
     @cached_property
     def error(self) -> float:
-        """The largest distance of a particle to its goal at the end."""
+        """Largest distance between a particle and its goal at the end."""
         return float(np.linalg.norm(self.final - self.goal, axis=1).max())
 
     @cached_property
     def condition(self) -> float:
-        """How many times as large the error at the end is as one of the start, or as the tolerance of contacts, 1e-9 of the size.
+        """Amplification of errors: final error divided by an initial error, or by the contact tolerance of 1e-9 of the size.
 
-        Of a few to some hundreds for most plans. If it times that tolerance is more than that of the goals, the plan is sensitive:
-        it holds only in this arithmetic.
+        The condition is between a few and some hundreds for most plans. A plan is sensitive if the condition times the contact
+        tolerance exceeds the tolerance of the goals. Such a plan holds only in floating-point arithmetic with the same rounding.
         """
         return condition(self.problem, self.inputs, seed=self.seed)
 
     @property
     def sensitive(self) -> bool:
-        """Whether an error as small as the tolerance of contacts would miss a goal."""
+        """Whether an error as small as the contact tolerance would make the plan miss a goal."""
         return bool(self.condition * TOUCH * self.problem.place.size > self.problem.tolerance)
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """The numbers by name."""
+        """Return the metrics by name."""
         return {
             "status": str(self.status), "moves": self.moves, "length": self.length, "error": self.error,
             "lower_bound": self.lower_bound, "condition": self.condition, "planner": self.planner, "seconds": self.seconds,
@@ -132,11 +132,11 @@ class SteeringEpisode(Episode):
         }  # fmt: skip
 
     def verify(self) -> Verification:
-        """Play the inputs again; compare where the particles go, and whether the status fits that."""
+        """Replay the inputs. Compare the particles' positions, and check that the status is consistent with them."""
         near = _EQUAL * self.problem.place.size
         try:
             states = replay(self.problem, self.inputs, seed=self.seed)
-        except ShoalError as error:  # particles that do not fit where the episode puts them
+        except ShoalError as error:  # invalid positions of particles in the file
             return Verification(False, str(error))
         if states.shape != self.states.shape:
             return Verification(False, f"expected states of shape {states.shape}, got {self.states.shape}")
@@ -145,24 +145,24 @@ class SteeringEpisode(Episode):
             move = int(np.argmax(~(away.max(axis=1) <= near)))
             particle = int(np.argmax(away[move]))
             return Verification(
-                False, f"after move {move} particle {particle + 1} is {away[move, particle]:.3g} from where the episode says"
+                False, f"after move {move} particle {particle + 1} is {away[move, particle]:.3g} from its position in the episode"
             )
         reached = self.error <= self.problem.tolerance
         if self.status == Status.SOLVED and not reached:
             far = f"a particle ends {self.error:.3g} from its goal, tolerance {self.problem.tolerance:g}"
-            return Verification(False, f"it says solved, and {far}")
-        # With noise a planner sees only roughly where the particles are, and may not know that it has reached the goal.
+            return Verification(False, f"the status is solved, and {far}")
+        # With noise, a planner knows the positions only roughly and may not notice that it has reached the goal.
         if self.status in (Status.LIMIT, Status.UNREACHABLE) and reached and not self.problem.noisy:
-            return Verification(False, f"it says {self.status}, and all particles end within the tolerance of their goals")
-        return Verification(True, "played again, all particles go where the episode says")
+            return Verification(False, f"the status is {self.status}, and all particles end within the tolerance of their goals")
+        return Verification(True, "in the replay, all particles have the positions of the episode")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode as JSON; a workspace that was read from a file goes with it.
+        """Write the episode as JSON. A workspace that was read from a file is stored with it.
 
         Raises
         ------
         InvalidInputError
-            If the suffix is not .json.
+            If the suffix is not ``.json``.
         OutputError
         """
         target = Path(path)
@@ -180,7 +180,7 @@ class SteeringEpisode(Episode):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SteeringEpisode:
-        """Read an episode; its planner is not run.
+        """Read an episode without running its planner.
 
         Raises
         ------
@@ -217,7 +217,7 @@ class SteeringEpisode(Episode):
 
 
 def _array(given: Any, what: str, shape: tuple[int | None, ...], *, empty: tuple[int, ...] = ()) -> NDArray[np.float64]:
-    """Return numbers as an array of a shape, in which None stands for any length."""
+    """Return numbers as an array of the given shape, where None allows any length."""
     try:
         array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

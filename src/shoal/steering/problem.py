@@ -1,4 +1,4 @@
-"""SteeringProblem: everything that defines a run of steering but its seed."""
+"""SteeringProblem: all settings of a steering run except its seed."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.formats import describe, open_workspace, workspace_of
 from shoal.steering.workspaces.region import Region
 
-# Worlds and planners call kernels, whose compiler takes a second to load: they are imported when a problem is checked, so that
-# commands, which read the declarations below, start at once.
+# Worlds and planners call kernels, whose compiler takes a second to load. They are imported when a problem is checked, so that
+# commands, which only read the declarations below, start fast.
 
-DRAWS = 10_000  # of a random point, before there is no room for it
-FINEST = 1e-8  # of the size: contacts are no more exact
+DRAWS = 10_000  # draws of a random point before the workspace counts as too small
+FINEST = 1e-8  # relative to the size: contacts are not more accurate
 RANDOM = "random"
 PLANNER_NAMES = ("shortest", "greedy", "fewest-moves", "robust", "sampling")
 
@@ -61,7 +61,7 @@ def _parse_places(text: str) -> Any:
     if text == RANDOM:
         return RANDOM
     numbers = re.split(r"[\s,;]+", text.strip(" ()[]"))
-    count = next((word.count(",") + 1 for word in text.split() if "," in word), 2)  # numbers a point
+    count = next((word.count(",") + 1 for word in text.split() if "," in word), 2)  # numbers per point
     try:
         return [[float(number) for number in numbers[k : k + count]] for k in range(0, len(numbers), count)]
     except ValueError:
@@ -78,7 +78,7 @@ def _check_planner(given: Any) -> Any:
     from shoal.steering.planners import PLANNERS, make_planner
 
     if isinstance(given, str) and ":" in given and given.partition(":")[0] not in PLANNERS:
-        return given  # what lies in a module is not imported yet
+        return given  # objects in third-party modules are not imported yet
     make_planner(given)
     return given
 
@@ -101,17 +101,18 @@ def _dump_friction(given: float) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class SteeringProblem(Problem):
-    """Two particles or more, all moved by one shared input, and a goal for each.
+    """Two or more particles that are moved by one shared input, with one goal for each particle.
 
-    The fields are the options of ``shoal steer``, the fields of sweeps, and those of problem files. In Python the workspace may be
-    an opened one, the planner an object of your own, and start and goal are arrays of float64, shape (particles, dimensions).
+    The fields are the options of ``shoal steer``, the fields of sweeps, and the fields of problem files. In Python, the workspace
+    may be a workspace object and the planner a third-party object. Start and goal are float64 arrays of shape (particles,
+    dimensions).
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        For a value that is not of its field's kind, and for fields that do not go together. Where the workspace is an opened one,
-        also for a point that is outside, for two particles at one place that are to part, and for a planner that cannot do it; else
-        that is refused when the problem is run.
+        If a value has the wrong type or range, or fields contradict each other. For a workspace object, also if a point is outside,
+        two particles with different goals start at one point, or the planner does not support the task. For other workspaces, `run`
+        checks this.
 
     Notes
     -----
@@ -136,50 +137,48 @@ class SteeringProblem(Problem):
         argument=True, metavar="WORKSPACE", check=_check_workspace, dump=_dump_workspace,
     )  # fmt: skip
     start: Any = option(
-        RANDOM, help="Start points of the particles, or random (drawn with the seed).", metavar="'X,Y X,Y'",
+        RANDOM, help="Start points of the particles, or random (drawn from the seed).", metavar="'X,Y X,Y'",
         parse=_parse_places, check=_check_places("start"), dump=_dump_places,
     )  # fmt: skip
     goal: Any = option(
-        RANDOM, help="Goal points of the particles, or random (drawn with the seed).", metavar="'X,Y X,Y'",
+        RANDOM, help="Goal points of the particles, or random (drawn from the seed).", metavar="'X,Y X,Y'",
         parse=_parse_places, check=_check_places("goal"), dump=_dump_places,
     )  # fmt: skip
     tolerance: float = option(
         1e-6, help="Largest distance of a particle from its goal at the end; at least 1e-8 of the size.", least=0
     )
-    interchangeable: bool = option(False, help="Any particle may go to any goal.")
+    interchangeable: bool = option(False, help="Goals are interchangeable: any particle may go to any goal.")
     planner: Any = option(
         "auto",
-        help=f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto is shortest for two particles in a "
-        "convex workspace, else sampling.",
+        help=f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto means shortest for two particles in a convex "
+        "workspace, otherwise sampling.",
         check=_check_planner, dump=_dump_planner, names=PLANNER_NAMES,
     )  # fmt: skip
     time: float | None = option(
-        None, help="Time limit of planning. The best plan so far is then played; it is never longer than greedy's.",
+        None, help="Time limit of planning. After it, the best plan so far is used. It is never longer than the plan of greedy.",
         unit="s", above=0, metavar="SECONDS",
     )  # fmt: skip
-    max_moves: int = option(100, help="Largest number of moves of a plan.", least=1)
+    max_moves: int = option(100, help="Maximum number of moves of a plan.", least=1)
     friction: float = option(
-        inf, help="Coefficient of friction of the walls. If it is infinite, a particle that is pushed into a wall never"
-        " slides.",
+        inf, help="Coefficient of friction of the walls. If it is infinite, a particle that is pushed into a wall never slides.",
         check=_check_friction, dump=_dump_friction,
     )  # fmt: skip
     particle_radius: float = option(0.0, help="Radius of the particles.", least=0)
     execution: float = option(0.0, help="Input noise: standard deviation of the error of each coordinate of a move.", least=0)
-    measurement: float = option(
-        0.0, help="Camera noise: standard deviation of the error of each coordinate of a particle.", least=0
-    )
+    measurement: float = option(0.0, help="Camera noise: standard deviation of the error of each observed coordinate.", least=0)
     gain: float = option(
         0.0,
-        help="Variation of the response over the workspace, along a direction drawn with the seed: 0.2 means a "
-        "gain from 0.9 to 1.1.",
+        help="Variation of the gain over the workspace, along a direction drawn from the seed: 0.2 means a gain from 0.9 to 1.1.",
         least=0, below=2,
     )  # fmt: skip
-    goal_x: float | None = option(None, help="X of one particle's goal, in place of 'goal'; it may lie outside of the workspace.")
-    goal_y: float | None = option(None, help="Y of the same goal.")
+    goal_x: float | None = option(
+        None, help="X coordinate of one particle's goal, which replaces that goal; it may lie outside the workspace."
+    )
+    goal_y: float | None = option(None, help="Y coordinate of the same goal.")
     varied: int = option(2, help="Number of the particle whose goal is goal_x, goal_y; the first is 1.", least=1)
 
     def check_together(self) -> None:
-        """Refuse fields that do not go together."""
+        """Refuse fields that contradict each other."""
         if not isinstance(self.start, str) and not isinstance(self.goal, str):
             check_points(self.goal, what="goal", dimensions=self.start.shape[1], count=len(self.start))
         if (self.goal_x is None) != (self.goal_y is None):
@@ -195,22 +194,22 @@ class SteeringProblem(Problem):
 
     @property
     def n_particles(self) -> int:
-        """Number of particles; two where start and goal are random."""
+        """Number of particles. It is 2 if start and goal are random."""
         return next((len(points) for points in (self.start, self.goal) if not isinstance(points, str)), 2)
 
     @property
     def noisy(self) -> bool:
-        """Whether runs with different seeds differ, whatever the planner."""
+        """Whether the disturbances make runs with different seeds differ for every planner."""
         return bool(self.execution or self.measurement or self.gain)
 
     @property
     def chosen_planner(self) -> Any:
-        """The planner as an object: the one that was asked for, or what ``auto`` stands for.
+        """The planner as an object: the requested planner, or the planner that ``auto`` means.
 
         Raises
         ------
         InvalidInputError, UnknownNameError
-            Also for a planner that cannot do the task.
+            If the planner is unknown or does not support the task.
         """
         from shoal.steering.planners import make_planner
 
@@ -225,7 +224,7 @@ class SteeringProblem(Problem):
 
     @classmethod
     def load(cls, path: Any, *, trust: bool = False) -> Self:
-        """Read a problem file (JSON); a workspace that is a text is a name, or a file beside the problem's.
+        """Read a problem file (JSON). A workspace given as a text is a name, or a file relative to the problem file.
 
         Raises
         ------
@@ -243,19 +242,19 @@ class SteeringProblem(Problem):
         return open_workspace(self.workspace) if isinstance(self.workspace, str) else self.workspace
 
     def place_key(self) -> str | None:
-        """Return the workspace's name; None of one that has been opened already."""
+        """Return the workspace's name, or None for a workspace object."""
         return self.workspace if isinstance(self.workspace, str) else None
 
     def place_is_file(self) -> bool:
-        """Tell whether the workspace is a file."""
+        """Return whether the workspace is a file."""
         return isinstance(self.workspace, str) and os.path.exists(self.workspace)
 
     def place_digest(self) -> bytes:
-        """Return the corners."""
+        """Return the corners of the workspace."""
         return json.dumps(describe(self.place), sort_keys=True).encode()
 
     def check_at_place(self) -> None:
-        """Refuse points outside of the workspace, particles that are to part and cannot, and a planner that cannot do the task.
+        """Refuse points outside the workspace, particles that cannot separate, and a planner that does not support the task.
 
         Raises
         ------
@@ -278,7 +277,7 @@ class SteeringProblem(Problem):
         assert self.chosen_planner
 
     def world(self, *, seed: int = 0, gain: float | None = None) -> Any:
-        """Return the world in which the problem is played; the seed draws the direction of the gain.
+        """Return the world of the problem. The seed determines the direction of the gain.
 
         Raises
         ------
@@ -290,7 +289,7 @@ class SteeringProblem(Problem):
         return make_world(self.place, friction=self.friction, radius=self.particle_radius, gain=variation, seed=seed)
 
     def endpoints(self, seed: int) -> tuple[Points, Points]:
-        """Return start and goal of each particle, float64, shape (particles, dimensions); the seed draws random ones."""
+        """Return start and goal of each particle, float64, shape (particles, dimensions). The seed determines random points."""
         rng = np.random.default_rng([seed, 1])
         start, goal = (
             self._drawn(rng) if isinstance(points, str) else points.copy() for points in (self.start, self.goal)
@@ -300,7 +299,7 @@ class SteeringProblem(Problem):
         return start, goal
 
     def _drawn(self, rng: np.random.Generator) -> Points:
-        """Return a point for each particle, uniform in the workspace; particles with a radius fit in and do not overlap."""
+        """Return a random point for each particle, uniform in the workspace. Particles with a radius fit in and do not overlap."""
         workspace, room, apart = self.place, self.world().room, 2 * self.particle_radius
         if workspace.round:
             low, high = workspace.center - workspace.radius, workspace.center + workspace.radius
@@ -321,7 +320,7 @@ class SteeringProblem(Problem):
 
 
 def check_can_part(start: Points, goal: Points, tolerance: float) -> None:
-    """Refuse particles that start at one place and have different goals.
+    """Refuse particles that start at one point and have different goals.
 
     Raises
     ------
@@ -331,6 +330,6 @@ def check_can_part(start: Points, goal: Points, tolerance: float) -> None:
         for other in range(one):
             if np.array_equal(start[one], start[other]) and np.abs(goal[one] - goal[other]).max() > tolerance:
                 raise InvalidInputError(
-                    f"start: expected particles at different points, got {tuple(start[one].tolist())} "
-                    f"for {other + 1} and {one + 1}: a shared input never parts them"
+                    f"start: expected particles at different points, got {tuple(start[one].tolist())} for {other + 1} and "
+                    f"{one + 1}: a shared input never separates them"
                 )

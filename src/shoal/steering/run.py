@@ -1,4 +1,4 @@
-"""run: plan, play, and say what came of it."""
+"""Run a steering problem: plan, simulate the plan, and return the episode."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     Parameters
     ----------
     problem : SteeringProblem
-        Planners know its friction, and not its noise. A plan of any planner but robust is sent as it is.
+        The problem. Planners know its friction but not its noise. The plan is sent unchanged, except by the planner robust.
     seed : int
-        Of random starts and goals, of the noise, and of planners that draw numbers.
+        Seed for random starts and goals, noise, and planners with random decisions.
 
     Returns
     -------
     SteeringEpisode
-        False as a bool unless the problem was solved.
+        The episode. It is false as a bool unless the problem was solved.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     for left in range(len(orders), 0, -1):
         order = orders[-left]
         task = SteeringTask(problem.world(gain=0.0), start, goal[list(order)], problem.tolerance, problem.max_moves, seed)
-        if problem.time is not None:  # what is left of it is shared
+        if problem.time is not None:  # the remaining planning time is shared
             now = time.monotonic()
             task = replace(task, deadline=now + (begun + problem.time - now) / left)
         attempts.append(_attempted(problem, planner, task, order))
@@ -75,7 +75,7 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """What came of planning and playing with a settled goal for each particle."""
+    """Result of planning and simulation for one assignment of goals to particles."""
 
     order: tuple[int, ...]
     status: Status
@@ -86,7 +86,7 @@ class _Attempt:
     lower_bound: float | None
 
     def rank(self, tolerance: float, prefers: str) -> tuple[bool, float, float]:
-        """Order attempts: those that arrive first, then by what the planner makes small."""
+        """Return a sort key: successful attempts first, then by the criterion that the planner minimizes."""
         if self.error > tolerance:
             return True, self.error, 0.0
         moves, length = float(len(self.inputs)), float(np.linalg.norm(self.inputs, axis=1).sum())
@@ -94,13 +94,13 @@ class _Attempt:
 
 
 def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order: tuple[int, ...]) -> _Attempt:
-    """Plan and play with a settled goal for each particle."""
+    """Plan and simulate with one assignment of goals to particles."""
     start, goal = task.start, task.goal
     simple = isinstance(task.world, ContactWorld) and len(start) == 2
     outside = ~problem.place.contains(goal)
     inputs: Points | None = np.zeros((0, problem.place.dimensions))
     states, remark = None, ""
-    why_never = f"the goal {tuple(goal[outside][0].tolist())} is outside of the workspace" if outside.any() else None
+    why_never = f"the goal {tuple(goal[outside][0].tolist())} is outside the workspace" if outside.any() else None
     if why_never is None and simple:
         why_never = why_unreachable(task)
     if why_never is None and hasattr(planner, "control"):
@@ -133,7 +133,7 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
 
 
 def _planned(task: SteeringTask, planner: Any, *, simple: bool) -> Points | None:
-    """Return the planner's moves; where its time is limited, those of greedy if they are better."""
+    """Return the planner's moves. If its time is limited, return the moves of greedy if these are better."""
     plans = [planner.plan(task)]
     if task.deadline < inf and simple:
         plans.append(Greedy().plan(task))
@@ -143,7 +143,7 @@ def _planned(task: SteeringTask, planner: Any, *, simple: bool) -> Points | None
 
 
 def _why_not(problem: SteeringProblem, found: int, inputs: Points, error: float) -> str:
-    """Return why a plan of so many moves is none."""
+    """Return the reason why the moves found do not solve the problem."""
     if found > problem.max_moves:
         return f"the plan that was found takes {found} moves, more than {problem.max_moves}"
     if not len(inputs):

@@ -254,7 +254,7 @@ def test_a_rig_that_was_started_anew_is_not_gone_on_with():
     line = bench(workspace, wear=wear)
     rig = RemoteRig(line, timeout=0.05, patience=5)
     rig.send("l")
-    with pytest.raises(RigError, match="it has been started anew"):
+    with pytest.raises(RigError, match="the rig has restarted"):
         rig.observe()
 
 
@@ -470,7 +470,7 @@ def test_a_rig_that_dies_at_a_command_is_told_to_stop_all_the_same(tmp_path, cap
     """It comes back as one that knows nothing of what was done: the drive ends, after a stop command over a new line."""
     assert shoal(["drive", "--rig", dying(tmp_path, "stops"), "--timeout", "0.5", "--patience", "2"]) == 2
     said = capsys.readouterr().err
-    assert "started anew" in said
+    assert "the rig has restarted" in said
     assert len(said.strip().splitlines()) == 1
     assert (tmp_path / "heard.txt").read_text().split() == ["hello", "observe", "command", "hello", "stop"]
 

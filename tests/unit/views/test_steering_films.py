@@ -258,10 +258,10 @@ def test_replay_of_what_is_not_what_it_says(tmp_path, capsys):
     assert run(["replay", str(tmp_path / "false.json"), "--film", str(tmp_path / "film.gif"), "--json"]) == 1
     said = capsys.readouterr()
     assert json.loads(said.out)["verified"] is False
-    assert "after move 2 particle 2 is 0.0141 from where the episode says" in said.err
+    assert "after move 2 particle 2 is 0.0141 from its position in the episode" in said.err
     replace(episode, inputs=episode.inputs[:-1], states=episode.states[:-1]).save(tmp_path / "short.json")
     assert run(["replay", str(tmp_path / "short.json")]) == 1
-    assert "it says solved, and a particle ends" in capsys.readouterr().err
+    assert "the status is solved, and a particle ends" in capsys.readouterr().err
     assert {path.name for path in tmp_path.iterdir()} == {"false.json", "short.json"}
 
 

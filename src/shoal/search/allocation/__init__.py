@@ -1,1 +1,1 @@
-"""Which robot searches which part of the tour: what a tour costs, allocators, the partition that results."""
+"""Allocation of a tour to robots: tour costs, allocators and the resulting partition."""

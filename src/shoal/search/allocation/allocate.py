@@ -1,4 +1,4 @@
-"""Who searches which part of a tour: each robot computes the same answer from the same broadcast starts."""
+"""Allocation of a tour to robots. Each robot computes the same allocation from the same broadcast start positions."""
 
 from __future__ import annotations
 
@@ -29,14 +29,16 @@ class Allocation:
     ----------
     allocator : str
     arcs : tuple of tuple of Arc
-        By robot, in the order of its work; no arcs for a robot in reserve.
+        For each robot, its arcs in the order of its work; empty for a robot in reserve.
     times : ndarray of float64, shape (m,)
-        When each robot is done, the way to its first cell included; in the time that speed 1 takes for a cell.
+        Completion time of each robot, including its path to the first cell. The unit is the time in which a robot of speed 1
+        searches one cell.
     lower_bound : float
-        No allocation is done earlier: the number of cells, times how many robots must search each, over the sum of the speeds, each
-        times the width of the footprint.
+        Lower bound on the makespan of every allocation: the number of cells times the required visits per cell, divided by the sum
+        over all robots of speed times footprint width.
     work : tuple of tuple of Arc
-        By robot, its own arcs, and where several robots search each cell those of the robots ahead.
+        For each robot, all arcs that it searches: its own arcs and, if several robots search each cell, the arcs of the robots
+        ahead.
     """
 
     allocator: str
@@ -47,7 +49,7 @@ class Allocation:
 
     @property
     def makespan(self) -> float:
-        """When the last robot is done."""
+        """Completion time of the last robot."""
         return float(self.times.max())
 
 
@@ -60,24 +62,25 @@ def allocate(
     places: ArrayLike | None = None,
     widths: ArrayLike | None = None,
 ) -> Allocation:
-    """Share the cells of a tour among robots.
+    """Divide the cells of a tour among robots.
 
     Parameters
     ----------
     tour_cost : TourCost
     starts : array_like of int, shape (m,)
-        The number on the tour of the cell in which each robot starts, m at least 1; several may start in one.
+        Index on the tour of each robot's start cell, m at least 1. Several robots may start in one cell.
     allocator : str
-        "stay": each robot searches from its start to the next robot's (paper H). "common-shift": all move along the tour first,
-        none farther than a common way, then search. "individual-shift": each moves along the tour as far as suits it. "two-way":
-        each searches what lies behind and ahead of it. "hop": each goes straight to the beginning of an arc.
+        "stay": each robot searches from its start to the next robot's start (paper H). "common-shift": all robots first move along
+        the tour, each at most a common distance, and then search. "individual-shift": each robot moves along the tour by its own
+        optimal distance. "two-way": each robot searches the cells behind and ahead of its start. "hop": each robot moves straight
+        to the beginning of an arc.
     rates : array_like of float, shape (m,), optional
-        How fast each robot moves and searches; 1 if not given.
+        Relative speed of each robot in motion and search. The default is 1.
     places : array_like of float, shape (m, d), optional
-        Where the robots are, as `TourCost.points`; in the middles of their cells if not given.
+        Positions of the robots in the units of `TourCost.points`. By default robots are at the centres of their cells.
     widths : array_like of int, shape (m,), optional
-        How many cells wide the footprint of each is, odd; 1 if not given. A part is weighed by how fast such a robot searches along
-        this tour (`gain_of`), ways to it by how fast it moves.
+        Footprint width of each robot in cells, odd. The default is 1. The size of a part depends on the robot's search rate along
+        this tour (`gain_of`), and paths to the part depend on its speed.
 
     Raises
     ------
@@ -86,7 +89,7 @@ def allocate(
 
     Notes
     -----
-    "stay" is paper H, p. 5; the others answer what it leaves open ("slightly more initial configuration movement").
+    "stay" is paper H, p. 5. The other allocators answer its open question ("slightly more initial configuration movement").
 
     Examples
     --------
@@ -149,13 +152,13 @@ def _team(
         raise InvalidInputError(f"places: expected shape ({len(first)}, {tour_cost.points.shape[1]}), got {at.shape}")
     wide = np.ones(len(first), dtype=np.int64) if widths is None else np.asarray(widths)
     check_widths(wide, len(first))
-    order = np.argsort(first, kind="stable")  # of several in a cell the last one goes on
+    order = np.argsort(first, kind="stable")  # of several robots in a cell, the last one searches on
     gains = np.array([gain_of(tour_cost, int(width)) for width in wide])
     return Team(first[order], speeds[order], at[order], gains[order], tour_cost.far(first[order])), order
 
 
 def time_of(tour_cost: TourCost, work: Sequence[Arc], place: Floats, start: int | None, width: int) -> float:
-    """Return what arcs cost a robot."""
+    """Return the cost of some arcs for a robot."""
     if width == 1 or not work:
         return work_time(tour_cost, work, place, start)
     cells = numbers_of(work, len(tour_cost))

@@ -1,4 +1,4 @@
-"""Allocators: rules that share a tour among robots, which lie around it in the order of their starts."""
+"""Allocators: rules that divide a tour among robots. The order of the parts around the tour is the order of the robots' starts."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from shoal.search.kernels.shares import Team
 
 Indices = NDArray[np.int64]
 _HALVINGS = 40
-_STRIDES = 96  # how many first borders are tried at the most
-_TRIALS = 8_000  # cuts into equal arcs that are tried at the most, once for each turn of the robots
-_CANDIDATES = 12  # cuts into equal arcs that are made better
+_STRIDES = 96  # maximum number of first borders that are tried
+_TRIALS = 8_000  # maximum number of cuts into equal arcs, one for each rotation of the robots
+_CANDIDATES = 12  # number of cuts into equal arcs that are improved
 
 
 Allocator = Callable[[TourCost, Team], list[list[Arc]]]
@@ -27,18 +27,18 @@ ALLOCATORS: Registry[Allocator] = Registry("allocation", functions=True)
 
 @ALLOCATORS.register("stay")
 def stay(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """From the start to the next one's."""
+    """Assign to each robot the cells from its start to the next robot's start."""
     gaps = np.diff(np.append(team.starts, team.starts[0] + len(tour_cost)))
     return [[Arc(int(first), int(count))] for first, count in zip(team.starts, gaps, strict=True)]
 
 
 @ALLOCATORS.register("common-shift")
 def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """All go as far as D at the most, and then search G: the least D + G; speeds are those of the slowest."""
+    """Minimize D + G: all robots move at most D along the tour and then search for at most G, at the speed of the slowest robot."""
     starts = team.starts
     n, m = len(tour_cost), len(starts)
     at = tour_cost.ahead[np.concatenate([starts, starts + n])]
-    ways = np.array([(at[k : k + m] - at[:m]).max() for k in range(1, m)])  # the largest sum of k gaps
+    ways = np.array([(at[k : k + m] - at[:m]).max() for k in range(1, m)])  # the largest sum of k consecutive gaps
     share = tour_cost.whole / m
     counts = np.arange(1, m)
 
@@ -50,7 +50,7 @@ def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
         one, other = low + (high - low) / 3, high - (high - low) / 3
         low, high = (low, other) if one + gap(one) <= other + gap(other) else (one, high)
     shift, span = low, gap(low)
-    # The foremost borders that the limits allow: s + D, and G after the border before.
+    # The farthest borders that the limits allow: s + D, and G after the previous border.
     rounds = np.concatenate([at[:m] - tour_cost.whole, at]) + shift
     fronts = np.minimum.accumulate(rounds - span * np.arange(3 * m)) + span * np.arange(3 * m)
     borders = np.searchsorted(tour_cost.ahead, fronts[m : 2 * m] + tour_cost.whole + 1e-6, side="right") - 1
@@ -59,13 +59,13 @@ def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 @ALLOCATORS.register("individual-shift")
 def individual_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Each goes along the tour to the beginning of its cells."""
+    """Each robot moves along the tour to the beginning of its cells."""
     return _arcs_between(_bisected(False, tour_cost, team))
 
 
 @ALLOCATORS.register("two-way")
 def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Each begins with the shorter part of its cells, behind it or ahead, and comes back for the other."""
+    """Each robot first searches the shorter part of its cells, behind or ahead of its start, and then returns for the rest."""
     n = len(tour_cost)
     borders = _bisected(True, tour_cost, team)
     found = []
@@ -82,7 +82,7 @@ def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 @ALLOCATORS.register("hop")
 def hop(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Each goes straight to an arc, the order kept round the tour; who has farther to go searches less."""
+    """Each robot moves straight to an arc. The order around the tour is kept, and a robot with a longer path gets a shorter arc."""
     n, m = len(tour_cost), len(team.starts)
     rows = min(4 * _STRIDES, max(8, _TRIALS // m))
     firsts = np.unique(np.linspace(0, min(n, int(2 * n / m)) - 1, rows).astype(np.int64)) if m > 1 else team.starts
@@ -93,7 +93,7 @@ def hop(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
         row, turn = np.unravel_index(int(number), latest.shape)
         low, high = n / float(_powers(team).sum()), float(min(latest[row, turn], best)) + 1.0
         trial = np.empty(m + 1, dtype=np.int64)
-        while best == np.inf:  # with fewer cells than robots no equal arcs are whole cells
+        while best == np.inf:  # with fewer cells than robots, equal arcs are less than a cell
             if shares.hop_pass(tour_cost.arrays, team, high, firsts[row], turn, trial):
                 best, borders, chosen = high, np.minimum(trial, firsts[row] + n), int(turn)
             high *= 2
@@ -115,7 +115,7 @@ def _arcs_between(borders: Indices) -> list[list[Arc]]:
 
 
 def _powers(team: Team) -> Floats:
-    """Return how fast each robot searches."""
+    """Return the search rate of each robot."""
     return team.rates * team.gains
 
 
@@ -125,9 +125,9 @@ def _passed(two_ways: bool, tour_cost: TourCost, team: Team, time: float, border
 
 
 def _bisected(two_ways: bool, tour_cost: TourCost, team: Team) -> Indices:
-    """Return the borders of the least time in which a pass succeeds, int64, shape (m + 1,)."""
+    """Return the borders for the smallest time at which a pass over the robots succeeds; int64, shape (m + 1,)."""
     n, starts = len(tour_cost), team.starts
-    best = np.append(starts, starts[0] + n) + n  # as they stay
+    best = np.append(starts, starts[0] + n) + n  # the borders of the allocator stay
     gaps = np.diff(tour_cost.ahead[best]) / _powers(team)
     low, high = n / float(_powers(team).sum()), float(gaps.max())
     trial = np.empty(len(starts) + 1, dtype=np.int64)

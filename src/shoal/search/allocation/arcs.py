@@ -1,4 +1,4 @@
-"""Arc: cells that follow one another on a tour, and what it costs to search some."""
+"""Arcs: consecutive cells on a tour, and the cost of searching them."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from shoal.search.tours.bitset import arc_bits, runs, turned
 
 @dataclass(frozen=True)
 class Arc:
-    """Cells of the tour to search one after another.
+    """Consecutive cells of the tour that a robot searches in order.
 
     Parameters
     ----------
     first : int
-        Number of the first one on the tour.
+        Tour index of the first cell.
     count : int
     step : int
-        1 forwards along the tour, -1 backwards.
+        1 for forwards along the tour, -1 for backwards.
     """
 
     first: int
@@ -30,11 +30,11 @@ class Arc:
     step: int = 1
 
     def bits(self, n: int) -> int:
-        """Return its cells as bits, on a tour of n cells."""
+        """Return the arc's cells as a bitset, on a tour of n cells."""
         return arc_bits((self.first if self.step > 0 else self.first - self.count + 1) % n, self.count, n)
 
     def stretches(self, wanted: int, n: int) -> list[tuple[int, int]]:
-        """Return its stretches of cells that are in a set, given as bits, as first cell and length, in the order of the visit.
+        """Return the runs of the arc's cells that are in the bitset ``wanted``, as (first cell, length) in visiting order.
 
         Examples
         --------
@@ -46,7 +46,7 @@ class Arc:
         return found if self.step > 0 else [((first + count - 1) % n, count) for first, count in reversed(found)]
 
     def next_of(self, wanted: int, n: int) -> int | None:
-        """Return the first of its cells that is in a set, given as bits, of a tour of n cells; None if none is.
+        """Return the first of the arc's cells that is in the bitset ``wanted``, on a tour of n cells; None if there is none.
 
         Examples
         --------
@@ -62,13 +62,16 @@ class Arc:
 
 
 def way_to(tour_cost: TourCost, first: int, place: Floats, start: int | None) -> float:
-    """Return how far it is from a place to a cell: straight, or as far as from the cell ``start`` if that is given and farther."""
+    """Return the distance from a position to a cell. With ``start``, it is at least the distance from the cell ``start``."""
     straight = float(np.linalg.norm(tour_cost.points[first] - place))
     return straight if start is None or start == first else max(straight, tour_cost.length(start, first))
 
 
 def work_time(tour_cost: TourCost, arcs: Sequence[Arc], place: Floats, start: int | None = None) -> float:
-    """Return what arcs cost a robot at a place; it goes straight to the first, or as the ways are from the cell ``start``."""
+    """Return the cost of some arcs for a robot at ``place``.
+
+    The path to the first arc is straight, or starts in the cell ``start``.
+    """
     total, n = 0.0, len(tour_cost)
     here: int | None = None
     for arc in arcs:
@@ -80,6 +83,6 @@ def work_time(tour_cost: TourCost, arcs: Sequence[Arc], place: Floats, start: in
 
 
 def numbers_of(arcs: Sequence[Arc], n: int) -> NDArray[np.int64]:
-    """Return the cells of arcs in the order of the visit, as numbers on a tour of n cells; int64, shape (k,)."""
+    """Return the cells of some arcs in visiting order, as indices on a tour of n cells; int64, shape (k,)."""
     found = [(arc.first + arc.step * np.arange(arc.count)) % n for arc in arcs]
     return np.concatenate([np.zeros(0, dtype=np.int64), *found])

@@ -1,4 +1,4 @@
-"""Choice: the allocation with the least planned time, flights home to recharge included."""
+"""Choice of the allocation with the smallest planned time, including flights home to recharge."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from shoal.search.allocation.allocators import Indices
 from shoal.search.allocation.arcs import numbers_of
 from shoal.search.allocation.tour_cost import Floats, TourCost
 
-_COMPARED = 100_000  # cells times robots: of more, only the first allocation is reckoned
-_WIDE = 10_000  # the same where a robot sees several cells at once
+_COMPARED = 100_000  # cells times robots: above this, only the first allocation is evaluated
+_WIDE = 10_000  # the same limit for robots with wide footprints
 
 
 def best_allocation(
@@ -27,19 +27,19 @@ def best_allocation(
     energy: float = inf,
     recharge: float = 0.0,
 ) -> tuple[Allocation, dict[str, float]]:
-    """Return the allocation that is done first, and when each that was compared is done, the best first, in the time of a cell.
+    """Return the fastest allocation, and the completion times of all compared allocations, fastest first, in cell times.
 
     Parameters
     ----------
     tour_cost : TourCost
     starts, rates, places, widths : ndarray
-        As `allocate` takes them.
+        Arguments of `allocate`.
     allocators : sequence of str
-        Those to choose from; of equal ones the first is taken.
+        Names to choose from. Among equally fast allocations, the first name wins.
     energy : float
-        How long a robot of speed 1 can go before it must be back at its start, in the time of a cell.
+        Endurance: time in which a robot of speed 1 must return to its start, in cell times.
     recharge : float
-        How long recharging takes there.
+        Duration of recharging at the start, in cell times.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def best_allocation(
 
 
 def time_with_sorties(allocation: Allocation, tour_cost: TourCost, places: Floats, *, energy: float, recharge: float) -> float:
-    """Return when all robots are done, if each flies home to recharge as often as its work needs, about; in the time of a cell."""
+    """Return the approximate completion time of all robots in cell times, including the necessary flights home to recharge."""
     if energy == inf:
         return allocation.makespan
     latest = 0.0

@@ -1,4 +1,4 @@
-"""How long a search takes on average if robots stay where they are (paper H, p. 8, Fig. 5): Monte Carlo, and theory."""
+"""Expected search time if robots do not move before the search (paper H, p. 8, Fig. 5): Monte Carlo estimate and theory."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from shoal.core.checks import check_integer
 
-_AT_ONCE = 2_000_000  # positions that are drawn at once
+_AT_ONCE = 2_000_000  # number of positions drawn per block
 
 
 class ExpectedTime(NamedTuple):
-    """A mean, and how far off it may be.
+    """A mean with its standard error.
 
     Parameters
     ----------
     mean : float
-        T_E/T_UB: the time until all is searched as a share of what one robot needs.
+        T_E/T_UB: the expected search time as a fraction of the time of a single robot.
     error : float
         Standard error of the mean.
     """
@@ -28,18 +28,19 @@ class ExpectedTime(NamedTuple):
 
 
 def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_000, seed: int = 0) -> ExpectedTime:
-    """Return the expected time of a search in which each robot searches from its start to that of the next one that lives.
+    """Return the expected time of a search in which each robot searches from its start to the start of the next working robot.
 
     Parameters
     ----------
     cells : int
-        Of the tour, which is closed.
+        Number of cells of the closed tour.
     robots : int
-        In independent random cells.
+        Number of robots. They start in independent random cells.
     dead : int
-        How many of them never start. The robot behind goes on into what a dead one leaves; how long it waits before is not counted.
+        Number of robots that never start. The robot behind a dead robot also searches its part. The waiting time before that is not
+        counted.
     trials : int
-        Two or more.
+        Number of random trials, at least 2.
     seed : int
 
     Raises
@@ -48,12 +49,13 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
 
     Notes
     -----
-    Paper H, p. 8: T_UB is the time of one robot, T_LB = T_UB/m. The time is that of ``allocate(..., allocator="stay")``: robots
-    move to the middles of their cells, so that stretches are whole cells, and of several robots in a cell only one goes on.
+    Paper H, p. 8: T_UB is the time of one robot, T_LB = T_UB/m. The time is that of ``allocate(..., allocator="stay")``. Robots
+    first move to the centres of their cells, so each part consists of whole cells. If several robots start in one cell, only one of
+    them searches on.
 
-    `stay_share` is the limit of many cells. With 64 cells and 50 robots, where most share a cell with another, the mean is 0.6 %
-    above it, counted exactly (``tests/golden/test_search_figures.py``). With more robots than cells it is far above: no stretch is
-    shorter than a cell.
+    `stay_share` is the limit for many cells. With 64 cells and 50 robots, most robots share a cell, and the exact mean is 0.6 %
+    above the limit (``tests/golden/test_search_figures.py``). With more robots than cells, the mean is far above the limit, because
+    no part is shorter than a cell.
 
     Examples
     --------
@@ -71,17 +73,17 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
 
 
 def _longest(cells: int, robots: int, dead: int, trials: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Return the longest way from a robot that lives to the next one, in cells; int64, shape (trials,)."""
-    starts = rng.integers(cells, size=(trials, robots))[:, dead:]  # all are alike: let the first ones be dead
+    """Return the largest distance from a working robot to the next one, in cells; int64, shape (trials,)."""
+    starts = rng.integers(cells, size=(trials, robots))[:, dead:]  # all robots are equivalent, so the first ones are dead
     starts.sort(axis=1)
     around = starts[:, 0] + cells - starts[:, -1]
     return np.asarray(np.maximum(around, np.diff(starts, axis=1).max(axis=1, initial=0)))
 
 
 def stay_share(robots: int, *, dead: int = 0) -> float:
-    """Return what `expected_time` tends to: H_k/k for the k robots that live, H_k the sum of 1/1 to 1/k.
+    """Return the limit of `expected_time` for many cells: H_k/k for k working robots, with H_k the sum of 1/1 to 1/k.
 
-    The mean of the longest of the k stretches into which k random places cut a circle.
+    This is the mean of the longest of the k arcs into which k random points divide a circle.
 
     Raises
     ------
@@ -99,4 +101,4 @@ def stay_share(robots: int, *, dead: int = 0) -> float:
 
 def _check(robots: int, dead: int) -> None:
     check_integer(robots, what="robots", least=1)
-    check_integer(dead, what="dead", least=0, most=robots - 1)  # one robot must live
+    check_integer(dead, what="dead", least=0, most=robots - 1)  # one robot must work

@@ -1,4 +1,4 @@
-"""Layers: cells at several altitudes, or in several passes, as one grid, with ways and distances between and inside of them."""
+"""Layers: one grid for cells at several altitudes or in several passes, with paths and distances within and between layers."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ Numbers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class LayeredGrid:
-    """The cells of several layers over one region, as `CellGrid` has those of one.
+    """The cells of several layers over one region, with the interface of `CellGrid`.
 
     Parameters
     ----------
     layers : tuple of CellGrid
-        From the lowest to the highest; layers that are alike are one object.
+        The layers from the lowest to the highest. Equal layers are one object.
     altitudes : ndarray of float64, shape (L,)
         Metres.
     climb : float
-        How many metres along the rows take as long as a metre up or down, in the mean of both.
+        Horizontal distance in metres along the rows that takes as long as one metre of climb or descent, averaged over both.
     """
 
     layers: tuple[CellGrid, ...]
@@ -41,43 +41,43 @@ class LayeredGrid:
 
     @property
     def region(self) -> SearchRegion:
-        """The region, as it is seen in the lowest layer."""
+        """The region seen from the lowest layer."""
         return self.layers[0].region
 
     @cached_property
     def size(self) -> float:
-        """Side of the smallest cells, metres: the unit of lengths."""
+        """Side of the smallest cells in metres, the unit of lengths."""
         return min(layer.size for layer in self.layers)
 
     @property
     def footprint(self) -> float:
-        """That of the lowest layer, metres."""
+        """Footprint of the lowest layer in metres."""
         return self.layers[0].footprint
 
     @property
     def angle(self) -> float:
-        """Of the rows of the lowest layer, degrees."""
+        """Angle of the rows of the lowest layer in degrees."""
         return self.layers[0].angle
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Layers, and the most rows and columns of one."""
+        """Number of layers, and the largest numbers of rows and columns of a layer."""
         rows, columns = np.max([layer.shape for layer in self.layers], axis=0).tolist()
         return len(self.layers), rows, columns
 
     @cached_property
     def starts(self) -> Numbers:
-        """Where the cells of each layer begin among all, and where the last one's end; int64, shape (L + 1,)."""
+        """Index of the first cell of each layer among all cells, and the total number of cells; int64, shape (L + 1,)."""
         return np.concatenate([[0], np.cumsum([layer.n_cells for layer in self.layers])])
 
     @property
     def n_cells(self) -> int:
-        """How many cells all layers have."""
+        """Number of cells of all layers."""
         return int(self.starts[-1])
 
     @cached_property
     def cells(self) -> Numbers:
-        """The cells as (layer, row, col), layer by layer; int64, shape (n_cells, 3)."""
+        """The cells as (layer, row, col), sorted by layer; int64, shape (n_cells, 3)."""
         return np.column_stack([self.layer_of_cells, np.concatenate([layer.cells for layer in self.layers])])
 
     @property
@@ -87,7 +87,7 @@ class LayeredGrid:
 
     @cached_property
     def viewpoints(self) -> Points:
-        """As `CellGrid.viewpoints`, with the altitude; float64, shape (k, 3)."""
+        """Viewpoints as in `CellGrid.viewpoints`, with altitudes; float64, shape (k, 3)."""
         return np.concatenate([at_altitude(layer.viewpoints, up) for layer, up in zip(self.layers, self.altitudes, strict=True)])
 
     @cached_property
@@ -98,7 +98,7 @@ class LayeredGrid:
         return np.concatenate([*found, before[-1:]])
 
     def ordinals(self, cells: ArrayLike) -> Numbers:
-        """Return the place of each cell (layer, row, col) among `cells`; int64, shape (n,)."""
+        """Return the index of each cell (layer, row, col) in `cells`; int64, shape (n,)."""
         array = np.asarray(cells)
         return np.asarray(self._ordinal[array[:, 0], array[:, 1], array[:, 2]])
 
@@ -109,7 +109,7 @@ class LayeredGrid:
         return found
 
     def cell_of(self, points: ArrayLike, layer: int = 0) -> Numbers:
-        """Return the cell of a layer over or beneath each point of the ground; int64, shape (n, 3)."""
+        """Return the cell of a layer above or below each ground point; int64, shape (n, 3)."""
         found = self.layers[layer].cell_of(points)
         return np.column_stack([np.full(len(found), layer), found])
 
@@ -122,7 +122,7 @@ Grid = CellGrid | LayeredGrid
 
 
 def layers_of(grid: Grid) -> tuple[CellGrid, ...]:
-    """Return the layers of a grid, from the lowest, in which robots begin; a plane one is the only one."""
+    """Return the layers of a grid from the lowest one, where robots start. A plane grid is its own single layer."""
     return (grid,) if isinstance(grid, CellGrid) else grid.layers
 
 
@@ -132,9 +132,9 @@ def at_altitude(points: Points, up: float | NDArray[np.float64]) -> Points:
 
 
 def with_climb_cost(grid: Grid, points: Points) -> Points:
-    """Return points as robots pay for ways between them, metres: a climb is as long as what else takes its time.
+    """Return points in metres whose altitudes are scaled, so that a climb is as long as a horizontal path of the same duration.
 
-    Those without an altitude are taken to be in the lowest layer.
+    Points without an altitude belong to the lowest layer.
     """
     if isinstance(grid, CellGrid):
         return points
@@ -143,20 +143,20 @@ def with_climb_cost(grid: Grid, points: Points) -> Points:
 
 
 class LayeredPaths:
-    """Ways in and between layers: over the ground as `RegionPaths` finds them, straight up before them or straight down after them.
+    """Paths within and between layers: horizontal paths by `RegionPaths`, with vertical climbs before and descents after them.
 
     Parameters
     ----------
     grid : LayeredGrid
     layers : sequence of RegionPaths
-        Of each layer.
+        Paths of each layer.
     """
 
     def __init__(self, grid: LayeredGrid, layers: Sequence[RegionPaths]) -> None:
         self.grid, self._layers = grid, layers
 
     def legs(self, stops: ArrayLike) -> Route:
-        """Return the way through stops, float64 of shape (n, 3), or (n, 2) in the lowest layer."""
+        """Return the path through stops, float64 of shape (n, 3), or (n, 2) for the lowest layer."""
         points = np.asarray(stops, dtype=np.float64)
         points = points if points.shape[1] == 3 else at_altitude(points, float(self.grid.altitudes[0]))
         flat = self._layers[0].legs(points[:, :2])
@@ -176,11 +176,11 @@ class LayeredPaths:
         return Route(np.insert(at_altitude(flat.points, ups), at, turns, axis=0), stops, transit)
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
-        """Return the way from one point to another; float64, shape (k, 3)."""
+        """Return the path from one point to another; float64, shape (k, 3)."""
         return self.legs([np.asarray(start), np.asarray(end)]).points
 
     def route(self, cells: ArrayLike) -> Route:
-        """Return the way through all viewpoints of cells (layer, row, col), in their order."""
+        """Return the path through all viewpoints of the cells (layer, row, col), in their order."""
         array = np.asarray(cells)
         borders = [0, *(np.flatnonzero(np.diff(array[:, 0])) + 1).tolist(), len(array)]
         points, stops, transit = [np.zeros((0, 3))], [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.bool_)]
@@ -206,57 +206,57 @@ Paths = RegionPaths | LayeredPaths
 
 @dataclass(frozen=True, eq=False)
 class LayerNumbers:
-    """Which number on the tour through all layers a cell of a layer's own tour has.
+    """Conversion of cell indices between the tour of a single layer and the tour through all layers.
 
     Parameters
     ----------
     tour : Tour
-        Through all layers.
+        The tour through all layers.
     layers : tuple of Tour
-        Of each layer.
+        The tour of each layer.
     """
 
     tour: Tour
     layers: tuple[Tour, ...]
 
     def whole(self, layer: int, cells: Numbers) -> Numbers:
-        """Return the numbers on the whole tour of cells of a layer."""
+        """Return the indices of a layer's cells on the tour through all layers."""
         return np.asarray(self.tour.position[layer][tuple(self.layers[layer].cells[cells].T)])
 
     def own(self, number: int) -> tuple[int, int]:
-        """Return the layer of a cell, and its number on the tour of that layer."""
+        """Return the layer of a cell, and the cell's index on the tour of that layer."""
         layer, row, col = self.tour.cells[number].tolist()
         return layer, int(self.layers[layer].position[row, col])
 
 
 class LayeredFootprint:
-    """What is seen from a cell: what lies in its own layer.
+    """Cells seen from a cell. A robot sees only cells of its own layer.
 
     Parameters
     ----------
     numbers : LayerNumbers
     layers : sequence of Footprint
-        Of each layer.
+        Footprint of each layer.
     """
 
     def __init__(self, numbers: LayerNumbers, layers: Sequence[Footprint]) -> None:
         self._numbers, self._layers = numbers, layers
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return what a robot sees that stands in a cell, as numbers on the tour, rising."""
+        """Return the cells that a robot in ``cell`` sees, as increasing tour indices."""
         layer, own = self._numbers.own(cell)
         return np.sort(self._numbers.whole(layer, self._layers[layer].seen(own, width)))
 
 
 class LayeredDistances:
-    """How far it is between cells of all layers: over the ground, and up or down.
+    """Distances between cells of all layers: horizontal distance plus climb or descent.
 
     Parameters
     ----------
     paths : LayeredPaths
     numbers : LayerNumbers
     layers : sequence of Distances
-        Of each layer, in its own cells; none where all ways over the ground are straight.
+        Distances of each layer between its own cells; empty if all horizontal paths are straight.
     """
 
     stepwise = False
@@ -277,7 +277,7 @@ class LayeredDistances:
         return np.asarray(self._places[:, 2] * self._paths.grid.climb / self._paths.grid.size)
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of a way, in sides of a cell; ``closed`` must be 0."""
+        """Return the length of a path in cell sides. ``closed`` must be 0."""
         key = (min(here, cell), max(here, cell))
         length = self._known.get(key)
         if length is None:
@@ -295,7 +295,7 @@ class LayeredDistances:
         return float(leg_lengths(self._paths.leg(*places)).sum()) / size + up
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return about how far it is from a cell to all: in each layer from the cell over or beneath it."""
+        """Return approximate distances from a cell to all cells. In other layers, they start from the cell above or below."""
         grid, place = self._paths.grid, self._places[here]
         found = np.hypot(*(self._places[:, :2] - place[:2]).T) / grid.size
         for layer, distances in enumerate(self._layers):

@@ -1,4 +1,4 @@
-"""Orientation: the angle and shift of the rows, and the tour, for which going once round takes the least time, turns included."""
+"""Orientation: the angle and shift of the rows, and the tour, that minimize the time of one round, including turns."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from shoal.search.tours import Tour, make_tour
 from shoal.search.tours.layers import TIE, joined
 
 ON_ROWS = ("boustrophedon",)
-"""Tours that follow rows: with them, cells on the border are seen from places on a way that bends seldom."""
+"""Tours that follow rows. For these, border cells get viewpoints on a path with few bends."""
 
 TURN = 1.0
-"""Cells: what a turn counts for, when orientations are compared, in a search where turns cost nothing."""
+"""Cost of a turn in cells for the comparison of orientations, if turns cost nothing in the search."""
 
-_STEP = 10.0  # degrees between angles that are compared, besides those of the outline's long sides
+_STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
 _SIDES = 3
-_SHIFTS = (0.0, 0.25, 0.5, 0.75)  # of a row
-_TRIED = 4  # orientations that are planned in full
-_WORK = 200_000  # cells that are planned in full, of all orientations together
-_ROWS = 120  # at most so many rows are looked at for an estimate
+_SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shift relative to a row
+_TRIED = 4  # number of orientations that are planned in full
+_WORK = 200_000  # total number of cells that are planned in full, over all orientations
+_ROWS = 120  # maximum number of rows for an estimate
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A way to search that was compared with others, and its time.
+    """A compared option of a search (angle, tour, allocation) and its time.
 
     Parameters
     ----------
     angle : float
-        Of the rows, degrees.
+        Angle of the rows in degrees.
     tour : str
     cells : float
-        The time of one robot once round, turns included, or with an allocation that of all robots; in that of a cell.
+        Time of one robot for one round including turns, in cell times. With an allocation, the time of all robots.
     allocation : str, optional
     """
 
@@ -54,14 +54,14 @@ class Candidate:
     allocation: str | None = None
 
     def report(self) -> dict[str, Any]:
-        """Return it for JSON."""
+        """Return the candidate for JSON."""
         told = {"angle_degrees": self.angle, "tour": self.tour, "cells": self.cells}
         return told | ({} if self.allocation is None else {"allocation": self.allocation})
 
 
 @dataclass(frozen=True, eq=False)
 class GridTour:
-    """A region cut into cells, and the tour through them.
+    """A region divided into cells, and the tour through the cells.
 
     Parameters
     ----------
@@ -69,9 +69,9 @@ class GridTour:
     tour : Tour
     paths : RegionPaths or LayeredPaths
     compared : tuple of Candidate
-        What was laid and compared, the best first; empty if nothing was to be chosen.
+        The candidates compared, fastest first; empty if nothing had to be chosen.
     layers : tuple of GridTour
-        Of several layers each by itself; those that are alike are one object.
+        If there are several layers: the grid tour of each layer. Equal layers are one object.
     """
 
     grid: Grid
@@ -82,11 +82,11 @@ class GridTour:
 
     @cached_property
     def route(self) -> Route:
-        """The way once round, from the first cell to the first."""
+        """The closed path of one round, from the first cell back to the first cell."""
         return self.paths.route(np.concatenate([self.tour.cells, self.tour.cells[:1]]))
 
     def once_round(self, turn_cost: float) -> float:
-        """Return what it costs to go once round, in cells: the way, and each of its bends."""
+        """Return the cost of one round in cells: the length of the path and the cost of its turns."""
         return self.route.length / self.grid.size + turn_cost * int(turns_of(self.route.points).sum())
 
 
@@ -101,25 +101,25 @@ def grid_tour(
     stepwise: bool = False,
     transit: bool = False,
 ) -> GridTour:
-    """Cut a region into cells at an angle and lay a tour through them.
+    """Divide a region into cells at an angle, and compute a tour through the cells.
 
     Parameters
     ----------
     region : SearchRegion
     size : float
-        Side of a cell, metres.
+        Side of a cell in metres.
     tour : str
-        As `make_tour` takes it.
+        Name of the tour for `make_tour`.
     angle : float
-        Of the rows, degrees counter-clockwise from the x axis.
+        Angle of the rows in degrees, counter-clockwise from the x axis.
     offset : float
-        By how much of a row the rows are shifted across.
+        Shift of the rows across their direction, relative to a row.
     turn_cost : float
-        Of a turn, in cells; 0 counts as `TURN`.
+        Cost of a turn in cells. 0 counts as `TURN`.
     stepwise : bool
-        Whether robots go from cell to cell: then each cell is seen from inside of it.
+        Whether robots move from cell to neighbouring cell. Then each cell is seen from a point inside it.
     transit : bool
-        As `RegionPaths` takes it.
+        Whether paths may lead outside the region, as for `RegionPaths`.
 
     Examples
     --------
@@ -138,24 +138,24 @@ def grid_tour(
 def in_layers(
     first: GridTour, altitudes: Sequence[float], passes: int, sizes: Sequence[float], tour: str, *, climb: float, **given: Any
 ) -> GridTour:
-    """Return the cells of several layers and the tour through all of them; a single one is returned as it is.
+    """Return the cells of several layers and the tour through all of them. A single layer is returned unchanged.
 
     Parameters
     ----------
     first : GridTour
-        Of the first pass of the lowest layer, whose region and angle all have.
+        The first pass of the lowest layer. All layers have its region and angle.
     altitudes : sequence of float
         Metres, rising.
     passes : int
-        How often each is searched. In every other pass the rows are turned by 90 degrees.
+        Number of passes at each altitude. In every other pass the rows are rotated by 90 degrees.
     sizes : sequence of float
-        Sides of the cells at each altitude, metres.
+        Sides of the cells at each altitude in metres.
     tour : str
-        As `make_tour` takes it.
+        Name of the tour for `make_tour`.
     climb : float
-        As `LayeredGrid` takes it.
+        Cost of climbing, as for `LayeredGrid`.
     given
-        ``turn_cost`` and ``transit``, as `grid_tour` takes them.
+        ``turn_cost`` and ``transit`` as for `grid_tour`.
     """
     if len(altitudes) * passes == 1:
         return first
@@ -189,23 +189,23 @@ def best_grid_tour(
     stepwise: bool = False,
     transit: bool = False,
 ) -> GridTour:
-    """Return the cells and the tour for which going once round costs least, over angles, shifts of the rows and tours.
+    """Return the cells and the tour for which one round costs least, over all angles, shifts and tours.
 
-    All angles are estimated by the number of rows and their lengths; the best few are planned in full, fewer in large regions.
+    All angles are estimated from the number and lengths of their rows. The best few are planned in full; in large regions fewer.
 
     Parameters
     ----------
     region : SearchRegion
     size : float
-        Side of a cell, metres.
+        Side of a cell in metres.
     tours : sequence of str
-        Those to choose from.
+        Tours to choose from.
     turn_cost : float
-        Of a turn, in cells; 0 counts as `TURN`.
+        Cost of a turn in cells. 0 counts as `TURN`.
     angle : float, optional
-        Of the rows, where only the tour is to be chosen.
+        Angle of the rows in degrees, if only the tour is to be chosen.
     stepwise, transit : bool
-        As `grid_tour` takes them.
+        As for `grid_tour`.
     """
     turn = turn_cost or TURN
     tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
@@ -225,7 +225,7 @@ def best_grid_tour(
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:
-    """Return angles and shifts, those first for which rows cost least."""
+    """Return angles and shifts, sorted by the estimated cost of the rows."""
     simple = area.simplify(size / 4)
     angles = {*np.arange(0.0, 180.0, _STEP).tolist(), *_long_sides(simple)}
     costs = []
@@ -236,7 +236,7 @@ def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]
 
 
 def _long_sides(area: Any) -> list[float]:
-    """Return the angles along and across which the outline is longest, degrees below 180."""
+    """Return the directions in which the outline is longest, and their perpendiculars, in degrees below 180."""
     import shapely
 
     found: dict[float, float] = {}
@@ -250,10 +250,10 @@ def _long_sides(area: Any) -> list[float]:
 
 
 def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
-    """Return about what it costs to drive all rows, in cells.
+    """Return the estimated cost in cells of driving along all rows.
 
-    Their lengths, as far as any of their widths reaches; at the end of each a row's width, more along a slanting border; and two
-    turns.
+    The estimate adds three terms: the lengths of the rows over their full width, a row width at the end of each row (more for a
+    slanting border), and two turns per row.
     """
     import shapely
 
@@ -262,7 +262,7 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
     first = (low + high - count * size) / 2 + ((shift - 0.5) * size if shift > 0 else 0.0)
     looked_at = min(count, _ROWS)
     chosen = ((np.arange(looked_at) + 0.5) * count / looked_at).astype(np.int64)
-    # A row is there if it holds any of the region: looked for in its middle and near both of its sides.
+    # A row counts if it contains any part of the region. This is tested along its centre line and near both of its sides.
     y = first + (chosen[:, None] + np.array([0.5, 0.02, 0.98])) * size
     ends = np.stack([np.full_like(y, left - 1), y, np.full_like(y, right + 1), y], axis=-1).reshape(*y.shape, 2, 2)
     cut = shapely.intersection(shapely.linestrings(ends.reshape(-1, 2, 2)), area).reshape(y.shape)

@@ -1,4 +1,4 @@
-"""Partition of a tour: which robot searches which part, which one takes over, and what the rest costs."""
+"""Partition of a tour: the part of each robot, takeovers, and the cost of the remaining cells."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shoal.search.tours.bitset import runs
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one robot is to search: its arcs, and the same cells as bits; none for one in reserve. It begins at ``first``."""
+    """The part of one robot: its arcs, and the same cells as a bitset. It starts at ``first``. A robot in reserve has no arcs."""
 
     robot: int
     first: int
@@ -25,14 +25,14 @@ class Part:
 
 @lru_cache(maxsize=256)
 def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int, float, int], ...]) -> tuple[Part, ...]:
-    """Return the parts of all robots in the order of the tour, those in reserve where they start.
+    """Return the parts of all robots in the order of the tour. Robots in reserve are listed at their starts.
 
     Parameters
     ----------
     tour_cost : TourCost
     allocator : str
     robots : tuple of (number, start, rate, width)
-        In the order of the numbers, so that all robots compute the same.
+        In increasing order of the numbers, so that all robots compute the same partition.
     """
     n = len(tour_cost)
     _, starts, rates, widths = zip(*robots, strict=True)
@@ -41,7 +41,7 @@ def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int,
         bits, lows = 0, []
         for arc in arcs:
             bits |= arc.bits(n)
-        # Two arcs meet at the start; the part begins where nothing of it comes before.
+        # Two arcs meet at the start. The part begins at the arc that has no arc of the part before it.
         lows = [first for first, _ in runs(bits, start, n) if not bits >> ((first - 1) % n) & 1]
         first = lows[0] if lows else start
         parts.append((first, bool(bits), number, Part(number, first, arcs, bits)))
@@ -51,14 +51,14 @@ def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int,
 def in_passes(
     tour_cost: TourCost, allocation: Allocation, robots: tuple[tuple[int, int, float, int], ...], places: Floats, count: int
 ) -> Allocation:
-    """Return an allocation in which each cell is searched by ``count`` robots: after its own part each searches those ahead.
+    """Return an allocation in which ``count`` robots search each cell. After its own part, each robot searches the parts ahead.
 
     Parameters
     ----------
     robots : tuple of (number, start, rate, width)
         As for `partition`, numbered from 1.
     places : ndarray of float64, shape (m, d)
-        Where they are, as `TourCost.points`.
+        Positions of the robots in the units of `TourCost.points`.
     """
     parts = partition(tour_cost, allocation.allocator, robots)
     work = {
@@ -74,7 +74,7 @@ def in_passes(
 
 
 def cost_of_all(tour_cost: TourCost, wanted: int, here: int, fresh: bool, closed: int = 0) -> float:
-    """Return what it costs to search all cells of a set, as bits, round the tour from ``here`` on, ``closed`` ones left out."""
+    """Return the cost of searching all cells of the bitset ``wanted`` along the tour from ``here``, avoiding ``closed`` cells."""
     total, n = 0.0, len(tour_cost)
     for first, count in runs(wanted, here, n):
         total += tour_cost.way(here, first, fresh=fresh, closed=closed)

@@ -1,4 +1,4 @@
-"""SearchPlan: a region cut into cells, the tour through them, where robots start and who searches what."""
+"""SearchPlan: the cells of a region, the tour through them, the robots' starts and their parts."""
 
 from __future__ import annotations
 
@@ -46,37 +46,37 @@ from shoal.search.regions.places import places_of, start_points
 from shoal.search.tours import Tour
 
 Points = NDArray[np.float64]
-_HOLLOW = 1e-9  # of its area: what a convex region may lack because of rounding
+_HOLLOW = 1e-9  # relative to its area: area that a convex region may lack because of rounding
 
 
 @dataclass(frozen=True, eq=False)
 class SearchPlan:
-    """The plan of a search: cells, tour, allocation and starts.
+    """The plan of a search: cells, tour, allocation and start positions.
 
     Parameters
     ----------
     grid : CellGrid or LayeredGrid
     tour_cost : TourCost
-        The tour with its costs; lengths in sides of a cell.
+        The tour with its costs. Lengths are in sides of a cell.
     places : ndarray of float64, shape (m, 2)
-        Where the robots start, metres; anywhere. Where there are layers, in the lowest.
+        Start positions of the robots in metres, inside the region or not. With several layers, robots start in the lowest.
     starts : ndarray of int64, shape (m,)
-        The number on the tour of the cell in which each is.
+        Tour index of each robot's start cell.
     rates : ndarray of float64, shape (m,)
-        Their speeds, as multiples of the common one.
+        Speeds of the robots relative to the common speed.
     allocation : Allocation
     footprints : ndarray of float64, shape (m,)
-        Sides of the squares that they see, metres; of several layers in the lowest.
+        Sides of the robots' square footprints in metres, in the lowest layer.
     transit : bool
-        Whether ways may lead from one part of the region to another, outside.
+        Whether paths may lead outside the region from one of its parts to another.
     landing : ndarray of float64, shape (m, 2), optional
-        Where the robots end, metres; where they start if not given.
+        Landing positions of the robots in metres. The default is their start positions.
     vehicle : Vehicle
-        What each robot is, but for its speed.
+        The vehicle of all robots, apart from their speeds.
     delays : ndarray of float64, shape (m,)
-        How long after the first each robot sets out, seconds; all at once if not given.
+        Delay of each robot's departure in seconds. By default all robots depart at once.
     compared : tuple of Candidate
-        Tours and then allocations among which the plan was chosen, the best of each first; empty where nothing was to be chosen.
+        The tours and then the allocations that were compared, each with the fastest first; empty if nothing had to be chosen.
     """
 
     grid: Grid
@@ -103,63 +103,63 @@ class SearchPlan:
 
     @property
     def cell_seconds(self) -> float:
-        """The time that a robot of speed 1 takes for a cell along the rows, the wind of there and back in the mean."""
+        """Time in seconds that a robot of speed 1 needs for one cell along the rows, averaged over both directions of the wind."""
         return self.grid.size / self.vehicle.mean_speed(self.grid.angle)
 
     def seconds(self, cells: float) -> float:
-        """Return the time of so many cells, that of the first climb, to the lowest layer, included."""
+        """Return the time of a number of cells in seconds, including the initial climb to the lowest layer."""
         return cells * self.cell_seconds + float(self.vehicle.vertical_seconds(self.vehicle.height))
 
     @cached_property
     def paths(self) -> Paths:
-        """Ways inside the region."""
+        """Paths inside the region."""
         known = {layer: RegionPaths(layer, transit=self.transit) for layer in layers_of(self.grid)}
         paths = [known[layer] for layer in layers_of(self.grid)]
         return paths[0] if isinstance(self.grid, CellGrid) else LayeredPaths(self.grid, paths)
 
     @cached_property
     def widths(self) -> NDArray[np.int64]:
-        """How many cells wide each footprint counts, int64, shape (m,)."""
+        """Effective width of each footprint in cells; int64, shape (m,)."""
         return widths_of(self.footprints, layers_of(self.grid)[0].size)
 
     def positions(self, numbers: ArrayLike) -> Points:
-        """Return where robots stand first in cells given by their numbers on the tour: metres, and the altitude with layers."""
+        """Return the robots' first viewpoints in cells given by tour indices: metres, with the altitude if there are layers."""
         index = self.grid.ordinals(self.tour.cells[np.asarray(numbers, dtype=np.int64)])
         return np.asarray(self.grid.viewpoints[self.grid.viewpoint_starts[index]])
 
     def leg_lengths(self, way: Points) -> NDArray[np.float64]:
-        """Return the lengths of the legs of a way, a climb as long as what else takes its time, metres; float64, shape (k - 1,)."""
+        """Return the lengths of a path's legs in metres, with climbs scaled to the same duration; float64, shape (k - 1,)."""
         return leg_lengths(with_climb_cost(self.grid, way))
 
     @property
     def altitudes(self) -> list[float]:
-        """The altitude of each layer, from the lowest, metres."""
+        """Altitude of each layer in metres, from the lowest."""
         return [self.vehicle.height] if isinstance(self.grid, CellGrid) else self.grid.altitudes.tolist()
 
     def _home(self, robot: int) -> Points:
-        """Return where a robot sets out, in the lowest layer."""
+        """Return a robot's start position in the lowest layer."""
         home = self.places[robot]
         return np.asarray(home if isinstance(self.grid, CellGrid) else at_altitude(home[None], self.altitudes[0])[0])
 
     def numbers(self, arcs: Sequence[Arc]) -> NDArray[np.int64]:
-        """Return the cells of arcs in the order of the visit, as numbers on the tour; int64, shape (k,)."""
+        """Return the cells of some arcs in visiting order, as tour indices; int64, shape (k,)."""
         return numbers_of(arcs, len(self.tour_cost))
 
     def stops(self, robot: int) -> NDArray[np.int64]:
-        """Return where a robot, counted from 0, stops to see its part, as numbers on the tour; int64, shape (k,)."""
+        """Return the stops from which a robot (counted from 0) sees its part, as tour indices; int64, shape (k,)."""
         cells = self.numbers(self.allocation.work[robot])
         width = int(self.widths[robot])
         return cells if width == 1 or not len(cells) else select_viewpoints(self.tour_cost, width, cells)[0]
 
     def seen(self, robot: int, stops: ArrayLike) -> list[NDArray[np.int64]]:
-        """Return the cells that a robot, counted from 0, sees from each stop, as numbers on the tour."""
+        """Return the cells that a robot (counted from 0) sees from each stop, as tour indices."""
         width = int(self.widths[robot])
         return [self.tour_cost.seen(int(stop), width) for stop in np.asarray(stops)]
 
     def route(self, robot: int, numbers: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> Route:
-        """Return the way of a robot from its start through cells given by their numbers on the tour.
+        """Return the path of a robot from its start through cells given by tour indices.
 
-        ``detours`` are the cells that it passes before each of them, without searching.
+        ``detours`` lists, for each cell, the cells that the robot passes before it without searching them.
         """
         if any(detours):
             return self._route_round(robot, np.asarray(numbers, dtype=np.int64), detours)
@@ -170,12 +170,12 @@ class SearchPlan:
         return self._after_way_out(home, self.paths.route(cells))
 
     def _after_way_out(self, home: Points, searched: Route) -> Route:
-        """Return a route with the way to it."""
+        """Return a route preceded by the path to it."""
         if self.grid.region.contains(home[None, :2])[0]:
             first = self.paths.legs(np.stack([home, searched.points[0]]))
         else:
             way = self._transits.way(home[:2], searched.points[0, :2])
-            if len(home) == 3:  # up to the first cell over home, and then level
+            if len(home) == 3:  # climb above home to the first cell's altitude, and then fly level
                 way = np.vstack([home, at_altitude(way, searched.points[0, 2])])
             first = Route(way, np.array([0, len(way) - 1]), np.ones(len(way) - 1, dtype=np.bool_))
         return Route(
@@ -190,7 +190,7 @@ class SearchPlan:
 
     @cached_property
     def ways_out(self) -> WaysOut | None:
-        """The ways from launch points outside of the region; None if there is none."""
+        """Paths from launch points outside the region, or None if all robots start inside."""
         outside = np.flatnonzero(~self.grid.region.contains(self.places)).tolist()
         if not outside:
             return None
@@ -198,7 +198,7 @@ class SearchPlan:
         return WaysOut(self._transits, launches, self.tour_cost.points * self.grid.size, self.grid.size)
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
-        """Return a way between a launch or landing point and a place on a route: inside where both are, else a transit."""
+        """Return the path between a launch or landing point and a point of a route. It lies inside the region if both points do."""
         both = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])[:, :2]
         return self.paths.leg(*both)[:, :2] if self.grid.region.contains(both).all() else self._transits.way(*both)
 
@@ -218,15 +218,15 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     Parameters
     ----------
     problem : SearchProblem
-        Where footprints differ, cells are those of the smallest, or smaller if so all robots together see more a second
-        (`cell_side`), and a footprint counts as the largest odd number of cells that it holds.
+        The problem. If the footprints differ, the cell size is the smallest footprint, or a smaller size if all robots together
+        then see more per second (`cell_side`). Each footprint counts as the largest odd number of cells that it contains.
     seed : int
-        For random starts.
+        Seed for random start positions.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        For what no robots could do at the place.
+        If the robots cannot do the task in this region.
 
     Examples
     --------
@@ -247,7 +247,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     landing = None if problem.land is None else places_of(problem.land, grid.region, robots, what="land")
     numbers = tour.position[tuple(grid.cell_of(places).T)]
     widths = widths_of(footprints, ground.size)
-    # Robots tell one another their cells only: what is shared by them is all that they can agree on.
+    # Robots exchange only cells. Therefore they can agree only on parts that follow from cells.
     middles, cell = tour_cost.points[numbers], grid.size / vehicle.mean_speed(grid.angle)
     given, times = best_allocation(
         tour_cost,
@@ -270,7 +270,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
 
 
 def _late(plan: SearchPlan) -> NDArray[np.float64]:
-    """Return how much later robots are done than from the cells where they start, in the time of a cell; shape (m,)."""
+    """Return the extra completion time due to starts away from the centres of the start cells, in cell times; shape (m,)."""
     late = plan.delays / plan.cell_seconds
     for robot, arcs in enumerate(plan.allocation.work):
         if arcs and plan.ways_out is not None and robot + 1 in plan.ways_out:
@@ -281,7 +281,7 @@ def _late(plan: SearchPlan) -> NDArray[np.float64]:
 
 
 def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64]) -> GridTour:
-    """Cut the region into cells and lay a tour through them, at the best angle if that is to be chosen; then through all layers."""
+    """Divide the region into cells and compute a tour, at the best angle if required; then through all layers."""
     vehicle, altitudes = problem.chosen_vehicle, problem.altitudes
     sizes = [cell_side(check_footprints(problem.footprint_at(up), problem.robots), speeds) for up in altitudes]
     turn_cost = turn_cells(vehicle, sizes[0])
@@ -297,14 +297,14 @@ def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64]) -> GridTour:
 
 
 def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> TourCost:
-    """Return a tour with the lengths of its ways inside the region."""
+    """Return a tour with the lengths of its paths inside the region."""
     grid, tour, paths, whole = laid.grid, laid.tour, laid.paths, laid.route
     index = grid.ordinals(tour.cells)
     firsts = grid.viewpoints[grid.viewpoint_starts[index]]
     far = np.concatenate([[0.0], np.cumsum(leg_lengths(with_climb_cost(grid, whole.points)))])[whole.stops]
     begins = np.concatenate([[0], np.cumsum(np.diff(grid.viewpoint_starts)[index])])
     steps = np.diff(far[begins]) / grid.size
-    bent = turns_of(np.concatenate([whole.points, whole.points[1:2]]))  # from the second point on to the first again
+    bent = turns_of(np.concatenate([whole.points, whole.points[1:2]]))  # from the second point on, and then to the first again
     turns = np.diff(np.cumsum(np.concatenate([[0], bent[-1:], bent]))[whole.stops[begins]])
     straight = not stepwise and _is_convex(grid.region.free)
     given: dict[str, Any] = {"distances": None}
@@ -327,7 +327,7 @@ def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> T
 
 
 def _of_layers(laid: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:
-    """Return what of the cost of a tour through layers is that of each layer by itself."""
+    """Return the part of the cost of a tour through layers that each layer has by itself."""
     numbers = LayerNumbers(laid.tour, tuple(layer.tour for layer in laid.layers))
     own = {layer: {} if straight else vars(_tour_cost(layer, 0.0)) for layer in dict.fromkeys(laid.layers)}
     seen = {layer: RegionFootprint(grid, layer.tour) for layer, grid in zip(laid.layers, layers_of(laid.grid), strict=True)}
@@ -339,12 +339,12 @@ def _of_layers(laid: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[s
 
 
 def _is_convex(area: Any) -> bool:
-    """Tell whether all ways inside an area are straight."""
+    """Return whether all paths inside an area are straight."""
     return bool(area.convex_hull.area - area.area <= _HOLLOW * area.area)
 
 
 def places_of_robots(grid: CellGrid, problem: SearchProblem, rng: Generator) -> Points:
-    """Return where the robots of a problem set out, metres; float64, shape (robots, 2)."""
+    """Return the robots' start positions in metres; float64, shape (robots, 2)."""
     if problem.launch is not None:
         return places_of(problem.launch, grid.region, problem.robots, what="launch")
     return start_points(grid, problem.starts, problem.robots, rng)

@@ -1,4 +1,4 @@
-"""TourCost: a tour with what it costs a robot to search along it."""
+"""TourCost: a tour with the cost of searching along it."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ from shoal.search.kernels.shares import TourArrays
 from shoal.search.tours import Tour
 
 Floats = NDArray[np.float64]
-_RECKONED = 1_000_000  # cells times robots: ways between more are taken as straight
+_RECKONED = 1_000_000  # cells times robots: above this, paths between cells count as straight
 
 
 @dataclass(frozen=True, eq=False)
 class TourCost:
-    """The cost of a tour in cells: the unit is the time in which a robot of speed 1 searches a cell and goes on to its neighbour.
+    """The cost of a tour in cells. The unit is the time in which a robot of speed 1 searches a cell and moves to its neighbour.
 
     Parameters
     ----------
     tour : Tour
-        A robot follows it round and round, a closed one over its closing edge, an open one straight back to the beginning.
+        The tour. A robot follows it repeatedly: a closed tour over its closing edge, an open tour straight back to its beginning.
     points : array_like of float64, shape (N, d), optional
-        Where a robot stands in each cell, in sides of a cell; the centres of the cells if they are not given.
+        Viewpoint of each cell in cell sides. The default is the centres of the cells.
     turn_cost : float
-        What a change of direction costs, in cells.
+        Cost of a change of direction in cells.
     steps : array_like of float64, shape (N,), optional
-        The length of the way from each cell to the next, where it is not the straight one; the last back to the first cell.
+        Length of the path from each cell to the next, if it is not straight. The last entry leads back to the first cell.
     distances : Distances, optional
-        How far it is between any two cells; straight if not given.
+        Distances between any two cells. By default, they are straight.
     footprint : Footprint, optional
-        What is seen from a cell with a footprint of several cells; all that is not behind what is no cell if not given.
+        The cells visible from each cell with a wide footprint. By default, everything is visible that is not behind a non-cell.
     turns : array_like of float64, shape (N,), optional
-        How often a robot changes its direction in each cell and on the way from there to the next; if not given, whether it does so
-        by more than a degree in the cell.
+        Number of changes of direction in each cell and on the path to the next one. By default, a turn of more than a degree in the
+        cell counts as one.
     least : float, optional
-        What searching all cells costs at the least, in cells; their number if not given.
+        Minimum cost of searching all cells, in cells. The default is the number of cells.
     reckoned : bool
-        Whether `allocate` asks the ways for the lengths of all that it compares; straight ones do otherwise.
+        Whether `allocate` uses exact path lengths for all compared allocations. Otherwise it uses straight distances.
 
     Raises
     ------
@@ -88,7 +88,7 @@ class TourCost:
         object.__setattr__(self, "steps", steps.astype(np.float64))
 
     def _lengths(self) -> Floats:
-        """Return how far it is from cell to cell from each to the next on the tour; 0 where there is no way."""
+        """Return the distance from each cell to the next on the tour; 0 if there is no path."""
         n = len(self.tour)
         found = [0.0 if self.distances is None else self.distances.length(cell, (cell + 1) % n) for cell in range(n)]
         return np.where(np.isfinite(found), found, 0.0)
@@ -103,32 +103,32 @@ class TourCost:
 
     @cached_property
     def costs(self) -> Floats:
-        """What it costs to search each cell, having come from the one before; float64, shape (N,).
+        """Cost of searching each cell after arriving from the previous one; float64, shape (N,).
 
-        One cell, more where the way from there is longer, and the turn in the one before.
+        The cost is one cell, plus the extra length of a path longer than one cell, plus the turn in the previous cell.
         """
         before = np.maximum(np.roll(self.steps, 1), 1.0)
         return before + self.turn_cost * np.roll(self.turns, 1)
 
     @cached_property
     def ahead(self) -> Floats:
-        """What it costs to search the cells before each one, from the first on, four times round; float64, shape (4 N + 1,)."""
+        """Cumulative cost of the cells before each one, starting from the first, over four rounds; float64, shape (4 N + 1,)."""
         return np.concatenate([[0.0], np.cumsum(np.tile(self.costs, 4))])
 
     @cached_property
     def arrays(self) -> TourArrays:
-        """What kernels take."""
+        """The tour costs in the form that kernels use."""
         return TourArrays(self.ahead, self.points)
 
     @property
     def whole(self) -> float:
-        """What it costs to go once round."""
+        """Cost of one whole round."""
         return float(self.ahead[len(self)])
 
     def search_cost(self, first: int, count: int, step: int = 1) -> float:
-        """Return what it costs to search so many cells from one on, along the tour or, with step -1, against it.
+        """Return the cost of searching ``count`` cells from ``first``, along the tour or, with step -1, against it.
 
-        The first one costs one cell: how the robot came there is not a part of it.
+        The first cell costs one cell; the robot's path to it is not included.
         """
         if count <= 0:
             return 0.0
@@ -141,14 +141,14 @@ class TourCost:
 
     @property
     def stepwise(self) -> bool:
-        """Whether robots go from cell to cell and find obstacles on the way."""
+        """Whether robots move from cell to neighbouring cell and discover obstacles on the way."""
         return self.distances is not None and self.distances.stepwise
 
     def way(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> float:
-        """Return what it costs, beyond the one cell, to come from a cell to another to search it: directly or along the tour.
+        """Return the extra cost, beyond one cell, of moving from one cell to another to search it: directly or along the tour.
 
-        ``fresh`` if the first one was not searched just now, so that not even a step to a neighbour is part of what a cell costs.
-        ``closed`` are the cells, as bits, that are known to be obstructed; infinite if there is no way round them.
+        Set ``fresh`` if the first cell was not just searched; then even the step to a neighbour is not part of a cell's cost.
+        ``closed`` is a bitset of cells known to be blocked. The cost is infinite if no path avoids them.
         """
         if here == cell:
             return 0.0
@@ -159,23 +159,23 @@ class TourCost:
         levels = self._levels
         onwards = levels[here + ahead + 1] - levels[here + 1] - free
         if ahead == 1:
-            return onwards  # the way inside the region is known
+            return onwards  # the path inside the region is known
         known = min(onwards, levels[cell + behind + 1] - levels[cell + 1] - free)
         if known <= max(self.between(here, cell) - free, 0.0) + self.turn_cost:
-            return known  # nothing is shorter than straight
+            return known  # no path is shorter than the straight one
         return min(known, max(self.length(here, cell) - free, 0.0) + self.turn_cost)
 
     def through(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> tuple[int, ...]:
-        """Return the cells that a robot enters on the way that `way` reckons with; none unless it goes from cell to cell."""
+        """Return the cells that a robot enters on the path that `way` uses. It is empty unless robots move from cell to cell."""
         if not isinstance(self.distances, CellDistances) or here == cell:
             return ()
         distances, along = self.distances, self._stepwise_way(here, cell, 0.0 if fresh else 1.0, closed)[1]
         return tuple(passed for one, other in pairwise(along) for passed in distances.cells(one, other, closed))
 
     def _stepwise_way(self, here: int, cell: int, free: float, closed: int) -> tuple[float, list[int]]:
-        """Return what the cheapest way costs, and from where to where it leads: directly, or along the tour where that is open.
+        """Return the cost and the end cells of the cheapest path: direct, or along the tour where it is not blocked.
 
-        Along the tour only what bends is a turn, so what others have searched there never makes the rest longer.
+        Along the tour, only bends count as turns. So cells that other robots have searched never make the remaining path longer.
         """
         n, levels = self.n, self._levels
         direct = max(self.length(here, cell, closed) - free, 0.0) + self.turn_cost
@@ -193,21 +193,21 @@ class TourCost:
         return direct, [here, cell]
 
     def _follows(self, one: int, other: int, step: int, closed: int) -> bool:
-        """Tell whether obstacles leave the way from a cell to the next on the tour, or the one before, as long as it was."""
+        """Return whether the path from a cell to its successor (or predecessor) on the tour keeps its length despite obstacles."""
         return bool(self.length(one, other, closed) <= self.steps[one if step > 0 else other] + 1e-9)
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the way between two cells given by their numbers on the tour, in sides of a cell."""
+        """Return the length of the path between two cells given by tour indices, in cell sides."""
         return self.between(here, cell) if self.distances is None else self.distances.length(here, cell, closed)
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return the cells that a robot sees from one with a footprint of so many cells' width, as numbers on the tour, rising."""
+        """Return the cells that a robot in ``cell`` sees with a footprint ``width`` cells wide, as increasing tour indices."""
         return self.footprint.seen(cell, width)
 
     def far(self, starts: NDArray[np.int64]) -> Floats:
-        """Return how far it is from some cells to all; float64, shape (m, N), or (0, 0) where ways are taken as straight.
+        """Return distances from some cells to all cells; float64, shape (m, N). Shape (0, 0) means straight distances.
 
-        They are where nothing is in the way, unless ``reckoned``, and for more than a million cells times robots.
+        Distances are straight if nothing is in the way and ``reckoned`` is false, and for more than a million cells times robots.
         """
         if self.distances is None or not self.reckoned or len(starts) * self.n > _RECKONED:
             return np.zeros((0, 0))
@@ -218,12 +218,12 @@ class TourCost:
         return [float(level) for level in self.ahead[: 2 * self.n + 2]]
 
     def between(self, one: int, other: int) -> float:
-        """Return the straight distance between two cells given by their numbers on the tour, in sides of a cell."""
+        """Return the straight distance between two cells given by tour indices, in cell sides."""
         return dist(self._places[one], self._places[other])
 
 
 def _turns(points: Floats) -> Floats:
-    """Return whether a robot changes its direction at each of some points round a tour: 0 or 1; float64, shape (N,)."""
+    """Return 1 for each point of a closed path at which the direction changes, otherwise 0; float64, shape (N,)."""
     steps = np.roll(points, -1, axis=0) - points
     lengths = np.linalg.norm(steps, axis=1)
     moves = np.flatnonzero(lengths > 1e-9)

@@ -1,7 +1,8 @@
-"""Viewpoint selection: where a robot with a wide footprint stops to see its part, which is neither in each cell nor in tour order.
+"""Viewpoint selection: the stops from which a robot with a wide footprint sees all cells of its part.
 
-It goes where it sees most that is new for the way there, and rather along the border of what is done than away from it, for strips
-that are left over cost as much as wide ones. So it goes round and round in its part, whatever the tour.
+The stops are neither in every cell nor in tour order. The robot moves to the cell from which it sees most new cells for the cost of
+the path. It prefers stops along the border of the searched area, because narrow remaining strips cost as much as wide ones. As a
+result it circles around inside its part, whatever the tour.
 """
 
 from __future__ import annotations
@@ -15,33 +16,33 @@ from numpy.typing import NDArray
 from shoal.search.allocation.tour_cost import TourCost
 
 Flags = NDArray[np.bool_]
-_EDGE = 0.15  # of a new cell: what one beside the footprint is worth that is done, or none
-_MEASURED = 32  # footprints' areas in each stretch on which a gain is measured
-_STRETCHES = (1 / 7, 3 / 7, 5 / 7)  # of the tour: where these begin
-_TRIED = 12  # stops whose way is looked up
+_EDGE = 0.15  # in new cells: value of a searched cell, or of a non-cell, beside the footprint
+_MEASURED = 32  # footprint areas per section of the tour on which the gain is measured
+_STRETCHES = (1 / 7, 3 / 7, 5 / 7)  # relative to the tour: starts of these sections
+_TRIED = 12  # number of stops whose exact path is computed
 
 
 def best_viewpoint(
     tour_cost: TourCost, width: int, here: int, wanted: Flags, aim: int, cost: Callable[[int], float], shut: int = 0
 ) -> int:
-    """Return the cell from which a robot sees most for what it costs to go there; it sees something that is wanted.
+    """Return the stop with the most new cells per cost of reaching it. At least one wanted cell is seen from it.
 
     Parameters
     ----------
     tour_cost : TourCost
-        A robot sees what lies in the layer in which it is.
+        The tour. A robot sees only cells of its own layer.
     width : int
-        Of the footprint, in cells, odd.
+        Width of the footprint in cells, odd.
     here : int
-        Where it is, as a number on the tour.
+        The robot's cell as a tour index.
     wanted : ndarray of bool, shape (N,)
-        What it is to see.
+        The cells that the robot has to see.
     aim : int
-        One of these. It stops near that one if it sees none from where it is and around.
+        One of these cells. The robot stops near it if no wanted cell is visible from its surroundings.
     cost : callable
-        What it costs to come to a cell and search it; infinite if there is no way.
+        Function that returns the cost of moving to a cell and searching it; infinite if no path exists.
     shut : int
-        Cells, as bits, in which it cannot stop now.
+        Bitset of cells in which the robot cannot stop at present.
     """
     for middle, reach in ((here, width), (aim, width // 2)):
         stop = _best_around(tour_cost, width, here, middle, reach, wanted, cost, shut)
@@ -60,13 +61,13 @@ def _best_around(
     cost: Callable[[int], float],
     shut: int,
 ) -> int | None:
-    """Return the best stop at most so many rows and columns away from a cell; None if nothing is seen from any."""
+    """Return the best stop within ``reach`` rows and columns of a cell, or None if no wanted cell is visible from any stop."""
     *layer, row, col = tour_cost.tour.cells[middle].tolist()
     rim = width // 2 + 1
     window = _window(tour_cost.tour.position[tuple(layer)], row, col, reach + rim)
     inner = window[rim:-rim, rim:-rim]
     asked = np.where(window >= 0, wanted[window], False)
-    new = _sums(asked[1:-1, 1:-1], width)  # were nothing in the way
+    new = _sums(asked[1:-1, 1:-1], width)  # assuming that nothing blocks the view
     usable = (inner >= 0) & (new > 0)
     if not usable.any():
         return None
@@ -89,7 +90,7 @@ def _best_around(
 
 
 def _window(position: NDArray[np.int64], row: int, col: int, reach: int) -> NDArray[np.int64]:
-    """Return the numbers of the cells around one, -1 where there is none; int64, shape (2 reach + 1, 2 reach + 1)."""
+    """Return the indices of the cells around a cell, with -1 for non-cells; int64, shape (2 reach + 1, 2 reach + 1)."""
     found = np.full((2 * reach + 1, 2 * reach + 1), -1, dtype=np.int64)
     top, left = max(row - reach, 0), max(col - reach, 0)
     part = position[top : row + reach + 1, left : col + reach + 1]
@@ -99,7 +100,7 @@ def _window(position: NDArray[np.int64], row: int, col: int, reach: int) -> NDAr
 
 
 def _sums(flags: Flags, side: int) -> NDArray[np.int64]:
-    """Return how many of each square of so many rows and columns are set."""
+    """Return the number of set flags in each square of ``side`` rows and columns."""
     total = np.zeros((flags.shape[0] + 1, flags.shape[1] + 1), dtype=np.int64)
     total[1:, 1:] = flags.cumsum(axis=0, dtype=np.int64).cumsum(axis=1)
     return total[side:, side:] - total[:-side, side:] - total[side:, :-side] + total[:-side, :-side]
@@ -108,16 +109,16 @@ def _sums(flags: Flags, side: int) -> NDArray[np.int64]:
 def select_viewpoints(
     tour_cost: TourCost, width: int, cells: NDArray[np.int64], here: int | None = None
 ) -> tuple[NDArray[np.int64], float]:
-    """Return where a robot stops to see some cells, as numbers on the tour, and what that costs it from the first stop on.
+    """Return a robot's stops for seeing some cells, as tour indices, and the cost from the first stop on.
 
     Parameters
     ----------
     tour_cost : TourCost
     width : int
     cells : ndarray of int64, shape (k,)
-        As numbers on the tour, in the order in which a robot searches them that sees one cell; k at least 1.
+        Tour indices in the order in which a robot with a footprint of one cell searches them; k at least 1.
     here : int, optional
-        Where it comes from; the first of the cells if not given.
+        The robot's previous cell. The default is the first of the cells.
     """
     wanted = np.zeros(len(tour_cost), dtype=np.bool_)
     wanted[cells] = True
@@ -139,9 +140,9 @@ def _cost(tour_cost: TourCost, here: int, fresh: bool, stop: int) -> float:
 
 @lru_cache(maxsize=256)
 def gain_of(tour_cost: TourCost, width: int) -> float:
-    """Return how many times as fast as one that sees a cell a robot searches a part of a tour, at least 1.
+    """Return the search rate of a wide footprint relative to a footprint of one cell, at least 1.
 
-    Measured on a few stretches of the tour, which every robot can do for itself.
+    The rate is measured on a few sections of the tour, which every robot can compute by itself.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""The cells of a region: the grid, viewpoints, portals between cells, routes and distances, footprints."""
+"""The cells of a region: grid, viewpoints, portals between cells, paths and distances, and footprints."""

@@ -1,4 +1,4 @@
-"""A region cut along the lines of a square grid: whole cells by the block, cells on the border with their exact shape."""
+"""Clipping of a region to a square grid: inner cells are found in blocks, border cells get their exact shape."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 
 MAX_CELLS = 4_000_000
-_WHOLE = 1e-9  # of a block: what is missing of it by rounding
-SPECK = 1e-9  # of a cell's area: what is smaller is rounding, not region
+_WHOLE = 1e-9  # relative to a block: area that rounding may remove
+SPECK = 1e-9  # relative to a cell's area: smaller pieces are rounding errors
 
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """The lines of a square grid, in a frame of its own: rows lie along x.
+    """The lines of a square grid in their own frame, where rows are parallel to the x axis.
 
     Parameters
     ----------
     left, top : float
-        Of the top left corner, metres.
+        Coordinates of the top left corner in metres.
     size : float
-        Side of a cell, metres.
+        Side of a cell in metres.
     shape : tuple of int
-        Rows and columns.
+        Numbers of rows and columns.
     angle : float
-        By how much the rows are turned from the region's x axis, degrees counter-clockwise.
+        Rotation of the rows from the region's x axis, in degrees counter-clockwise.
     """
 
     left: float
@@ -39,15 +39,15 @@ class Lattice:
     angle: float = 0.0
 
     def to_region(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return points of the lattice's frame in that of the region; float64, shape (..., 2)."""
+        """Transform points from the lattice's frame to the region's; float64, shape (..., 2)."""
         return rotated(points, self.angle)
 
     def from_region(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return points of the region's frame in that of the lattice; float64, shape (..., 2)."""
+        """Transform points from the region's frame to the lattice's; float64, shape (..., 2)."""
         return rotated(points, -self.angle)
 
     def boxes(self, rows: NDArray[np.int64], cols: NDArray[np.int64], span: int = 1) -> Any:
-        """Return blocks of ``span`` times ``span`` cells as Shapely boxes; a line has the same coordinate in all of them."""
+        """Return blocks of ``span`` times ``span`` cells as Shapely boxes. A grid line has the same coordinate in all boxes."""
         import shapely
 
         return shapely.box(
@@ -63,7 +63,7 @@ class Lattice:
 
 
 def rotated(points: ArrayLike, angle: float) -> NDArray[np.float64]:
-    """Return points turned about the origin by an angle, degrees counter-clockwise; float64, shape (..., 2).
+    """Return points rotated about the origin by an angle in degrees counter-clockwise; float64, shape (..., 2).
 
     Examples
     --------
@@ -73,7 +73,7 @@ def rotated(points: ArrayLike, angle: float) -> NDArray[np.float64]:
     array = np.asarray(points, dtype=np.float64)
     if angle == 0:
         return array
-    quarters, rest = divmod(angle, 90.0)  # so that quarter turns are exact
+    quarters, rest = divmod(angle, 90.0)  # makes quarter turns exact
     cosine, sine = np.cos(np.radians(rest)), np.sin(np.radians(rest))
     for _ in range(int(quarters) % 4):
         cosine, sine = -sine, cosine
@@ -82,25 +82,25 @@ def rotated(points: ArrayLike, angle: float) -> NDArray[np.float64]:
 
 
 def rotated_shape(shape: Any, angle: float) -> Any:
-    """Return a Shapely geometry turned about the origin by an angle, degrees counter-clockwise."""
+    """Return a Shapely geometry rotated about the origin by an angle in degrees counter-clockwise."""
     import shapely
 
     return shape if angle == 0 else shapely.transform(shape, lambda points: rotated(points, angle))
 
 
 def lattice_over(area: Any, size: float, angle: float = 0.0, offset: tuple[float, float] = (0.0, 0.0)) -> Lattice:
-    """Return a lattice over an area of its frame, centred on its bounds or shifted from there; see `cells_of`.
+    """Return a lattice over an area of its frame, centred on the area's bounds or shifted from there; see `cells_of`.
 
     Raises
     ------
     InvalidInputError
-        For more than 4 million cells.
+        If the lattice has more than 4 million cells.
     """
     left, low, right, high = area.bounds
     if (right - left) / size * ((high - low) / size) > 4 * MAX_CELLS or max(right - left, high - low) / size > 4 * MAX_CELLS:
         cols = rows = 0
     else:
-        # What a side is longer by than whole cells because of rounding needs no cell of its own.
+        # If rounding makes a side slightly longer than whole cells, no further cell is added.
         sides = zip((right - left, high - low), offset, strict=True)
         cols, rows = (max(1, ceil(length / size - 1e-9)) + (shift > 0) for length, shift in sides)
     if not 0 < rows * cols <= MAX_CELLS:
@@ -110,23 +110,23 @@ def lattice_over(area: Any, size: float, angle: float = 0.0, offset: tuple[float
             f"cells of {size:g} m; a region of {right - left:.4g} m by {high - low:.4g} m needs about {least:.2g} m or more"
         )
     corner = (left + right - cols * size) / 2, (low + high + rows * size) / 2
-    # A shifted lattice has a row and a column more, half of which lies on each side.
+    # A shifted lattice has one more row and column, half of which lies on each side.
     right_by, up_by = ((shift - 0.5) * size if shift > 0 else 0.0 for shift in offset)
     return Lattice(corner[0] + right_by, corner[1] + up_by, size, (rows, cols), angle)
 
 
 @dataclass(frozen=True, eq=False)
 class Clipped:
-    """A region on a lattice, in the lattice's frame.
+    """A region clipped to a lattice, in the lattice's frame.
 
     Parameters
     ----------
     whole : ndarray of bool, shape (H, W)
-        Cells that lie wholly inside.
+        Cells that lie entirely inside.
     rows, cols : ndarray of int64, shape (n,)
-        The cell of each piece; a cell on the border has one piece or several.
+        The cell of each piece. A border cell has one or several pieces.
     pieces : ndarray of Shapely polygons, shape (n,)
-        The connected pieces of the region in cells on the border.
+        The connected pieces of the region in border cells.
     """
 
     whole: NDArray[np.bool_]
@@ -136,10 +136,11 @@ class Clipped:
 
 
 def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
-    """Cut a polygon along a lattice.
+    """Clip a polygon to a lattice.
 
-    Blocks are cut into quarters, each with what its parent kept of the polygon, so that no cell looks at the whole outline, and a
-    block wholly inside is done at once: the work grows with the border, not with the area.
+    Blocks are divided recursively into quarters, each with the parent's part of the polygon. No cell is tested against the whole
+    outline, and a block entirely inside is finished at once. The work therefore grows with the length of the border, not with the
+    area.
     """
     import shapely
 
@@ -172,9 +173,11 @@ def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
 
 
 def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
-    """Return a clipped region in which only cells count as whole in whose centre a robot may be; the others are pieces.
+    """Return a clipped region in which a cell counts as whole only if a robot may be at its centre.
 
-    ``free`` is where robots may be, in the lattice's frame; None for all of the region.
+    The other cells become pieces.
+
+    ``free`` is the area where robots may be, in the lattice's frame; None for the whole region.
     """
     import shapely
 

@@ -1,4 +1,4 @@
-"""Distances between cells: along the shortest way inside the region, or from cell to cell around known obstacles."""
+"""Distances between cells: along the shortest path inside the region, or from cell to cell around known obstacles."""
 
 from __future__ import annotations
 
@@ -15,45 +15,46 @@ from shoal.search.cells.visibility_graph import inside, pulled
 from shoal.search.tours import Tour
 from shoal.search.tours.bitset import array_to_bits, bits_to_array, bitset_of
 
-_KEPT = 1 << 22  # distances that are remembered
+_KEPT = 1 << 22  # maximum number of cached distances
 _DIAGONAL = float(np.sqrt(2))
 
 
 class Distances(Protocol):
-    """What a `TourCost` asks of the ground."""
+    """The interface for distances that `TourCost` uses."""
 
     @property
     def stepwise(self) -> bool:
-        """Whether robots go from cell to cell and find obstacles on the way."""
+        """Whether robots move from cell to neighbouring cell and discover obstacles on the way."""
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the way between two cells given by their numbers on the tour, in sides of a cell.
+        """Return the length of the path between two cells given by tour indices, in cell sides.
 
-        ``closed`` are cells, as bits, that the way may not enter; infinite if there is none.
+        ``closed`` is a bitset of cells that the path must not enter. The length is infinite if no path exists.
         """
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return about how far it is from a cell to all, in sides of a cell; finite; float64, shape (N,)."""
+        """Return approximate finite distances from a cell to all cells, in cell sides; float64, shape (N,)."""
 
 
 class CellDistances:
-    """Ways from cell to neighbouring cell, also across a corner where both cells beside it are open.
+    """Paths between neighbouring cells. A path may cross a corner if both cells beside the corner are open.
 
     Parameters
     ----------
     tour : Tour
-        Of a plane region.
+        The tour of a plane region.
     doors_east : array_like of bool, shape (H, W - 1), optional
-        Where a robot comes from a cell to the next one in its row; by default wherever both are cells.
+        Whether a robot can move from a cell to the next cell in its row. By default, it can wherever both are cells.
     doors_south : array_like of bool, shape (H - 1, W), optional
         The same for the cell below.
     steps : array_like of float64, shape (N,), optional
-        The length of the way from each cell of the tour to the next. Where they are not joined otherwise, robots may go that way.
+        Length of the path from each cell of the tour to the next. Robots use these paths between cells that are not connected
+        otherwise.
 
     Raises
     ------
     InvalidInputError
-        If the tour is not in a plane.
+        If the tour is not plane.
 
     Examples
     --------
@@ -95,7 +96,7 @@ class CellDistances:
         self._parts = lru_cache(maxsize=kept)(self._components)
 
     def _join(self, steps: NDArray[np.float64]) -> None:
-        """Link cells that follow each other on the tour, but are in different parts of the graph."""
+        """Connect consecutive cells of the tour that are in different components of the graph."""
         labels = self._labels(0)
         for cell in np.flatnonzero(labels != np.roll(labels, -1)).tolist():
             other = (cell + 1) % self._n
@@ -110,15 +111,15 @@ class CellDistances:
         self._remember()
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the shortest way, in sides of a cell; infinite if there is none."""
+        """Return the length of the shortest path in cell sides, or infinity if no path exists."""
         return float(self._found(here, closed)[0][cell])
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return how far it is from a cell to all, in sides of a cell; the cells' number where there is no way."""
+        """Return distances from a cell to all cells in cell sides. Without a path, the distance is the number of cells."""
         return np.minimum(self._found(here, 0)[0], float(self._n))
 
     def cells(self, here: int, cell: int, closed: int = 0) -> tuple[int, ...]:
-        """Return the cells of the shortest way after the first one, as numbers on the tour; none if there is no way."""
+        """Return the cells of the shortest path after the first one, as tour indices; empty if no path exists."""
         came = self._found(here, closed)[1]
         way: list[int] = []
         while cell != here:
@@ -129,18 +130,18 @@ class CellDistances:
         return tuple(reversed(way))
 
     def beside(self, one: int, other: int) -> tuple[int, ...]:
-        """Return the cells that must be open, too, for the step from a cell to a neighbour: two if it leads across a corner."""
+        """Return the cells beside a step that must also be open: two for a step across a corner, otherwise none."""
         (row, col), (to_row, to_col) = self._cells[one], self._cells[other]
         if row == to_row or col == to_col or (one, other) in self._links:
             return ()
         return int(self._position[row, to_col]), int(self._position[to_row, col])
 
     def crossed(self, here: int, through: tuple[int, ...]) -> int:
-        """Return the cells, as bits, that are open if a robot came this way: those that it entered, and those beside its steps."""
+        """Return a bitset of the cells that must be open if a robot took this path: entered cells, and cells beside its steps."""
         return bitset_of(cell for one, other in pairwise((here, *through)) for cell in (other, *self.beside(one, other)))
 
     def reach(self, cell: int, closed: int = 0) -> int:
-        """Return the cells, as bits, that can be reached from one; itself, too, even if it is closed."""
+        """Return a bitset of the cells that can be reached from a cell, including the cell itself even if it is closed."""
         return self._parts(closed & ~(1 << cell))[cell]
 
     def _search(self, here: int, closed: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
@@ -154,20 +155,20 @@ class CellDistances:
         return [sets[label] for label in labels.tolist()]
 
     def _labels(self, closed: int) -> NDArray[np.int32]:
-        """Return which connected part of the graph each cell is in; int32, shape (N,)."""
+        """Return the connected component of each cell; int32, shape (N,)."""
         from scipy.sparse.csgraph import connected_components
 
         return np.asarray(connected_components(self._graph(closed), directed=False)[1])
 
     def _open_graph(self, closed: int) -> Any:
-        """Return the graph of neighbouring cells that are not closed."""
+        """Return the graph of neighbouring open cells."""
         from scipy.sparse import coo_array
 
         position, free = self._position, np.zeros(self._position.shape, dtype=np.bool_)
         free[tuple(self._cells.T)] = ~bits_to_array(closed, self._n)
         east = self._east & free[:, :-1] & free[:, 1:]
         south = self._south & free[:-1] & free[1:]
-        # Across a corner: over both cells beside it.
+        # Steps across a corner need both cells beside the corner.
         across = east[:-1] & east[1:] & south[:, :-1] & south[:, 1:]
         rows = [position[:, :-1][east], position[:-1][south], position[:-1, :-1][across], position[:-1, 1:][across]]
         cols = [position[:, 1:][east], position[1:][south], position[1:, 1:][across], position[1:, :-1][across]]
@@ -181,16 +182,16 @@ class CellDistances:
 
 
 class RegionDistances:
-    """Ways inside a region: straight where that stays inside, else from cell to cell, pulled tight.
+    """Paths inside a region: straight if possible, otherwise from cell to cell and then tightened.
 
-    The way that a robot then takes (`RegionPaths.leg`) is at most that long; in a ring it is shorter by a twentieth at most.
+    The path that a robot then takes (`RegionPaths.leg`) is at most this long. In a ring, it is at most one twentieth shorter.
 
     Parameters
     ----------
     paths : RegionPaths
     tour : Tour
     cells : CellDistances
-        Of the same tour.
+        Cell distances of the same tour.
     """
 
     stepwise = False
@@ -204,7 +205,7 @@ class RegionDistances:
         self._steps: dict[tuple[int, int], NDArray[np.float64]] = {}
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of a way, in sides of a cell; ``closed`` must be 0."""
+        """Return the length of a path in cell sides. ``closed`` must be 0."""
         key = (here, cell) if here < cell else (cell, here)
         length = self._known.get(key)
         if length is None:
@@ -212,7 +213,7 @@ class RegionDistances:
         return length
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return about how far it is from a cell to all: straight, and by how much walls make the way from cell to cell longer."""
+        """Return approximate distances from a cell to all cells: the straight distance, scaled by the detour around walls."""
         straight = np.hypot(*(self._places - self._places[here]).T) / self._size
         rows, cols = np.abs(self._rows_cols - self._rows_cols[here]).T
         free = np.maximum(rows, cols) + (_DIAGONAL - 1) * np.minimum(rows, cols)
@@ -230,7 +231,7 @@ class RegionDistances:
         return length_of(pulled(region, pulled(region, way)[::-1]))
 
     def _step(self, here: int, cell: int) -> NDArray[np.float64]:
-        """Return the points of the way to a neighbour, without the first."""
+        """Return the points of the path to a neighbour, without the first point."""
         points = self._steps.get((here, cell))
         if points is None:
             points = self._steps[here, cell] = self._paths.legs(self._places[[here, cell]]).points[1:]

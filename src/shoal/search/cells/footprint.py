@@ -1,7 +1,7 @@
-"""What a robot sees from a cell: its own, and with a wider footprint the cells around it.
+"""Visibility from a cell: the cell itself and, with a wider footprint, the cells around it.
 
-A footprint is ``width`` cells wide, an odd number: the robot stands in the middle one. It has seen a neighbouring cell if all of
-its own piece lies in the footprint and inside of that is joined to where the robot stands: not behind a wall.
+A footprint is ``width`` cells wide, an odd number, with the robot in the central cell. A neighbouring cell is seen if its own piece
+lies entirely in the footprint and is connected, inside the footprint, to the robot's position. Walls therefore block the view.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
     from shoal.search.cells.grid import CellGrid
 
 Numbers = NDArray[np.int64]
-_HAIR = 1e-9  # of a cell: rounding
-_USED = 0.75  # of a footprint of several cells, when sizes of cells are compared
-WIDEST = 99  # cells: a wider footprint counts as that
-_PARTS = (1, 3, 5)  # into how many cells' widths a footprint may be cut to choose the size of cells
+_HAIR = 1e-9  # relative to a cell: rounding error
+_USED = 0.75  # weight of the excess area of a wide footprint in the comparison of cell sizes
+WIDEST = 99  # maximum effective width of a footprint in cells
+_PARTS = (1, 3, 5)  # maximum number of cells across a footprint when the cell size is chosen
 
 
 class Footprint(Protocol):
-    """What a `TourCost` asks about sensors."""
+    """The interface for visibility that `TourCost` uses."""
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return what a robot sees that stands in a cell, as numbers on the tour, rising; the cell itself is one of them."""
+        """Return the cells that a robot in ``cell`` sees, as increasing tour indices, including the cell itself."""
 
 
 class MaskFootprint:
-    """What is seen from the cells of a tour, of any number of dimensions: what is no cell hides what is behind it.
+    """Visibility between the cells of a tour with any number of dimensions. Non-cells hide the cells behind them.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class MaskFootprint:
         self._known: dict[tuple[int, int], Numbers] = {}
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return what a robot sees that stands in a cell, as numbers on the tour, rising."""
+        """Return the cells that a robot in ``cell`` sees, as increasing tour indices."""
         if width == 1:
             return np.array([cell], dtype=np.int64)
         key = (cell, width)
@@ -70,17 +70,17 @@ class MaskFootprint:
         return around[[other == cell or self._clear(cell, int(other)) for other in around]]
 
     def _plain(self, cell: int, around: Numbers, block: NDArray[np.int64]) -> bool:
-        """Tell whether nothing is in the way to any of the cells around."""
+        """Return whether no non-cell lies between a cell and any of the cells around it."""
         return len(around) == block.size
 
     def _clear(self, cell: int, other: int) -> bool:
-        """Tell whether all of a cell is seen from another one: whether all cells between are some."""
+        """Return whether a cell is completely visible from another cell, that is, whether all positions between them are cells."""
         ends = np.sort(self._cells[[cell, other]], axis=0)
         return bool((self._position[tuple(slice(low, high + 1) for low, high in ends.T.tolist())] >= 0).all())
 
 
 class RegionFootprint(MaskFootprint):
-    """What is seen inside a region: not what is behind a wall, though what is seen may go round a corner.
+    """Visibility inside a region. Walls block the view, but a robot can see around a corner within its footprint.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class RegionFootprint(MaskFootprint):
         self._grid = grid
         self._half, self._room = 0.0, None
 
-    # Found when the first wide footprint asks: most searches have none.
+    # Computed for the first wide footprint, because most searches have none.
 
     @cached_property
     def _index(self) -> Numbers:
@@ -101,12 +101,12 @@ class RegionFootprint(MaskFootprint):
 
     @cached_property
     def _viewpoints(self) -> NDArray[np.float64]:
-        """In the frame of the lattice."""
+        """Viewpoints in the lattice's frame."""
         return self._grid.lattice.from_region(self._grid.viewpoints[self._grid.viewpoint_starts[self._index]])
 
     @cached_property
     def _single(self) -> NDArray[np.bool_]:
-        """Which cells are only their own piece, seen from one place."""
+        """Which cells consist only of their own piece, seen from a single viewpoint."""
         return np.asarray(np.diff(self._grid.viewpoint_starts)[self._index] == 1)
 
     @cached_property
@@ -122,11 +122,11 @@ class RegionFootprint(MaskFootprint):
         return super()._look(cell, width)
 
     def _clear(self, cell: int, other: int) -> bool:
-        """Tell whether a cell's piece is in the footprint and, inside of that, joined to where the robot stands."""
+        """Return whether a cell's piece lies in the footprint and is connected, inside it, to the robot's position."""
         import shapely
 
         if not self._single[other]:
-            return False  # it has viewpoints of its own, for what cannot be seen from one
+            return False  # the cell has several viewpoints because no single one sees all of it
         piece, place = self._piece(other), self._viewpoints[cell]
         bounds = np.array(piece.bounds).reshape(2, 2)
         if (np.abs(bounds - place) > self._half + _HAIR * self._grid.size).any():
@@ -136,7 +136,7 @@ class RegionFootprint(MaskFootprint):
         return bool(shapely.intersects(self._room, shapely.point_on_surface(piece)))
 
     def _room_around(self, place: NDArray[np.float64]) -> Any:
-        """Return the connected part of the region inside the footprint that a robot stands in."""
+        """Return the connected part of the region inside the footprint around a robot's position."""
         import shapely
 
         square = shapely.box(*(place - self._half), *(place + self._half))
@@ -144,7 +144,7 @@ class RegionFootprint(MaskFootprint):
         return parts[int(np.argmin(shapely.distance(parts, shapely.points(place))))]
 
     def _piece(self, cell: int) -> Any:
-        """Return the own piece of a cell."""
+        """Return a cell's own piece."""
         import shapely
 
         grid, (row, col) = self._grid, self._cells[cell]
@@ -156,7 +156,7 @@ class RegionFootprint(MaskFootprint):
 
 
 def check_widths(widths: NDArray[np.int64], robots: int) -> None:
-    """Refuse what are no widths of footprints.
+    """Refuse invalid footprint widths.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def check_widths(widths: NDArray[np.int64], robots: int) -> None:
 
 
 def widths_of(footprints: ArrayLike, size: float) -> Numbers:
-    """Return how many cells wide each footprint counts: the largest odd number that it holds, at most `WIDEST`; int64.
+    """Return the effective footprint widths in cells: the largest odd number that fits, at most `WIDEST`; int64.
 
     Examples
     --------
@@ -180,10 +180,10 @@ def widths_of(footprints: ArrayLike, size: float) -> Numbers:
 
 
 def cell_side(footprints: ArrayLike, rates: ArrayLike) -> float:
-    """Return the size of cells with which robots together see most a second, metres; the larger of two as good.
+    """Return the cell size with which all robots together see most area per second. Among equal sizes, the largest wins.
 
-    No footprint is smaller. Where all are alike it is theirs. Of what is more than a cell wide three quarters count, for that is
-    about what such robots gain (`gain_of`).
+    The cell size is at most the smallest footprint, and equals it if all footprints are equal. The excess of a footprint over one
+    cell counts three quarters, which is about the gain of such robots (`gain_of`).
 
     Examples
     --------
@@ -193,7 +193,7 @@ def cell_side(footprints: ArrayLike, rates: ArrayLike) -> float:
     sides = np.asarray(footprints, dtype=np.float64)
     if sides.min() == sides.max():
         return float(sides[0])
-    tried = np.unique([side / parts for side in np.unique(sides) for parts in _PARTS])[::-1]  # the largest first
+    tried = np.unique([side / parts for side in np.unique(sides) for parts in _PARTS])[::-1]  # largest first
     tried = tried[tried <= sides.min()]
     widths = [widths_of(sides, side) for side in tried]
     seen = [

@@ -1,4 +1,4 @@
-"""A region as square cells no larger than a footprint, with viewpoints that see all of it from inside."""
+"""A region as a grid of square cells no larger than a footprint, with viewpoints inside that see the whole region."""
 
 from __future__ import annotations
 
@@ -22,31 +22,32 @@ from shoal.search.regions.region import SearchRegion
 
 @dataclass(frozen=True, eq=False)
 class CellGrid:
-    """The cells of a region. Made by `cells_of`.
+    """The cells of a region. Use `cells_of` to create them.
 
-    A cell on the border of the region is cut by it into pieces. The largest is the cell's own; each other one is left to a cell
-    from which a vehicle comes to it without leaving the region, so that nobody goes around a wall to see what is behind it.
+    The region's border divides a border cell into pieces. The largest piece is the cell's own piece. Every other piece is assigned
+    to a cell from which a vehicle reaches it without leaving the region. So no robot has to drive around a wall to see the piece
+    behind it.
 
     Parameters
     ----------
     region : SearchRegion
-        Its area is what can be seen with the footprint.
+        The region. Its area is what the footprint can see.
     footprint : float
-        Side of the square that a vehicle sees, centred on it, sides along the axes; metres.
+        Side in metres of the square that a vehicle sees. The square is centred on the vehicle and parallel to the axes.
     mask : ndarray of bool, shape (H, W)
-        Cells that hold some of the region; row 0 on top.
+        Cells that contain a part of the region, with row 0 on top.
     lattice : Lattice
-        Where the cells are.
+        Position of the cells.
     clipped : Clipped
-        Which of them are whole, and the pieces of the others.
+        Which cells are whole, and the pieces of the others.
     portals : Portals
-        Through which sides a vehicle goes from piece to piece.
+        The openings through which a vehicle moves from piece to piece.
     viewpoints : ndarray of float64, shape (k, 2)
-        Places to stand, metres, in the order of the cells (row by row) and of the visit.
+        Viewpoints in metres, sorted by cell (row by row) and then by visiting order.
     viewpoint_starts : ndarray of int64, shape (cells + 1,)
-        Where the places of each cell begin.
+        Index of each cell's first viewpoint.
     own : ndarray of int64, shape (H, W)
-        The number of each cell's own piece as in `Portals`; -1 where there is no cell.
+        Number of each cell's own piece as in `Portals`; -1 for non-cells.
     """
 
     region: SearchRegion
@@ -61,37 +62,37 @@ class CellGrid:
 
     @property
     def size(self) -> float:
-        """Side of a cell, metres."""
+        """Side of a cell in metres."""
         return self.lattice.size
 
     @property
     def corner(self) -> tuple[float, float]:
-        """(x, y) of the top left corner in the frame of the lattice, metres."""
+        """Coordinates (x, y) of the top left corner in the lattice's frame, in metres."""
         return self.lattice.left, self.lattice.top
 
     @property
     def angle(self) -> float:
-        """By how much the rows are turned from the region's x axis, degrees counter-clockwise."""
+        """Rotation of the rows from the region's x axis, in degrees counter-clockwise."""
         return self.lattice.angle
 
     @cached_property
     def area(self) -> Any:
-        """The region's area in the frame of the lattice; a Shapely geometry."""
+        """The region's area in the lattice's frame, as a Shapely geometry."""
         return rotated_shape(self.region.area, -self.angle)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Numbers of rows and columns."""
         return self.lattice.shape
 
     @property
     def n_cells(self) -> int:
-        """How many cells hold some of the region."""
+        """Number of cells that contain a part of the region."""
         return len(self.viewpoint_starts) - 1
 
     @cached_property
     def cells(self) -> NDArray[np.int64]:
-        """The cells, row by row; int64, shape (n_cells, 2)."""
+        """The cells row by row; int64, shape (n_cells, 2)."""
         return np.argwhere(self.mask)
 
     @cached_property
@@ -101,20 +102,20 @@ class CellGrid:
         return ordinal
 
     def centers(self) -> Points:
-        """Return the centres of all cells, in the order of `cells`, inside the region or not; float64, shape (n_cells, 2)."""
+        """Return the centres of all cells in the order of `cells`, inside the region or not; float64, shape (n_cells, 2)."""
         return self.lattice.to_region(self.lattice.centers(*self.cells.T))
 
     def waypoints(self) -> Points:
-        """Return the first viewpoint in each cell, in the order of `cells`; float64, shape (n_cells, 2)."""
+        """Return the first viewpoint of each cell in the order of `cells`; float64, shape (n_cells, 2)."""
         return np.asarray(self.viewpoints[self.viewpoint_starts[:-1]])
 
     def ordinals(self, cells: ArrayLike) -> NDArray[np.int64]:
-        """Return the place of each cell among `cells`; int64, shape (n,).
+        """Return the index of each cell in `cells`; int64, shape (n,).
 
         Raises
         ------
         InvalidInputError
-            If one of them holds nothing of the region.
+            If a cell contains no part of the region.
         """
         array = np.asarray(cells)
         if array.ndim != 2 or array.shape[1] != 2 or not (array.size == 0 or np.issubdtype(array.dtype, np.integer)):
@@ -127,20 +128,20 @@ class CellGrid:
         return np.asarray(self._ordinal[tuple(array.T)])
 
     def viewpoints_in(self, cell: tuple[int, int]) -> Points:
-        """Return the viewpoints for one cell, in the order of the visit; float64, shape (k, 2), k >= 1."""
+        """Return the viewpoints of one cell in visiting order; float64, shape (k, 2), k >= 1."""
         index = int(self.ordinals(np.array([cell]))[0])
         return np.asarray(self.viewpoints[self.viewpoint_starts[index] : self.viewpoint_starts[index + 1]])
 
     def waypoint(self, cell: tuple[int, int]) -> Points:
-        """Return the first viewpoint for one cell: its centre if that is inside; float64, shape (2,)."""
+        """Return the first viewpoint of one cell. It is the cell's centre if that is inside the region; float64, shape (2,)."""
         return np.asarray(self.viewpoints_in(cell)[0])
 
     def point(self, cell: tuple[int, int]) -> Points:
-        """Return the centre of any cell of the lattice, inside the region or not; float64, shape (2,)."""
+        """Return the centre of any cell of the lattice, even outside the region; float64, shape (2,)."""
         return np.asarray(self.lattice.to_region(self.lattice.centers(np.array([cell[0]]), np.array([cell[1]])))[0])
 
     def cell_of(self, points: ArrayLike) -> NDArray[np.int64]:
-        """Return the cell that each point lies in, or the one with the nearest waypoint if that one holds nothing of the region.
+        """Return the cell that contains each point. For a point in a non-cell, return the cell with the nearest waypoint.
 
         Returns
         -------
@@ -160,7 +161,7 @@ class CellGrid:
 
     @cached_property
     def components(self) -> NDArray[np.int64]:
-        """Which of `SearchRegion.parts` each cell's own piece lies in; -1 where there is no cell; int64, shape (H, W)."""
+        """Index in `SearchRegion.parts` of each cell's own piece; -1 for non-cells; int64, shape (H, W)."""
         import shapely
 
         labels = np.where(self.mask, 0, -1)
@@ -173,12 +174,12 @@ class CellGrid:
 
     @cached_property
     def doors_east(self) -> NDArray[np.bool_]:
-        """Where a vehicle comes straight from a cell's own piece to that of the next cell in its row; bool, shape (H, W - 1)."""
+        """Whether a vehicle can move directly from a cell's own piece to the next cell's in its row; bool, shape (H, W - 1)."""
         return self._doors(0, 1)
 
     @cached_property
     def doors_south(self) -> NDArray[np.bool_]:
-        """Where a vehicle comes straight from a cell's own piece to that of the cell below; bool, shape (H - 1, W)."""
+        """Whether a vehicle can move directly from a cell's own piece to that of the cell below; bool, shape (H - 1, W)."""
         return self._doors(1, 0)
 
     def _doors(self, down: int, right: int) -> NDArray[np.bool_]:
@@ -213,16 +214,16 @@ def cells_of(
     ----------
     region : SearchRegion
     footprint : float
-        Side of the square that a vehicle sees, metres. It may be larger than the region: then there is one cell.
+        Side in metres of the square that a vehicle sees. If it is larger than the region, there is one cell.
     size : float, optional
-        Side of a cell, at most the footprint; smaller cells make footprints overlap. Default: the footprint.
+        Side of a cell in metres, at most the footprint, which is the default. With smaller cells, footprints overlap.
     angle : float
-        By how much the rows are turned from the x axis, degrees counter-clockwise. Footprints turn with them.
+        Rotation of the rows from the x axis, in degrees counter-clockwise. Footprints are rotated with the rows.
     offset : tuple of float
-        By how much the lattice is shifted to the right and up in its own frame, in sides of a cell, 0 to 1. With (0, 0) it is
-        centred on the bounds of the region in that frame.
+        Shift of the lattice to the right and up in its own frame, in cell sides, 0 to 1. With (0, 0), the lattice is centred on the
+        region's bounds in that frame.
     on_rows : bool
-        Whether cells on the border are seen from the middle lines of rows where they can be, for tours that follow rows.
+        Whether border cells are seen from the centre lines of rows where possible. Use it for tours that follow rows.
 
     Returns
     -------
@@ -231,7 +232,7 @@ def cells_of(
     Raises
     ------
     InvalidInputError
-        If the footprint is no number above 0, or so small that there would be more than 4 million cells.
+        If the footprint is not a positive number, or there would be more than 4 million cells.
 
     Examples
     --------
@@ -276,12 +277,12 @@ def _own_pieces(clipped: Clipped) -> NDArray[np.int64]:
     height, width = clipped.whole.shape
     own = np.where(clipped.whole, len(clipped.pieces) + np.arange(height * width).reshape(height, width), -1)
     order = np.argsort(shapely.area(clipped.pieces), kind="stable")
-    own[clipped.rows[order], clipped.cols[order]] = order  # the largest last
+    own[clipped.rows[order], clipped.cols[order]] = order  # largest last
     return own
 
 
 def _adopted(clipped: Clipped, portals: Portals, own: NDArray[np.int64]) -> dict[int, list[int]]:
-    """Give each piece that is no cell's own to the cell whose own piece is the fewest portals away; by the flat index of the cell.
+    """Assign each remaining piece to the cell whose own piece is the fewest portals away. The key is the cell's flat index.
 
     A piece from which no own piece can be reached stays with its cell.
     """
@@ -299,7 +300,7 @@ def _adopted(clipped: Clipped, portals: Portals, own: NDArray[np.int64]) -> dict
     def cell(piece: int) -> int:
         return int(clipped.rows[piece] * width + clipped.cols[piece]) if piece < n else piece - n
 
-    # From all own pieces at once, wide portals first; a piece found is entered with the cell that it was found from.
+    # Breadth-first from all own pieces at once, wide portals first. A piece is assigned to the cell of the piece that found it.
     adopters: dict[int, int] = {}
     queue = deque((piece, cell(piece)) for piece in sorted(beside) if piece not in orphans)
     while queue:
@@ -322,7 +323,7 @@ def _in_order(
     index: NDArray[np.int64],
     adopted: dict[int, list[int]],
 ) -> tuple[Points, NDArray[np.int64]]:
-    """Return the viewpoints of all cells, and where those of each cell begin."""
+    """Return the viewpoints of all cells, and the index of each cell's first viewpoint."""
     width = mask.shape[1]
     starts = np.searchsorted(index, np.arange(len(clipped.pieces) + 1))
     special: dict[int, list[Points]] = {}

@@ -1,4 +1,4 @@
-"""The pieces of cells as a graph: from one to another through the portals between them."""
+"""The graph of cell pieces that are connected by portals."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from shoal.search.regions.outline_checks import Points
 
 
 class PortalGraph:
-    """Which pieces of a grid lead to which.
+    """Connections between the pieces of a grid.
 
     Parameters
     ----------
@@ -26,9 +26,9 @@ class PortalGraph:
         self._n = len(grid.clipped.pieces)
 
     def through(self, start: Points, end: Points) -> Points | None:
-        """Return the points where a way of the fewest pieces goes from one to the next, with both ends; shape (k, 2).
+        """Return the points of a path through the fewest pieces: both ends, and the portals between; shape (k, 2).
 
-        Between two of them it stays in one piece. None if rounding hid a portal.
+        Between two of these points, the path stays in one piece. None if rounding errors closed a portal.
         """
         from scipy.sparse.csgraph import breadth_first_order
 
@@ -44,7 +44,7 @@ class PortalGraph:
 
     @cached_property
     def _numbers(self) -> NDArray[np.int64]:
-        """The number of each node's piece, ascending; see `shoal.search.cells.portals.Portals`."""
+        """Number of each node's piece, ascending; see `shoal.search.cells.portals.Portals`."""
         return np.concatenate([np.arange(self._n), self._n + np.flatnonzero(self.grid.clipped.whole)])
 
     @cached_property
@@ -66,9 +66,9 @@ class PortalGraph:
 
     @cached_property
     def _gates(self) -> dict[tuple[int, int], Points]:
-        """The middle of the widest portal between two nodes."""
+        """Midpoint of the widest portal between two nodes."""
         portals = self.grid.portals
-        order = np.argsort(portals.widths, kind="stable")  # the widest last
+        order = np.argsort(portals.widths, kind="stable")  # widest last
         nodes = np.sort(np.searchsorted(self._numbers, portals.pairs[order]), axis=1)
         return {(one, other): portals.middles[k] for (one, other), k in zip(nodes.tolist(), order.tolist(), strict=True)}
 

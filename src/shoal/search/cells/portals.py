@@ -1,4 +1,4 @@
-"""Portals between pieces of cells: stretches of grid lines through which a vehicle passes."""
+"""Portals between pieces of cells: sections of grid lines through which a vehicle can pass."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from shoal.core.dataclass import dataclass
 from shoal.search.cells.clipping import Clipped, Lattice
 from shoal.search.regions.outline_checks import Points
 
-_ON_LINE = 1e-8  # of a cell: how far rounding may take a corner from a grid line
+_ON_LINE = 1e-8  # relative to a cell: distance from a grid line that rounding may cause
 
 
 @dataclass(frozen=True, eq=False)
 class Portals:
-    """Gates between pieces on the border, and from them to whole cells.
+    """Portals between border pieces, and between border pieces and whole cells.
 
-    A piece is named by its number in `Clipped`; a whole cell by n + its flat index, n the number of pieces.
+    A piece is identified by its number in `Clipped`. A whole cell has the number n plus its flat index, where n is the number of
+    pieces.
 
     Parameters
     ----------
     pairs : ndarray of int64, shape (g, 2)
     middles : ndarray of float64, shape (g, 2)
-        The middle of each portal, metres.
+        Midpoint of each portal in metres.
     widths : ndarray of float64, shape (g,)
         Metres.
     """
@@ -36,18 +37,19 @@ class Portals:
 
 
 def portals_of(clipped: Clipped, lattice: Lattice) -> Portals:
-    """Find all portals that lead to or from a piece on the border."""
+    """Find all portals that lead to or from a border piece."""
     found = [portal for axis in (0, 1) for portal in _matched(_stretches(clipped, lattice, axis), clipped, lattice, axis)]
     pairs = np.array([portal[:2] for portal in found], dtype=np.int64).reshape(-1, 2)
     middles = lattice.to_region(np.array([portal[2:4] for portal in found]).reshape(-1, 2))
     return Portals(pairs, middles, np.array([portal[4] for portal in found]))
 
 
-Stretch = tuple[int, int, int, int, float, float]  # row, column of the cell after the line; before 0 or after 1; piece; from, to
+# row and column of the cell after the line; before (0) or after (1); piece; from, to
+Stretch = tuple[int, int, int, int, float, float]
 
 
 def _segments(clipped: Clipped) -> tuple[Points, Points, NDArray[np.int64]]:
-    """Return the sides of all pieces: both ends, and the piece."""
+    """Return the sides of all pieces: both end points, and the piece."""
     import shapely
 
     rings, ring_piece = shapely.get_rings(clipped.pieces, return_index=True)
@@ -57,7 +59,7 @@ def _segments(clipped: Clipped) -> tuple[Points, Points, NDArray[np.int64]]:
 
 
 def _stretches(clipped: Clipped, lattice: Lattice, axis: int) -> list[Stretch]:
-    """Return the sides of pieces that lie on grid lines: upright ones for axis 0, level ones for axis 1."""
+    """Return the piece sides that lie on grid lines: vertical ones for axis 0, horizontal ones for axis 1."""
     start, end, piece = _segments(clipped)
     found: list[Stretch] = []
     for shift in (0, 1):
@@ -75,7 +77,7 @@ def _stretches(clipped: Clipped, lattice: Lattice, axis: int) -> list[Stretch]:
 
 
 def _matched(stretches: list[Stretch], clipped: Clipped, lattice: Lattice, axis: int) -> list[tuple[int, int, float, float, float]]:
-    """Pair stretches on both sides of a line that overlap."""
+    """Match overlapping sides of pieces on both sides of a line."""
     width = lattice.shape[1]
     lines: dict[tuple[int, int], tuple[list[Stretch], list[Stretch]]] = defaultdict(lambda: ([], []))
     for stretch in stretches:

@@ -1,4 +1,4 @@
-"""Routing: ways between viewpoints that never leave the region."""
+"""Routing: paths between viewpoints that stay inside the region."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shoal.search.cells.portal_graph import PortalGraph
 from shoal.search.cells.visibility_graph import VisibilityGraph, inside, merge_collinear, pulled
 from shoal.search.regions.outline_checks import Points, text_of
 
-_MARGINS = (1.0, 4.0, 16.0)  # cells around a leg within which corners are looked at: at first, by how much it grows, at most
+_MARGINS = (1.0, 4.0, 16.0)  # distance from a leg, in cells, within which corners are considered: initial, growth factor, maximum
 _MOST_CORNERS = 1000
 
 __all__ = ["RegionPaths", "Route", "length_of", "merge_collinear"]
@@ -28,11 +28,11 @@ class Route:
     Parameters
     ----------
     points : ndarray of float64, shape (k, 2) or (k, 3)
-        Metres east and north, and the altitude where several layers are searched; legs are straight between them.
+        Points in metres east and north, with the altitude if several layers are searched. The legs between points are straight.
     stops : ndarray of int64, shape (n,)
-        Where the stops are candidates the points.
+        Indices of the stops among the points.
     transit : ndarray of bool, shape (k - 1,)
-        Legs from one part of the region to another, which lead outside.
+        Legs that lead outside the region from one of its parts to another.
     """
 
     points: Points
@@ -45,26 +45,26 @@ class Route:
         return length_of(self.points)
 
     def long_legs(self, size: float) -> NDArray[np.bool_]:
-        """Return which legs are between stops farther apart than neighbouring cells, or transits; bool, shape (k - 1,)."""
+        """Return which legs are longer than the step between neighbouring cells, or are transits; bool, shape (k - 1,)."""
         between = np.searchsorted(self.stops, np.arange(1, len(self.points)), side="left")
         far = np.concatenate([[0.0], np.cumsum(leg_lengths(self.points))])
         stops = np.diff(far[self.stops], prepend=0.0)
         return np.asarray(stops[between] > 1.6 * size) | self.transit
 
     def waypoints(self) -> Points:
-        """Return the points at which the way bends, both ends included; float64, shape (m, 2)."""
+        """Return the points at which the path bends, including both ends; float64, shape (m, 2)."""
         return merge_collinear(self.points)
 
 
 class RegionPaths:
-    """Ways inside the region of a grid. All of them hold its border within `shoal.search.regions.region.TOUCH`.
+    """Paths inside the region of a grid. They stay inside within the tolerance `shoal.search.regions.region.TOUCH`.
 
     Parameters
     ----------
     grid : CellGrid
     transit : bool
-        Whether a way may lead straight from one part of the region to another, which is outside: for vehicles that fly. Without it
-        such a way is refused.
+        Whether a path may lead straight from one part of the region to another, for vehicles that fly. Otherwise such a path is
+        refused.
 
     Examples
     --------
@@ -80,20 +80,20 @@ class RegionPaths:
         self.transit = transit
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
-        """Return a short way from one point to another; float64, shape (k, 2), k >= 2.
+        """Return a short path from one point to another; float64, shape (k, 2), k >= 2.
 
-        Straight if that stays inside; else the shortest way around the corners nearby; over a distance with too many corners,
-        through the cells and then pulled tight, which is seldom longer than the shortest by much.
+        The path is straight if it stays inside the region. Otherwise it is the shortest path around nearby corners. With too many
+        corners on the way, it leads through the cells and is then tightened; such a path is rarely much longer than the shortest.
 
         Raises
         ------
         InvalidInputError
-            If a point is outside, or the two lie in different parts and transit is not allowed.
+            If a point is outside, or the points are in different parts and transit is not allowed.
         """
         return self.legs([np.asarray(start), np.asarray(end)]).points
 
     def legs(self, stops: ArrayLike) -> Route:
-        """Return the way through stops in their order.
+        """Return the path through stops in their order.
 
         Parameters
         ----------
@@ -108,7 +108,7 @@ class RegionPaths:
         return self._joined(points, np.zeros(max(0, len(points) - 1), dtype=np.bool_))
 
     def route(self, cells: ArrayLike) -> Route:
-        """Return the way through all viewpoints of some cells, one cell after another.
+        """Return the path through all viewpoints of some cells, one cell after another.
 
         Parameters
         ----------
@@ -117,14 +117,14 @@ class RegionPaths:
         Raises
         ------
         InvalidInputError
-            If a cell holds nothing of the region, or two follow each other that lie in different parts and transit is not allowed.
+            If a cell contains no part of the region, or consecutive cells are in different parts and transit is not allowed.
         """
         grid = self.grid
         index = grid.ordinals(np.asarray(cells).reshape(-1, 2))
         counts = grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]
         begins = np.cumsum(counts) - counts
         visit = np.arange(int(counts.sum())) - np.repeat(begins, counts) + np.repeat(grid.viewpoint_starts[index], counts)
-        # From the centre of a whole cell to that of the next there is nothing to look at but a wide margin.
+        # Between the centres of neighbouring whole cells, only a wide margin has to be checked.
         array = grid.cells[index]
         plain = grid.clipped.whole[tuple(array.T)] & (counts == 1)
         close = np.abs(np.diff(array, axis=0)).sum(axis=1) <= 1
@@ -133,7 +133,7 @@ class RegionPaths:
         return self._joined(grid.viewpoints[visit], known)
 
     def _joined(self, stops: Points, known: NDArray[np.bool_]) -> Route:
-        """Join stops by ways; some legs are known to be straight."""
+        """Join stops by paths. ``known`` marks legs that are known to be straight."""
         good = known.copy()
         asked = np.flatnonzero(~known)
         good[asked] = inside(self.grid.region, stops[asked], stops[asked + 1])
@@ -153,7 +153,7 @@ class RegionPaths:
         return Route(points, places, transit)
 
     def _way(self, start: Points, end: Points) -> Points | None:
-        """Return a way that is not straight; None for one between parts."""
+        """Return a path that is not straight, or None for a path between different parts."""
         if self._part(start) != self._part(end):
             if not self.transit:
                 raise InvalidInputError(
@@ -165,7 +165,7 @@ class RegionPaths:
         return self._far(start, end) if near is None else near
 
     def _near(self, start: Points, end: Points) -> Points | None:
-        """Return the shortest way by the corners around a leg, if they are few and it needs no others."""
+        """Return the shortest path around the corners near a leg, if they are few and no other corners are needed."""
         best: Points | None = None
         straight, most = float(np.hypot(*(end - start))), _MARGINS[-1] * self.grid.size
         room = _MARGINS[0] * self.grid.size
@@ -175,7 +175,7 @@ class RegionPaths:
                 return best
             found = self._corners.shortest(start, end, candidates)
             best = best if found is None else found
-            # A way by corners farther off goes there and comes back.
+            # A path around more distant corners would have to go there and come back.
             needed = np.inf if found is None else (length_of(found) - straight) / 2
             if needed <= room or room >= most:
                 return best
@@ -192,7 +192,7 @@ class RegionPaths:
         return int(np.argmin(shapely.distance(np.array(parts, dtype=object), shapely.points(point)))) if len(parts) > 1 else 0
 
     def _far(self, start: Points, end: Points) -> Points:
-        """Return a way through the portals between pieces, pulled tight; by all corners if rounding hid a portal."""
+        """Return a tightened path through the portals between pieces, or around all corners if rounding errors closed a portal."""
         region = self.grid.region
         stops = self._portal_graph.through(start, end)
         if stops is None:
@@ -206,7 +206,7 @@ class RegionPaths:
         return way
 
     def _within_pieces(self, stops: Points) -> Points:
-        """Return the way through portals: between two of them it stays in one piece of a cell."""
+        """Return the path through portals. Between two portals it stays in one piece of a cell."""
         straight = inside(self.grid.region, stops[:-1], stops[1:])
         legs = [stops[:1]]
         for k, free in enumerate(straight.tolist()):
@@ -226,7 +226,7 @@ class RegionPaths:
         return found
 
     def _corners_beside(self, way: Points) -> NDArray[np.int64]:
-        """Return the corners within a cell of where a way bends."""
+        """Return the corners within one cell of the bends of a path."""
         from scipy.spatial import KDTree
 
         bends, corners = way[1:-1], self._corners.corners
@@ -243,12 +243,12 @@ class RegionPaths:
 
 
 def length_of(way: Points) -> float:
-    """Return the length of a way, metres."""
+    """Return the length of a path in metres."""
     return float(leg_lengths(way).sum())
 
 
 def leg_lengths(way: Points) -> NDArray[np.float64]:
-    """Return the lengths of the legs of a way in the plane or in space, metres; float64, shape (k - 1,)."""
+    """Return the lengths of the legs of a plane or 3-D path in metres; float64, shape (k - 1,)."""
     steps = np.diff(way, axis=0).T
     level = np.hypot(steps[0], steps[1])
     return np.asarray(level if len(steps) == 2 else np.hypot(level, steps[2]))

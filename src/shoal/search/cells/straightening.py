@@ -1,7 +1,8 @@
-"""Straightening: viewpoints of cells on the border so chosen that the way along a tour bends seldom and is short.
+"""Straightening: viewpoints of border cells chosen so that the path along a tour is short and has few bends.
 
-A cell that the border cuts leaves room for its viewpoint: all of its piece is seen from every place in a *window*. Between two
-cells that leave none, a way of few straight links crosses all windows, and each viewpoint is where it does so.
+The viewpoint of a border cell can be chosen: the cell's piece is completely visible from every point of its *window*. Between two
+cells without a choice, a path of few straight links crosses all windows. Each viewpoint is the point where this path crosses the
+window.
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ from shoal.search.regions.outline_checks import Points
 
 Numbers = NDArray[np.int64]
 
-_HAIR = 1e-9  # of a footprint: rounding
-_COARSE = 0.02  # of a footprint: corners of windows that are nearer to each other are one
-_REACH = 24  # windows that a link passes over at the most
+_HAIR = 1e-9  # relative to a footprint: rounding error
+_COARSE = 0.02  # relative to a footprint: corners of a window at a smaller distance are merged
+_REACH = 24  # maximum number of windows that one link crosses
 _ROUNDS = 12
 
 
 def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
     """Return the grid with viewpoints that suit a closed tour.
 
-    Every cell is still seen, alone and wholly, from its own viewpoint, which is in the region and not behind a wall.
+    Every cell is still completely visible from its own viewpoint. The viewpoint is in the region and not behind a wall.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
     cells : ndarray of int64, shape (N, 2)
         All cells in the order of the tour.
     turn : float
-        What a turn counts for, in cells.
+        Cost of a turn in cells.
     """
     index = grid.ordinals(cells)
     windows = _windows(grid, cells, index)
@@ -59,7 +60,7 @@ def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
 
 
 def _windows(grid: CellGrid, cells: Numbers, index: Numbers) -> dict[int, Any]:
-    """Return for each cell of a tour that leaves its viewpoint room all places from which its piece is seen."""
+    """Return, for each cell with a choice of viewpoint, its window: all points from which its piece is completely visible."""
     import shapely
 
     clipped, own, half = grid.clipped, grid.own, grid.footprint / 2
@@ -83,7 +84,7 @@ def _windows(grid: CellGrid, cells: Numbers, index: Numbers) -> dict[int, Any]:
 
 
 def _around(grid: CellGrid, rows: Numbers, cols: Numbers) -> Any:
-    """Return the own pieces of cells and of those around them; Shapely geometries or None, shape (n, 9)."""
+    """Return the own pieces of cells and of the cells around them; Shapely geometries or None, shape (n, 9)."""
     clipped, own = grid.clipped, grid.own
     rooms = np.full((len(rows), 9), None, dtype=object)
     for k in range(9):
@@ -98,7 +99,7 @@ def _around(grid: CellGrid, rows: Numbers, cols: Numbers) -> Any:
 
 
 def _chains(free: Numbers, n: int) -> list[Numbers]:
-    """Return the stretches of a closed tour of cells with room, as numbers on the tour."""
+    """Return the runs of consecutive cells of a closed tour that have a choice of viewpoint, as tour indices."""
     chains = np.split(free, np.flatnonzero(np.diff(free) > 1) + 1)
     if len(chains) > 1 and chains[0][0] == 0 and chains[-1][-1] == n - 1:
         chains[0] = np.concatenate([chains.pop(), chains[0]])
@@ -106,7 +107,7 @@ def _chains(free: Numbers, n: int) -> list[Numbers]:
 
 
 def _places(windows: Any, known: Points, middles: Points, footprint: float) -> list[Points]:
-    """Return places of each window to choose from; float64, each of shape (k, 2): its corners, and where lines across it end."""
+    """Return candidate points of each window, float64, each of shape (k, 2): its corners, and the ends of lines across it."""
     import shapely
 
     left, low, right, high = (side[:, None] for side in shapely.bounds(windows).T)
@@ -125,7 +126,7 @@ def _places(windows: Any, known: Points, middles: Points, footprint: float) -> l
 
 
 def _way(grid: CellGrid, fixed: Points, shapes: list[Any], places: list[Points], known: Points, turn: float) -> Points:
-    """Return one place in each window, on a way of few bends between two fixed points before and two after; ``known`` at worst."""
+    """Return one point in each window, on a path with few bends between fixed points; ``known`` is the fallback."""
     import shapely
 
     from shoal.search.kernels.stabbing import fewest_links
@@ -146,7 +147,7 @@ def _way(grid: CellGrid, fixed: Points, shapes: list[Any], places: list[Points],
             return known
         way = points[links[::-1]]
         nodes = np.array(links[::-1])
-        # The links beyond the fixed points are what they are.
+        # The directions of the links beyond the fixed points are given.
         asked = np.flatnonzero((stage_of[nodes[1:]] > 1) & (stage_of[nodes[:-1]] < len(stages) - 2))
         good = inside(region, to_region(way[asked]), to_region(way[asked + 1]))
         if good.all():
@@ -156,7 +157,7 @@ def _way(grid: CellGrid, fixed: Points, shapes: list[Any], places: list[Points],
 
 
 def _crossed(way: Points, stage_of: Numbers, shapes: list[Any], known: Points) -> Points:
-    """Return where a way crosses each window; all known places if it misses one."""
+    """Return the crossing points of a path with each window, or all known points if the path misses a window."""
     import shapely
 
     found = known.copy()
@@ -169,7 +170,7 @@ def _crossed(way: Points, stage_of: Numbers, shapes: list[Any], known: Points) -
         if cut.is_empty:
             found[k] = shapely.get_coordinates(shapely.shortest_line(shape, shapely.linestrings(way[link - 1 : link + 1])))[0]
             continue
-        # From the last place on, so that nothing is gone back for.
+        # Backwards from the last point, so that the path never turns back.
         ends = shapely.get_coordinates(cut)
         step = way[link] - way[link - 1]
         begun = found[k - 1] if k and stage_of[link - 1] < k + 1 else way[link - 1]

@@ -1,4 +1,4 @@
-"""Transits: ways between launch points and a region, outside of it, but never through no-go zones."""
+"""Transits: paths outside the region between launch points and the region, around no-go zones."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from shoal.search.regions.margin import coarse, grown
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 from shoal.search.regions.region import SearchRegion, polygons_in
 
-_ROOM = 1.0  # of the region and its launch points: how far around them ways may lead
+_ROOM = 1.0  # relative to the bounds of region and launch points: margin in which paths may lead
 
 
 class Transits:
-    """The shortest ways between places in and outside of a region, around no-go zones and holes, with the margin.
+    """The shortest paths between points inside and outside a region, around no-go zones and holes with their margin.
 
-    A hole in which there is a launch or landing point may be crossed.
+    A hole that contains a launch or landing point may be crossed.
 
     Parameters
     ----------
     region : SearchRegion
     points : array_like of float, shape (n, 2)
-        Launch and landing points, metres.
+        Launch and landing points in metres.
 
     Raises
     ------
     InvalidInputError
-        For a point in a no-go zone, or too near to one.
+        If a point lies in a no-go zone, or too close to one.
 
     Examples
     --------
@@ -66,12 +66,12 @@ class Transits:
         return VisibilityGraph(self._space)
 
     def way(self, start: ArrayLike, end: ArrayLike) -> Points:
-        """Return the shortest way from one place to another; float64, shape (k, 2), k >= 2.
+        """Return the shortest path from one point to another; float64, shape (k, 2), k >= 2.
 
         Raises
         ------
         InvalidInputError
-            If there is none.
+            If no path exists.
         """
         ends = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])
         if inside(self._space, ends[:1], ends[1:])[0]:
@@ -84,18 +84,18 @@ class Transits:
 
 
 class WaysOut:
-    """How far it is from launch points outside of a region to places where robots search, in sides of a cell.
+    """Distances from launch points outside a region to the cells, in cell sides.
 
     Parameters
     ----------
     transits : Transits
     launches : mapping of int to ndarray of float64, shape (2,)
-        The launch point of each robot that sets out outside, by its number from 1; metres.
+        The launch point in metres of each robot that starts outside, by its number from 1.
     stops : ndarray of float64, shape (N, 2) or (N, 3)
-        Where robots stand in each cell, by its number on the tour; metres, a climb as long as what else takes its time. Launch
-        points are at the lowest height of all.
+        Viewpoint of each cell by tour index, in metres, with climbs scaled to the same duration. Launch points have the lowest
+        height.
     size : float
-        Side of a cell, metres.
+        Side of a cell in metres.
     """
 
     def __init__(self, transits: Transits, launches: Mapping[int, Points], stops: Points, size: float) -> None:
@@ -106,7 +106,7 @@ class WaysOut:
         return number in self._launches
 
     def length(self, number: int, cell: int) -> float:
-        """Return the length of the way from the launch point of a robot to a cell."""
+        """Return the length of the path from a robot's launch point to a cell."""
         launch = self._launches[number]
         key = (*launch.tolist(), cell)
         if key not in self._known:

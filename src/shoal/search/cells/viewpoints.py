@@ -1,4 +1,4 @@
-"""Viewpoints: where a vehicle stands so that its footprint covers a piece of a cell, without leaving the region."""
+"""Viewpoints: positions inside the region from which a vehicle's footprint covers a piece of a cell."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from numpy.typing import NDArray
 from shoal.search.cells.clipping import SPECK, Clipped, Lattice
 from shoal.search.regions.outline_checks import Points
 
-_HAIR = 1e-9  # of a footprint
-_MOST = 3  # places from which a piece is seen, before a vehicle goes along the border of where it may be
+_HAIR = 1e-9  # relative to a footprint
+_MOST = 3  # maximum number of viewpoints of a piece before the vehicle follows the border of the free area instead
 
 
 def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], *, footprint: float, free: Any = None) -> Any:
-    """Return for each piece the place on the middle line of its row from which all of it is seen; None where there is none.
+    """Return, for each piece, the point on the centre line of its row from which all of it is seen; None if there is no such point.
 
-    The place may lie in the cell before or after it, so that a vehicle drives straight on, and no farther than it must: towards the
-    neighbour that has more of the region.
+    The point may lie in the previous or the next cell, so that a vehicle can drive straight on. It is as close as possible, on the
+    side of the neighbour that contains more of the region.
 
     Parameters
     ----------
     clipped : Clipped
     lattice : Lattice
     own : ndarray of int64, shape (H, W)
-        The number of each cell's own piece, as in `CellGrid`.
+        Number of each cell's own piece, as in `CellGrid`.
     footprint : float
         Metres.
     free : Shapely geometry, optional
-        Where robots may be, if that is not all of the region.
+        The area where robots may be, if it is smaller than the region.
 
     Returns
     -------
     list of (ndarray of float64, shape (1, 2)) or None
-        One a piece.
+        One entry per piece.
     """
     import shapely
 
@@ -67,7 +67,7 @@ def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64
 
 
 def _piece(clipped: Clipped, lattice: Lattice, cell: tuple[int, int], own: NDArray[np.int64]) -> Any:
-    """Return the own piece of a cell."""
+    """Return a cell's own piece."""
     if clipped.whole[cell]:
         return lattice.boxes(np.array([cell[0]]), np.array([cell[1]]))[0]
     return clipped.pieces[own[cell]]
@@ -76,23 +76,23 @@ def _piece(clipped: Clipped, lattice: Lattice, cell: tuple[int, int], own: NDArr
 def viewpoints_of(
     pieces: Any, centers: Points, *, footprint: float, size: float, known: Sequence[Points | None] = (), free: Any = None
 ) -> tuple[Points, NDArray[np.int64]]:
-    """Return places from which all of each piece of a cell is seen: in the piece, unless they are known.
+    """Return points from which all of each piece of a cell is seen. The points lie in the piece, unless they are known.
 
-    A piece that holds the centre of its cell is seen from there. Another is seen from its point nearest to the centre among those
-    that see all of it; where there is none, from several.
+    A piece that contains the centre of its cell is seen from the centre. Any other piece is seen from the point nearest to the
+    centre among the points that see all of it. If no single point does, several points are returned.
 
     Parameters
     ----------
     pieces : ndarray of Shapely polygons, shape (n,)
-        Each within a square of side ``size``.
+        The pieces, each inside a square of side ``size``.
     centers : ndarray of float64, shape (n, 2)
-        Of the cells.
+        Centres of the cells.
     footprint, size : float
-        Sides of the footprint and of a cell, metres; size <= footprint.
+        Sides of the footprint and of a cell in metres; size <= footprint.
     known : sequence of (ndarray of float64, shape (k, 2)) or None
-        Places for some pieces, which are taken where the centre is not in the piece.
+        Known viewpoints of some pieces. They are used if the piece does not contain the cell's centre.
     free : Shapely geometry, optional
-        Where robots may be; if it is given, places are there, in the piece or beside it.
+        The area where robots may be. If it is given, viewpoints lie in it, inside or beside the piece.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def viewpoints_of(
 
 
 def _viewpoints(piece: Any, free: Any, center: Points, footprint: float, speck: float) -> Points:
-    """Return places from which all of a piece is seen: in it; or, where robots may not be in all of it, in or beside it."""
+    """Return points from which all of a piece is seen: inside the piece or, if robots may not be everywhere in it, beside it."""
     half = footprint / 2
     if free is None:
         return _within(piece, piece, center, half, speck)[0]
@@ -125,12 +125,13 @@ def _viewpoints(piece: Any, free: Any, center: Points, footprint: float, speck: 
     places, left = _within(piece, room, center, half, speck, most=_MOST)
     if left.area <= speck:
         return places
-    # The rest is seen on the way along the border of what is free: from places on it alone, what it limits slantwise would not be.
+    # The rest is seen along the border of the free area. Points on the border alone would miss areas that the border limits at an
+    # angle.
     return np.concatenate([places, *_lines(_around(free.boundary, left, half))])
 
 
 def _lines(shape: Any) -> list[Points]:
-    """Return the points of the lines in a shape, line by line."""
+    """Return the points of a shape's lines, line by line."""
     import shapely
 
     lines = [part for part in shapely.get_parts(shapely.line_merge(shape)) if part.geom_type == "LineString"]
@@ -138,7 +139,7 @@ def _lines(shape: Any) -> list[Points]:
 
 
 def _around(shape: Any, piece: Any, half: float) -> Any:
-    """Return what of a shape is near enough to a piece for a robot there to see some of it."""
+    """Return the part of a shape from which a robot could see some of a piece."""
     import shapely
 
     low, high = np.reshape(piece.bounds, (2, 2))
@@ -152,7 +153,7 @@ def _square(place: Points, half: float) -> Any:
 
 
 def _within(piece: Any, room: Any, center: Points, half: float, speck: float, most: float = np.inf) -> tuple[Points, Any]:
-    """Return places in a room from which a piece is seen, at most so many, and what of it is not."""
+    """Return at most ``most`` points in a room from which a piece is seen, and the part of the piece that is not seen."""
     import shapely
 
     chosen: list[Points] = []
@@ -160,7 +161,7 @@ def _within(piece: Any, room: Any, center: Points, half: float, speck: float, mo
     while left.area > speck and len(chosen) < most:
         place = _from_one(room, left, near, half)
         if place is None:
-            # From a point of what is left, at least that point's surroundings are seen: this ends.
+            # A point of the remaining part sees at least its own surroundings, so the loop ends.
             part = max(shapely.get_parts(left), key=lambda shape: float(shape.area))
             low, high = np.reshape(left.bounds, (2, 2))
             place = _nearest(part if chosen else piece, near if not chosen else (low + high) / 2)
@@ -172,7 +173,7 @@ def _within(piece: Any, room: Any, center: Points, half: float, speck: float, mo
 
 
 def _from_one(room: Any, left: Any, near: Points, half: float) -> Points | None:
-    """Return the point of a room nearest to ``near`` that sees all of what is left, if there is one."""
+    """Return the point of a room nearest to ``near`` that sees all of the remaining part, if there is one."""
     import shapely
 
     low, high = np.reshape(left.bounds, (2, 2))

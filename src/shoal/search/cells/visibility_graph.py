@@ -1,4 +1,4 @@
-"""Shortest ways around the corners of a region."""
+"""Shortest paths around the corners of a region."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from shoal.search.regions.outline_checks import Points
 from shoal.search.regions.region import SearchRegion
 
-_STRAIGHT = 1e-12  # sine of a turn that is none
-_ALONG = 1e-9  # sine of the angle between lines that are one
-_AT_ONCE = 100_000  # segments tested in one call
+_STRAIGHT = 1e-12  # sine of the largest angle that does not count as a turn
+_ALONG = 1e-9  # sine of the largest angle between collinear lines
+_AT_ONCE = 100_000  # number of segments tested in one call
 _LOOK_AHEAD = 64
-_START = -1  # candidates the numbers of corners
-_AT_FIRST = 16  # corners that a start is asked for at once
+_START = -1  # corner indices
+_AT_FIRST = 16  # number of corners tested for a start point at once
 
 
 def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.bool_]:
-    """Tell which straight segments, which begin in the region, stay in it, within `TOUCH`; bool, shape (n,)."""
+    """Return which straight segments stay in the region within `TOUCH`, given that they start in it; bool, shape (n,)."""
     import shapely
 
     found = np.empty(len(starts), dtype=np.bool_)
@@ -32,11 +32,12 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
 
 
 class VisibilityGraph:
-    """The corners at which the inside of a region has more than 180 degrees, where shortest ways bend, and which see each other.
+    """The corners at which shortest paths bend (inner angle above 180 degrees), and their mutual visibility.
 
-    Those of `SearchRegion.bends` come first, and ways that bend only there are taken before shorter ones with more bends.
+    The corners `SearchRegion.bends` come first. Paths that bend only there are preferred to shorter paths with more bends.
 
-    What a corner sees is looked up when a search first comes to it, and kept: only corners that a shortest way could go on to.
+    The visibility of a corner is computed when a search first reaches it, and then cached. Only corners on possible shortest paths
+    are tested.
 
     Parameters
     ----------
@@ -61,19 +62,19 @@ class VisibilityGraph:
         self._seen_from: dict[int, tuple[float, NDArray[np.int64], NDArray[np.float64]]] = {}
 
     def within(self, low: Points, high: Points) -> NDArray[np.int64]:
-        """Return the numbers of the corners in a box."""
+        """Return the indices of the corners in a box."""
         return np.flatnonzero(((self.corners >= low) & (self.corners <= high)).all(axis=1))
 
     def shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
-        """Return the shortest way that bends at some corners only, or None; float64, shape (k, 2)."""
+        """Return the shortest path that bends only at the candidate corners, or None; float64, shape (k, 2)."""
         few = candidates[candidates < self._few]
         found = self._shortest(start, end, few) if len(few) else None
         return self._shortest(start, end, candidates) if found is None else found
 
     def _shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
-        """Return the shortest way that bends at some corners only (A*), or None.
+        """Return the shortest path that bends only at the candidate corners, found by A*, or None.
 
-        Which of them the start sees is asked by and by, the most likely ones first.
+        The visibility of corners from the start is tested step by step, beginning with the most promising corners.
         """
         allowed = np.zeros(len(self.corners), dtype=np.bool_)
         allowed[candidates] = True
@@ -102,7 +103,7 @@ class VisibilityGraph:
                 continue
             else:
                 allowed[node] = False  # done
-                if self._ends(node, end):  # no other way is shorter than what is likely
+                if self._ends(node, end):  # no other path can be shorter than the promising ones
                     return np.vstack([start, self.corners[_chain(came, node)], end])
                 others, lengths = self._neighbours(node, wide)
                 lengths = length[node] + lengths
@@ -114,12 +115,12 @@ class VisibilityGraph:
         return None
 
     def _ends(self, corner: int, end: Points) -> bool:
-        """Tell whether a shortest way could go straight from a corner to its end."""
+        """Return whether a shortest path could lead straight from a corner to its end."""
         place = self.corners[[corner]]
         return bool(self._touched(np.array([corner]), end - place)[0] and inside(self._region, place, end[None])[0])
 
     def _neighbours(self, corner: int, wide: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the corners that a shortest way could go on to from one, as far as ``wide`` and farther, and how far they are."""
+        """Return the corners to which a shortest path could continue, up to distance ``wide`` and beyond, and their distances."""
         known, others, away = self._seen_from.get(corner, (-1.0, None, None))
         if others is None or away is None or known < wide:
             place = self.corners[corner]
@@ -134,7 +135,7 @@ class VisibilityGraph:
         return others, away
 
     def _touched(self, corners: NDArray[np.int64], directions: Points) -> NDArray[np.bool_]:
-        """Tell whether a line through each corner leaves both of its sides on one hand: other lines are in no shortest way."""
+        """Return whether a line through each corner leaves both of its sides on one hand. Other lines are in no shortest path."""
         sines = [directions[:, 0] * side[corners, 1] - directions[:, 1] * side[corners, 0] for side in self._sides]
         rounding = _ALONG * np.hypot(*directions.T)
         return np.asarray((np.minimum(*sines) >= -rounding) | (np.maximum(*sines) <= rounding))
@@ -148,7 +149,7 @@ def _chain(came: NDArray[np.int64], node: int) -> list[int]:
 
 
 def _inward_corners(area: Any) -> Points:
-    """Return the corners of a polygon, if any, where shortest ways bend, and their neighbours on the border; shape (3, n, 2)."""
+    """Return the corners of a polygon at which shortest paths bend, and their neighbours on the border; shape (3, n, 2)."""
     import shapely
 
     found: list[Any] = [np.zeros((3, 0, 2))]
@@ -164,19 +165,19 @@ def _inward_corners(area: Any) -> Points:
 
 
 def pulled(region: SearchRegion, way: Points) -> Points:
-    """Return a way without the bends that it does not need, each leg as far along it as can be seen."""
+    """Return a path without unnecessary bends. Each leg extends as far along the path as visibility allows."""
     kept = [0]
     while kept[-1] < len(way) - 1:
         here = kept[-1]
         ahead = np.arange(here + 1, min(here + 1 + _LOOK_AHEAD, len(way)))
         seen = inside(region, np.broadcast_to(way[here], (len(ahead), 2)), way[ahead])
-        seen[0] = True  # this leg is there already
+        seen[0] = True  # this leg already exists
         kept.append(int(ahead[np.flatnonzero(seen)[-1]]))
     return np.asarray(way[kept])
 
 
 def merge_collinear(points: Points) -> Points:
-    """Return a way without repeated points and without points on straight legs; turns back are kept.
+    """Return a path without repeated points and without points on straight legs. Reversals are kept.
 
     Examples
     --------
@@ -190,7 +191,7 @@ def merge_collinear(points: Points) -> Points:
     steps = np.diff(way, axis=0)
     before, after = steps[:-1], steps[1:]
     scale = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
-    upright = np.zeros((len(before), 3 - way.shape[1]))  # in the plane, ways turn around what is upright
+    upright = np.zeros((len(before), 3 - way.shape[1]))  # in the plane, because paths bend around vertical walls
     turn = np.linalg.norm(np.cross(np.hstack([before, upright]), np.hstack([after, upright])), axis=1)
     straight = (turn <= 1e-9 * scale) & (np.sum(before * after, axis=1) > 0)
     return np.asarray(way[np.concatenate([[True], ~straight, np.ones(min(1, len(steps)), dtype=np.bool_)])])

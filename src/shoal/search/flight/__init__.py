@@ -1,1 +1,1 @@
-"""Vehicles in their own units: what they are, how long their ways take, and how they follow turns and terrain."""
+"""Vehicles and their motion: properties, travel times, turns and terrain following."""

@@ -1,4 +1,4 @@
-"""Dubins curves: the shortest ways of what cannot turn more narrowly than a radius, from one place and heading to another."""
+"""Dubins curves: the shortest paths between two poses for vehicles with a minimum turning radius."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
-"""Left, straight and right: the six kinds of curves of which the shortest is one."""
+"""Left, straight and right: the six types of curves, one of which is the shortest."""
 
-SHARPEST = pi / 6  # how much a way of legs bends at a vertex
+SHARPEST = pi / 6  # largest bend of an approximated path at a vertex
 _ROUND = 2 * pi
 _CLOSE = 1e-9
-_SLIGHT = 0.01  # metres: half of an arc that needs no vertex of its own
+_SLIGHT = 0.01  # metres: half of an arc that needs no vertex
 _SENSE = {"L": 1.0, "R": -1.0, "S": 0.0}
 
 
 def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
-    """Return the parts of all six curves between places with headings.
+    """Return the parts of all six curves between poses.
 
     Parameters
     ----------
     starts, ends : array_like of float, shape (..., 3)
-        x and y in metres; headings in radians, counter-clockwise from east.
+        Poses: x and y in metres, headings in radians counter-clockwise from east.
     radius : float
         Metres.
 
     Returns
     -------
     ndarray of float64, shape (..., 6, 3)
-        By word of `WORDS` the lengths of its three parts, in radii; infinite where there is no such curve.
+        For each word of `WORDS`, the lengths of the three parts in radii; infinite if the curve does not exist.
 
     Notes
     -----
@@ -51,7 +51,7 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
     a, b = one[..., 2] - toward, other[..., 2] - toward
     sa, sb, ca, cb, both = np.sin(a), np.sin(b), np.cos(a), np.cos(b), np.cos(a - b)
     found = []
-    with np.errstate(invalid="ignore"):  # a curve that does not exist is not a number until the end
+    with np.errstate(invalid="ignore"):  # nonexistent curves are NaN until the end
         turn = np.arctan2(cb - ca, d + sa - sb)
         found.append((turn - a, np.sqrt(np.maximum(2 + d * d - 2 * both + 2 * d * (sa - sb), 0.0)), b - turn))
         turn = np.arctan2(ca - cb, d - sa + sb)
@@ -75,11 +75,11 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
 
 
 def dubins_way(start: ArrayLike, word: str, parts: ArrayLike, radius: float) -> Floats:
-    """Return a curve as a way of straight legs round it; float64, shape (k, 2).
+    """Return a curve as a path of straight legs around it; float64, shape (k, 2).
 
-    Its legs touch the circles of the curve from outside and bend by at most `SHARPEST`: what rounds each vertex off as late as it
-    can, in the middles of the legs, flies the curve itself, with this radius and no smaller one. First and last leg have the
-    headings of the curve's ends.
+    The legs are tangents of the curve's circles and bend by at most `SHARPEST`. A vehicle that rounds each vertex as late as
+    possible, from the middle of the legs, flies the curve itself, with this radius and no smaller one. The first and the last leg
+    have the headings of the curve's ends.
     """
     x, y, heading = (float(value) for value in np.asarray(start, dtype=np.float64))
     found = [(x, y)]
@@ -93,7 +93,7 @@ def dubins_way(start: ArrayLike, word: str, parts: ArrayLike, radius: float) -> 
         reach = radius * tan(bend / 2)
         for _ in range(count):
             x, y = x + reach * cos(heading), y + reach * sin(heading)
-            if reach > _SLIGHT:  # else the way bends where the arc begins, by next to nothing
+            if reach > _SLIGHT:  # otherwise the path bends slightly where the arc begins
                 found.append((x, y))
             heading += sense * bend
             x, y = x + reach * cos(heading), y + reach * sin(heading)
@@ -102,5 +102,5 @@ def dubins_way(start: ArrayLike, word: str, parts: ArrayLike, radius: float) -> 
 
 
 def shortest_length(start: ArrayLike, end: ArrayLike, radius: float) -> float:
-    """Return the length of the shortest curve, metres."""
+    """Return the length of the shortest curve in metres."""
     return float(dubins_parts(start, end, radius).sum(axis=-1).min() * radius)

@@ -1,4 +1,4 @@
-"""Flight: how a vehicle follows a way from home and back, with its turns and over its terrain."""
+"""Flight of a vehicle from home along a path and back, with turns and terrain following."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from shoal.search.regions.outline_checks import Points, text_of
 from shoal.search.regions.projection import LocalFrame
 
 FRAMES = ("home", "sea", "ground")
-"""What altitudes count from."""
+"""Reference surfaces of altitudes."""
 
 TERRAIN_ERROR = 2.0  # metres
-_WIDER = 1.01  # turns than needed: coordinates in files are rounded
+_WIDER = 1.01  # factor for wider turns than necessary, because coordinates in files are rounded
 
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """How a vehicle goes from home along a way and home again.
+    """The motion of a vehicle from home along a path and home again.
 
     Parameters
     ----------
@@ -35,21 +35,21 @@ class Flight:
     home : ndarray of float64, shape (2,)
         Metres.
     frame : LocalFrame or None
-        Where on Earth the metres are.
+        Position of the local frame on Earth.
     altitude_frame : "home", "sea" or "ground"
-        What the vehicle's altitude counts from.
+        Reference of the vehicle's altitude.
     terrain : Terrain or None
-        The ground; needed for altitudes above it.
+        Terrain heights, required for altitudes above the ground.
     terrain_error : float
-        Metres by which the height above ground may differ from the altitude.
+        Maximum deviation of the height above ground from the altitude, in metres.
     rate : float
-        The speed of this robot as a multiple of the vehicle's.
+        Speed of this robot relative to the vehicle's speed.
     link : float
-        Metres: fixed wings need not fly straight what is no longer.
+        Length in metres up to which a fixed wing may leave a straight leg.
     blocked : Shapely geometry, optional
-        What no turn crosses.
+        Areas that no turn may cross.
     landing : ndarray of float64, shape (2,), optional
-        Where it comes down, metres; home if not given.
+        Landing point in metres. The default is home.
 
     Raises
     ------
@@ -71,7 +71,7 @@ class Flight:
         check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
         check_number(self.terrain_error, what="terrain_error", least=0.01)
         if check_number(self.rate, what="rate", above=0) != 1.0:
-            self.vehicle.replaced(cruise_speed=self.vehicle.cruise * self.rate)  # refuses what its wind is too strong for
+            self.vehicle.replaced(cruise_speed=self.vehicle.cruise * self.rate)  # refuses a wind that is too strong for the vehicle
         if self.altitude_frame == "ground" and self.flies and self.terrain is None:
             raise InvalidInputError("altitude_frame: expected home or sea without a terrain, which has the heights of the ground")
 
@@ -81,7 +81,7 @@ class Flight:
 
     @property
     def end(self) -> Points:
-        """Where it comes down, metres."""
+        """Landing point in metres."""
         return self.home if self.landing is None else self.landing
 
     @property
@@ -91,23 +91,23 @@ class Flight:
 
     @cached_property
     def elevation(self) -> float | None:
-        """The height of home above sea level, metres; None if it is not known."""
+        """Height of home above sea level in metres, or None if unknown."""
         return None if self.terrain is None else float(self.terrain.at(self.home[None], self.frame)[0])
 
     def waypoints(self, way: Points) -> Floats:
-        """Return the waypoints of a way; float64, shape (m, 3): metres east, north, and above home.
+        """Return the waypoints of a path; float64, shape (m, 3): metres east, north, and above home.
 
-        Home itself is none, but of a way over terrain the place above it is the first and the last one.
+        Home itself is not a waypoint. Over terrain, the point above home is the first and the last waypoint.
 
         Parameters
         ----------
         way : ndarray of float64, shape (k, 2) or (k, 3)
-            Metres, without home; the third column are altitudes, the vehicle's if not given.
+            Path in metres, without home. The third column holds altitudes; the default is the vehicle's altitude.
 
         Raises
         ------
         InvalidInputError
-            For several altitudes of what cannot climb where it stands, and for a way that meets the ground.
+            If the path has several altitudes and the vehicle cannot climb vertically, or if the path meets the ground.
         """
         inner = way[:, 2] if way.shape[1] == 3 else np.full(len(way), self.vehicle.height)
         whole, ups = np.vstack([self.home, way[:, :2], self.end]), np.full(2, self.vehicle.height)
@@ -116,7 +116,7 @@ class Flight:
             if np.ptp(ups):
                 raise InvalidInputError("vehicle: expected one that climbs where it stands for several altitudes, got a fixed wing")
             turned = turned_way(whole, _WIDER * self.vehicle.ground_radius, link=self.link, blocked=self.blocked, known=self._known)
-            first, last = (np.hypot(*(way[[0, -1], :2] - self.home).T) <= NEAR).astype(int).tolist()  # then home is a waypoint, too
+            first, last = (np.hypot(*(way[[0, -1], :2] - self.home).T) <= NEAR).astype(int).tolist()  # home is then also a waypoint
             whole = np.vstack([turned[:first], turned, turned[len(turned) - last :]])
             ups = np.full(len(whole), ups[0])
         if not self.flies or self.terrain is None:
@@ -127,7 +127,7 @@ class Flight:
         return np.concatenate(over) if self.altitude_frame == "ground" else np.concatenate(over)[1:-1]
 
     def _over(self, terrain: Terrain, way: Points, up: float) -> Floats:
-        """Return the waypoints of a way at one altitude over terrain."""
+        """Return the waypoints of a path at constant height above terrain."""
         profile = profile_of(terrain, way, self.frame, error=self.terrain_error)
         base = float(self.elevation or 0.0)
         if self.altitude_frame == "ground":
@@ -142,7 +142,7 @@ class Flight:
         return np.column_stack([way, ups - base])
 
     def _check_clear(self, profile: Profile, up: float, base: float) -> None:
-        """Refuse a level way that meets the ground."""
+        """Refuse a level path that meets the ground."""
         highest = int(np.argmax(profile.heights))
         if profile.heights[highest] + profile.rough >= up + base:
             place = text_of(profile.points[highest])
@@ -152,12 +152,12 @@ class Flight:
             )
 
     def flown(self, waypoints: Floats) -> Trajectory:
-        """Return when the vehicle is where, from the ground at home along waypoints to the ground at its end."""
+        """Return the vehicle's trajectory from the ground at home along waypoints to the ground at its landing point."""
         return trajectory(whole_way(self.home, waypoints, self.landing), self.vehicle, rate=self.rate)
 
 
 def climbs_apart(way: Points, ups: Floats) -> tuple[Points, Floats]:
-    """Return a way and its altitudes with all climbs straight up before a leg and all descents straight down after it.
+    """Return a path and its altitudes, with climbs moved before each leg and descents after it, so that both are vertical.
 
     Examples
     --------
@@ -173,9 +173,10 @@ def climbs_apart(way: Points, ups: Floats) -> tuple[Points, Floats]:
 
 
 def whole_way(home: Points, waypoints: Floats, landing: Points | None = None) -> Floats:
-    """Return a way from the ground at home up, along waypoints, and down to it again, or elsewhere; heights above home.
+    """Return the complete path: from the ground at home, along the waypoints, and to the ground at home or the landing point.
 
-    Up over home to the height of the first waypoint, and down from that of the last.
+    The vehicle climbs above home to the height of the first waypoint. It descends from the height of the last waypoint. Heights are
+    above home.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What vehicles cost planners, who reckon in cells."""
+"""Costs of a vehicle's motion in cells, the unit of planners."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from shoal.search.flight.vehicle import Vehicle
 
 
 def turn_cells(vehicle: Vehicle, size: float) -> float:
-    """Return what a turn costs, in cells: its time, or of a fixed wing half of what the curve from row to row is longer.
+    """Return the cost of a turn in cells: its duration or, for a fixed wing, half the extra length of the curve between rows.
 
-    A row ends with two turns: into the way to the next row, and into that row.
+    A row ends with two turns: one towards the next row, and one into that row.
 
     Examples
     --------
@@ -27,10 +27,10 @@ def turn_cells(vehicle: Vehicle, size: float) -> float:
 
 
 def working_seconds(vehicle: Vehicle) -> float:
-    """Return how long a battery lasts between climbing to the altitude of the search and sinking from it, the reserve left."""
+    """Return the endurance in seconds between the climb to the search altitude and the descent from it, without the reserve."""
     return vehicle.usable_seconds - climbing_seconds(vehicle)
 
 
 def climbing_seconds(vehicle: Vehicle) -> float:
-    """Return how long climbing to the altitude of the search and sinking from it take together."""
+    """Return the total time in seconds of the climb to the search altitude and the descent from it."""
     return float(vehicle.vertical_seconds([vehicle.height, -vehicle.height]).sum())

@@ -1,4 +1,4 @@
-"""Separation: how near two vehicles in flight come to each other, exactly, however late each is; which delays keep them apart."""
+"""Separation of vehicles in flight: the exact nearest approach for any delays, and the delays that keep vehicles apart."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from shoal.core.dataclass import dataclass
 from shoal.search.flight.timing import Floats, Trajectory
 
-LEVEL = 1e-3  # metres: who is so near to the vertical separation has it
-_HAIR = 1e-9  # of a leg's duration
-_HIGHEST = 1e6  # metres: a vertical separation that is larger is as good as none
-_FIRST = 64  # pairs of legs that are looked at before all others
+LEVEL = 1e-3  # metres: tolerance of the vertical separation
+_HAIR = 1e-9  # relative to a leg's duration
+_HIGHEST = 1e6  # metres: a larger vertical separation counts as infinite
+_FIRST = 64  # number of pairs of legs that are tested first
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,13 +23,14 @@ class Approach:
     Parameters
     ----------
     horizontal : float
-        Metres between them, seen from above, at moments at which they are nearer in height than the vertical separation.
+        Horizontal distance in metres at the nearest approach. Only moments count at which the vertical distance is below the
+        separation.
     vertical : float
-        Metres between their heights then.
+        Vertical distance in metres at that moment.
     times : tuple of float
-        Seconds since each began to move.
+        Time of the nearest approach in seconds since each vehicle began to move.
     places : ndarray of float64, shape (2, 3)
-        Where each is then; metres.
+        Positions of both vehicles at that time, in metres.
     """
 
     horizontal: float
@@ -40,7 +41,7 @@ class Approach:
 
 @dataclass(frozen=True, eq=False)
 class _Legs:
-    """The legs of a trajectory that take time: when each begins, how long it takes, where it begins and how it moves."""
+    """The moving legs of a trajectory: start time, duration, start position and velocity of each."""
 
     begins: Floats
     lasts: Floats
@@ -65,20 +66,20 @@ class _Legs:
 def nearest_approach(
     one: Trajectory, other: Trajectory, *, vertical: float, later: float = 0.0, tolerance: float = 0.0
 ) -> Approach | None:
-    """Return the nearest approach of two vehicles in flight, or None if they are never so near in height.
+    """Return the nearest approach of two vehicles in flight, or None if their heights always differ enough.
 
-    Both are in flight from the beginning to the end of their trajectories. Distances of legs are convex, so that the least one of
-    two legs is found in closed form, over all moments and all delays at once.
+    Both vehicles are in flight from the beginning to the end of their trajectories. The distance of two legs is convex, so its
+    minimum over all moments and all delays has a closed form.
 
     Parameters
     ----------
     one, other : Trajectory
     vertical : float
-        Metres: moments at which they differ more in height do not count.
+        Vertical separation in metres. Moments with a larger difference in height do not count.
     later : float
-        By how many seconds the other one begins later.
+        Time in seconds by which the second vehicle starts later.
     tolerance : float
-        Seconds by which each may be late, independently.
+        Maximum additional delay of each vehicle in seconds, independent of the other.
 
     Examples
     --------
@@ -109,7 +110,7 @@ def nearest_approach(
 
 
 def _together(mine: _Legs, theirs: _Legs, later: float, tolerance: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs of legs that may be flown at one time."""
+    """Return the pairs of legs that may be flown at the same time."""
     low = np.searchsorted(theirs.begins + theirs.lasts, mine.begins - later - tolerance, side="left")
     high = np.searchsorted(theirs.begins, mine.begins + mine.lasts - later + tolerance, side="right")
     counts = np.maximum(high - low, 0)
@@ -119,16 +120,16 @@ def _together(mine: _Legs, theirs: _Legs, later: float, tolerance: float) -> tup
 
 
 def _gaps(mine: _Legs, theirs: _Legs, first: NDArray[np.int64], second: NDArray[np.int64]) -> Floats:
-    """Return by how much the boxes around legs are apart, along each axis; shape (n, 3)."""
+    """Return the gaps between the bounding boxes of legs along each axis; shape (n, 3)."""
     (low, high), (below, above) = mine.bounds(), theirs.bounds()
     return np.maximum(np.maximum(low[first] - above[second], below[second] - high[first]), 0.0)
 
 
 def _planes(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float] | None) -> tuple[Floats, Floats]:
-    """Return what the times since the beginnings of two legs must meet: normals @ times <= limits.
+    """Return linear constraints on the times since the beginnings of two legs: normals @ times <= limits.
 
-    Shapes (n, k, 2) and (n, k). The legs last; heights differ by ``level`` at most; and with ``shift``, the other's start and the
-    tolerance, both are flown at once.
+    Shapes (n, k, 2) and (n, k). The constraints are that the times lie within the legs and that heights differ by at most
+    ``level``. With ``shift`` (start of the second vehicle, and tolerance), the legs must also be flown at the same time.
     """
     n, zero, one = len(mine.begins), np.zeros(len(mine.begins)), np.ones(len(mine.begins))
     up, rise, fall = mine.points[:, 2] - theirs.points[:, 2], mine.velocities[:, 2], theirs.velocities[:, 2]
@@ -145,7 +146,7 @@ def _planes(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]
 
 
 def _clipped(normals: Floats, limits: Floats, edge: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return a point and the direction of an edge's line, and from where to where along it all limits hold; empty if it falls."""
+    """Return a point and the direction of a constraint's line, and the interval along it that satisfies all constraints."""
     normal = normals[:, edge]
     square = (normal**2).sum(axis=1)
     there = square > 0
@@ -170,7 +171,7 @@ def _clipped(normals: Floats, limits: Floats, edge: int) -> tuple[Floats, Floats
 
 
 def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]) -> tuple[float, Any]:
-    """Return the least horizontal distance of pairs of legs, with the times and places of it."""
+    """Return the smallest horizontal distance of pairs of legs, with its times and positions."""
     normals, limits = _planes(mine, theirs, level, shift)
     start = mine.points[:, :2] - theirs.points[:, :2]
     found = [_crossing(start, mine.velocities, theirs.velocities, normals, limits)]
@@ -195,7 +196,7 @@ def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float])
 
 
 def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return the times since the beginnings of two legs at which their lines cross, seen from above, and where there are any."""
+    """Return the times since the beginnings of two legs at which their horizontal lines cross, and whether they cross."""
     cross = mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0]
     scale = np.hypot(*mine[:, :2].T) * np.hypot(*theirs[:, :2].T)
     there = np.abs(cross) > _HAIR * scale
@@ -206,7 +207,7 @@ def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArra
 
 
 def _crossing(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats) -> tuple[Floats, Floats]:
-    """Return the distance 0 where two legs cross within the limits, else infinity; and when."""
+    """Return distance 0 and the times for legs that cross within the limits; otherwise infinity."""
     times, there = _solved(start, mine, theirs)
     good = there & _within(times, normals, limits)
     return np.where(good, 0.0, np.inf), times
@@ -218,10 +219,10 @@ def _within(times: Floats, normals: Floats, limits: Floats) -> NDArray[np.bool_]
 
 
 def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical: float) -> Floats:
-    """Return the differences of times at which two vehicles in flight would be too near; float64, shape (k, 2), merged, rising.
+    """Return the time differences at which two vehicles would be too close, as merged increasing intervals; float64, shape (k, 2).
 
-    Each row are bounds of the time since the first began to move, less that since the other did: where it is in no row, both keep
-    one of the two separations.
+    Each row bounds the start time of the second vehicle minus that of the first. For differences outside all rows, both vehicles
+    keep one of the two separations.
 
     Parameters
     ----------
@@ -264,7 +265,7 @@ def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical
 
 
 def _near(base: Floats, change: Floats, horizontal: float, least: Floats, most: Floats) -> tuple[Floats, Floats]:
-    """Return from where to where along a line two vehicles are horizontally too near, within bounds."""
+    """Return the interval along a line in which two vehicles are too close horizontally, within bounds."""
     square, half = (change**2).sum(axis=1), (base * change).sum(axis=1)
     rest = (base**2).sum(axis=1) - horizontal**2
     still = square <= _HAIR**2
@@ -277,9 +278,9 @@ def _near(base: Floats, change: Floats, horizontal: float, least: Floats, most: 
 
 
 def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats, horizontal: float) -> Floats:
-    """Return the extreme differences of times at which two lines are too near, where that is within the limits; else none."""
+    """Return the extreme time differences at which two lines are too close, if they lie within the limits; otherwise none."""
     middle, there = _solved(start, mine, theirs)
-    # |M x| <= horizontal with M = [mine, -theirs]: the extremes of x0 - x1 are where M^-T (1, -1) points.
+    # |M x| <= horizontal with M = [mine, -theirs]: the extremes of x0 - x1 lie in the direction M^-T (1, -1).
     cross = np.where(there, mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0], 1.0)
     # The inverse of M has the rows (theirs_y, -theirs_x) / cross and (mine_y, -mine_x) / cross.
     rows = np.stack([theirs[:, [1, 0]] * [1, -1], mine[:, [1, 0]] * [1, -1]], axis=1) / cross[:, None, None]
@@ -294,7 +295,7 @@ def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limi
 
 
 def merged_intervals(intervals: Floats) -> Floats:
-    """Return intervals that overlap as one; those whose end is before their beginning are none. Rising; shape (k, 2).
+    """Return overlapping intervals merged, in increasing order; shape (k, 2). Intervals that end before they begin are dropped.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Staggering: the altitude layers and the delayed starts with which vehicles keep their separation."""
+"""Staggering: altitude layers and delayed starts that keep vehicles separated."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from shoal.search.flight.separation import conflicts, merged_intervals
 from shoal.search.flight.timing import Floats, Trajectory
 
 HORIZONTAL, VERTICAL, DELAY = 10.0, 5.0, 10.0
-"""Metres and seconds: the separation, and how late each vehicle may be, unless given."""
+"""Default separation (metres, metres) and default uncertainty of each vehicle's start (seconds)."""
 
-_WORTH = 0.05  # of the longest flight: what a layer more must save
-_AFTER = 1.0  # seconds: how far from a conflict delays keep, so that they can be whole seconds
+_WORTH = 0.05  # relative to the longest flight: time that another layer must save
+_AFTER = 1.0  # seconds: distance of delays from a conflict, so that delays can be rounded to whole seconds
 
 Flights = Callable[[int], Sequence[Trajectory]]
 
 
 @dataclass(frozen=True)
 class Separation:
-    """How far apart vehicles in flight must be: horizontally or vertically.
+    """Required separation of vehicles in flight, horizontal or vertical.
 
     Parameters
     ----------
     horizontal, vertical : float
         Metres.
     delay : float
-        Seconds by which each may be late, independently of the others.
+        Maximum unplanned delay of each vehicle in seconds, independent of the others.
     """
 
     horizontal: float = HORIZONTAL
@@ -41,21 +41,22 @@ class Separation:
 def staggered(
     flights: Sequence[Flights], separation: Separation, layers: Sequence[int] | None = None, earliest: Floats | None = None
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Return layers and delays with which no two vehicles in flight come nearer than the separation.
+    """Return layers and delays for which all vehicles in flight keep the separation.
 
-    The longest flight goes first, at once and in the lowest layer. Each other one takes the layer in which it ends first; a new
-    layer is opened only where that saves a twentieth of the longest flight: layers cost altitude.
+    The longest flight starts first, without delay and in the lowest layer. Every other flight uses the layer in which it ends
+    first. A new layer is opened only if it saves at least a twentieth of the longest flight, because layers cost altitude.
 
     Parameters
     ----------
     flights : sequence of callable
-        By vehicle: takes a layer, from 0, and returns how it would fly in it, in one or several ways of reckoning its times; the
-        separation is kept in each of them. One without flights stays on the ground.
+        For each vehicle, a function from a layer (counted from 0) to its trajectories in this layer. Several trajectories are
+        alternative estimates of its times, and the separation holds for all of them. A vehicle without trajectories stays on the
+        ground.
     separation : Separation
     layers : sequence of int, optional
-        The layers, if they are settled: only delays are looked for.
+        Given layers. Then only the delays are computed.
     earliest : ndarray of float64, shape (m,), optional
-        Delays of which none is less, seconds.
+        Lower bounds on the delays in seconds.
 
     Returns
     -------
@@ -98,12 +99,12 @@ def staggered(
 def _earliest(
     mine: Sequence[Trajectory], others: list[tuple[Sequence[Trajectory], float]], separation: Separation, delay: float
 ) -> float:
-    """Return the least delay, that one or more, with which a vehicle keeps its separation from others whose delays are settled."""
+    """Return the smallest delay, at least ``delay``, with which a vehicle keeps its separation from vehicles with fixed delays."""
     barred = [np.zeros((0, 2))]
     for theirs, started in others:
         for one, other in zip(mine, theirs, strict=True):
             apart = conflicts(one, other, horizontal=separation.horizontal, vertical=separation.vertical)
-            # Both late by up to a delay: mine begins later by delay - started, give or take that.
+            # With both uncertainties, the start differs by delay - started, plus or minus the tolerance.
             barred.append(started - apart[:, ::-1] + separation.delay * np.array([-1.0, 1.0]))
     for low, high in merged_intervals(np.concatenate(barred)).tolist():
         if low - _AFTER < delay < high + _AFTER:

@@ -1,4 +1,4 @@
-"""Terrain: heights of the ground above sea level, and ways that follow it."""
+"""Terrain: heights of the ground above sea level, and terrain-following paths."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from shoal.search.regions.projection import LocalFrame
 Floats = NDArray[np.float64]
 
 UNSAID = ""
-_FINE = 8  # samples in a cell of the grid, at least
+_FINE = 8  # minimum number of samples per grid cell
 _FINEST = 128
 _MOST_SAMPLES = 20_000_000
-_SHARE = 0.98  # of the error that is asked for: the rest is for rounding in files
+_SHARE = 0.98  # fraction of the requested error that is used; the rest is for rounding in files
 
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
-    """Heights on a grid, bilinear in between.
+    """Ground heights on a grid with bilinear interpolation.
 
     Parameters
     ----------
     heights : ndarray of float64, shape (rows, columns)
-        Metres above sea level; rows go from north to south. Not-a-number where there are none.
+        Heights in metres above sea level, with rows from north to south. Missing heights are NaN.
     west, north : float
         Coordinates of the first height.
     steps : tuple of float
-        From a column to the next, and from a row to the one south of it, both above 0.
+        Distance between columns, and distance between rows towards the south; both above 0.
     crs : str or None
-        Of the coordinates, as PROJ takes it; None for metres of no place on Earth; `UNSAID` for longitude and latitude or such
-        metres, whichever a region has.
+        Coordinate reference system in PROJ notation; None for metres without a position on Earth. `UNSAID` means longitude and
+        latitude, or metres, depending on the region.
     name : str
         For messages.
 
@@ -56,18 +56,18 @@ class Terrain:
     name: str = "terrain"
 
     def at(self, points: ArrayLike, frame: LocalFrame | None) -> Floats:
-        """Return the heights at points in metres of a frame; float64, shape (n,).
+        """Return the heights at points given in metres of a local frame; float64, shape (n,).
 
         Raises
         ------
         InvalidInputError
-            Where there are none, or if one of frame and grid has a place on Earth and the other has not.
+            If a height is missing, or only one of frame and grid has a position on Earth.
         """
         places = check_points(points, what="points", dimensions=2)
         return self._heights_at(self.grid_points(places, frame), places)
 
     def grid_points(self, points: Points, frame: LocalFrame | None) -> Points:
-        """Return points as (column, row), fractions of them included."""
+        """Return points as fractional (column, row) coordinates."""
         if self.crs != UNSAID and (frame is None) != (self.crs is None):
             kinds = ("metres of no place on Earth", "a place on Earth")
             raise InvalidInputError(
@@ -82,7 +82,7 @@ class Terrain:
         return np.stack([(placed[:, 0] - self.west) / self.steps[0], (self.north - placed[:, 1]) / self.steps[1]], axis=1)
 
     def _cells(self, places: Points) -> tuple[Any, Any]:
-        """Return the column and row of the cell, of four heights, in which places of the grid are."""
+        """Return column and row of the grid cell that contains each point."""
         rows, columns = self.heights.shape
         cells = np.floor(np.where(np.isfinite(places), places, -1.0)).astype(np.int64)
         return np.clip(cells[:, 0], 0, max(columns - 2, 0)), np.clip(cells[:, 1], 0, max(rows - 2, 0))
@@ -105,7 +105,7 @@ class Terrain:
         return np.asarray(found, dtype=np.float64)
 
     def twist(self, places: Points) -> float:
-        """Return by how much the most twisted of some cells bends along its diagonal, metres."""
+        """Return the largest deviation of some cells' heights from a plane along the diagonal, in metres."""
         column, row = self._cells(places)
         one = np.minimum(column + 1, self.heights.shape[1] - 1), np.minimum(row + 1, self.heights.shape[0] - 1)
         bends = self.heights[row, column] - self.heights[row, one[0]] - self.heights[one[1], column] + self.heights[one[1], one[0]]
@@ -114,7 +114,7 @@ class Terrain:
 
 @lru_cache(maxsize=8)
 def _transformer(crs: str) -> Any:
-    """Return what leads from longitude and latitude to a system; None if that is what it has."""
+    """Return the transformation from longitude and latitude to a coordinate system, or None if none is needed."""
     from pyproj import CRS, Transformer
 
     system = CRS.from_user_input(crs)
@@ -126,18 +126,18 @@ def _transformer(crs: str) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The ground under a way, sampled so that it is straight in between.
+    """The ground below a path, sampled so that it is almost straight between samples.
 
     Parameters
     ----------
     points : ndarray of float64, shape (n, 2)
-        Metres, along the way; its vertices are among them.
+        Sample positions along the path in metres, including the path's vertices.
     heights : ndarray of float64, shape (n,)
-        Of the ground, metres above sea level.
+        Ground height of each sample in metres above sea level.
     vertices : ndarray of int64, shape (k,)
-        Which of them are the vertices of the way.
+        Indices of the path's vertices.
     rough : float
-        By how much the ground may differ from straight lines between samples, metres.
+        Maximum deviation of the ground from straight lines between samples, in metres.
     """
 
     points: Points
@@ -147,7 +147,7 @@ class Profile:
 
 
 def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error: float) -> Profile:
-    """Return the ground under a way: at its vertices, on every line of the grid that it crosses, and often enough in between.
+    """Return the ground below a path: at its vertices, at every crossed grid line, and at enough points between.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error
         Metres.
     frame : LocalFrame or None
     error : float
-        Metres: the ground between samples is straight but for an eighth of it.
+        Error in metres. Between samples, the ground is straight within an eighth of it.
 
     Raises
     ------
@@ -192,7 +192,7 @@ def _along(way: Points, legs: NDArray[np.int64], shares: Floats) -> Points:
 
 
 def _crossings(along: Floats, places: Points) -> Floats:
-    """Return where between samples lines of the grid are crossed; a step between samples crosses at most one of a kind."""
+    """Return the crossings of grid lines between samples. Each step crosses at most one line of a kind."""
     along = np.append(along, np.ceil(along[-1] + 1e-12))
     found = []
     for axis in (0, 1):
@@ -206,20 +206,20 @@ def _crossings(along: Floats, places: Points) -> Floats:
 
 
 def followed(profile: Profile, clearance: float, error: float) -> Floats:
-    """Return a way above the ground: its vertices, and as many more that it stays within an error of the clearance everywhere.
+    """Return a path above the ground: its vertices, and additional points that keep the height within ``error`` of the clearance.
 
     Parameters
     ----------
     profile : Profile
     clearance : float
-        Metres above the ground.
+        Height above the ground in metres.
     error : float
-        Metres by which the height above ground may differ from it, between waypoints, too.
+        Maximum deviation of the height above ground in metres, also between waypoints.
 
     Returns
     -------
     ndarray of float64, shape (m, 3)
-        Metres east and north, and above sea level.
+        Metres east, north, and above sea level.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Files of heights: GeoTIFF and ESRI ASCII grids."""
+"""Readers of terrain height files: GeoTIFF and ESRI ASCII grids."""
 
 from __future__ import annotations
 
@@ -14,32 +14,33 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.flight.terrain import UNSAID, Floats, Terrain
 
 LARGEST_GRID = 40_000_000
-"""Heights of a file; what has more is refused before it is unfolded."""
+"""Maximum number of heights in a file. Larger files are refused before decoding."""
 
 LARGEST_TERRAIN = 500_000_000
-"""Bytes of a file of heights."""
+"""Maximum size of a height file in bytes."""
 
 _SCALE, _TIEPOINT, _TRANSFORM, _KEYS, _NO_DATA = 33550, 33922, 34264, 34735, 42113  # TIFF tags
 _MODEL, _RASTER, _GEOGRAPHIC, _PROJECTED, _VERTICAL_UNIT = 1024, 1025, 2048, 3072, 4099  # GeoTIFF keys
-_OWN = 32767  # a system that has no EPSG code
+_OWN = 32767  # a system without an EPSG code
 _METRE = 9001
 _HEAD = ("ncols", "nrows", "cellsize")
-_SANE = 20_000.0  # metres: nothing on Earth is higher or deeper
+_SANE = 20_000.0  # metres: no point on Earth is higher or deeper
 
 
 def open_terrain(path: str | os.PathLike[str]) -> Terrain:
-    """Return the heights that a file holds.
+    """Return the terrain heights in a file.
 
     Parameters
     ----------
     path : path
-        ``.tif`` or ``.tiff``: GeoTIFF, the coordinate reference system by its EPSG code. ``.asc``: ESRI ASCII grid; the system from
-        a ``.prj`` beside it, else longitude and latitude, or metres for a region of no place on Earth.
+        ``.tif`` or ``.tiff``: GeoTIFF with its coordinate reference system as an EPSG code. ``.asc``: ESRI ASCII grid. Its system
+        is read from a ``.prj`` file beside it. Without this file, coordinates are longitude and latitude, or metres if the region
+        has no position on Earth.
 
     Raises
     ------
     InvalidInputError
-        In one sentence.
+        If the file is missing, damaged or not supported.
     """
     source = Path(path)
     readers = {".tif": _geotiff, ".tiff": _geotiff, ".asc": _ascii_grid}
@@ -65,7 +66,7 @@ def _check_size(source: Path, rows: int, columns: int) -> None:
 
 
 def _check_system(source: Path, crs: str) -> str:
-    """Return the name of a coordinate reference system that leads to longitude and latitude."""
+    """Return the name of a coordinate reference system after checking that it converts to longitude and latitude."""
     from pyproj import CRS
     from pyproj.exceptions import ProjError
 
@@ -83,7 +84,7 @@ def _geotiff(source: Path) -> Terrain:
 
     limit = Image.MAX_IMAGE_PIXELS
     try:
-        Image.MAX_IMAGE_PIXELS = None  # checked here, with a sentence of our own
+        Image.MAX_IMAGE_PIXELS = None  # checked here, to raise an error of our own
         with warnings.catch_warnings(), Image.open(source, formats=("TIFF",)) as image:
             warnings.simplefilter("ignore")
             _check_size(source, image.height, image.width)
@@ -93,7 +94,7 @@ def _geotiff(source: Path) -> Terrain:
             heights = np.array(image, dtype=np.float64)
     except InvalidInputError:
         raise
-    except Exception as error:  # whatever a decoder of pictures makes of a broken file
+    except Exception as error:  # image decoders raise many kinds of exceptions
         raise InvalidInputError(f"{source}: expected a GeoTIFF, got one that cannot be read: {shortened(str(error))}") from None
     finally:
         Image.MAX_IMAGE_PIXELS = limit
@@ -109,7 +110,7 @@ def _geotiff(source: Path) -> Terrain:
 
 
 def _geo_keys(source: Path, tags: dict[int, Any]) -> dict[int, int]:
-    """Return the GeoTIFF keys whose values are numbers."""
+    """Return the numeric GeoTIFF keys."""
     directory = tags.get(_KEYS)
     if not isinstance(directory, tuple) or len(directory) < 4 or len(directory) % 4:
         raise InvalidInputError(f"{source}: expected a GeoTIFF, got a TIFF without its keys")
@@ -118,7 +119,7 @@ def _geo_keys(source: Path, tags: dict[int, Any]) -> dict[int, int]:
 
 
 def _placement(source: Path, tags: dict[int, Any], *, points: bool) -> tuple[float, float, tuple[float, float]]:
-    """Return west, north and the steps of the grid: of the middles of its cells, which heights are taken for."""
+    """Return the west and north coordinates and the steps of the grid. Heights apply to the centres of the cells."""
     try:
         if _TRANSFORM in tags:
             matrix = [float(value) for value in tags[_TRANSFORM]]
@@ -138,7 +139,7 @@ def _placement(source: Path, tags: dict[int, Any], *, points: bool) -> tuple[flo
 
 
 def _without(heights: Floats, no_data: str) -> Floats:
-    """Return heights with not-a-number where there are none."""
+    """Return heights with NaN for missing values."""
     try:
         missing = float(no_data)
     except ValueError:
@@ -180,7 +181,7 @@ def _ascii_grid(source: Path) -> Terrain:
 
 
 def _numbers(source: Path, lines: list[str], begin: int, count: int) -> Floats:
-    """Return all numbers of the lines from one on."""
+    """Return all numbers of the lines from ``begin`` on."""
     rows = []
     for number, line in enumerate(lines[begin:], start=begin + 1):
         try:
@@ -194,7 +195,7 @@ def _numbers(source: Path, lines: list[str], begin: int, count: int) -> Floats:
 
 
 def _system_beside(source: Path) -> str:
-    """Return the system that the file .prj beside a grid names."""
+    """Return the coordinate system named by the ``.prj`` file beside a grid."""
     beside = source.with_suffix(".prj")
     if not beside.is_file():
         return UNSAID

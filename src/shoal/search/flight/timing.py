@@ -1,4 +1,4 @@
-"""Timing: when a vehicle that follows a way is where."""
+"""Timing: the trajectory of a vehicle that follows a path."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from shoal.core.dataclass import dataclass
 from shoal.search.flight.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
-STRAIGHT = 2.0 * sin(radians(0.5))  # how far apart unit vectors are whose directions differ by a degree
+STRAIGHT = 2.0 * sin(radians(0.5))  # distance between unit vectors whose directions differ by one degree
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Where a vehicle is at which time: straight and at constant speed between vertices.
+    """Position of a vehicle over time, with constant velocity between vertices.
 
     Parameters
     ----------
     times : ndarray of float64, shape (n,)
-        Seconds, not falling. A vehicle that turns stands for that time: its place is there twice.
+        Times in seconds, nondecreasing. A vehicle stands still while it turns, so the position of a turn occurs twice.
     points : ndarray of float64, shape (n, 3)
-        Metres east, north and up.
+        Positions in metres east, north and up.
     """
 
     times: Floats
@@ -32,29 +32,33 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """How long it takes, seconds."""
+        """Duration in seconds."""
         return float(self.times[-1])
 
     def at(self, times: ArrayLike) -> Floats:
-        """Return where the vehicle is at some times; before its first and after its last it stands. Shape (..., 3)."""
+        """Return the vehicle's positions at some times; shape (..., 3).
+
+        Before the first and after the last time it stands still.
+        """
         asked = np.asarray(times, dtype=np.float64)
         return np.stack([np.interp(asked, self.times, self.points[:, axis]) for axis in range(3)], axis=-1)
 
 
 def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajectory:
-    """Return when a vehicle that follows a way is where.
+    """Return the trajectory of a vehicle that follows a path.
 
-    A leg takes as long as its ground part at the speed that the wind leaves, or its climb if that is longer. A change of direction
-    of more than a degree adds the time of a turn, seen from above; so does one from up or down to along. Starting and stopping at
-    the ends of the way add half of it each. Turns of fixed wings are ways: what is given must have them as short legs.
+    The duration of a leg is its horizontal length divided by the ground speed in the wind, or the duration of its climb if that is
+    longer. Each horizontal change of direction of more than a degree adds the duration of a turn. A change between vertical and
+    horizontal motion also adds one. Starting and stopping at the ends add half a turn each. For fixed wings, turns must be part of
+    the path, as short legs.
 
     Parameters
     ----------
     way : array_like of float, shape (k, 3), k >= 1
-        Metres east, north and up.
+        Path in metres east, north and up.
     vehicle : Vehicle
     rate : float
-        Its speed through the air as a multiple of its cruise speed.
+        Airspeed relative to the vehicle's cruise speed.
 
     Raises
     ------
@@ -80,7 +84,7 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
 
 
 def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float = 1.0) -> Floats:
-    """Return how long each leg of a way takes without turns; float64, shape (k - 1,)."""
+    """Return the duration of each leg of a path without turns; float64, shape (k - 1,)."""
     legs = np.diff(points, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     moving = lengths > 0
@@ -91,13 +95,13 @@ def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float = 1.0) -> Float
 
 
 def turns_of(points: Floats) -> NDArray[np.bool_]:
-    """Tell at which inner points of a way its direction changes by more than a degree, seen from above; shape (k - 2,)."""
+    """Return at which inner points of a path the horizontal direction changes by more than a degree; shape (k - 2,)."""
     if len(points) < 3:
         return np.zeros(max(len(points) - 2, 0), dtype=np.bool_)
     legs = np.diff(points, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     headings = legs[:, :2] / np.where(lengths > 0, lengths, 1.0)[:, None]
-    here = np.flatnonzero(np.abs(legs).max(axis=1) > 0)  # a leg of no length has no direction
+    here = np.flatnonzero(np.abs(legs).max(axis=1) > 0)  # a leg of length zero has no direction
     found = np.zeros(len(points) - 2, dtype=np.bool_)
     apart = np.hypot(*np.diff(headings[here], axis=0).T) > STRAIGHT
     found[here[1:][apart] - 1] = True

@@ -1,4 +1,4 @@
-"""Turns of fixed wings: a way of straight legs becomes one that they can follow."""
+"""Turns of fixed wings: conversion of a path of straight legs into one that they can follow."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from shoal.search.flight.dubins import WORDS, Floats, dubins_parts, dubins_way
 from shoal.search.regions.outline_checks import text_of
 
 NEAR = 0.05
-"""Metres: points that are nearer to each other are passed as one."""
+"""Distance in metres below which two points count as one."""
 
-HEADINGS = 13  # at a point that may be passed in any direction: every 30 degrees from the leg after it, and along the leg before
-LINK = 1.001  # footprints: ways of which all is seen from both ends, which need not be flown straight
-_AT_ONCE = 1000  # links whose curves are reckoned at once
-_TOUCH = 0.005  # metres by which a curve may cross what is blocked: rounding
+HEADINGS = 13  # headings at a free point: every 30 degrees from the next leg, and along the previous leg
+LINK = 1.001  # footprints: both ends of a shorter leg see all of it, so it need not be flown straight
+_AT_ONCE = 1000  # number of links whose curves are computed at once
+_TOUCH = 0.005  # metres by which a curve may enter a blocked area because of rounding
 _SAME = 1e-6  # metres, and radians
 
 
 @dataclass
 class _Poses:
-    """Places in order, the headings in which each may be passed, and whether the way to the next is a straight leg.
+    """Points in order, the possible headings at each, and whether the connection to the next point is a straight leg.
 
-    ``headings`` has shape (n, `HEADINGS`) with not-a-number for those that there are not; ``vertices`` are those of the way.
+    ``headings`` has shape (n, `HEADINGS`), with NaN for unused entries. ``vertices`` are indices of the path's vertices.
     """
 
     points: Floats
@@ -38,14 +38,14 @@ class _Poses:
 
 @dataclass
 class KnownCurves:
-    """What is known of curves between places already, so that it is found once for all sorties that are tried.
+    """Cache of curves between points, shared by all sorties that are tried.
 
     Parameters
     ----------
     costs : dict
-        Lengths and words of the curves of a link that cross nothing, by its places and headings.
+        For each link (points and headings): lengths and words of its unblocked curves.
     loose : set
-        Places at which straight legs had to be left.
+        Points at which straight legs had to be shortened.
     """
 
     costs: dict[bytes, tuple[Floats, Any]] = field(default_factory=dict)
@@ -53,30 +53,30 @@ class KnownCurves:
 
 
 def turned_way(way: Floats, radius: float, *, link: float = 0.0, blocked: Any = None, known: KnownCurves | None = None) -> Floats:
-    """Return a way along the legs of another one whose turns are as wide as a radius, outside of the legs.
+    """Return a path along the legs of another path, with turns of at least a minimum radius outside the legs.
 
-    All vertices are passed. Legs longer than ``link``, but for the first and the last, are flown straight from end to end; all
-    others may be left for a curve between their ends. Of all headings, `HEADINGS` where one is free, and all curves, those are
-    taken that are shortest together. Where all curves from the end of a leg are blocked, so that nothing could turn there, the end
-    of the leg is passed point by point instead, no farther apart than a footprint, in whatever direction there is room for.
+    The path passes all vertices. Legs longer than ``link``, except the first and the last, are flown straight from end to end.
+    Shorter legs may be replaced by a curve between their ends. Headings (`HEADINGS` choices at free points) and curves are chosen
+    for the smallest total length. If all curves from the end of a leg are blocked, the end of the leg is passed point by point, at
+    most a footprint apart, in any possible direction.
 
     Parameters
     ----------
     way : ndarray of float64, shape (k, 2)
-        Metres. First and last point may be left and reached in any direction.
+        Path in metres. Its first point may be left, and its last point reached, in any direction.
     radius : float
         Metres.
     link : float
-        Metres: `LINK` footprints.
+        Length in metres: `LINK` footprints.
     blocked : Shapely geometry, optional
-        What no curve crosses.
+        Areas that no curve may cross.
     known : KnownCurves, optional
-        What was found for other ways with the same radius, link and blocked, and is then added to.
+        Results for other paths with the same radius, link and blocked area. New results are added.
 
     Raises
     ------
     InvalidInputError
-        If there is no curve that crosses nothing.
+        If every curve crosses a blocked area.
 
     Examples
     --------
@@ -90,7 +90,7 @@ def turned_way(way: Floats, radius: float, *, link: float = 0.0, blocked: Any = 
     if len(points) < 3:
         return points
     straight = np.hypot(*np.diff(points, axis=0).T) > max(link, _SAME)
-    straight[[0, -1]] &= ~moves[[0, -1]]  # where the way begins with its second point, its first leg is of no length
+    straight[[0, -1]] &= ~moves[[0, -1]]  # if the path begins at its second point, its first leg has length zero
     closed = None if blocked is None or blocked.is_empty else blocked.buffer(-_TOUCH)
     memory = KnownCurves() if known is None else known
     loosen = [vertex for vertex, point in enumerate(points) if point.tobytes() in memory.loose]
@@ -110,13 +110,13 @@ def turned_way(way: Floats, radius: float, *, link: float = 0.0, blocked: Any = 
 
 
 def _loosened(points: Floats, straight: Any, vertex: int, reach: float, step: float) -> tuple[Floats, Any]:
-    """Return a way on which the straight legs at a vertex end before it, and their rest is passed point by point."""
-    for leg in (vertex, vertex - 1):  # the later one first, as numbers change after it
+    """Return a path on which the straight legs at a vertex end before it. The rest of each leg is passed point by point."""
+    for leg in (vertex, vertex - 1):  # the later leg first, because indices change after it
         if not (0 <= leg < len(straight)) or not straight[leg]:
             continue
         along = points[leg + 1] - points[leg]
         length = float(np.hypot(*along))
-        whole = length <= reach + step  # then all of the leg is passed so, else what lies within reach
+        whole = length <= reach + step  # then the whole leg is passed point by point, otherwise only the part within reach
         count = ceil(length / step - _SAME) if whole else int(reach / step)
         far = np.arange(1, count + (not whole)) * (1 / count if whole else step / length)
         shares = far if leg == vertex else 1.0 - far[::-1]
@@ -128,7 +128,7 @@ def _loosened(points: Floats, straight: Any, vertex: int, reach: float, step: fl
 
 
 def _along(poses: _Poses, radius: float, closed: Any, known: KnownCurves) -> Floats | list[int]:
-    """Return the shortest way through poses; the vertices at which there is none, rising, if there is none."""
+    """Return the shortest path through poses. If there is none, return the vertices where it fails, in increasing order."""
     links = np.flatnonzero(~np.array(poses.straight))
     lengths, words = _costs(poses, links, radius)
     looked: set[int] = set()
@@ -142,13 +142,13 @@ def _along(poses: _Poses, radius: float, closed: Any, known: KnownCurves) -> Flo
         crossing = [number for number in _crossing(curves, closed) if number not in looked]
         if not crossing:
             return _joined(poses, links, curves)
-        for number in crossing:  # all curves of these are looked at, once
+        for number in crossing:  # all curves of these links are tested once
             looked.add(number)
             lengths[number], words[number] = _free_costs(poses, int(links[number]), radius, closed, known)
 
 
 def _poses(points: Floats, far: Any) -> _Poses:
-    """Return the places to pass: both ends of each straight leg with its heading, else a place with free headings."""
+    """Return the poses to pass: both ends of each straight leg with its heading, otherwise a point with free headings."""
     legs = np.diff(points, axis=0)
     courses = np.arctan2(legs[:, 1], legs[:, 0])
     free = np.arange(HEADINGS - 1) * (2 * pi / (HEADINGS - 1))
@@ -171,7 +171,7 @@ def _poses(points: Floats, far: Any) -> _Poses:
 
 
 def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
-    """Return for each link and pair of headings the length of the shortest curve, and its word."""
+    """Return the length and the word of the shortest curve for each link and pair of headings."""
     lengths, words = np.full((len(links), HEADINGS, HEADINGS), np.inf), np.zeros((len(links), HEADINGS, HEADINGS), dtype=np.int8)
     only = np.isnan(poses.headings[:, 1])
     fixed = only[links] & only[links + 1]
@@ -184,7 +184,7 @@ def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
 
 
 def _parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> Floats:
-    """Return the parts of all curves of links, shape (n, count, count, 6, 3); infinite for headings that there are not."""
+    """Return the parts of all curves of links, shape (n, count, count, 6, 3); infinite for unused headings."""
     ends = []
     for some in (links, links + 1):
         place = np.broadcast_to(poses.points[some][:, None, :], (len(some), count, 2))
@@ -193,7 +193,7 @@ def _parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> F
 
 
 def _free_costs(poses: _Poses, link: int, radius: float, blocked: Any, known: KnownCurves) -> tuple[Floats, Any]:
-    """Return the lengths of the shortest curves of one link that cross nothing, and their words."""
+    """Return the lengths and words of the shortest unblocked curves of one link."""
     key = poses.points[link : link + 2].tobytes() + poses.headings[link : link + 2].tobytes()
     if key in known.costs:
         return known.costs[key]
@@ -211,14 +211,14 @@ def _free_costs(poses: _Poses, link: int, radius: float, blocked: Any, known: Kn
 
 
 def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | None:
-    """Return the heading of each place, as a column of ``headings``, of the shortest way; None if there is none."""
+    """Return the heading of each point on the shortest path as a column of ``headings``, or None if there is no path."""
     number = dict(zip(links.tolist(), range(len(links)), strict=True))
     costs = [np.where(np.isnan(poses.headings[0]), np.inf, 0.0)]
     came: list[Any] = []
     for place in range(len(poses.points) - 1):
         if place in number:
             every = costs[-1][:, None] + lengths[number[place]]
-        else:  # a straight leg: the only heading stays
+        else:  # a straight leg: its only heading is kept
             every = np.full((HEADINGS, HEADINGS), np.inf)
             every[0, 0] = costs[-1][0]
         came.append(every.argmin(axis=0))
@@ -239,13 +239,13 @@ def _curves(poses: _Poses, links: Any, words: Any, chosen: list[int], radius: fl
         end = np.append(poses.points[link + 1], poses.headings[link + 1, other])
         word = int(words[number, one, other])
         way = dubins_way(start, WORDS[word], dubins_parts(start, end, radius)[word], radius)
-        way[-1] = poses.points[link + 1]  # but for rounding it is there
+        way[-1] = poses.points[link + 1]  # the heading exists except for rounding errors
         found.append(way)
     return found
 
 
 def _crossing(curves: list[Floats], blocked: Any) -> list[int]:
-    """Return the numbers of curves that cross what is blocked."""
+    """Return the indices of curves that cross a blocked area."""
     if blocked is None or not curves:
         return []
     import shapely
@@ -256,9 +256,9 @@ def _crossing(curves: list[Floats], blocked: Any) -> list[int]:
 
 
 def _joined(poses: _Poses, links: Any, curves: list[Floats]) -> Floats:
-    """Return the whole way, without points on straight stretches but the second and the last but one of those to pass.
+    """Return the whole path. On straight sections, only the second and the second-last point to pass are kept.
 
-    Ends of rows lie on the first legs of curves. Between the two that are kept lies what a mission sees.
+    The ends of rows lie on the first legs of curves. A mission takes images between the two kept points.
     """
     number = dict(zip(links.tolist(), curves, strict=True))
     pieces, always = [poses.points[:1]], [True]
@@ -269,7 +269,7 @@ def _joined(poses: _Poses, links: Any, curves: list[Floats]) -> Floats:
         always += [*[False] * (len(piece) - 1), poses.vertices[place + 1] in (1, last - 1, last)]
     way, kept = np.vstack(pieces), np.array(always)
     apart = np.concatenate([[True], np.hypot(*np.diff(way, axis=0).T) > _SAME])
-    kept[:-1] |= kept[1:] & ~apart[1:]  # of two at one place the first one stays
+    kept[:-1] |= kept[1:] & ~apart[1:]  # of two equal points, the first is kept
     way, kept = way[apart], kept[apart]
     legs = np.diff(way, axis=0)
     legs /= np.hypot(*legs.T)[:, None]

@@ -1,1 +1,1 @@
-"""What walls do to particles: the worlds, what friction cannot do, noise, and how particles leave walls."""
+"""Contact between particles and walls: worlds, limits due to friction, noise, and release from walls."""

@@ -1,4 +1,4 @@
-"""What a real apparatus adds to the ideal world: friction that gives way, particles with a radius, a field that is not uniform."""
+"""Disturbances of a real apparatus: finite friction, particles with a radius, and a nonuniform field."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from shoal.steering.workspaces.region import Region
 
 
 def make_world(workspace: Any, *, friction: float = inf, radius: float = 0.0, gain: float = 0.0, seed: int = 0) -> Any:
-    """Return the world of a workspace: a `ContactWorld`, or a `RegionWorld` where there are obstacles.
+    """Return the world of a workspace: a `ContactWorld`, or a `RegionWorld` if the workspace has obstacles.
 
     Parameters
     ----------
     workspace : ConvexWorkspace or Region
     friction : float
-        Coefficient of friction between particle and wall; infinite if nothing that is pushed into a wall slides.
+        Coefficient of friction between particles and walls. If it is infinite, a particle pushed into a wall never slides.
     radius : float
-        Of the particles.
+        Radius of the particles.
     gain : float
-        By how much of itself the response to the input varies over the workspace, along a direction that the seed draws.
+        Total relative variation of the gain over the workspace, along a direction drawn from the seed.
     seed : int
 
     Raises
@@ -46,6 +46,6 @@ def make_world(workspace: Any, *, friction: float = inf, radius: float = 0.0, ga
 
 
 def generators(seed: int) -> tuple[Generator, Generator, Generator, Generator]:
-    """Return the generators of the field, of execution, of the camera and of the planner."""
+    """Return four random generators: for the field, the execution of moves, the camera and the planner."""
     spawned = np.random.SeedSequence(seed).spawn(4)
     return tuple(np.random.default_rng(child) for child in spawned)  # type: ignore[return-value]  # four children, four generators

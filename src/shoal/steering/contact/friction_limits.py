@@ -1,9 +1,10 @@
-"""What friction that gives way can never do: gauges of Δ that no wall lets grow, and barriers that no reaction crosses.
+"""Limits due to finite friction, proved by gauges of Δ that no wall can increase, and by barriers that no reaction crosses.
 
-A wall acts on a particle by a reaction inside of the friction cone around its inward normal N. So whatever both particles touch,
-Δ changes by reactions on particle 2 less those on particle 1, and a gauge of Δ that no single reaction can raise never grows.
-A barrier is such a bound for one start: a closed line around 0 and the start's Δ, out of which no reaction leads that is possible
-there. The larger Δ, the fewer walls can be touched; so the line follows the outermost reactions all around, both ways.
+A wall acts on a particle by a reaction inside the friction cone around its inward normal N. A reaction on particle 2 changes Δ
+directly, and a reaction on particle 1 changes Δ by its opposite. If no single reaction can increase a gauge of Δ, the gauge never
+increases. A barrier is such a bound for one start: a closed curve around 0 and the initial Δ that no possible reaction crosses. The
+larger Δ is, the fewer walls the particles can touch. The curve therefore follows the outermost reactions in both directions around
+0.
 """
 
 from __future__ import annotations
@@ -19,18 +20,18 @@ from shoal.steering.workspaces.convex_geometry import Points, hull
 from shoal.steering.workspaces.normalized_walls import normalize_walls
 
 _SLACK = 1e-12
-_ROUNDING = 1e-6  # of |Δ|, and of a turn: what sums of many steps may be off by
+_ROUNDING = 1e-6  # relative to |Δ|, and in radians: rounding error of sums over many steps
 _SAME_ANGLE = 1e-9
-_ANGLES = 3000  # corners of a barrier
+_ANGLES = 3000  # number of corners of a barrier
 
 
 def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, *, near: float = 0.0) -> str | None:
-    """Return why friction keeps one difference from becoming another, or one so near to it, None if it may not.
+    """Return the reason why friction prevents a change of Δ from ``before`` to near ``after``, or None if none is proved.
 
-    On a disk of radius r: where |Δ| >= 2 r sin(atan μ), the other particle lies too far around the circle for a reaction at the
-    toucher to have a part along Δ; so |Δ| never rises above the larger of that and what it was, and above that it turns by no more
-    than shrinking lets it. On a polygon: a barrier, and the gauges whose unit balls have the walls' normals as normals of their
-    sides, or as corners, if no reaction raises them.
+    On a disk of radius r, consider |Δ| >= 2 r sin(atan μ). The other particle is then too far around the circle for a reaction at
+    the toucher to have a component along Δ. Therefore |Δ| never exceeds the larger of this limit and its initial value. Above the
+    limit, Δ can turn only while it shrinks. On a polygon, the function uses a barrier and several gauges. The unit balls of the
+    gauges have the walls' normals as side normals or as corners, and only gauges that no reaction increases count.
     """
     if friction == inf or workspace.dimensions == 3:
         return None
@@ -44,30 +45,30 @@ def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, 
 
 
 def _limit_on_disk(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, wide: float) -> str | None:
-    """Return the reason on a disk; the direction of the goal's difference may be off by an angle."""
+    """Return the reason on a disk. The direction of the goal's difference may be inexact by the angle ``wide``."""
     large, small, cone = float(np.hypot(*before)), float(np.hypot(*after)), float(np.arctan(friction))
     most = max(large, 2 * workspace.radius * float(np.sin(cone)))
     if small > most:
         return (
-            f"with friction {friction:g} the particles on this disk cannot come further apart than {most:.6g}, "
-            f"and the goals are {small:.6g} apart"
+            f"with friction {friction:g} the particles on this disk cannot move farther apart than {most:.6g}, and the goals are "
+            f"{small:.6g} apart"
         )
     turn = float(np.arctan2(after[1], after[0]) - np.arctan2(before[1], before[0]))
     turn = abs((turn + np.pi) % (2 * np.pi) - np.pi) - wide
     possible = turn_on_the_way(large, small, workspace.radius, cone)
     if turn > possible + _ROUNDING:
         return (
-            f"with friction {friction:g} the difference of the particles on this disk turns by no more than {possible:.6g} rad "
-            f"while it shrinks from {large:.6g} to {small:.6g}, and it would have to by {turn:.6g}"
+            f"with friction {friction:g} the difference of the particles on this disk can turn by at most {possible:.6g} rad "
+            f"while it shrinks from {large:.6g} to {small:.6g}, and the goals need {turn:.6g} rad"
         )
     return None
 
 
 def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> float:
-    """Return by how much a difference turns at the most while it shrinks, where friction lets it do nothing else.
+    """Return the largest turn of a difference while it shrinks, for differences that friction does not allow to grow.
 
-    Along a reaction at the edge of the cone: d(turn) = tan(φ + cone) tan φ dφ with |Δ| = 2 radius cos φ, which has an integral.
-    Infinite where φ + cone comes to a right angle: from there on |Δ| need not shrink.
+    The largest turn follows a reaction at the edge of the cone: d(turn) = tan(φ + cone) tan φ dφ with |Δ| = 2 radius cos φ, which
+    has a closed integral. The result is infinite if φ + cone reaches a right angle, because |Δ| then need not shrink.
     """
     first, last = (float(np.arccos(min(1.0, size / (2 * radius)))) for size in (large, small))
     if last + cone >= np.pi / 2:
@@ -79,25 +80,26 @@ def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> f
 
 
 def _limit_of_gauges(workspace: ConvexWorkspace, friction: float, before: Points, after: Points) -> str | None:
-    """Return the reason if a gauge of the walls' normals says so."""
+    """Return the reason given by a gauge of the walls' normals, or None."""
     both = np.vstack([workspace.normals, -workspace.normals])
     balls = [both, _sides_of_hull(both)]
     if len(workspace.normals) == 4 and 0 < friction <= 1:
-        # On a rectangle all gauges |Δx| + k |Δy| with friction <= k <= 1 / friction, of which the outer two say most.
+        # On a rectangle, all gauges |Δx| + k |Δy| with friction <= k <= 1 / friction are valid. The two extreme values of k are the
+        # strongest.
         balls += [_sides_of_hull(both * np.tile([[weight], [1.0]], (4, 1))) for weight in (friction, 1 / friction)]
     for sides in balls:
         if _never_grows(sides, workspace.normals, friction):
             low, high = float((sides @ before).max()), float((sides @ after).max())
             if high > low:
                 return (
-                    f"with friction {friction:g} no wall of this polygon lets the difference of the particles grow, "
-                    f"in the gauge of its normals, and it would have to by a factor of {high / max(low, 1e-300):.6g}"
+                    f"with friction {friction:g} no wall of this polygon can increase the difference of the particles, in the "
+                    f"gauge of its normals, and the goals need a factor of {high / max(low, 1e-300):.6g}"
                 )
     return None
 
 
 def _limit_of_barrier(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, near: float) -> str | None:
-    """Return the reason if there is a barrier between the start's difference and all that are so near to the goal's."""
+    """Return the reason if a barrier separates the initial difference from all differences near the goal's, or None."""
     walls = normalize_walls(workspace)
     large, size = float(np.hypot(*before)), float(np.hypot(*after))
     directions = np.arctan2(walls.normals[:, 1], walls.normals[:, 0]) + np.pi / 2
@@ -125,21 +127,21 @@ def _limit_of_barrier(workspace: ConvexWorkspace, friction: float, before: Point
     )
     if outside:
         return (
-            f"with friction {friction:g} the reactions of this polygon's walls carry the difference of the particles from "
-            f"({before[0]:.6g}, {before[1]:.6g}) nowhere near ({after[0]:.6g}, {after[1]:.6g})"
+            f"with friction {friction:g} the reactions of this polygon's walls cannot change the difference of the particles "
+            f"from ({before[0]:.6g}, {before[1]:.6g}) to a value near ({after[0]:.6g}, {after[1]:.6g})"
         )
     return None
 
 
 def _sides_of_hull(points: Points) -> Points:
-    """Return vectors n such that the hull of points is where all n @ p <= 1."""
+    """Return vectors n such that the convex hull of the points is the set of p with n @ p <= 1 for all n."""
     corners = hull(points)
     following = np.roll(corners, -1, axis=0)
     return np.array([np.linalg.solve(np.stack([one, other]), np.ones(2)) for one, other in zip(corners, following, strict=True)])
 
 
 def _never_grows(sides: Points, normals: Points, friction: float) -> bool:
-    """Tell whether no reaction of any wall raises the gauge max(sides @ Δ), wherever on its unit ball Δ lies."""
+    """Return whether no reaction of any wall increases the gauge max(sides @ Δ), for all Δ on its unit ball."""
     order = np.argsort(np.arctan2(sides[:, 1], sides[:, 0]))
     sides = sides[order]
     kept = np.any(np.abs(sides - np.roll(sides, 1, axis=0)) > _SLACK, axis=1)
@@ -148,7 +150,7 @@ def _never_grows(sides: Points, normals: Points, friction: float) -> bool:
         [np.linalg.solve(np.stack([one, other]), np.ones(2)) for one, other in zip(sides, np.roll(sides, -1, axis=0), strict=True)]
     )
     if (corners @ sides.T > 1 + 1e-9).any():
-        return False  # a side that is none: too steep to use
+        return False  # a degenerate side, too steep to use
     for k, side in enumerate(sides):
         ends = np.stack([corners[k - 1], corners[k]])
         for normal in np.vstack([normals, -normals]):  # toucher 1, toucher 2

@@ -1,4 +1,4 @@
-"""What a closed loop knows of the gain: how strongly particles follow the input, here and there."""
+"""Estimate of the gain for closed-loop planners: how strongly particles follow the input at each point."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from shoal.steering.workspaces.convex_geometry import Points
 
-PRIOR = 0.3  # standard deviation of the gain's slope, in gains a size, before anything is seen
+PRIOR = 0.3  # prior standard deviation of the gain's slope, in gains per size
 
 
 class GainBelief:
-    """What is known of the gain g(p) = a + b p: a Gaussian belief, made sharper by every free flight."""
+    """Gaussian belief about the gain g(p) = a + b p. Each free flight (a move without contact) improves it."""
 
     def __init__(self, room: Any, noise: Any) -> None:
         d = room.dimensions
@@ -27,30 +27,33 @@ class GainBelief:
         return np.asarray(np.r_[1.0, (point - self.center) / self.size])
 
     def at(self, point: Points) -> float:
-        """Return the gain at a point."""
+        """Return the expected gain at a point."""
         return max(float(self._features(point) @ self.estimate), 0.2)
 
     def mean(self, here: Points, there: Points) -> float:
-        """Return the gain on the way between two points."""
+        """Return the expected mean gain on the path between two points."""
         return self.at((here + there) / 2)
 
     def deviation(self, here: Points, there: Points) -> float:
-        """Return the standard deviation of that."""
+        """Return the standard deviation of the mean gain on the path between two points."""
         features = self._features((here + there) / 2)
         return float(np.sqrt(features @ self.spread @ features))
 
     def ahead(self, point: Points, move: Points) -> Points:
-        """Return where a move takes a free particle."""
+        """Return the expected point where a move ends for a free particle."""
         middle = point + self.at(point) * move / 2
         return np.asarray(point + self.at(middle) * move)
 
     def behind(self, point: Points, move: Points) -> Points:
-        """Return from where a move takes a free particle to a point."""
+        """Return the expected start point from which a move takes a free particle to ``point``."""
         middle = point - self.at(point) * move / 2
         return np.asarray(point - self.at(middle) * move)
 
     def learn(self, here: Points, there: Points, move: Points) -> None:
-        """Sharpen the belief by one free flight: the gain in its middle is the way over the move."""
+        """Update the belief by one free flight.
+
+        The gain at its midpoint is the travelled distance divided by the length of the move.
+        """
         length = float(np.linalg.norm(move))
         if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):
             return

@@ -1,4 +1,4 @@
-"""RegionWorld: what a shared displacement does to particles in a region of any shape, with obstacles."""
+"""RegionWorld: motion of particles under a shared displacement in a region with obstacles."""
 
 from __future__ import annotations
 
@@ -17,22 +17,24 @@ from shoal.steering.workspaces.region import Region
 
 @dataclass(frozen=True, eq=False)
 class RegionWorld(SteeringWorld):
-    """The dynamics of particles under one shared displacement, in a region whose walls hold particles.
+    """The dynamics of particles under one shared displacement, in a region of any shape whose walls hold particles.
 
-    A particle on an edge does not move while that edge has ``N u <= 0``, N its inward normal. In a corner that is narrower than
-    180 degrees either edge holds; at one that is wider, as those of obstacles are, it is held only if both would, so that it moves
-    wherever there is free space strictly. During a straight move a particle stops where it first meets an edge that would hold it
-    and stays there for the rest of that move; the others go on. Particles do not meet each other.
+    An edge with inward normal N holds a particle on it while ``N u <= 0``. At a convex corner (narrower than 180 degrees), either
+    edge can hold the particle. At a wider corner, such as an obstacle's, the particle is held only if both edges would hold it. So
+    it moves whenever free space lies strictly ahead. During a straight move, a particle stops where it first meets an edge that
+    would hold it, and stays there until the end of the move. The other particles continue. Particles do not collide with each
+    other.
 
     Parameters
     ----------
     workspace : Region
     touch : float
-        Of the size: who is nearer to an edge than this is on it.
+        Contact tolerance relative to the size: a particle closer to an edge than this is on it.
 
     Notes
     -----
-    Source: ours; paper W's outlook, section VIII. In a convex region it is the world of paper W, section III, eq. 1.
+    Source: own extension; see the outlook of paper W, section VIII. In a convex region, the dynamics equal paper W, section III,
+    eq. 1.
 
     Examples
     --------
@@ -51,7 +53,7 @@ class RegionWorld(SteeringWorld):
 
     @cached_property
     def edges(self) -> kernels.Edges:
-        """What kernels take."""
+        """The edges in the form that kernels use."""
         edges = np.ascontiguousarray(self.workspace.edges)
         along = edges[:, 2:] - edges[:, :2]
         lengths = np.hypot(*along.T)
@@ -67,11 +69,11 @@ class RegionWorld(SteeringWorld):
         return kernels.Edges(edges, normals, lengths, links, reflex, float(self.workspace.size) * self.touch / TOUCH)
 
     def is_held(self, point: Points, move: Points) -> bool:
-        """Tell whether an edge would hold a particle at the start of a move."""
+        """Return whether an edge would hold a particle at the start of a move."""
         return bool(kernels.is_held(point, move, *self.edges))
 
     def moved(self, state: Points, move: Points) -> Points:
-        """Move the particles, in place, without any checks."""
+        """Move the particles in place, without any checks."""
         for point in state:
             kernels.advance(point, move, self.edges)
         return state

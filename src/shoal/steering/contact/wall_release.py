@@ -1,4 +1,4 @@
-"""Wall release: the small moves off walls without which a translation that starts on a wall would be held."""
+"""Wall release: small moves off a wall before a translation that the wall would otherwise block."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import numpy as np
 from shoal.steering.workspaces.convex import TOUCH, ConvexWorkspace
 from shoal.steering.workspaces.convex_geometry import Points
 
-RELEASE_LENGTHS = (1e-6, 1e-7, 2e-8)  # of the size: lengths of a lift, the first that takes no particle into another wall
-RELEASED = 5e-9  # of a move's length: what it must go away from a wall to be sure of not being held
-_STEEP = 0.01  # least slope of a lift
+# relative to the size: lengths of a lift; the first length that takes no particle into another wall is used
+RELEASE_LENGTHS = (1e-6, 1e-7, 2e-8)
+RELEASED = 5e-9  # relative to a move's length: minimum distance away from a wall for a safe release
+_STEEP = 0.01  # minimum slope of a lift
 
 
 def touched_normals(workspace: ConvexWorkspace, point: Points, *, within: float = 2 * TOUCH) -> Points:
-    """Return the inward normals of the walls that a particle is on, or within a part of the size; float64, shape (walls, d)."""
+    """Return the inward normals of the walls that a particle touches within a relative tolerance; float64, shape (walls, d)."""
     near = within * workspace.size
     normals = workspace.normals[workspace.wall_distances(point) <= near]
     if workspace.round and float(workspace.circle_distance(point)) <= near:
@@ -26,13 +27,13 @@ def touched_normals(workspace: ConvexWorkspace, point: Points, *, within: float 
 
 
 def is_released(workspace: ConvexWorkspace, points: Points, move: Points) -> bool:
-    """Tell whether no wall holds any particle against a move, with room to spare."""
+    """Return whether no wall blocks any particle during a move, with a safety margin."""
     length = float(np.linalg.norm(move))
     return all((touched_normals(workspace, point) @ move > RELEASED * length).all() for point in points)
 
 
 def released_translation(workspace: ConvexWorkspace, points: Points, move: Points) -> list[Points] | None:
-    """Return moves that translate all particles as one does: it alone, or a lift off the walls first; None if no move lifts all."""
+    """Return moves that translate all particles by ``move``, after a lift off the walls if necessary; None if no lift exists."""
     if is_released(workspace, points, move):
         return [move]
     for length in RELEASE_LENGTHS:
@@ -44,9 +45,9 @@ def released_translation(workspace: ConvexWorkspace, points: Points, move: Point
 
 
 def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Points]]:
-    """Return small moves, each with the state after it, that take one particle off its walls while another one is held.
+    """Return small moves, each with the state after it, that take one particle off its walls while another particle is held.
 
-    For states in which no move lifts both, as on opposite walls.
+    These moves are for states in which no single move lifts both particles, such as particles on opposite walls.
     """
     found = []
     for held in (0, 1):
@@ -64,9 +65,9 @@ def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points
 
 
 def direction_away_from(rows: Points) -> Points | None:
-    """Return the unit vector whose products with all given unit vectors are largest at the least; None if one is hardly positive.
+    """Return the unit vector whose smallest product with the given unit vectors is largest, or None if that product is about 0.
 
-    It has the same product with a few of them, at most one for each dimension, and lies in their span.
+    The result has equal products with at most d of the given vectors and lies in their span.
     """
     d = rows.shape[1]
     if not len(rows):

@@ -1,4 +1,4 @@
-"""ContactWorld: what a shared displacement does to particles between walls that hold what is pushed into them."""
+"""ContactWorld: motion of particles under a shared displacement, between walls that hold particles pushed into them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PUSHED = kernels.PUSHED
 
 
 class SteeringWorld(ABC):
-    """What all worlds of steering have: particles that one shared displacement moves, in a workspace.
+    """Base class of the steering worlds: particles in a workspace, moved by one shared displacement.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class SteeringWorld(ABC):
 
     @property
     def room(self) -> Any:
-        """Where the centres of the particles can be."""
+        """The set of possible positions of the particles' centres, as a workspace."""
         return self.workspace
 
     def initial(self, points: ArrayLike) -> Points:
@@ -43,22 +43,22 @@ class SteeringWorld(ABC):
         Raises
         ------
         InvalidInputError
-            If one is outside, or if two overlap.
+            If a particle is outside the workspace, or two particles overlap.
         """
         return self.check_state(points, what="start")
 
     def check_state(self, points: ArrayLike, *, what: str) -> Points:
-        """Return points where particles can be, float64, shape (n, dimensions); raise InvalidInputError for others."""
+        """Return valid particle positions as float64, shape (n, dimensions). Invalid positions raise InvalidInputError."""
         state: Points = self.room.check_inside(points, what=what)
         return state
 
     def step(self, points: ArrayLike, move: ArrayLike) -> Points:
-        """Return where particles at ``points`` are after one straight move, float64, shape (n, dimensions).
+        """Return the positions of particles after one straight move from ``points``; float64, shape (n, dimensions).
 
         Raises
         ------
         InvalidInputError
-            If the move is no vector of finite numbers.
+            If the move is not a vector of finite numbers.
         """
         dimensions = self.workspace.dimensions
         state = np.array(check_points(points, what="points", dimensions=dimensions), order="C")
@@ -76,53 +76,53 @@ class SteeringWorld(ABC):
         return np.array(states)
 
     def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
-        """Tell which particles a wall would hold at the start of a move, were friction endless; bool, shape (n,)."""
+        """Return which particles a wall would hold at the start of a move with infinite friction; bool, shape (n,)."""
         state = np.ascontiguousarray(check_points(points, what="points", dimensions=self.workspace.dimensions))
         vector = check_points([move], what="move", dimensions=self.workspace.dimensions, count=1)[0]
         return np.array([self.is_held(point, vector) for point in state])
 
     @abstractmethod
     def moved(self, state: Points, move: Points) -> Points:
-        """Move the particles, in place, without any checks."""
+        """Move the particles in place, without any checks."""
 
     @abstractmethod
     def is_held(self, point: Points, move: Points) -> bool:
-        """Tell whether a wall would hold a particle at the start of a move."""
+        """Return whether a wall would hold a particle at the start of a move."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, between walls with friction.
 
-    A particle on a wall does not move while that wall has ``N u <= 0``, N its inward normal; so a push along the wall is held,
-    too, and in a corner either wall holds. During a straight move a particle stops where it first meets a wall and stays there
-    for the rest of that move; the others go on.
+    A wall with inward normal N holds a particle on it while ``N u <= 0``. The wall therefore also holds a particle that is pushed
+    along it. In a corner, either wall can hold the particle. During a straight move, a particle stops where it first meets a wall
+    and stays there until the end of the move. The other particles continue.
 
-    With finite friction a particle that is pushed into a wall slides along it by ``|T u| - friction |N u|`` in the direction T of
-    the push, if that is more than nothing. With a gain a particle at p follows ``g(p) u``, where ``g(p) = 1 + gradient (p - c)``,
-    c the centre: the one nearer to a coil goes faster. Particles with a radius are spheres: their centres stay so far from the
-    walls, and one that runs into another that is held stops there.
+    With finite friction, a particle pushed into a wall slides along the wall by ``|T u| - friction |N u|`` if this is positive,
+    where T is the tangential direction of the push. With a gain, a particle at p moves by ``g(p) u``, where ``g(p) = 1 + gradient
+    (p - c)`` and c is the centre: particles closer to a coil move faster. Particles with a radius are spheres. Their centres stay
+    at least a radius away from the walls, and a sphere that meets a held sphere stops.
 
     Parameters
     ----------
     workspace : ConvexWorkspace
     friction : float
-        Coefficient of Coulomb friction, 0 or more; infinite in the ideal world.
+        Coefficient of Coulomb friction, at least 0. Infinite friction is the ideal world, in which held particles never slide.
     gradient : array_like of float, shape (dimensions,), optional
-        Of the gain, per unit of length.
+        Gradient of the gain, per unit of length.
     radius : float
-        Of the particles.
+        Radius of the particles.
     touch : float
-        Of the size: who is nearer to a wall than this is on it.
+        Contact tolerance relative to the size: a particle closer to a wall than this is on it.
 
     Raises
     ------
     InvalidInputError
-        For other numbers, for a gain that is not positive everywhere, or if a particle does not fit in.
+        If a number is out of range, the gain is not positive everywhere, or a particle does not fit into the workspace.
 
     Notes
     -----
-    Source: paper W, section III, eq. 1, and for the gain section VII.A. Friction, gain and radius are ours.
+    Source: paper W, section III, eq. 1; section VII.A for the gain. Finite friction, gain model and radius are own extensions.
 
     Examples
     --------
@@ -145,16 +145,16 @@ class ContactWorld(SteeringWorld):
         check_number(self.radius, what="particle radius", least=0)
         if self.radius and (self.friction < inf or self.gradient is not None):
             raise InvalidInputError("particle radius: expected no friction coefficient and no gain with it; those are for points")
-        _ = self.room, self.gain  # refuse what does not fit now
+        _ = self.room, self.gain  # raises an error if a particle does not fit
 
     @cached_property
     def room(self) -> ConvexWorkspace:
-        """Where the centres of the particles can be."""
+        """The set of possible positions of the particles' centres, as a workspace."""
         return self.workspace.inset(self.radius) if self.radius else self.workspace
 
     @cached_property
     def gain(self) -> NDArray[np.float64]:
-        """(g, gx, gy, ...): a particle at p follows ``g + (gx, gy, ...) p`` times the input."""
+        """Coefficients (g, gx, gy, ...): a particle at p moves by ``g + (gx, gy, ...) p`` times the input."""
         d = self.workspace.dimensions
         if self.gradient is None:
             return np.asarray(np.eye(d + 1)[0])
@@ -168,7 +168,7 @@ class ContactWorld(SteeringWorld):
         return np.concatenate([[1 - gradient @ center], gradient])
 
     def check_state(self, points: ArrayLike, *, what: str) -> Points:
-        """Return points where particles can be, float64, shape (n, dimensions); raise InvalidInputError for others."""
+        """Return valid particle positions as float64, shape (n, dimensions). Invalid positions raise InvalidInputError."""
         state = super().check_state(points, what=what)
         if self.radius:
             away = np.linalg.norm(state[:, None] - state[None], axis=-1) + np.eye(len(state)) * 4 * self.radius
@@ -182,18 +182,18 @@ class ContactWorld(SteeringWorld):
 
     @cached_property
     def walls(self) -> kernels.Walls:
-        """What kernels take."""
+        """The walls in the form that kernels use."""
         room = self.room
         normals, circle = np.ascontiguousarray(room.normals), np.array([*room.center, room.radius])
         near = float(self.workspace.size) * self.touch / kernels.TOUCH
         return kernels.Walls(normals, room.offsets, circle, near, float(self.friction), self.gain)
 
     def is_held(self, point: Points, move: Points) -> bool:
-        """Tell whether a wall would hold a particle at the start of a move."""
+        """Return whether a wall would hold a particle at the start of a move."""
         return bool(kernels.is_held(point, move, self.walls))
 
     def moved(self, state: Points, move: Points) -> Points:
-        """Move the particles, in place, without any checks."""
+        """Move the particles in place, without any checks."""
         before, spare = state.copy(), np.empty_like(move)
         shares = np.array([kernels.advance(point, move, self.walls, spare) for point in state])
         if self.radius:
@@ -202,9 +202,10 @@ class ContactWorld(SteeringWorld):
 
 
 def stop_at_others(before: Points, move: Points, shares: NDArray[np.float64], apart: float, after: Points) -> None:
-    """Stop, in place, spheres that run into one that a wall has stopped, in the order in which that happens.
+    """Stop spheres that collide with a stopped sphere, in order of the collisions. Changes the state in place.
 
-    Until a wall stops one of them, all move alike and none meets another. ``shares`` says at which share of the move each stopped.
+    Until a wall stops the first sphere, all spheres move alike and none collides. ``shares`` holds the fraction of the move at
+    which each sphere stopped.
     """
     shares = shares.copy()
     length = float(move @ move)
@@ -212,7 +213,7 @@ def stop_at_others(before: Points, move: Points, shares: NDArray[np.float64], ap
         first, who = 1.0, None
         for mover in range(len(before)):
             for stopped in np.flatnonzero(shares < shares[mover]):
-                # |before + share move - after[stopped]| = apart, at the smaller share.
+                # Solve |before + share move - after[stopped]| = apart for the smaller share.
                 gap = before[mover] - after[stopped]
                 half, rest = float(gap @ move), float(gap @ gap) - apart * apart
                 under = half * half - length * rest

@@ -1,1 +1,1 @@
-"""The Δ configuration space: which differences of two particles two moves, and more, can make."""
+"""The Δ configuration space: the differences of two particles' positions that a number of moves can reach."""

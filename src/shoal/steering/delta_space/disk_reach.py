@@ -1,10 +1,10 @@
-"""What Δ can be made in k moves on a disk, and which share of all differences that is.
+"""The differences Δ that k moves reach on a disk, and their fraction of all differences.
 
-Two more moves start with a contact c and may bring the other particle to any point that is no deeper below the wall there than it
-was. So all that is reached is a union of convex sets { q - c } that hold Δ = 0, and is told by its *radii*: how far it goes in each
-direction. A contact on whose wall the other particle may be as deep as H lets Δ go in the direction e as far as
-min(way to the far wall, H / N·e), with N the inward normal; the radius is the largest of these, and the next depths follow from the
-radii in turn. On a disk the second particle's contacts give the same sets.
+Two more moves start with a contact c. They can bring the other particle to any point whose depth below the wall at c is not larger
+than before. The reachable set is therefore a union of convex sets { q - c } that contain Δ = 0. The set is described by its
+*radii*: its extent in each direction. At a contact where the other particle can have depth H, Δ can extend in direction e to
+min(distance to the far wall, H / N·e), with N the inward normal. The radius is the largest of these extents, and the next depths
+follow from the radii. On a disk, contacts of the second particle give the same sets.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ _LEVEL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class DiskReach:
-    """The differences that an even number of moves reaches on a disk, with Δ at the start turned to point right.
+    """The differences that an even number of moves reaches on a disk. The initial Δ is rotated to point to the right.
 
     Parameters
     ----------
     radius : float
     distance : float
-        Between the particles at the start.
+        Distance between the particles at the start.
     moves : int
         2, 4, 6, ...
     radii : ndarray of float64, shape (n,)
-        How far Δ goes in directions from 0 to π, in the middles of n equal parts; the set is symmetrical.
+        Extent of Δ in n directions: the midpoints of n equal intervals from 0 to π. The set is symmetrical.
     """
 
     radius: float
@@ -56,49 +56,51 @@ class DiskReach:
 
     @property
     def outline(self) -> Points:
-        """The border of the set; float64, shape (2 n, 2)."""
+        """Boundary of the set; float64, shape (2 n, 2)."""
         ahead = _ahead(len(self.radii))
         angles = np.concatenate([ahead, 2 * pi - ahead[::-1]])
         radii = np.concatenate([self.radii, self.radii[::-1]])
         return np.asarray(radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
 
     def contains(self, differences: ArrayLike) -> NDArray[np.bool_]:
-        """Tell for each difference, shape (..., 2), whether it can be reached; bool, shape (...)."""
+        """Return for each difference, shape (..., 2), whether it can be reached; bool, shape (...)."""
         given = np.asarray(differences, dtype=np.float64)
         angles = np.abs(np.arctan2(given[..., 1], given[..., 0]))
         return np.asarray(np.hypot(given[..., 0], given[..., 1]) <= np.interp(angles, _ahead(len(self.radii)), self.radii))
 
     def fraction(self) -> float:
-        """Return the share of the area of all differences."""
+        """Return the area of the set as a fraction of the area of all differences."""
         return float(np.mean(self.radii**2)) / (2 * self.radius) ** 2
 
 
 def check_moves(moves: int) -> int:
-    """Return an even number of moves; raise InvalidInputError for others."""
+    """Return an even number of moves after checking it. Other numbers raise InvalidInputError."""
     if check_integer(moves, what="moves", least=2) % 2:
         raise InvalidInputError(f"moves: expected an even number, 2 or more, got {moves}")
     return int(moves)
 
 
 def disk_reach(distance: float, *, moves: int, radius: float = 0.5, directions: int = DIRECTIONS) -> list[DiskReach]:
-    """Return what two particles on a disk can reach after 2, 4, ..., ``moves`` moves; particle 2 starts to the right of 1.
+    """Return the sets that two particles on a disk reach after 2, 4, ..., ``moves`` moves.
 
-    Only the distance at the start matters: a turn of the start turns the sets.
+    Particle 2 starts to the right of particle 1.
+
+    Only the initial distance matters, because a rotation of the start rotates the sets.
 
     Parameters
     ----------
     distance : float
-        Between the particles at the start, above 0 and at most twice the radius.
+        Distance between the particles at the start, above 0 and at most twice the radius.
     moves : int
-        Even, 2 or more.
+        Number of moves, even and at least 2.
     radius : float
     directions : int
-        How many contacts, and how many directions of Δ, are looked at: 16 or more.
+        Number of contacts, and of directions of Δ, in the computation; at least 16.
 
     Raises
     ------
     InvalidInputError
-        For other numbers.
+        If a number is out of range.
 
     Notes
     -----
@@ -115,7 +117,7 @@ def disk_reach(distance: float, *, moves: int, radius: float = 0.5, directions: 
     check_integer(directions, what="directions", least=16)
     ahead = _ahead(directions // 2)
     half = np.arccos(min(1.0, distance / size))
-    contacts = np.linspace(-half, half, directions)  # turned by π: contacts lie behind Δ
+    contacts = np.linspace(-half, half, directions)  # rotated by π: contacts lie on the side opposite to Δ
     depths = distance / size * np.cos(contacts)
     sets: list[DiskReach] = []
     for done in range(2, moves + 1, 2):
@@ -127,17 +129,17 @@ def disk_reach(distance: float, *, moves: int, radius: float = 0.5, directions: 
 
 
 def _ahead(count: int) -> NDArray[np.float64]:
-    """Return directions from 0 to π."""
+    """Return the directions from 0 to π."""
     return pi * (np.arange(count) + 0.5) / count
 
 
 def _furthest(ahead: NDArray[np.float64], contacts: NDArray[np.float64], depths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far Δ goes in each direction from contacts at which the other particle may be so deep."""
-    slope = np.cos(ahead[:, None] - contacts)  # chords have this length, and this much of a step goes inward
+    """Return the extent of Δ in each direction, from contacts with given depths of the other particle."""
+    slope = np.cos(ahead[:, None] - contacts)  # length of each chord, and its inward component per unit of length
     with np.errstate(divide="ignore", invalid="ignore"):
         allowed = np.where(slope > _LEVEL, depths / slope, 0.0)
     reached = np.where(slope > _LEVEL, np.minimum(slope, allowed), 0.0)
-    # The longest way is often where chord and depth end together, between two contacts.
+    # The longest extent is often between two contacts, where chord and depth limit it equally.
     left = slope - allowed
     crossed = (left[:, :-1] * left[:, 1:] < 0) & (slope[:, :-1] > _LEVEL) & (slope[:, 1:] > _LEVEL)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -147,7 +149,7 @@ def _furthest(ahead: NDArray[np.float64], contacts: NDArray[np.float64], depths:
 
 
 def _deepest(ahead: NDArray[np.float64], radii: NDArray[np.float64], contacts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how deep below each contact Δ can go."""
+    """Return the largest depth that Δ can have below each contact."""
     around, far = np.concatenate([-ahead[::-1], ahead]), np.concatenate([radii[::-1], radii])
     slope = np.maximum(np.cos(around - contacts[:, None]), 0.0)
     return np.asarray((np.minimum(far, slope) * slope).max(axis=1))

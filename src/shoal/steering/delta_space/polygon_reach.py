@@ -1,11 +1,12 @@
-"""What Δ can be made in k moves on a polygon, and which share of all differences that is.
+"""The differences Δ that k moves reach on a polygon, and their fraction of all differences.
 
-As on a disk, of all that can be reached in k moves only the greatest depth at each contact matters: with particle 1 (σ = 1) or 2
-(σ = -1) at a contact c of a wall, H_k(c) is how deep below that wall the other particle can lie then. The sets of k + 2 moves are
+As on a disk, the set that k moves reach is determined by the greatest depth at each contact. Let particle 1 (σ = 1) or particle 2
+(σ = -1) be at a contact c of a wall. H_k(c) is the largest depth that the other particle can then have below that wall. The sets of
+k + 2 moves are
 
     { σ (q - c) : q in the polygon, depth of q below the wall of c <= H_k(c) },
 
-and the next depths are linear programs over those.
+and the next depths are linear programs over these sets.
 """
 
 from __future__ import annotations
@@ -42,11 +43,11 @@ class PolygonReach:
     moves : int
         2, 4, 6, ...
     contacts : ndarray of float64, shape (contacts, 2)
-        Points of the walls that are looked at.
+        Sample points on the walls.
     walls : ndarray of int64, shape (contacts,)
-        Which wall each lies on.
+        Index of the wall of each contact.
     depths : ndarray of float64, shape (2, contacts)
-        H_(moves - 2) for σ = 1 and σ = -1; negative where the toucher cannot be.
+        H_(moves - 2) for σ = 1 and σ = -1. Negative where the toucher cannot be.
     """
 
     workspace: ConvexWorkspace
@@ -57,10 +58,10 @@ class PolygonReach:
     depths: NDArray[np.float64]
 
     def contains(self, differences: ArrayLike) -> NDArray[np.bool_]:
-        """Tell for each difference, shape (..., 2), whether it can be reached; bool, shape (...).
+        """Return for each difference, shape (..., 2), whether it can be reached; bool, shape (...).
 
-        Exact for two moves. For more, between two of `contacts` the lower depth is taken, so this says no a little too often;
-        `reaches` is exact.
+        The result is exact for two moves. For more moves, the lower depth of two neighbouring `contacts` is used, so the result can
+        wrongly be False near the boundary. `reaches` is exact.
         """
         given = np.asarray(differences, dtype=np.float64)
         points = given.reshape(-1, 2)
@@ -76,14 +77,14 @@ class PolygonReach:
         return found.reshape(given.shape[:-1])
 
     def reaches(self, after: ArrayLike) -> bool:
-        """Tell exactly whether a difference can be reached: some kind of chain has contacts and differences that fit.
+        """Return exactly whether a difference can be reached. The test searches all kinds of chains for a feasible one.
 
-        The time grows as (2 walls) ** (moves / 2): meant for up to six moves.
+        The computing time grows as (2 walls) ** (moves / 2). Use it for up to six moves.
 
         Raises
         ------
         InvalidInputError
-            If it is no difference of two points of the workspace.
+            If ``after`` is not the difference of two points of the workspace.
         """
         goal = check_points([after], what="after", dimensions=2, count=1)[0]
         if not self.workspace.differences.contains(goal):
@@ -109,7 +110,7 @@ class PolygonReach:
                 on = np.flatnonzero((self.walls == wall) & (depths >= 0))
                 normal, offset = self.workspace.normals[wall], float(self.workspace.offsets[wall])
                 slabs = [clipped(corners, normal, offset + float(depths[k])) - self.contacts[k] for k in on]
-                # Between two contacts the set is at least that of the lower depth, swept along the wall.
+                # Between two contacts, the set contains the set of the lower depth swept along the wall.
                 for k, following in zip(range(len(on)), on[1:], strict=False):
                     low = min(float(depths[on[k]]), float(depths[following]))
                     slab = clipped(corners, normal, offset + low)
@@ -119,7 +120,7 @@ class PolygonReach:
 
     @cached_property
     def outline(self) -> list[tuple[Points, list[Points]]]:
-        """The set as polygons with holes, for drawing: (outline, holes) each; snapped to a grid of 1e-6 of the size."""
+        """The set as polygons with holes, for drawing: pairs (outline, holes), snapped to a grid of 1e-6 of the size."""
         import shapely
 
         whole = shapely.union_all([shapely.Polygon(piece) for piece in self.pieces], grid_size=1e-6 * self.workspace.size)
@@ -129,7 +130,7 @@ class PolygonReach:
         ]
 
     def fraction(self) -> float:
-        """Return the share of the area of all differences: exact for two moves, for more that of `contains`."""
+        """Return the area of the set as a fraction of all differences. Exact for two moves; otherwise the area of `contains`."""
         from shapely import Polygon
 
         area = sum(Polygon(outline, holes).area for outline, holes in self.outline)
@@ -137,7 +138,7 @@ class PolygonReach:
 
 
 def polygon_reach(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, contacts: int = 33) -> list[PolygonReach]:
-    """Return what two particles in a polygon can reach after 2, 4, ..., ``moves`` moves.
+    """Return the sets that two particles in a polygon reach after 2, 4, ..., ``moves`` moves.
 
     Parameters
     ----------
@@ -146,9 +147,9 @@ def polygon_reach(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, 
     before : array_like of float, shape (2,)
         Δ at the start.
     moves : int
-        Even, 2 or more.
+        Number of moves, even and at least 2.
     contacts : int
-        How many points of each side are looked at.
+        Number of sample points on each side.
 
     Raises
     ------
@@ -172,7 +173,7 @@ def polygon_reach(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, 
         raise InvalidInputError(f"before: expected the difference of two points of the polygon, got {tuple(start.tolist())}")
     check_moves(moves)
     corners, ends = workspace.vertices, np.roll(workspace.vertices, -1, axis=0)
-    # Equally spaced, and where the range of contacts of the start ends: depths jump there.
+    # Equally spaced, plus the ends of the start's contact range, where depths jump.
     jumps = np.clip(np.concatenate([np.stack(toucher_shares(workspace, (sign * start,))) for sign in (1.0, -1.0)]), 0, 1)
     shares = np.sort(np.hstack([np.broadcast_to(np.linspace(0, 1, contacts), (len(corners), contacts)), jumps.T]), axis=1)
     points = (corners[:, None] + shares[:, :, None] * (ends - corners)[:, None]).reshape(-1, 2)
@@ -193,7 +194,7 @@ def polygon_reach(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, 
 
 
 def _inside(corners: Points, points: Points, slack: float) -> NDArray[np.bool_]:
-    """Tell which points lie in a convex polygon, by its half-planes."""
+    """Return which points lie in a convex polygon, by its half-planes."""
     if len(corners) < 3:
         return np.zeros(len(points), dtype=np.bool_)
     edges = np.roll(corners, -1, axis=0) - corners

@@ -1,7 +1,7 @@
-"""The Δ configuration space: what two moves and walls can make of the difference between two particles.
+"""The Δ configuration space: changes of the difference between two particles by two moves and walls.
 
-Δ is the position of particle 2 less that of particle 1. One move brings a particle into contact with a wall, the toucher; the next
-moves the other while the wall holds the toucher. Moves that touch nothing leave Δ as it is.
+Δ is the position of particle 2 minus the position of particle 1. The first move brings one particle, the toucher, into contact with
+a wall. The second move displaces the other particle while the wall holds the toucher. Moves without contact leave Δ unchanged.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from shoal.steering.workspaces.convex_geometry import Points, clipped, hull
 
 @dataclass(frozen=True)
 class Crossing:
-    """A cycle of two moves that changes Δ: which particle touches which wall, and where.
+    """A cycle of two moves that changes Δ: the toucher, its wall and its contact.
 
     Parameters
     ----------
     toucher : int
-        1 or 2.
+        The particle that touches the wall, 1 or 2.
     wall : int
-        Index of the side that is touched; -1 for a round wall.
+        Index of the wall's side; -1 for a round wall.
     first, last : ndarray of float64, shape (2,)
-        The ends of the part of the wall where the toucher may be.
+        Ends of the part of the wall where the toucher may be.
     contact : ndarray of float64, shape (2,)
-        The middle of that part.
+        Midpoint of that part.
     slack : float
-        How far the change is from being impossible, as a share of the size; 0 at the border of the reachable set.
+        Margin of feasibility relative to the size. It is 0 at the boundary of the reachable set.
     """
 
     toucher: int
@@ -45,33 +45,36 @@ class Crossing:
     slack: float
 
     def moves(self, points: ArrayLike, change: ArrayLike) -> Points:
-        """Return the two moves from ``points``, which are not on a wall, that change Δ by ``change``; shape (2, 2)."""
+        """Return the two moves, shape (2, 2), that change Δ by ``change``.
+
+        The particles start at ``points``, away from all walls.
+        """
         start = check_points(points, what="points", dimensions=2, count=2)
         sign = 1.0 if self.toucher == 1 else -1.0
         return np.stack([self.contact - start[self.toucher - 1], sign * np.asarray(change, dtype=np.float64)])
 
 
 def reached_in_two_moves(workspace: ConvexWorkspace, before: ArrayLike, after: ArrayLike) -> Crossing | None:
-    """Return the two moves that turn one Δ into another with the most room; None if there are none.
+    """Return the cycle that changes one Δ into another with the largest margin, or None if no cycle does.
 
     Parameters
     ----------
     workspace : ConvexWorkspace
         A polygon or a disk.
     before, after : array_like of float, shape (2,)
-        Differences, particle 2 less particle 1.
+        Differences: position of particle 2 minus position of particle 1.
 
     Raises
     ------
     InvalidInputError
-        For other workspaces or differences that no two points of it have.
+        If the workspace has another kind, or a difference is not the difference of two of its points.
 
     Notes
     -----
-    Source: paper W, algorithms 2 and 3, corrected. On a polygon, with N the inward normal of a side and σ = 1 if particle 1
-    touches, -1 if particle 2 does: ``0 <= σN·after <= σN·before``, ``σN·before > 0``, and there is a point c of the side with
-    ``c + σ before`` and ``c + σ after`` in the workspace. On a disk around the origin: a contact c with
-    ``c·before <= -|before|²/2``, ``c·after <= -|after|²/2`` and ``c·(after - before) >= 0``.
+    Source: paper W, algorithms 2 and 3, corrected. On a polygon, let N be the inward normal of a side, and let σ = 1 if particle 1
+    touches, -1 if particle 2 touches. The conditions are ``0 <= σN·after <= σN·before`` and ``σN·before > 0``, and a point c of the
+    side must exist with ``c + σ before`` and ``c + σ after`` in the workspace. On a disk around the origin, the conditions for a
+    contact c are ``c·before <= -|before|²/2``, ``c·after <= -|after|²/2`` and ``c·(after - before) >= 0``.
 
     Examples
     --------
@@ -116,11 +119,11 @@ def _polygon_crossings(workspace: ConvexWorkspace, before: Points, after: Points
 
 
 def toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return for each side the shares of its length, lowest and highest, from where all shifted points are inside as well."""
+    """Return, for each side, the interval of its length (lowest and highest fraction) from which all shifted points are inside."""
     corners = workspace.vertices
     along = np.roll(corners, -1, axis=0) - corners
     low, high = np.zeros(len(corners)), np.ones(len(corners))
-    rates = along @ workspace.normals.T  # (side, wall): how fast a point of the side leaves each wall
+    rates = along @ workspace.normals.T  # (side, wall): change of the distance to each wall along the side
     flat = np.abs(rates) <= 1e-14 * workspace.size
     for shift in shifts:
         clear = workspace.wall_distances(corners + shift)
@@ -128,7 +131,7 @@ def toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tupl
             limits = -clear / rates
         low = np.maximum(low, np.max(np.where(~flat & (rates > 0), limits, 0.0), axis=1))
         high = np.minimum(high, np.min(np.where(~flat & (rates < 0), limits, 1.0), axis=1))
-        # A wall along the side is as far everywhere; the side's own normal was looked at by the caller.
+        # A wall parallel to the side has a constant distance. The caller has checked the side's own normal.
         lost = np.min(np.where(flat, clear, 0.0), axis=1) < -1e-12 * workspace.size
         high = np.where(lost, -1.0, high)
     return low, high
@@ -144,10 +147,10 @@ def _disk_crossings(workspace: ConvexWorkspace, before: Points, after: Points) -
 
 
 def contact_angles(radius: float, before: Points, after: Points) -> tuple[float, float, float] | None:
-    """Return the arc of contact angles of particle 1 on a disk (from, to, and half of what is left), or None.
+    """Return the arc of contact angles of particle 1 on a disk: start, end and half-width of the feasible part; or None.
 
-    What particle 2 can do by touching, particle 1 can do opposite. The arc is the common part of three: both differences fit
-    inside from there, and the wall holds.
+    Every effect of a contact of particle 2 can also be achieved by particle 1 on the opposite side. The arc is the intersection of
+    three arcs: both differences fit inside the disk, and the wall holds the toucher.
     """
     arcs = [(_angle(-delta), np.arccos(np.clip(np.hypot(*delta) / (2 * radius), -1, 1))) for delta in (before, after)]
     if not np.any(before):
@@ -159,7 +162,7 @@ def contact_angles(radius: float, before: Points, after: Points) -> tuple[float,
     for other, width in arcs[1:]:
         turn = (other - center + pi) % (2 * pi) - pi
         low, high = max(low, turn - width), min(high, turn + width)
-    # An arc is at most half a turn, so two of them meet in one piece, which the shorter turn finds.
+    # An arc is at most half a turn, so two arcs intersect in one piece, which the shorter turn finds.
     return (center + low, center + high, float(high - low) / 2) if high >= low else None
 
 
@@ -170,12 +173,12 @@ def _angle(vector: Points) -> float:
 def two_move_pieces(workspace: ConvexWorkspace, before: ArrayLike) -> list[Points]:
     """Return the convex pieces whose union is the set of Δ reached in two moves, for drawing; each float64, shape (n, 2).
 
-    On a polygon there is one for each side and toucher that can be used; on a disk one for each of many contacts.
+    A polygon gives one piece for each usable pair of side and toucher. A disk gives one piece for each of many contacts.
 
     Raises
     ------
     InvalidInputError
-        As for `reached_in_two_moves`.
+        For the same reasons as in `reached_in_two_moves`.
     """
     start = _check_difference(workspace, before, "before")
     return _disk_pieces(workspace.radius, start) if workspace.round else _polygon_pieces(workspace, start)

@@ -1,4 +1,4 @@
-"""The planners, one a file, and their names."""
+"""The planners by name. Each planner has its own file."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ __all__ = ["PLANNERS", "Planner", "fewest_moves", "greedy", "make_planner", "rob
 
 
 def make_planner(planner: str | Planner) -> Planner:
-    """Return a planner by name or ``module:attribute``, or the given object itself.
+    """Return a planner by name or ``module:attribute``, or return a given planner object.
 
     Raises
     ------
     InvalidInputError
-        If it is no planner.
+        If the object is not a planner.
     UnknownNameError
     """
     found: Any = configured(PLANNERS, planner) if isinstance(planner, str) else planner

@@ -1,4 +1,4 @@
-"""The least number of straight moves that is found."""
+"""Planner fewest-moves: search for a plan with the smallest number of straight moves."""
 
 from __future__ import annotations
 
@@ -19,16 +19,19 @@ from shoal.steering.planners.vertical_moves import planar_task, with_vertical_mo
 from shoal.steering.workspaces.convex_geometry import Points
 
 DENSE_MAP = ((1500, 120, 1.01, 2500),)  # see `shoal.steering.planners.chains.roadmap.MAPS`
-LONGEST = 15  # moves of a plan whose end is sought among plans of four moves, too
+LONGEST = 15  # number of moves of a plan whose end is also searched among plans of four moves
 
 
 @PLANNERS.register("fewest-moves")
 class FewestMoves:
-    """The plan of the least number of straight moves that a search finds; of those with as many the shortest it meets.
+    """The plan with the fewest straight moves that the search finds.
 
-    A chain of m contacts takes 2 m + 1 moves. A straight move that goes on after a contact makes contact and adjustment at once, so
-    fewer will often do. Plans of three moves are tried in many directions and lengths; of four to six moves random ones are drawn,
-    and those that nearly fit are changed until they do. The plans of chains are compared with them, and such as begin like one.
+    Among plans with equally many moves, it prefers shorter ones.
+
+    A chain of m contacts takes 2 m + 1 moves. A straight move that continues after a contact makes the contact and the adjustment
+    at once, so fewer moves are often enough. The planner tries plans of three moves in many directions and lengths. It draws random
+    plans of four to six moves and repairs those that almost succeed. It compares the results with the plans of chains, and with
+    plans that begin like a chain.
     """
 
     name = "fewest-moves"
@@ -53,7 +56,7 @@ class FewestMoves:
         return _fewer(best, chains)
 
     def _raised(self, task: SteeringTask) -> Points | None:
-        """Return the plan of the plane with heights."""
+        """Return the plan of the plane with vertical components added."""
         below = planar_task(task)
         flat = below.translation() if why_unreachable(below) is None else None
         if flat is None and why_unreachable(below) is None:
@@ -72,7 +75,7 @@ class FewestMoves:
         return _fewer(self._long(task), Shortest().plan(task)) if best is None else best
 
     def _long(self, task: SteeringTask) -> Points | None:
-        """Return the plan of a chain of more cycles, the fewest over a dense map, None if that has none."""
+        """Return the plan of a chain with more cycles: the fewest on a dense roadmap, or None if the roadmap has no chain."""
         if task.world.room.dimensions == 3 or task.world.friction < inf or task.late:
             return None
         best = None
@@ -86,7 +89,7 @@ class FewestMoves:
 
 
 def _finished(task: SteeringTask, plan: Points) -> Points | None:
-    """Return the beginning of a plan with three or four moves that finish it, as few as can be; None if that is no fewer."""
+    """Return the beginning of a plan with three or four final moves that complete it, or None if that saves no moves."""
     states = task.world.play(task.start, plan)
     lasts = (3, 4) if len(plan) <= LONGEST else (3,)
     for total in range(lasts[0] + 1, len(plan)):
@@ -103,7 +106,7 @@ def _finished(task: SteeringTask, plan: Points) -> Points | None:
 
 
 def _fewer(one: Points | None, other: Points | None) -> Points | None:
-    """Return the plan of fewer moves, the shorter of two with as many."""
+    """Return the plan with fewer moves, or the shorter plan if the numbers are equal."""
     if one is None or other is None:
         return other if one is None else one
     return min(one, other, key=lambda moves: (len(moves), path_length(moves)))

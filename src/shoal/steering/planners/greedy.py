@@ -1,4 +1,4 @@
-"""The paper's algorithm 1: always to the nearest difference that one cycle makes."""
+"""Planner greedy, algorithm 1 of paper W: each cycle goes to the reachable difference nearest to the goal's."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 
-_PATIENCE = 4  # cycles by whose progress the rest is judged
-_SLOW = 16  # cycles: if more are left another chain is looked for
-_LONG = 24  # moves: each makes the errors before it larger, so a chain of fewer is looked for
-_BACKWARD = 48  # cycles of a chain that is planned from its end
-_EQUAL = 1e-9  # of the size: cycles that come equally near are chosen between by their length
+_PATIENCE = 4  # number of cycles over which the progress is measured
+_SLOW = 16  # if more cycles remain at this progress, another chain is searched
+_LONG = 24  # maximum number of moves; each move amplifies earlier errors, so a longer chain is replaced by a shorter one
+_BACKWARD = 48  # cycles of a chain that is planned backwards
+_EQUAL = 1e-9  # relative to the size: among cycles that come equally near, the shorter one is chosen
 
 
 @PLANNERS.register("greedy")
 class Greedy:
-    """Cycle after cycle to the difference nearest to the goal's that one contact and one adjustment make.
+    """Cycle after cycle, reach the difference nearest to the goal's that one contact and one adjustment can make.
 
-    Of several equally near ones the toucher goes straight to its wall by the shortest way there and on to its goal. In space the
-    plan is that of the plane, with heights.
+    If several cycles are equally good, the planner chooses the one with the shortest path of the toucher over its wall to its goal.
+    In space, the plan of the plane gets vertical components.
 
     Notes
     -----
@@ -53,14 +53,15 @@ class Greedy:
 
 
 def misses(task: SteeringTask, moves: Points) -> bool:
-    """Tell whether a plan is too long or does not end within the tolerance."""
+    """Return whether a plan has too many moves or does not end within the tolerance."""
     return len(moves) > task.max_moves or task.error(task.world.play(task.start, moves)[-1]) > task.tolerance
 
 
 def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:
-    """Return the chain of algorithm 1, None if it comes to a halt far from the goal or would need more cycles.
+    """Return the chain of algorithm 1, or None if it stalls far from the goal or needs more than ``cycles`` cycles.
 
-    Its last difference is the goal's; what it really reaches is nearer to that than ``tolerance``, or it stops at ``cycles``.
+    The chain's nominal last difference is the goal's. The difference that it really reaches is within ``tolerance`` of that, unless
+    the chain stops at ``cycles``.
     """
     if query.walls.dimensions == 3:
         return _spatial_chain(query, tolerance=tolerance, cycles=cycles)
@@ -80,7 +81,8 @@ def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain |
         lefts.append(left)
         halted = step is None or not step[0].distance < left - 1e-12
         if step is None or halted or (not alone and _is_slow(left, lefts[-1 - _PATIENCE], tolerance)):
-            # No way on, or hardly one, from a difference none of whose neighbours is nearer: another chain may pass it by.
+            # Without progress from this difference, because no reachable difference is nearer, another chain may still lead past
+            # it.
             roadmap = halted or query.friction < inf
             other_chain = None if alone and query.friction < inf else any_chain(query, roadmap=roadmap)
             if other_chain is not None or step is None or halted:
@@ -102,7 +104,7 @@ def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain |
 
 
 def _is_slow(left: float, before: float, tolerance: float) -> bool:
-    """Tell whether at this pace, each cycle by the same factor, too many cycles are left."""
+    """Return whether too many cycles remain at the current rate of progress, assuming that each cycle has the same factor."""
     return (
         before < inf
         and left > tolerance
@@ -111,7 +113,7 @@ def _is_slow(left: float, before: float, tolerance: float) -> bool:
 
 
 def any_chain(query: ChainQuery, *, roadmap: bool = True) -> Chain | None:
-    """Return a chain that ends with the goal's difference exactly, of any length with a roadmap; None if none is found."""
+    """Return a chain that ends exactly with the goal's difference, or None. With ``roadmap``, the chain may have any length."""
     if query.walls.round and query.friction == inf:
         backward = antipodal_chain(query, cycles=_BACKWARD)
         if backward is not None:
@@ -124,7 +126,7 @@ def any_chain(query: ChainQuery, *, roadmap: bool = True) -> Chain | None:
 
 
 def _next_cycle(query: ChainQuery, state: Points) -> tuple[Cycle, float, Points] | None:
-    """Return the cycle that comes nearest to the goal's difference, of several the one with the shortest way, and its contact."""
+    """Return the cycle that comes nearest to the goal's difference, and its contact. Ties are resolved by the shortest path."""
     cycles = nearest_cycles(query, state[1] - state[0], query.after)
     nearest = min((cycle.distance for cycle in cycles), default=inf)
     best, shortest = None, inf
@@ -139,7 +141,7 @@ def _next_cycle(query: ChainQuery, state: Points) -> tuple[Cycle, float, Points]
 
 
 def _spatial_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:
-    """Return the chain of the plane with heights for its contacts; with further cycles where they do not fit in."""
+    """Return the chain of the plane with heights of its contacts. It adds cycles if the heights are not feasible."""
     flat = query.flat()
     if min(float(np.linalg.norm(flat.before)), float(np.linalg.norm(flat.before - flat.after))) > tolerance:
         chain = greedy_chain(flat, tolerance=tolerance, cycles=cycles)

@@ -1,4 +1,4 @@
-"""Planner: what finds the inputs of a steering problem; PLANNERS has the built-in ones by name."""
+"""The interface of planners, which find the inputs of a steering problem. PLANNERS contains the built-in planners by name."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from shoal.steering.workspaces.convex_geometry import Points
 
 
 class Planner(Protocol):
-    """An object that finds moves.
+    """An object that finds moves for a steering task.
 
     Attributes
     ----------
@@ -18,17 +18,22 @@ class Planner(Protocol):
 
     Notes
     -----
-    Three attributes more are looked for, and need not be there:
+    A planner may have three more attributes:
 
-    - ``general``: true if regions with obstacles and more than two particles are taken, too; else they are refused.
-    - ``prefers``: "length" or "moves", which of two plans is better where goals are interchangeable.
-    - ``control(task, apparatus)``: plays in a closed loop instead of planning; see `shoal.steering.simulation.apparatus`.
+    - ``general``: true if the planner supports regions with obstacles and more than two particles. Otherwise such problems are
+      refused.
+    - ``prefers``: "length" or "moves", the criterion for comparing two plans if goals are interchangeable.
+    - ``control(task, apparatus)``: a method that acts in a closed loop instead of planning; see
+      `shoal.steering.simulation.apparatus`.
     """
 
     name: str
 
     def plan(self, task: SteeringTask) -> Points | None:
-        """Return moves, float64, shape (moves, d), that bring the particles to the goal, or near it; None if it finds none."""
+        """Return moves, float64, shape (moves, d), that bring the particles to the goal or near it.
+
+        None if the planner finds none.
+        """
         ...
 
 

@@ -1,4 +1,4 @@
-"""A closed loop: look, plan, make sure of each contact, adjust from what is seen, plan anew."""
+"""Planner robust, a closed loop: observe, plan, make a contact, adjust from the observation, and plan again."""
 
 from __future__ import annotations
 
@@ -19,38 +19,39 @@ from shoal.steering.planners.shortest import Shortest
 from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 
-SURE = 4.0  # standard deviations that count as never
-LEAST = 1e-4  # of the size: the smallest overshoot, and no more than half of the tolerance
-ASSUMED = 1 / 16  # of the tolerance: noise that is assumed where there is none
-QUIET_MOVES = 12  # with noise that is only assumed
-STOOD, STOOD_RUNS = (0.25, 0.0625), 3  # of the tolerance: noise that is tried, so many runs each
-CENTRAL = np.array([8.0, 40.0])  # sharpness that leaves chains far from all limits
+SURE = 4.0  # number of standard deviations that counts as impossible
+LEAST = 1e-4  # relative to the size: minimum overshoot, limited to half of the tolerance
+ASSUMED = 1 / 16  # relative to the tolerance: assumed noise if the problem has none
+QUIET_MOVES = 12  # maximum number of moves with assumed noise
+STOOD, STOOD_RUNS = (0.25, 0.0625), 3  # relative to the tolerance: noise levels to test, and number of runs for each
+CENTRAL = np.array([8.0, 40.0])  # sharpness that keeps chains far from all limits
 
 
 @PLANNERS.register("robust")
 class Robust:
-    """Plans that survive noise, one cycle at a time.
+    """Plans that tolerate noise, one cycle at a time.
 
-    To a contact it goes further than to the wall, by what noise and the unknown gain may take away, so that the wall holds the
-    toucher for sure. The adjustment then makes, from what the camera sees, the difference that the way to the goal will turn into
-    the goal's, and it always pushes into the wall. The gain of the field is learnt from how the particles have followed.
+    The move to a contact overshoots the wall by the possible error due to noise and unknown gain, so the wall certainly holds the
+    toucher. The adjustment uses the camera's observation. It makes the difference that the remaining moves will turn into the
+    goal's difference, and always pushes into the wall. The planner estimates the gain of the field from the observed motion of the
+    particles.
 
     Notes
     -----
-    Ours. The apparatus of paper W, section VII.A, had a field that was not uniform.
+    Own method. The apparatus of paper W, section VII.A, had a nonuniform field.
     """
 
     name = "robust"
 
     def plan(self, task: SteeringTask) -> Points | None:
-        """Return the shortest moves: in a world without noise there is nothing to survive."""
+        """Return the shortest moves, because a world without noise needs no closed loop."""
         return Shortest().plan(task)
 
     def control(self, task: SteeringTask, apparatus: Any) -> tuple[Points, Points]:
-        """Return the moves that were sent and the states that they led to.
+        """Return the moves that were sent and the resulting states.
 
-        In a world without noise these are the shortest moves; where they fail, those of the loop for a slight noise. What noise the
-        loop can stand is remarked.
+        In a world without noise, these are the shortest moves. If these fail, the loop runs with a small assumed noise. The
+        apparatus gets a remark about the noise that the loop tolerates.
         """
         if apparatus.problem.noisy:
             _Loop(task, apparatus, apparatus.problem).run()
@@ -67,12 +68,12 @@ class Robust:
 
 
 def _moves_or_none(moves: Points | None, task: SteeringTask) -> Points:
-    """Return a plan; no moves where there is none."""
+    """Return a plan, or an empty array if there is none."""
     return np.zeros((0, task.start.shape[1])) if moves is None or len(moves) > task.max_moves else moves
 
 
 def _noise_stood(task: SteeringTask, apparatus: Any) -> str:
-    """Return what execution noise the loop stands here, in words: the largest of some with which all of a few runs arrive."""
+    """Return a sentence about the execution noise that the loop tolerates: the largest tested level at which all runs succeed."""
     for share in STOOD:
         noise = share * task.tolerance
         for seed in range(STOOD_RUNS):
@@ -81,7 +82,7 @@ def _noise_stood(task: SteeringTask, apparatus: Any) -> str:
             if task.error(trial.states[-1]) > task.tolerance or task.late:
                 break
         else:
-            return f"in {STOOD_RUNS} of {STOOD_RUNS} runs with execution noise {noise:.2g} the loop arrives, too"
+            return f"in {STOOD_RUNS} of {STOOD_RUNS} runs with execution noise {noise:.2g} the loop also reaches the goals"
     return f"execution noise of {STOOD[-1] * task.tolerance:.2g} is too much here"
 
 
@@ -101,14 +102,14 @@ class _Loop:
         return len(self.apparatus.inputs)
 
     def run(self) -> None:
-        """Go on until the particles are seen at their goals, or the moves are used up."""
+        """Continue until the particles are observed at their goals, or the maximum number of moves is reached."""
         while self.sent < self.task.max_moves and not self._arrived():
             apart = float(np.linalg.norm(self._wanted(self.seen) - (self.seen[1] - self.seen[0])))
             if apart <= self._good_enough():
                 self._translate(self._to_goal(self.seen))
                 continue
             if not self._cycle():
-                # Nothing can be done from here: into the middle, and look again.
+                # No cycle is possible from this state. Move to the centre and observe again.
                 self._send((self._middle() - self.seen.mean(axis=0)) * 0.5)
 
     def _arrived(self) -> bool:
@@ -116,12 +117,12 @@ class _Loop:
         return self.task.error(self.seen) <= near
 
     def _good_enough(self) -> float:
-        """How far the difference may be off for a translation to end within the tolerance, noise and all."""
+        """Return the maximum error of the difference for which a translation ends within the tolerance despite noise."""
         far: float = max(1.2 * self.task.tolerance - 2 * self.noise.measurement, 0.8 * self.task.tolerance)
         return far
 
     def _cycle(self) -> bool:
-        """Make one contact and one adjustment; return whether a chain was found."""
+        """Make one contact and one adjustment. Return whether a chain was found."""
         spread = SURE * float(np.hypot(self.noise.execution, self.noise.measurement))
         found: Chain | None = None
         for share in (1.0, 0.5, 0.2, 0.05, 0.0):
@@ -146,7 +147,7 @@ class _Loop:
         return True
 
     def _chain_query(self, margin: float) -> ChainQuery:
-        """Return the way to the goal for chains that keep off the walls by a margin, and push into them by it."""
+        """Return a chain query to the goal with the given margin to the walls and the same push into them."""
         seen = self.seen
         wanted = self._wanted(seen)
         middle = self.task.goal.mean(axis=0)
@@ -158,10 +159,10 @@ class _Loop:
         )
 
     def _touch(self, toucher: int, contact: Points, spread: float) -> bool:
-        """Bring the toucher against the wall, a little further than to the contact; return whether it is on it, as far as is seen.
+        """Move the toucher against the wall with an overshoot. Return whether the observation shows it at the wall.
 
-        From far away the field's doubt would have to be overshot by so much that the other particle meets the wall, too; so the
-        first move ends short of it.
+        From far away, the uncertain gain would require a large overshoot, and the other particle might also meet the wall.
+        Therefore the first move ends before the wall.
         """
         for attempt in range(4):
             if self.sent >= self.task.max_moves:
@@ -175,7 +176,7 @@ class _Loop:
                 way = way + inward * (unsure + spread)
                 self._translate(way / self.field.mean(here, contact))
                 continue
-            # Not so far over that the other particle comes to the wall as well.
+            # Limit the overshoot so that the other particle does not reach the wall.
             over = max(min(spread + unsure, 0.45 * apart), self.least)
             self._translate(way / self.field.mean(here, contact) - inward * over)
             if self._distance(self.seen[toucher]) <= 3 * self.noise.measurement + 2e-9 * self.room.size:
@@ -184,7 +185,7 @@ class _Loop:
         return False
 
     def _translate(self, move: Points) -> None:
-        """Send a move that no wall may hold at its start: a lift first, if a particle may be on a wall that it hardly leaves."""
+        """Send a translation that no wall blocks at its start. A particle that may touch a wall is lifted off first."""
         near = 3 * self.noise.measurement / self.room.size + 2e-9
         normals = np.vstack([touched_normals(self.room, point, within=near) for point in self.seen])
         least = SURE * self.noise.execution + 1e-8 * self.room.size
@@ -197,7 +198,10 @@ class _Loop:
         self._send(move)
 
     def _adjust(self, toucher: int, target: Points, *, last: bool, spread: float) -> None:
-        """Move the other particle while the wall holds the toucher, towards a difference; again if that falls short."""
+        """Move the other particle towards a target difference while the wall holds the toucher.
+
+        Repeat if the result falls short.
+        """
         sign = 1.0 if toucher == 0 else -1.0
         other = 1 - toucher
         for attempt in range(3):
@@ -206,7 +210,7 @@ class _Loop:
             inward = self._normal(self._foot(self.seen[toucher]))
             if last:
                 target = self._wanted(self.seen)
-            # The toucher is on the wall: its place is known better than it is seen.
+            # The toucher is on the wall, so its position is known better than observed.
             here = self.seen.copy()
             here[toucher] = self._foot(here[toucher])
             change = sign * (target - (here[1] - here[0]))
@@ -221,7 +225,7 @@ class _Loop:
                 along = float(np.linalg.norm(move + push * inward))
                 least = max(least, 1.1 * along / float(self.task.world.friction))
             if push < least:
-                # Not held for sure: push into the wall as well, and let what that spoils be mended later.
+                # The wall may not hold the toucher. Push into the wall as well, and correct the resulting error later.
                 if push < -least:
                     return
                 move = move - inward * (least - push)
@@ -229,7 +233,7 @@ class _Loop:
             length = float(np.linalg.norm(move))
             if room < length:
                 if room < 0.2 * length:
-                    return  # no way on: another contact will do better
+                    return  # no progress: another contact will be better
                 move = move * (room / length)
             self._send(move)
             left = float(np.linalg.norm(target - (self.seen[1] - self.seen[0])))
@@ -237,12 +241,12 @@ class _Loop:
                 return
 
     def _room_along(self, point: Points, move: Points) -> float:
-        """Return how far a particle can go before it meets a wall."""
+        """Return how far a particle can move before it meets a wall."""
         share, _ = first_contact(point, np.ascontiguousarray(move), self.task.world.walls, -1)
         return float(share * np.linalg.norm(move))
 
     def _wanted(self, seen: Points) -> Points:
-        """Return the difference that a translation to the goal, in the field as it is known, turns into the goal's."""
+        """Return the difference that a translation to the goal, with the estimated gain, turns into the goal's difference."""
         goal = self.task.goal
         before = goal.copy()
         move = (goal - seen).mean(axis=0)
@@ -254,7 +258,7 @@ class _Loop:
         return np.asarray(before[1] - before[0])
 
     def _to_goal(self, seen: Points) -> Points:
-        """Return the move that brings both as near to their goals as can be."""
+        """Return the move that brings both particles as close to their goals as possible."""
         move = (self.task.goal - seen).mean(axis=0)
         for _round in range(4):
             after = np.stack([self.field.ahead(point, move) for point in seen])
@@ -262,14 +266,14 @@ class _Loop:
         return np.asarray(move)
 
     def _send(self, move: Points) -> None:
-        """Send a move, unless all are used up; look, and learn from what is seen."""
+        """Send a move unless the maximum number is reached. Observe, and update the estimates."""
         if self.sent >= self.task.max_moves:
             return
         before = self.seen
         self.apparatus.send(move)
         self.seen = self._inside(self.apparatus.look())
         for here, there in zip(before, self.seen, strict=True):
-            # Who has met no wall tells of the field.
+            # A particle without wall contact gives information about the gain.
             clear = 4 * self.noise.measurement + 1e-6 * self.room.size
             if self._distance(here) > clear and self._distance(there) > clear:
                 self.field.learn(here, there, move)
@@ -278,11 +282,11 @@ class _Loop:
         return float(self.room.depth(point))
 
     def _inside(self, points: Points) -> Points:
-        """Return points that were seen outside put onto the wall."""
+        """Return points with those outside the workspace projected onto the wall."""
         return np.stack([self._foot(point) if self._distance(point) < 0 else point for point in points])
 
     def _foot(self, point: Points) -> Points:
-        """Return the nearest point of the nearest wall; inside for what is in a corner."""
+        """Return the nearest point of the nearest wall. Near a corner, it is corrected to be inside."""
         room = self.room
         for _round in range(4):
             walls = room.wall_distances(point)

@@ -1,4 +1,4 @@
-"""Search by sampling: in regions with obstacles, and for more than two particles."""
+"""Planner sampling: random search for regions with obstacles and for more than two particles."""
 
 from __future__ import annotations
 
@@ -22,30 +22,31 @@ from shoal.steering.planners.task import SteeringTask, path_length
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
 
-NODES = 60_000  # of one tree
-ROUNDS = 80_000  # manoeuvres tried in one tree
-STRETCH = 5000  # of these before the next look at the clock
-TREES = 10  # grown until one reaches the goal
-MORE_ROUNDS = 10_000  # in each of the further trees, which may hold a shorter plan
-MORE_TREES = 16  # half as many for more particles and where they slide
-SHORTENED = 60_000  # changes of each plan
-SLIDING = 0.1  # of these where particles slide
-HITS = 1000  # of one tree: so often it is tried to get from a state to the goal by translations
-MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)  # of the size: how far from walls translations go, if that is possible
-_ROOM = 0.9  # of the tolerance that the search uses up; the rest is for rounding
+NODES = 60_000  # maximum number of nodes of one tree
+ROUNDS = 80_000  # maximum number of manoeuvres tried in one tree
+STRETCH = 5000  # manoeuvres between two checks of the time
+TREES = 10  # maximum number of trees until one reaches the goal
+MORE_ROUNDS = 10_000  # nodes of each further tree, which may contain a shorter plan
+MORE_TREES = 16  # half as many for more particles and with sliding
+SHORTENED = 60_000  # number of changes of each plan
+SLIDING = 0.1  # number of changes with sliding particles
+HITS = 1000  # per tree: maximum number of attempts to reach the goal by translations
+MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)  # relative to the size: distance of translations from walls, if possible
+_ROOM = 0.9  # fraction of the tolerance that the search uses; the rest is for rounding errors
 
 
 @PLANNERS.register("sampling")
 class Sampling:
-    """A tree of states that random manoeuvres reach, until a translation is all that is missing.
+    """A tree of states that random manoeuvres reach. It is complete when a translation leads from a state to the goal.
 
-    A manoeuvre brings one particle to a wall and moves another one by what it is wrong, seen from there; or by a part of that, or
-    anyhow. Each is simulated, so that whatever comes of it is where the tree goes on. Around obstacles particles that are right
-    but for a translation take the shortest way on which none meets a wall. With more than two particles this is experimental.
+    A manoeuvre brings one particle to a wall and then moves another particle. The second move corrects the relative error
+    completely, partly, or is random. Every manoeuvre is simulated, so its actual result becomes the next node. Around obstacles,
+    particles with the correct relative positions take the shortest translation path without wall contact. With more than two
+    particles, this planner is experimental.
 
     Notes
     -----
-    Source: ours; paper W's outlook, section VIII. There is no proof of failure: None says that nothing was found.
+    Source: own method; see the outlook of paper W, section VIII. It proves nothing if it fails: None means that no plan was found.
     """
 
     name = "sampling"
@@ -57,13 +58,13 @@ class Sampling:
         Raises
         ------
         InvalidInputError
-            For a workspace in space.
+            If the workspace is three-dimensional.
         """
         room = task.world.room
         if room.dimensions != 2:
             raise InvalidInputError(f"planner sampling: expected a plane workspace, got a {room.kind}")
         rng = np.random.default_rng(task.seed)
-        # Particles that slide take many times as long to simulate.
+        # Simulation takes many times as long for sliding particles.
         share = 1.0 if task.world.friction == np.inf else SLIDING
         world, translations = world_of(task.world), _Translations(room, task.goal)
         found: list[Points] = []
@@ -81,7 +82,7 @@ class Sampling:
 
 
 def world_of(world: Any) -> kernels.World:
-    """Return a world as the kernels of sampling take it."""
+    """Return a world in the form that the sampling kernels use."""
     room = world.room
     size = float(room.size)
     if room.round:
@@ -100,7 +101,7 @@ def world_of(world: Any) -> kernels.World:
 
 @dataclass
 class _Tree:
-    """Nodes with their states, what they come from and by which moves."""
+    """A search tree: states, parent nodes, and the moves from each parent."""
 
     task: SteeringTask
     world: kernels.World
@@ -118,7 +119,7 @@ class _Tree:
         self.nodes = kernels.Tree(states, ints[0], made, ints[1], ints[2], keys, ints[3])
 
     def search(self, translations: _Translations) -> Points | None:
-        """Return the first plan found, without moves that it can do without; None if there is none."""
+        """Return the first plan found, without unnecessary moves, or None."""
         for _hit in range(HITS):
             moves = self.direct(translations)
             if moves is not None:
@@ -130,7 +131,7 @@ class _Tree:
         return None
 
     def grow(self) -> bool:
-        """Grow to the next state that only a translation parts from the goal; return False at the end of the search."""
+        """Grow the tree to the next state whose relative positions are correct. Return False at the end of the search."""
         task, size = self.task, float(self.task.world.room.size)
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow
@@ -142,7 +143,7 @@ class _Tree:
         return bool(hit)
 
     def direct(self, translations: _Translations) -> Points | None:
-        """Return all moves to the last node and from there to the goal by translations; None if that is not possible."""
+        """Return all moves to the last node and from there to the goal by translations, or None if no translation path exists."""
         state = self.nodes.states[self.total - 1]
         x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
         if away > self.task.tolerance:
@@ -170,41 +171,45 @@ class _Tree:
 
 
 class _Translations:
-    """Where particles that are right but for a translation can go to reach the goal, which is the origin of their offsets."""
+    """Translation paths to the goal for particles whose relative positions are correct.
+
+    An offset is their common displacement from the goal.
+    """
 
     def __init__(self, room: Any, goal: Points) -> None:
         self._room, self._goal = room, goal
 
     @cached_property
     def offsets(self) -> list[_FreeOffsets]:
-        """For each margin, the offsets from the goal from which a way leads there; none for a convex workspace."""
+        """Return, for each margin, the offsets from which a path leads to the goal. The list is empty for a convex workspace."""
         if not isinstance(self._room, Region):
             return []
         found = (free_offsets(self._room, self._goal, margin * float(self._room.size)) for margin in MARGINS)
         return [one for one in found if one is not None]
 
     def around(self, offset: Points) -> list[Points]:
-        """Return moves from an offset to the goal, one way for each margin with which there is one."""
+        """Return the moves from an offset to the goal, one path per feasible margin."""
         paths = (one.path(offset) for one in self.offsets)
         return [np.diff(np.vstack([offset, path, np.zeros(2)]), axis=0) for path in paths if path is not None]
 
 
 @dataclass
 class _FreeOffsets:
-    """Offsets that are free and joined to the goal.
+    """Collision-free offsets that are connected to the goal.
 
     Attributes
     ----------
     free, inner : shapely.Polygon
-        The offsets, and those where ways may bend: a little further inside, so that rounding does not take them out.
+        ``free``: the free offsets. ``inner``: the offsets where paths may bend, slightly smaller so that rounding errors stay
+        inside ``free``.
     places : ndarray of float64, shape (n, 2)
-        The one nearest to the goal, and the corners of ``inner``.
+        The point nearest to the goal, and the corners of ``inner``.
     lengths : ndarray of float64, shape (n,)
-        Of the shortest way from each to the first.
+        Length of the shortest path from each place to the first one.
     following : ndarray of int64, shape (n,)
-        The next place on that way.
+        The next place on that path.
     reach : float
-        How far outside of it an offset may be, to be joined to it by a straight move.
+        Maximum distance of an offset outside ``inner`` that can still be connected by a straight move.
     """
 
     free: Any
@@ -215,7 +220,7 @@ class _FreeOffsets:
     reach: float
 
     def path(self, offset: Points) -> Points | None:
-        """Return the points at which the shortest way from an offset to the goal bends, float64, shape (points, 2)."""
+        """Return the bends of the shortest path from an offset to the goal; float64, shape (points, 2)."""
         first = _nearest(self.inner, offset, self.reach)
         if first is None:
             return None
@@ -232,7 +237,7 @@ class _FreeOffsets:
 
 
 def free_offsets(room: Region, goal: Points, margin: float) -> _FreeOffsets | None:
-    """Return the offsets joined to the goal at which no particle is nearer to a wall than a margin; None if there are none."""
+    """Return the offsets connected to the goal for which all particles keep a margin to the walls, or None if there are none."""
     import shapely
     from scipy.sparse.csgraph import dijkstra
     from shapely import affinity
@@ -258,7 +263,7 @@ def free_offsets(room: Region, goal: Points, margin: float) -> _FreeOffsets | No
 
 
 def _sees(free: Any, place: Points, others: Points) -> NDArray[np.bool_]:
-    """Tell to which other places a straight way is free."""
+    """Return which other places can be reached by a straight free path."""
     import shapely
 
     lines = shapely.linestrings(np.stack([np.broadcast_to(place, others.shape), others], axis=1))
@@ -266,7 +271,7 @@ def _sees(free: Any, place: Points, others: Points) -> NDArray[np.bool_]:
 
 
 def _nearest(inner: Any, offset: Points, reach: float) -> Points | None:
-    """Return the point of an area that is nearest to an offset, None if it is farther than ``reach``."""
+    """Return the point of an area nearest to an offset, or None if it is farther than ``reach``."""
     import shapely
 
     line = shapely.shortest_line(inner, shapely.Point(offset))
@@ -276,7 +281,7 @@ def _nearest(inner: Any, offset: Points, reach: float) -> Points | None:
 
 
 def _shortened(task: SteeringTask, moves: Points) -> Points:
-    """Return a plan without moves that it can do without, and with pairs of moves made one, as long as it still works."""
+    """Return a plan without unnecessary moves and with pairs of moves merged, as long as the plan still works."""
     changed = True
     while changed:
         changed = False

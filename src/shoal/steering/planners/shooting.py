@@ -1,4 +1,4 @@
-"""Plans of so many straight moves, found by playing moves and what must follow."""
+"""Plans with a given number of straight moves, found by simulating trial moves and computing the remaining ones."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from shoal.steering.workspaces.normalized_walls import normalize_walls
 
 SHARES = np.array([0.0, 0.02, 0.06, 0.12, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85, 0.97, 1.0])
 DIRECTIONS = {2: 180, 3: 900}
-DENSE = 4  # times as many directions, where the first ones give no plan of three moves in the plane
+DENSE = 4  # factor for the number of directions, if the first directions give no plan of three moves in the plane
 NUDGE = 1e-6  # of the size
-REPAIRS = {4: (400, 10), 5: (400, 10), 6: (250, 10)}  # tries and random plans of each, for plans of so many moves
-PARTS = 20  # in which they are tried where time is limited
-ENOUGH = 4  # plans, of which the shortest is taken
+REPAIRS = {4: (400, 10), 5: (400, 10), 6: (250, 10)}  # for plans of each number of moves: attempts, and random plans per attempt
+PARTS = 20  # order of the attempts if time is limited
+ENOUGH = 4  # number of plans of which the shortest is used
 _ALL = 1_000_000
 
 
 def shooting_plan(task: SteeringTask, count: int) -> Points | None:
-    """Return a plan of so many moves, 2 to 6, that was found by playing; shape (count, d); None if there was none."""
+    """Return a plan with ``count`` moves, 2 to 6, found by simulation; shape (count, d); None if none was found."""
     walls = normalize_walls(task.world.room)
     d = walls.dimensions
     start, goal = walls.normalized(task.start), walls.normalized(task.aim)
@@ -51,7 +51,7 @@ def shooting_plan(task: SteeringTask, count: int) -> Points | None:
 
 
 def _of_two(start: Points, goal: Points, between: Walls) -> Points | None:
-    """Return the shorter plan of two moves, None if there is none."""
+    """Return the shorter plan of two moves, or None."""
     found = []
     for toucher in (0, 1):
         two = np.zeros_like(start)
@@ -62,7 +62,7 @@ def _of_two(start: Points, goal: Points, between: Walls) -> Points | None:
 
 
 def directions(d: int, count: int) -> Points:
-    """Return unit vectors all around."""
+    """Return unit vectors in all directions."""
     if d == 2:
         angles = 2 * np.pi * (np.arange(count) + 0.5) / count
         return np.stack([np.cos(angles), np.sin(angles)], axis=1)

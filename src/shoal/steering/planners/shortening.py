@@ -1,4 +1,4 @@
-"""Plans of two particles around obstacles made shorter: other contacts and adjustments, at better places."""
+"""Shortening of plans for two particles around obstacles, by random changes of contacts and adjustments."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 
 MOST_STEPS = 32
-_EXACT = 1e-9  # of a move: by how much a particle may fall behind without being held
+_EXACT = 1e-9  # relative to a move: distance that a particle may fall behind without counting as held
 
 
 def annealed(task: SteeringTask, world: Any, moves: Points, rng: np.random.Generator, *, changes: int) -> Points:
-    """Return a plan of two particles made shorter by so many random changes; the same one if it cannot be taken apart.
+    """Return a plan for two particles shortened by ``changes`` random changes, or the same plan if it has no cycle structure.
 
     Parameters
     ----------
@@ -36,13 +36,16 @@ def annealed(task: SteeringTask, world: Any, moves: Points, rng: np.random.Gener
 
 
 def new_steps() -> kernels.Steps:
-    """Return room for the steps of a plan."""
+    """Return empty arrays for the steps of a plan."""
     kinds, particles = np.zeros((2, MOST_STEPS), dtype=np.int64)
     return kernels.Steps(kinds, particles, *np.zeros((3, MOST_STEPS, 2)))
 
 
 def _apart(task: SteeringTask, moves: Points) -> tuple[kernels.Steps, int]:
-    """Return the steps of a plan, those left out in which nobody moves, and how many they are: too many if there is no room."""
+    """Divide a plan into steps without idle ones.
+
+    Return the steps and their number, which exceeds the arrays' length on overflow.
+    """
     parts, state = [], task.start
     for move in moves:
         after = task.world.step(state, move)
@@ -66,7 +69,7 @@ def _apart(task: SteeringTask, moves: Points) -> tuple[kernels.Steps, int]:
 
 
 def _direction_at(room: Any, point: Points) -> Points:
-    """Return the direction of the nearest wall at a point."""
+    """Return the direction of the wall that is nearest to a point."""
     if room.round:
         outward = point - room.center
         return np.array([-outward[1], outward[0]]) / max(float(np.hypot(*outward)), 1e-300)

@@ -1,4 +1,4 @@
-"""The shortest plan over walls that is found."""
+"""Planner shortest: search for the shortest chain of contacts."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from shoal.steering.workspaces.convex_geometry import Points
 
 @PLANNERS.register("shortest")
 class Shortest:
-    """The shortest of many chains of contacts and adjustments; never longer than what the planner greedy finds.
+    """The shortest of many chains of contacts and adjustments. The plan is never longer than the plan of the planner greedy.
 
-    All kinds of chains of one, two or three cycles are tried; cycles are put into the shortest ones, and taken out, as long as that
-    makes them shorter.
+    The planner tries all kinds of chains of one, two or three cycles. It then inserts cycles into the shortest chains, or removes
+    cycles, as long as the chains become shorter.
 
     Notes
     -----
-    Source: paper W, section V, with contacts clamped to where they can be, and several cycles.
+    Source: paper W, section V, with contacts limited to their feasible range, and extended to several cycles.
     """
 
     name = "shortest"
@@ -46,7 +46,7 @@ class Shortest:
         return next((moves for moves in found if misses(task, moves) or task.is_sure(moves)), found[0] if found else None)
 
     def _raised(self, task: SteeringTask) -> Points | None:
-        """Return the plan of the plane with heights."""
+        """Return the plan of the plane with vertical components added."""
         below = planar_task(task)
         if why_unreachable(below) is not None:
             return None
@@ -56,6 +56,6 @@ class Shortest:
 
 
 def _greedy_seeds(query: ChainQuery, task: SteeringTask) -> list[Chain]:
-    """Return the chain of the planner greedy, of any number of cycles."""
+    """Return the chain of the planner greedy, with any number of cycles."""
     chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
     return [] if chain is None else [chain]

@@ -1,4 +1,4 @@
-"""SteeringTask: what a planner is given, and what two particles in a convex workspace can never do."""
+"""SteeringTask, the input of a planner; and proofs that two particles in a convex workspace cannot reach a goal."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from shoal.steering.workspaces.convex import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import normalize_walls
 
-_SURE = 3e-9  # of the size: how far a move to a wall goes on, against roundings
-_PUSH = 2e-9  # of the size: how far an adjustment goes into the wall at the least
-_SLIGHT = 2e-7  # of the size: roundings that may lead off a wall
-_CONE = 1 - 1e-4  # of the friction: planned pushes keep off the edge of the cone, so that roundings can be made up for
-_TINY = 1e-6  # of the size: a move that might as well be left out
-EXACT_TOUCH = 1e-12  # of the size: who is nearer to a wall is on it, where contacts are looked at closely
-_ROUNDINGS = 1e-14  # of the size: what sums in another order may differ by
-_WIDER = (1e-7, 1e-6, 1e-5)  # margins for chains whose moves are fragile
+_SURE = 3e-9  # relative to the size: overshoot of a move to a wall, against rounding errors
+_PUSH = 2e-9  # relative to the size: minimum component of an adjustment into the wall
+_SLIGHT = 2e-7  # relative to the size: rounding errors that may move a particle off a wall
+_CONE = 1 - 1e-4  # relative to the friction: distance of planned pushes from the edge of the cone, to allow for rounding errors
+_TINY = 1e-6  # relative to the size: shorter moves can be left out
+EXACT_TOUCH = 1e-12  # relative to the size: contact tolerance in sensitive computations
+_ROUNDINGS = 1e-14  # relative to the size: difference between sums in another order
+_WIDER = (1e-7, 1e-6, 1e-5)  # margins of chains with sensitive moves
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,17 +37,17 @@ class SteeringTask:
     Parameters
     ----------
     world : ContactWorld
-        Or another world with ``room``, ``step`` and ``play``.
+        The world, or another world with ``room``, ``step`` and ``play``.
     start, goal : ndarray of float64, shape (n, d)
-        Who goes where is settled.
+        Positions of the particles, with one goal assigned to each particle.
     tolerance : float
-        How far from its goal each particle may end.
+        Maximum distance of each particle from its goal at the end.
     max_moves : int
-        More are of no use.
+        Maximum number of moves.
     seed : int
-        For planners that draw numbers.
+        Seed for planners with random decisions.
     deadline : float
-        When to return the best plan so far, by `time.monotonic`.
+        Time at which to return the best plan so far, in terms of `time.monotonic`.
     """
 
     world: Any
@@ -60,7 +60,7 @@ class SteeringTask:
 
     @property
     def late(self) -> bool:
-        """Whether the time for planning is used up."""
+        """Whether the planning time is used up."""
         return time.monotonic() > self.deadline
 
     @property
@@ -75,7 +75,7 @@ class SteeringTask:
 
     @cached_property
     def aim(self) -> Points:
-        """The goal, off the walls by a part of the tolerance where it is on one; float64, shape (2, d)."""
+        """The goal, shifted off walls that it touches by a fraction of the tolerance; float64, shape (2, d)."""
         room = self.world.room
         aim = self.goal.copy()
         center = np.zeros(room.dimensions)
@@ -88,7 +88,7 @@ class SteeringTask:
         return aim
 
     def chain_query(self, start: Points | None = None, aim: Points | None = None) -> ChainQuery:
-        """Return the same for chains of contacts, in the units of their walls."""
+        """Return the task as a query for chains of contacts, in normalized units."""
         walls = normalize_walls(self.world.room)
         margin = min(MARGIN, 0.02 * self.tolerance / walls.scale)
         return ChainQuery(
@@ -101,16 +101,16 @@ class SteeringTask:
         )
 
     def error(self, points: Points) -> float:
-        """Return the largest distance of a particle to its goal."""
+        """Return the largest distance between a particle and its goal."""
         return float(np.linalg.norm(points - self.goal, axis=1).max())
 
     def translation(self) -> Points | None:
-        """Return the moves of a mere translation, shape (moves, d), if that will do; else None."""
+        """Return the moves of a pure translation, shape (moves, d), if it solves the task; otherwise None."""
         shifts = self.goal - self.start
         if float(np.linalg.norm(shifts - shifts.mean(axis=0), axis=1).max()) > self.tolerance * (1 - 1e-9):
             return None
         if not isinstance(self.world, ContactWorld):
-            return None  # around obstacles that takes a planner
+            return None  # around obstacles, a planner is necessary
         move = (self.goal - self.start).mean(axis=0)
         moves = released_translation(self.world.room, self.start, move)
         if moves is None or self.error(self.world.play(self.start, moves)[-1]) > self.tolerance:
@@ -118,10 +118,10 @@ class SteeringTask:
         return np.array(moves)
 
     def moves_of(self, chain: Chain, query: ChainQuery) -> Points | None:
-        """Return the moves that play a chain, with lifts where a translation starts on a wall; None if a lift cannot be had.
+        """Return the moves of a chain, with lifts for translations that start on a wall. None if a lift is impossible.
 
-        Where contacts graze their walls beside corners, roundings may grow to more than the tolerance: there the chain is made
-        short again a little farther from all walls.
+        If contacts graze their walls near corners, rounding errors may exceed the tolerance. The chain is then optimized again at a
+        larger distance from all walls.
         """
         start, moves = query.walls.restored(query.start), self._played(chain, query)
         if moves is None or not self._arrives(moves, start) or self.is_sure(moves, start):
@@ -138,7 +138,7 @@ class SteeringTask:
         return self.error(self.world.play(start, moves)[-1]) <= self.tolerance
 
     def is_sure(self, moves: Points, start: Points | None = None) -> bool:
-        """Return whether a plan ends there, too, if it begins off its start by some roundings, and if only what touches is held."""
+        """Return whether a plan also succeeds with rounding errors at its start, and with a smaller contact tolerance."""
         begin = self.start if start is None else start
         steps = _ROUNDINGS * self.world.room.size * np.eye(begin.shape[1])
         exact = self._exact_world.play(begin, moves)[-1]
@@ -149,7 +149,10 @@ class SteeringTask:
         return replace(self.world, touch=EXACT_TOUCH)
 
     def _played(self, chain: Chain, query: ChainQuery) -> Points | None:
-        """Return the moves of a chain; each starts from where those before it have really led, so that roundings do not add up."""
+        """Return the moves of a chain.
+
+        Each move starts from the simulated end of the previous ones, so rounding errors do not add up.
+        """
         room, walls = self.world.room, query.walls
         state = walls.restored(query.start)
         moves: list[Points] = []
@@ -172,7 +175,7 @@ class SteeringTask:
         return self.tidied(np.array(moves), start=walls.restored(query.start))
 
     def _held(self, point: Points, move: Points) -> Points:
-        """Return a move that pushes a toucher into its wall by a little at least: roundings must not lead it off."""
+        """Return a move with a minimum push of the toucher into its wall, so that rounding errors do not release it."""
         normals = touched_normals(self.world.room, point)
         if not len(normals):
             return move
@@ -182,16 +185,16 @@ class SteeringTask:
         return np.asarray(move - off * wall) if 0 < off < _SLIGHT * size else move
 
     def _sent(self, steps: list[Points], state: Points, moves: list[Points]) -> Points:
-        """Add moves to a plan; return the state after them."""
+        """Add moves to a plan. Return the state after them."""
         for step in steps:
             moves.append(step)
             state = self.world.step(state, step)
         return state
 
     def tidied(self, moves: Points, *, start: Points) -> Points:
-        """Return a plan without its tiny moves, where the one before can go on as far and a little further instead.
+        """Return a plan without its tiny moves if the previous move can be extended instead.
 
-        A chain keeps the other particle off the walls by a margin; where it touches next, the way there is that margin.
+        Return possible first moves with resulting states: none, or small moves if no move releases both particles.
         """
         size = self.world.room.size
         k = 1
@@ -208,14 +211,14 @@ class SteeringTask:
         return moves
 
     def departures(self) -> list[tuple[list[Points], Points]]:
-        """Return first moves and the state after them: none at all, or small ones where no move releases both particles."""
+        """Return possible first moves with resulting states: none, or small moves that release one particle each."""
         room = self.world.room
         if released_translation(room, self.start, np.zeros(room.dimensions)) is not None:
             return [([], self.start)]
         return [([move], after) for move, after in separations(room, self.start)]
 
     def lower_bound(self) -> float:
-        """Return a length below which no plan ends within the tolerance; see docs/concepts/steering/planners.md."""
+        """Return a lower bound on the length of plans that end within the tolerance; see docs/concepts/steering/planners.md."""
         direct = float(np.linalg.norm(self.goal - self.start, axis=1).max())
         apart = float(np.linalg.norm(self.after - self.before))
         if apart <= 2 * self.tolerance:
@@ -223,7 +226,7 @@ class SteeringTask:
         walls = normalize_walls(self.world.room)
         start, goal = walls.normalized(self.start), walls.normalized(self.goal)
         lengths = lengths_over_walls(start, goal, walls).min(axis=1) * walls.scale
-        if self.world.friction < inf:  # a toucher that slides moves and changes Δ at once
+        if self.world.friction < inf:  # a sliding toucher moves and changes Δ at once
             return max(direct - self.tolerance, float(lengths.min()) - self.tolerance, apart - 2 * self.tolerance, 0.0)
         one = float(lengths.min()) + apart - 3 * self.tolerance
         both = (float(lengths.sum()) + apart) / 2 - 2 * self.tolerance
@@ -231,23 +234,23 @@ class SteeringTask:
 
 
 def why_unreachable(task: SteeringTask) -> str | None:
-    """Return why no plan can exist, None if one may."""
+    """Return the reason why no plan exists, or None if a plan may exist."""
     room = task.world.room
     flat = float(np.hypot(*(task.before[:2])))
     if float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
         return None
     if flat > TOUCH * room.size:
-        # What ends within the tolerance may differ from the goal's difference by twice as much.
+        # The difference of a final state within the tolerance may differ from the goal's by twice the tolerance.
         return friction_limit(room, float(task.world.friction), task.before, task.after, near=2 * task.tolerance)
     if room.dimensions == 2:
-        return "the particles start at one point, and a shared input never parts them"
+        return "the particles start at one point, and a shared input never separates them"
     if room.open_ends:
         return "the particles start above each other in an open tube: side walls stop both at once, and there is no end cap"
     return None
 
 
 def why_approachable(task: SteeringTask) -> str | None:
-    """Return why the goal can only be approached, None if it can be reached."""
+    """Return the reason why the goal can only be approached, or None if it can be reached."""
     room = task.world.room
     if float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
         return None
@@ -267,5 +270,5 @@ def why_approachable(task: SteeringTask) -> str | None:
 
 
 def path_length(moves: Points) -> float:
-    """Return the length of all moves."""
+    """Return the total length of all moves."""
     return float(np.linalg.norm(moves, axis=1).sum())

@@ -1,4 +1,4 @@
-"""Heights for a plan of the plane: the same moves in a prism or a cylinder."""
+"""Vertical components for a plan of the plane, so that it works in a prism or a cylinder."""
 
 from __future__ import annotations
 
@@ -11,37 +11,38 @@ from shoal.steering.contact.world import ContactWorld
 from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 
-_OFF_CAPS = 1e-4  # of the height: how far the particles stay off the end caps on the way
+_OFF_CAPS = 1e-4  # relative to the height: minimum distance of the particles from the end caps during the plan
 
 
 def planar_task(task: SteeringTask) -> SteeringTask:
-    """Return a task of space without its heights: that of its base."""
+    """Return a three-dimensional task without its heights, as a task in the base."""
     room = task.world.room
     world, start, goal = ContactWorld(room.base), task.start[:, :2], task.goal[:, :2]
     return replace(task, world=world, start=start, goal=goal, tolerance=task.tolerance / 2)
 
 
 def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
-    """Return a plan of the plane with a height in each move, so that both particles come to the heights of their goals.
+    """Add a vertical component to each move of a plan of the plane, so that both particles reach the heights of their goals.
 
-    Side walls hold by the plane's part of a move alone, so what share of each move a particle makes is known; its height at the end
-    is linear in the heights of the moves. The smallest ones in sum are a linear program.
+    Side walls hold particles depending only on the move's component in the plane. The fraction of each move that a particle makes
+    is therefore known, and its final height is linear in the vertical components. A linear program minimizes their sum.
 
     Parameters
     ----------
     task : SteeringTask
-        In a prism or a cylinder.
+        A task in a prism or a cylinder.
     flat : ndarray of float64, shape (moves, 2)
         A plan of `planar_task`.
 
     Returns
     -------
     ndarray of float64, shape (moves, 3), or None
-        None if no heights do, as where a particle is held during all moves but one.
+        None if no vertical components solve the task, for example if a particle is held during all moves but one.
 
     Notes
     -----
-    Ours. Paper W, section IV.G, corrects heights by moves of their own while one particle is held; here they ride in the others.
+    Own method. Paper W, section IV.G, corrects heights by separate moves while one particle is held; here they are combined with
+    the other moves.
     """
     room = task.world.room
     states = ContactWorld(room.base).play(task.start[:, :2], flat)
@@ -57,12 +58,12 @@ def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
 def _least_vertical_moves(
     shares: NDArray[np.float64], start: NDArray[np.float64], goal: NDArray[np.float64], height: float
 ) -> NDArray[np.float64] | None:
-    """Return the heights of moves that lead from heights to heights within 0 .. height; None if none do."""
+    """Return the smallest vertical moves between given heights that stay within 0 .. height, or None if none exist."""
     from scipy.optimize import linprog
 
     count = len(shares)
     sums = np.tril(np.ones((count, count)))
-    risen = [sums * shares[:, particle] for particle in range(2)]  # what each particle has risen after each move
+    risen = [sums * shares[:, particle] for particle in range(2)]  # height gained by each particle after each move
     nothing, eye = np.zeros((count, count)), np.eye(count)
     least, most = _OFF_CAPS * height, (1 - _OFF_CAPS) * height
     rows, limits = [np.hstack([eye, -eye]), np.hstack([-eye, -eye])], [np.zeros(count), np.zeros(count)]

@@ -1,1 +1,1 @@
-"""Simulation of steering: the apparatus that planners in a closed loop work with, and inputs played again."""
+"""Simulation of steering: the apparatus for closed-loop planners, and replay of inputs."""

@@ -1,4 +1,4 @@
-"""The simulated apparatus: an input with noise, a camera with noise, and the states that the inputs led to."""
+"""The simulated apparatus: noisy input, noisy camera, and the resulting states."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from shoal.steering.problem import SteeringProblem
 from shoal.steering.workspaces.convex import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
 
-EXACT_TOUCH = 1e-12  # of the size: how near who touches is to a wall, where contacts are looked at closely
+EXACT_TOUCH = 1e-12  # relative to the size: contact tolerance in sensitive computations
 
 
 class Apparatus:
-    """What a planner in a closed loop can do: send a move, look.
+    """The interface of closed-loop planners to the world: send a move, and observe.
 
     Attributes
     ----------
     problem : SteeringProblem
-        Its noise, as far as a planner may know it.
+        The problem, which includes the noise that a planner may know.
     states : list of ndarray of float64, shape (n, d)
-        At the start and after each move.
+        States at the start and after each move.
     inputs : list of ndarray of float64, shape (d,)
         The moves that were sent.
     remark : str
-        What the planner has to say of the run; it becomes part of the reason.
+        The planner's remark about the run. It becomes part of the reason.
     """
 
     def __init__(self, problem: SteeringProblem, start: Points, *, seed: int) -> None:
@@ -37,15 +37,15 @@ class Apparatus:
         self.inputs: list[Points] = []
 
     def restart(self) -> None:
-        """Forget all moves: the particles are at their start."""
+        """Discard all moves and return the particles to their start."""
         del self.states[1:], self.inputs[:]
 
     def with_noise(self, noise: float, *, seed: int = 0) -> Apparatus:
-        """Return another apparatus at the same start, with execution noise of that standard deviation."""
+        """Return another apparatus with the same start and the given standard deviation of execution noise."""
         return Apparatus(self.problem.replaced(execution=noise), self.states[0], seed=seed)
 
     def look(self) -> Points:
-        """Return where the camera sees the particles."""
+        """Return the positions that the camera observes."""
         noise, state = self.problem.measurement, self.states[-1]
         return np.asarray(state + self._camera.normal(scale=noise, size=state.shape) if noise else state.copy())
 
@@ -58,23 +58,23 @@ class Apparatus:
 
 
 def executed_moves(problem: SteeringProblem, inputs: Points, *, seed: int) -> Points:
-    """Return what becomes of inputs with the noise of their execution; float64, shape (moves, d)."""
+    """Return the moves after adding execution noise to the inputs; float64, shape (moves, d)."""
     if not problem.execution:
         return inputs
     return np.asarray(inputs + generators(seed)[1].normal(scale=problem.execution, size=inputs.shape))
 
 
 def replay(problem: SteeringProblem, inputs: Points, *, seed: int) -> Points:
-    """Return all states when inputs are sent, again, with a seed; float64, shape (moves + 1, n, d)."""
+    """Return all states of a replay of inputs with a seed; float64, shape (moves + 1, n, d)."""
     start, _ = problem.endpoints(seed)
     return np.asarray(problem.world(seed=seed).play(start, executed_moves(problem, inputs, seed=seed)))
 
 
 def condition(problem: SteeringProblem, inputs: Points, *, seed: int) -> float:
-    """Return how many times as large the error at the end is as one of the start, or as the tolerance of contacts.
+    """Return the amplification of errors: final error divided by an initial error, or by the contact tolerance.
 
-    The start is moved by 1e-12 of the size along each coordinate of each particle, and once particles are held only where they are
-    nearer to a wall than that. If a wall then no longer holds one, it is large.
+    The start is displaced by 1e-12 of the size along each coordinate of each particle, and the contact tolerance is once reduced to
+    this value. The amplification is large if a wall then no longer holds a particle.
     """
     world, moves = problem.world(seed=seed), executed_moves(problem, inputs, seed=seed)
     start, _ = problem.endpoints(seed)

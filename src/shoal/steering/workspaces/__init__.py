@@ -1,1 +1,1 @@
-"""Workspaces: convex ones, regions with obstacles, and the files that hold them."""
+"""Workspaces: convex workspaces, regions with obstacles, and workspace files."""

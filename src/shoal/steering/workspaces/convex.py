@@ -1,4 +1,4 @@
-"""Convex workspaces: polygons and disks, prisms and cylinders over them."""
+"""Convex workspaces: polygons, disks, prisms and cylinders."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.steering.workspaces.convex_geometry import Points, check_inside, clipped, convex_outline, hull
 
-TOUCH = 1e-9  # of the size: who is nearer to a wall than this is on it
+TOUCH = 1e-9  # relative to the size: a particle closer to a wall than this is on it
 
 
 @dataclass(frozen=True, eq=False)
 class ConvexWorkspace:
-    """A convex workspace: the inside of flat walls, and of a circle if there is one.
+    """A convex workspace, bounded by flat walls and optionally by a circle.
 
-    Made by `polygon`, `disk`, `regular_polygon`, `prism` and `cylinder`. Points are (x, y) or (x, y, z), y up.
+    Use `polygon`, `disk`, `regular_polygon`, `prism` or `cylinder` to create it. Points are (x, y) or (x, y, z), with y up.
 
     Parameters
     ----------
     kind : str
         "polygon", "disk", "prism" or "cylinder".
     vertices : ndarray of float64, shape (n, 2)
-        Corners of the polygon or of the prism's base, counter-clockwise; none for a disk or cylinder.
+        Corners of the polygon or of the prism's base, counter-clockwise. Empty for a disk or cylinder.
     radius : float
-        Of the disk or cylinder; 0 for the others.
+        Radius of the disk or cylinder; 0 for other kinds.
     center : ndarray of float64, shape (2,)
-        Of the disk or cylinder, or the mean of the vertices.
+        Centre of the disk or cylinder, or the mean of the vertices.
     height : float
-        Of the prism or cylinder, which stands on z = 0; 0 in the plane.
+        Height of the prism or cylinder, which stands on z = 0; 0 for a plane workspace.
     open_ends : bool
-        A tube without end caps: particles can go out there, and no cap holds them.
+        Whether the prism or cylinder is a tube without end caps. Particles can leave through its ends, and no cap holds them.
     """
 
     kind: str
@@ -52,17 +52,17 @@ class ConvexWorkspace:
 
     @property
     def round(self) -> bool:
-        """Whether its side wall is a circle."""
+        """Whether the side wall is a circle."""
         return self.radius > 0
 
     @cached_property
     def size(self) -> float:
-        """The largest extent in the plane; what tolerances are measured in."""
+        """The largest extent in the plane, the reference length of relative tolerances."""
         return 2 * self.radius if self.round else float(np.ptp(self.vertices, axis=0).max())
 
     @cached_property
     def normals(self) -> Points:
-        """Inward unit normals of the flat walls, sides first, then floor and ceiling; float64, shape (walls, dimensions)."""
+        """Inward unit normals of the flat walls: sides first, then floor and ceiling; float64, shape (walls, dimensions)."""
         along = np.roll(self.vertices, -1, axis=0) - self.vertices
         sides: Points = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
         if self.dimensions == 2:
@@ -73,20 +73,22 @@ class ConvexWorkspace:
 
     @cached_property
     def offsets(self) -> NDArray[np.float64]:
-        """Inside is where ``normals @ point >= offsets``; float64, shape (walls,)."""
+        """Offsets of the flat walls: a point is inside if ``normals @ point >= offsets``; float64, shape (walls,)."""
         sides = np.sum(self.normals[: len(self.vertices), :2] * self.vertices, axis=1)
         return sides if self.dimensions == 2 or self.open_ends else np.concatenate([sides, [0.0, -self.height]])
 
     @cached_property
     def base(self) -> ConvexWorkspace:
-        """The polygon or disk that a prism or cylinder stands on; a plane workspace itself."""
+        """The polygon or disk that is the base of a prism or cylinder, or the workspace itself if it is plane."""
         return ConvexWorkspace("disk" if self.round else "polygon", self.vertices, self.radius, self.center)
 
     @cached_property
     def differences(self) -> ConvexWorkspace:
-        """The Δ configuration space, all differences of two points of a plane workspace: a polygon, or a disk of twice the radius.
+        """The Δ configuration space: all differences of two points of a plane workspace.
 
-        A polygon of n sides has one of 2n sides, two fewer for each pair of parallel ones. Source: paper W, section IV.A.
+        It is a polygon, or a disk of twice the radius.
+
+        A polygon of n sides gives a polygon of 2n sides, minus two for each pair of parallel sides. Source: paper W, section IV.A.
 
         Examples
         --------
@@ -104,7 +106,7 @@ class ConvexWorkspace:
         return np.asarray(points, dtype=np.float64) @ self.normals.T - self.offsets
 
     def circle_distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each point to the round wall, negative outside; infinite if there is none; shape (...)."""
+        """Return the distance of each point to the round wall, negative outside; infinite without a round wall; shape (...)."""
         flat = np.asarray(points, dtype=np.float64)[..., :2] - self.center
         return np.asarray(self.radius - np.hypot(flat[..., 0], flat[..., 1])) if self.round else np.full(flat.shape[:-1], np.inf)
 
@@ -115,27 +117,27 @@ class ConvexWorkspace:
         return np.asarray(np.minimum(nearest, self.circle_distance(points)))
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Tell for each point whether it lies inside or on a wall, within `TOUCH` of the size; bool, shape (...)."""
+        """Return for each point whether it lies inside or on a wall, with the tolerance `TOUCH`; bool, shape (...)."""
         return np.asarray(self.depth(points) >= -TOUCH * self.size)
 
     def check_inside(self, points: ArrayLike, *, what: str) -> Points:
-        """Return points as float64, shape (n, dimensions); raise InvalidInputError if one lies outside."""
+        """Return points as float64, shape (n, dimensions). A point outside raises InvalidInputError."""
         return check_inside(self, points, what=what)
 
     def extent(self, direction: ArrayLike) -> float:
-        """Return how far the workspace reaches from its centre along a vector, times the length of that."""
+        """Return the extent of the workspace from its centre along a vector, times the vector's length."""
         vector = np.asarray(direction, dtype=np.float64)
         flat = vector[:2]
         side = self.radius * np.hypot(*flat) if self.round else np.max(np.abs((self.vertices - self.center) @ flat))
         return float(side + (abs(vector[2]) * self.height / 2 if len(vector) == 3 else 0.0))
 
     def inset(self, margin: float) -> ConvexWorkspace:
-        """Return the workspace without what lies nearer than ``margin`` to a wall; in space it keeps its z.
+        """Return the workspace reduced by ``margin`` at every wall. In space, the z range is unchanged.
 
         Raises
         ------
         InvalidInputError
-            If nothing is left.
+            If no area is left.
 
         Examples
         --------
@@ -168,12 +170,12 @@ def polygon(vertices: ArrayLike) -> ConvexWorkspace:
     Parameters
     ----------
     vertices : array_like of float, shape (n, 2)
-        Corners in either direction; see `shoal.steering.workspaces.convex_geometry.convex_outline` for what is accepted.
+        Corners in either direction; see `shoal.steering.workspaces.convex_geometry.convex_outline` for the accepted outlines.
 
     Raises
     ------
     InvalidInputError
-        For fewer than three corners, or corners of an outline that is not convex.
+        If the polygon has fewer than three corners or is not convex.
 
     Examples
     --------
@@ -186,14 +188,14 @@ def polygon(vertices: ArrayLike) -> ConvexWorkspace:
 
 
 def regular_polygon(sides: int, *, radius: float = 0.5) -> ConvexWorkspace:
-    """Return a regular polygon around the origin, its lowest side horizontal.
+    """Return a regular polygon around the origin with a horizontal lowest side.
 
     Parameters
     ----------
     sides : int
-        3 or more.
+        Number of sides, at least 3.
     radius : float
-        Of the circle through its corners.
+        Radius of the circle through the corners.
 
     Raises
     ------
@@ -231,7 +233,7 @@ def prism(base: ConvexWorkspace, height: float, *, open_ends: bool = False) -> C
     height : float
         Above 0.
     open_ends : bool
-        Whether bottom and top hold nothing, as in a tube.
+        Whether the prism has no end caps, like a tube.
 
     Raises
     ------
@@ -258,7 +260,7 @@ def cylinder(radius: float, height: float, *, open_ends: bool = False) -> Convex
     radius, height : float
         Above 0.
     open_ends : bool
-        Whether bottom and top hold nothing, as in a tube.
+        Whether the cylinder has no end caps, like a tube.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Outlines of convex polygons: checked, turned counter-clockwise, without vertices that are none."""
+"""Geometry of convex polygons: outlines are checked, turned counter-clockwise and simplified; convex hulls; clipping."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from shoal.core.errors import InvalidInputError
 
 Points = NDArray[np.float64]
 
-_FLAT = 1e-9  # of the size: what is thinner has no inside
-_STRAIGHT = 1e-12  # of the size squared: a corner that turns less is none
+_FLAT = 1e-9  # relative to the size: a thinner outline has no interior
+_STRAIGHT = 1e-12  # relative to the squared size: a corner with a smaller turn is dropped
 
 
 def check_inside(workspace: Any, points: ArrayLike, *, what: str) -> Points:
@@ -22,7 +22,7 @@ def check_inside(workspace: Any, points: ArrayLike, *, what: str) -> Points:
     Raises
     ------
     InvalidInputError
-        If one lies outside.
+        If a point lies outside.
     """
     array = check_points(points, what=what, dimensions=workspace.dimensions)
     outside = ~workspace.contains(array)
@@ -38,12 +38,14 @@ def check_inside(workspace: Any, points: ArrayLike, *, what: str) -> Points:
 def convex_outline(vertices: ArrayLike) -> Points:
     """Return the corners of a convex polygon counter-clockwise, float64, shape (n, 2).
 
-    Vertices may come in either order, closed or not; repeated ones and those on a straight side are dropped.
+    Vertices may be in either order, and the outline may be closed or not. Repeated vertices and vertices on a straight side are
+    dropped.
 
     Raises
     ------
     InvalidInputError
-        If the outline is flat, crosses itself or is not convex; the vertex is named by its place in the input, from 1.
+        If the outline is flat, crosses itself or is not convex. The message gives the index of the vertex in the input, counted
+        from 1.
 
     Examples
     --------
@@ -62,7 +64,7 @@ def convex_outline(vertices: ArrayLike) -> Points:
     area = _signed_area(corners)
     ring = LinearRing(corners)
     if abs(area) <= _FLAT * size * size and _thickness(corners) <= _FLAT * size:
-        raise InvalidInputError(f"polygon: expected an outline with an inside, got a flat one, {len(given)} vertices on a line")
+        raise InvalidInputError(f"polygon: expected an outline with an interior, got a flat one, {len(given)} vertices on a line")
     if not ring.is_simple:
         where = _crossing(corners)
         raise InvalidInputError(f"polygon: expected an outline that does not cross itself, got one that does{where}")
@@ -81,7 +83,7 @@ def convex_outline(vertices: ArrayLike) -> Points:
 
 
 def hull(points: Points) -> Points:
-    """Return the corners of the convex hull of points, float64, shape (n, 2); two of points on a line."""
+    """Return the corners of the convex hull of points, float64, shape (n, 2). Points on a line give their two end points."""
     from shapely import MultiPoint
 
     whole = MultiPoint(points).convex_hull
@@ -89,7 +91,7 @@ def hull(points: Points) -> Points:
 
 
 def clipped(corners: Points, normal: Points, most: float) -> Points:
-    """Return the corners of the part of a convex polygon where ``normal @ point <= most``."""
+    """Return the corners of the part of a convex polygon with ``normal @ point <= most``."""
     kept = []
     depths = corners @ normal - most
     for point, following, depth, next_depth in zip(corners, np.roll(corners, -1, axis=0), depths, np.roll(depths, -1), strict=True):
@@ -106,7 +108,7 @@ def _signed_area(corners: Points) -> float:
 
 
 def _thickness(corners: Points) -> float:
-    """Return how far the points lie from the line that fits them best."""
+    """Return the largest distance of the points from their best-fitting line."""
     centred = corners - corners.mean(axis=0)
     return float(np.abs(centred @ np.linalg.svd(centred, full_matrices=False)[2][1]).max())
 

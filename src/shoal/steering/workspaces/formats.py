@@ -1,4 +1,4 @@
-"""Workspaces by name and from JSON, GeoJSON, WKT and SVG."""
+"""Workspaces from names and from JSON, GeoJSON, WKT and SVG."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REGULAR = {"triangle": 3, "pentagon": 5, "hexagon": 6, "heptagon": 7, "octagon":
 LARGEST_FILE = 10_000_000  # bytes
 SUFFIXES = (".json", ".geojson", ".wkt", ".svg")
 
-# What JSON says of each type: the fields that it must have, and those that it may have.
+# For each JSON type of workspace: its required fields and its optional fields.
 _TYPES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "polygon": (("vertices",), ()),
     "regular": (("sides",), ("radius",)),
@@ -43,20 +43,20 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
     ----------
     source : str, path or dict
         A name: ``square`` (side 1, from the origin), ``triangle``, ``pentagon``, ``hexagon``, ``heptagon``, ``octagon`` or
-        ``regular:SIDES`` (around the origin, corners on a circle of radius 0.5), ``disk`` (radius 0.5) or ``disk:RADIUS``.
-        A file: ``.json`` (as in a problem file, or GeoJSON), ``.geojson``, ``.wkt``, ``.svg`` (all that it
-        shows: the largest closed line is the outline, the others are obstacles; in its own units, y turned up).
-        Text: ``POLYGON ((0 0, ...))``. Or the dict of a problem file: ``{"type": "polygon", "vertices": [...]}`` and others.
+        ``regular:SIDES`` (around the origin, corners on a circle of radius 0.5), ``disk`` (radius 0.5) or ``disk:RADIUS``. A file:
+        ``.json`` (as in a problem file, or GeoJSON), ``.geojson``, ``.wkt``, or ``.svg``. In an SVG drawing the largest closed line
+        is the outline and the other lines are obstacles; units are those of the drawing, with y turned up. Well-known text:
+        ``POLYGON ((0 0, ...))``. Or the dict of a problem file: ``{"type": "polygon", "vertices": [...]}`` and others.
 
     Returns
     -------
     ConvexWorkspace or Region
-        A region if the source has obstacles or says so.
+        The workspace. It is a region if the source has obstacles or has the type region.
 
     Raises
     ------
     UnknownNameError, InvalidInputError
-        In one sentence, with the place in the file.
+        If the source is unknown or invalid. The message gives the location in the file.
 
     Examples
     --------
@@ -78,7 +78,7 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
 
 
 def workspace_of(data: Any, *, where: str) -> Workspace:
-    """Return the workspace that parsed JSON describes, GeoJSON included.
+    """Return the workspace that parsed JSON describes, including GeoJSON.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _built(kind: str, fields: dict[str, Any], where: str) -> Workspace:
 
 
 def describe(workspace: Workspace) -> dict[str, Any]:
-    """Return what `workspace_of` makes the same workspace of.
+    """Return a JSON description from which `workspace_of` creates the same workspace.
 
     Examples
     --------
@@ -173,7 +173,7 @@ def _named(text: str) -> Workspace:
 
 
 def _read_workspace(source: Path) -> Workspace:
-    """Return the workspace in a file; of a problem file its workspace."""
+    """Return the workspace in a file, which may also be a problem file."""
     suffix, where = source.suffix.lower(), str(source)
     if suffix not in SUFFIXES:
         raise InvalidInputError(f"{source}: expected a workspace file ({', '.join(SUFFIXES)}), got the suffix {source.suffix!r}")
@@ -189,7 +189,7 @@ def _read_workspace(source: Path) -> Workspace:
 
 
 def _from_svg(text: str, *, where: str) -> Workspace:
-    """Return the workspace of a whole drawing, or of what the ``d`` attribute of a path says."""
+    """Return the workspace of a whole drawing, or of a path's ``d`` attribute."""
     if not text.lstrip("\ufeff \t\r\n").startswith("<"):
         return _from_rings(rings_of_path(text, where=where), where=where)
     drawn = read_drawing(text, where=where)
@@ -208,7 +208,7 @@ def _from_geojson(data: Any, *, where: str) -> Workspace:
             inner = inner[0]
         data = inner
     try:
-        with np.errstate(all="ignore"):  # numbers too large are refused below
+        with np.errstate(all="ignore"):  # numbers that are too large are refused below
             geometry = shapely.from_geojson(json.dumps(data))
     except (shapely.errors.GEOSException, TypeError, ValueError) as error:
         raise InvalidInputError(f"{where}: expected a GeoJSON polygon, got something else: {str(error).strip()[:120]}") from None
@@ -224,7 +224,7 @@ def _from_geometry(geometry: Any, *, where: str) -> Workspace:
 
 
 def _from_rings(rings: list[Any], *, where: str) -> Workspace:
-    """Return the polygon of the first closed line, or the region with the others as obstacles."""
+    """Return a polygon made of the first closed line, or a region in which the other lines are obstacles."""
     try:
         return region(rings[0], rings[1:]) if len(rings) > 1 else polygon(rings[0])
     except InvalidInputError as error:

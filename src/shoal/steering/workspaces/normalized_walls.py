@@ -1,4 +1,4 @@
-"""A workspace as the arrays that kernels take, in units of its size around its centre."""
+"""The walls of a workspace as arrays for kernels, scaled to size 1 and centred."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shoal.steering.kernels.chain_limits import Shape
 from shoal.steering.workspaces.convex import ConvexWorkspace
 from shoal.steering.workspaces.convex_geometry import Points
 
-_FAR = 1e-3  # of the size: a wall that is farther from another one is not in the way there
+_FAR = 1e-3  # relative to the size: at this distance a wall does not interfere with contacts on another wall
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,22 +22,22 @@ class NormalizedWalls:
     Parameters
     ----------
     frames : ndarray of float64, shape (walls, d, d)
-        The middle of each flat wall and d - 1 unit vectors along it.
+        For each flat wall: its midpoint and d - 1 unit vectors along it.
     reaches : ndarray of float64, shape (walls,)
-        Half of the largest extent of each flat wall along these.
+        Half of each flat wall's largest extent along these vectors.
     normals, offsets : ndarray of float64, shapes (walls, d) and (walls,)
     near : ndarray of bool, shape (walls + 1, walls)
-        Which flat walls may be in the way of a contact along each other one and, in the last row, along the circle.
+        Which flat walls may interfere with a contact on each other flat wall and, in the last row, on the circle.
     circle : ndarray of float64, shape (3,)
-        x, y and radius of the round wall; zeros if there is none.
+        Centre (x, y) and radius of the round wall; zeros if there is none.
     height : float
-        Of a prism or cylinder.
+        Height of a prism or cylinder.
     scale : float
-        Length of the unit.
+        Length of one normalized unit.
     origin : ndarray of float64, shape (d,)
-        Where zero lies.
+        The origin of normalized coordinates in the workspace.
     base : NormalizedWalls or None
-        Of a prism or cylinder: the walls of its base, in the plane.
+        For a prism or cylinder: the walls of its base in the plane.
     """
 
     frames: NDArray[np.float64]
@@ -63,33 +63,33 @@ class NormalizedWalls:
 
     @property
     def corners(self) -> Points:
-        """Where the side walls begin; float64, shape (sides, 2)."""
+        """Start points of the side walls; float64, shape (sides, 2)."""
         frames, d = self.frames[: self.sides], self.dimensions
         lengths = self.reaches[: self.sides] if d == 2 else self.base.reaches  # type: ignore[union-attr]  # there is one in space
         return np.asarray(frames[:, 0, :2] - lengths[:, None] * frames[:, 1, :2])
 
     @property
     def round(self) -> bool:
-        """Whether there is a circle; it is the wall after the last flat one."""
+        """Whether the workspace has a circle. Its wall index follows the last flat wall."""
         return bool(self.circle[2] > 0)
 
     @property
     def shape(self) -> Shape:
-        """What the kernels of chains take."""
+        """The walls in the form that the chain kernels use."""
         return Shape(self.frames, self.normals, self.offsets, self.circle, self.near)
 
     def normalized(self, points: Points) -> Points:
-        """Return points of the workspace in these units."""
+        """Convert points of the workspace to normalized units."""
         return np.ascontiguousarray((points - self.origin) / self.scale)
 
     def restored(self, points: Points) -> Points:
-        """Return points in these units as those of the workspace."""
+        """Convert points from normalized units to the workspace."""
         return points * self.scale + self.origin
 
 
 @lru_cache(maxsize=256)
 def normalize_walls(workspace: ConvexWorkspace) -> NormalizedWalls:
-    """Return the walls of a workspace."""
+    """Return the normalized walls of a workspace."""
     scale, origin = workspace.size, np.zeros(workspace.dimensions)
     origin[:2] = workspace.center
     offsets = (workspace.offsets - workspace.normals @ origin) / scale
@@ -103,7 +103,7 @@ def _with_frames(
     corners: Points, normals: Points, offsets: NDArray[np.float64], circle: NDArray[np.float64], height: float, scale: float,
     origin: Points, base: NormalizedWalls | None,
 ) -> NormalizedWalls:  # fmt: skip
-    """Return walls with their frames, of sides that lead from each corner to the next one, and of end caps after them."""
+    """Return walls with frames: sides from each corner to the next, followed by the end caps."""
     d, sides = len(origin), len(corners)
     frames, reaches = np.zeros((len(normals), d, d)), np.zeros(len(normals))
     near = ~np.eye(len(normals) + 1, len(normals), dtype=np.bool_)
@@ -120,7 +120,7 @@ def _with_frames(
         for cap, level in zip(range(sides, len(frames)), (0.0, height), strict=False):
             frames[cap] = np.array([[0.0, 0.0, level], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
             reaches[cap] = 1.0
-    elif sides:  # a wall that is off both ends of another one leaves all of that free
+    elif sides:  # a wall beyond both ends of another wall does not interfere with it
         off = np.minimum(normals @ corners.T, normals @ ends.T) - offsets[:, None]
         near[:-1] &= off.T < _FAR
     return NormalizedWalls(frames, reaches, np.ascontiguousarray(normals), offsets, near, circle, height, scale, origin, base)
@@ -128,9 +128,10 @@ def _with_frames(
 
 @lru_cache(maxsize=64)
 def with_few_sides(walls: NormalizedWalls, count: int) -> tuple[NormalizedWalls, NDArray[np.int64]] | None:
-    """Return walls with so many of the sides, the others left out, and which ones these are; None if they enclose nothing.
+    """Return walls with only ``count`` of the sides, and the indices of these sides; None if they enclose no area.
 
-    The longest side is taken of each of equal parts of the way around: half of it by length, half by what the sides turn.
+    The boundary is divided into equal parts, measured half by length and half by turning angle. The longest side of each part is
+    kept.
     """
     flat = walls.normals[: walls.sides, :2]
     lengths = 2 * np.hypot(*(walls.frames[: walls.sides, 0, :2] - walls.corners).T)

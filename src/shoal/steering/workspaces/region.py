@@ -1,4 +1,4 @@
-"""Regions of any shape, with obstacles: for planning by sampling."""
+"""Regions of any shape with obstacles, for planning by sampling."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from shoal.steering.workspaces.convex_geometry import Points, check_inside
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A workspace with obstacles: inside an outline and outside of obstacles. Made by `region`.
+    """A workspace with obstacles: inside an outline and outside the obstacles. Use `region` to create it.
 
     Parameters
     ----------
     outline : ndarray of float64, shape (n, 2)
         Corners, counter-clockwise.
     obstacles : tuple of ndarray of float64, each of shape (n, 2)
-        Their corners, clockwise, so that the free side of every edge is on its left.
+        Corners of each obstacle, clockwise, so that the free side of every edge is on its left.
     """
 
     outline: Points
@@ -38,17 +38,17 @@ class Region:
 
     @cached_property
     def size(self) -> float:
-        """The largest extent; what tolerances are measured in."""
+        """The largest extent, the reference length of relative tolerances."""
         return float(np.ptp(self.outline, axis=0).max())
 
     @cached_property
     def rings(self) -> tuple[Points, ...]:
-        """All outlines, the outer one first."""
+        """All outlines, the outer outline first."""
         return self.outline, *self.obstacles
 
     @cached_property
     def edges(self) -> NDArray[np.float64]:
-        """All edges, x and y of both ends, the free side on the left; float64, shape (edges, 4)."""
+        """All edges as coordinates (x and y) of both ends, with the free side on the left; float64, shape (edges, 4)."""
         return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in self.rings])
 
     @cached_property
@@ -68,11 +68,11 @@ class Region:
         return np.asarray(np.where(shapely.intersects(self.shape, spots), away, -away))
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Tell for each point whether it lies inside or on an edge, within `TOUCH` of the size; bool, shape (...)."""
+        """Return for each point whether it lies inside or on an edge, with the tolerance `TOUCH`; bool, shape (...)."""
         return np.asarray(self.depth(points) >= -TOUCH * self.size)
 
     def check_inside(self, points: ArrayLike, *, what: str) -> Points:
-        """Return points as float64, shape (n, dimensions); raise InvalidInputError if one lies outside."""
+        """Return points as float64, shape (n, dimensions). A point outside raises InvalidInputError."""
         return check_inside(self, points, what=what)
 
     def __repr__(self) -> str:
@@ -80,7 +80,7 @@ class Region:
 
 
 def region(outline: ArrayLike, obstacles: Sequence[ArrayLike] = ()) -> Region:
-    """Return a region; obstacles must lie inside the outline and apart from each other.
+    """Return a region. The ``obstacles`` must lie inside the ``outline`` and must not touch each other.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Outlines of workspaces from SVG drawings and paths, in the drawing's own units; y is turned up."""
+"""Workspace outlines from SVG drawings and paths, in the drawing's units, with the y axis turned up."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from shoal.steering.workspaces.convex_geometry import Points
 LARGEST_DRAWING = 2_000_000  # characters
 DEEPEST, MOST_ELEMENTS, MOST_CORNERS = 100, 20_000, 20_000
 
-_CURVE = 48  # corners that stand for each curve
-_ROUND = 1e-9  # of a radius: by less an ellipse is a circle
-_FRAME = ("width", "height", "viewBox", "preserveAspectRatio", "x", "y")  # how a drawing is shown, not what it is
+_CURVE = 48  # number of corners that approximate each curve
+_ROUND = 1e-9  # relative to a radius: an ellipse with a smaller deviation is a circle
+_FRAME = ("width", "height", "viewBox", "preserveAspectRatio", "x", "y")  # attributes that change the display but not the shape
 
 
 def rings_of_path(text: str, *, where: str) -> list[Points]:
-    """Return the closed lines that the ``d`` attribute of a path draws, curves as many short sides; each float64, shape (n, 2).
+    """Return the closed lines of a path's ``d`` attribute, with curves as many short sides; each float64, shape (n, 2).
 
     Raises
     ------
@@ -32,16 +32,16 @@ def rings_of_path(text: str, *, where: str) -> list[Points]:
     _check_size(text, where)
     try:
         found = _rings(Path(text))
-    except Exception as error:  # a parser of somebody else's that raises what it likes
+    except Exception as error:  # a third-party parser that may raise any exception
         raise _refused(error, "path", where) from None
     return _checked(found, where)
 
 
 def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
-    """Return what a drawing shows: a disk if it is one circle, else closed lines as `rings_of_path` does, the largest first.
+    """Return the content of a drawing: a disk for a single circle, otherwise closed lines, sorted by decreasing size.
 
-    Paths with arcs, polygons, polylines, rectangles, circles and ellipses are read, within groups, with their transforms and as
-    often as they are used; what is not displayed is not. Units are those of the drawing, y is turned up.
+    The reader supports paths with arcs, polygons, polylines, rectangles, circles and ellipses. It applies groups, transforms and
+    repeated use of elements, and skips elements that are not displayed. Units are those of the drawing, with the y axis turned up.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def _check_size(text: str, where: str) -> None:
 
 
 def _check_elements(root: Tree.Element, where: str) -> None:
-    """Refuse a drawing that is too deep, or too large when all that it uses is put in place."""
+    """Refuse a drawing that is nested too deeply, or too large after expanding all used elements."""
     level, depth = [root], 0
     names: dict[str, Tree.Element] = {}
     while level:
@@ -90,7 +90,7 @@ def _check_elements(root: Tree.Element, where: str) -> None:
     def size(node: Tree.Element) -> float:
         if node in sizes:
             return sizes[node]
-        sizes[node] = np.inf  # what uses itself has no end
+        sizes[node] = np.inf  # an element that uses itself would never end
         used = next((value for name, value in node.attrib.items() if name.rpartition("}")[2] == "href"), "")
         target = names.get(used[1:]) if node.tag.rpartition("}")[2] == "use" else None
         sizes[node] = 1 + sum(size(child) for child in node) + (size(target) if target is not None else 0)
@@ -108,7 +108,7 @@ def _refused(error: Exception, what: str, where: str) -> InvalidInputError:
 
 
 def _rings(shape: Any) -> list[Points]:
-    """Return the lines that a shape draws, each closed; those of fewer than three points left out."""
+    """Return the closed lines of a shape. Lines with fewer than three points are left out."""
     from svgelements import Close, Line, Move, Path
 
     rings: list[list[Points]] = []

@@ -1,1 +1,1 @@
-"""Chains of contacts, which most planners plan with: the query, the shortest chain, and chains of many cycles over roadmaps."""
+"""Chains of contacts, the common basis of most planners: queries, shortest chains, and long chains from roadmaps."""

@@ -1,4 +1,4 @@
-"""Chains to goals that lie almost opposite each other on a disk: planned from their end."""
+"""Chains to almost antipodal goals on a disk, planned backwards from the goal."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 from shoal.steering.planners.chains.chain import Chain, ChainQuery
 from shoal.steering.planners.chains.search import shortest_chain
 
-NEAR = 0.6  # of the diameter: longer differences are planned from their end
-TURN = 0.9  # of the largest turn that a cycle allows
+NEAR = 0.6  # relative to the diameter: longer differences are planned backwards
+TURN = 0.9  # fraction of the largest turn that a cycle allows
 
 
 def antipodal_chain(query: ChainQuery, *, cycles: int, sides: tuple[float, float] = (1.0, -1.0)) -> Chain | None:
-    """Return a chain on a disk to a difference near the largest there is, None if the goal's is none or it takes more cycles.
+    """Return a chain on a disk to a difference near the largest one. None if the goal's is smaller or needs more cycles.
 
-    One cycle at most halves what the logarithm of |Δ| / 2 r lacks: |Δ| becomes sqrt(2 r |Δ|), turned by acos(|Δ'| / 2 r). So the
-    difference before Δ' has the length |Δ'| cos(turn), turned back by it to either side; and so on, until it is short enough
-    for a chain of a few cycles. ``sides`` says to which sides, in turn.
+    One cycle can at most halve the logarithm of 2 r / |Δ|: |Δ| becomes sqrt(2 r |Δ|), turned by acos(|Δ'| / 2 r). The difference
+    before Δ' therefore has the length |Δ'| cos(turn), turned back to either side. This step is repeated until the difference is
+    short enough for a chain of a few cycles. ``sides`` gives the side of each turn.
 
     Notes
     -----
-    Source: paper W, section VI, Fig. 15: goals at antipodes are approached only. The backward plan is ours.
+    Source: paper W, section VI, Fig. 15: antipodal goals can only be approached. The backward plan is an own addition.
     """
     if query.walls.dimensions != 2:
         return None
@@ -38,7 +38,7 @@ def antipodal_chain(query: ChainQuery, *, cycles: int, sides: tuple[float, float
         angle += sides[len(contacts) % 2] * turn
         contacts.append(angle + pi)
         shorter = length * float(np.cos(turn)) + 2 * query.push
-        if shorter >= length:  # with so much of a push no cycle gets there
+        if shorter >= length:  # with such a push, no cycle reaches the difference
             return None
         steps.append((shorter, angle))
     first = steps[-1]

@@ -1,4 +1,4 @@
-"""Chains of contacts, and what is asked of them."""
+"""Chains of contacts, and chain queries."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ from shoal.steering.planners.chains.kinds import bounds_of, lengths_over_walls
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import NormalizedWalls
 
-MARGIN = 1e-8  # of the size: how far the other particle stays off the walls
-ENOUGH = 1e-7  # how far inside of all limits a first guess is sought on flat walls
-ROOM = 1e-4  # and on a circle
+MARGIN = 1e-8  # relative to the size: distance of the other particle from the walls
+ENOUGH = 1e-7  # distance from all limits of a first guess on flat walls
+ROOM = 1e-4  # distance from all limits of a first guess on a circle
 REFINING = np.array([20.0 * 12.0**k for k in range(8)])
-_POLISHED = 8  # rough chains over a circle that are worth it
-_DEEPEST = 12  # cycles of a chain that is only refined
+_POLISHED = 8  # number of rough chains over a circle that are refined
+_DEEPEST = 12  # cycles of a chain that is refined without search
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Cycles of contact and adjustment, in the units of `NormalizedWalls`.
+    """A sequence of cycles (contact and adjustment), in the units of `NormalizedWalls`.
 
     Parameters
     ----------
     touchers : ndarray of int64, shape (cycles,)
-        0 or 1: which particle each cycle holds.
+        Index of the particle that each cycle holds, 0 or 1.
     walls : ndarray of int64, shape (cycles,)
-        Which wall holds it.
+        Index of the wall that holds the toucher of each cycle.
     unknowns : ndarray of float64, shape (cycles (d - 1) + (cycles - 1) d,)
-        Contacts along their walls, and the differences between cycles.
+        Positions of the contacts along their walls, and the differences between cycles.
     length : float
     last : ndarray of float64, shape (d,), optional
-        Δ at the end, if it is not the goal's.
+        Δ at the end, if it differs from the goal's.
     """
 
     touchers: NDArray[np.int64]
@@ -55,7 +55,7 @@ class Chain:
         return len(self.walls)
 
     def contacts(self, walls: NormalizedWalls) -> Points:
-        """Return where the contacts lie; float64, shape (cycles, d)."""
+        """Return the positions of the contacts; float64, shape (cycles, d)."""
         d, flat = walls.dimensions, self.walls < len(walls.frames)
         along, contacts = self.unknowns[: self.cycles * (d - 1)].reshape(-1, d - 1), np.empty((self.cycles, d))
         frames = walls.frames[self.walls[flat]]
@@ -75,22 +75,23 @@ class Chain:
 
 @dataclass(frozen=True, eq=False)
 class ChainQuery:
-    """From where to where, between which walls, and how slippery they are; in the units of `NormalizedWalls`.
+    """A request for a chain: start, goal, walls and friction, in the units of `NormalizedWalls`.
 
     Parameters
     ----------
     walls : NormalizedWalls
     start, goal : ndarray of float64, shape (2, d)
     friction : float
-        Coefficient of friction; infinite where nothing that is pushed into a wall slides.
+        Coefficient of friction. If it is infinite, a particle pushed into a wall never slides.
     margin : float
-        How far the other particle stays off the walls.
+        Minimum distance of the other particle from the walls.
     push : float
-        How much each adjustment goes into the wall.
+        Component into the wall of each adjustment, relative to its length.
     rounds : ndarray of float64
-        Sharpness of the rounds by which a chain is made short; few and low ones leave it far from all limits.
+        Sharpness of the barrier function in each round of the optimization. Few rounds with low values keep the chain far from all
+        limits.
     deadline : float
-        When to stop the search, by `time.monotonic`.
+        Time at which the search stops, in terms of `time.monotonic`.
     """
 
     walls: NormalizedWalls
@@ -104,7 +105,7 @@ class ChainQuery:
 
     @property
     def late(self) -> bool:
-        """Whether the time is used up."""
+        """Whether the deadline has passed."""
         return time.monotonic() > self.deadline
 
     @property
@@ -118,7 +119,7 @@ class ChainQuery:
         return np.asarray(self.goal[1] - self.goal[0])
 
     def model(self, inside: float = 1.0) -> CycleModel:
-        """Return what the kernels of cycles take, margin and push times a number."""
+        """Return the parameters of the cycle kernels, with margin and push multiplied by ``inside``."""
         walls = self.walls
         return CycleModel(
             walls.frames, walls.reaches, walls.normals, walls.offsets, walls.circle, self.friction, self.margin * inside,
@@ -126,7 +127,7 @@ class ChainQuery:
         )  # fmt: skip
 
     def flat(self) -> ChainQuery:
-        """Return the same in the plane, without heights."""
+        """Return the query in the plane, without heights."""
         assert self.walls.base is not None
         return replace(self, walls=self.walls.base, start=self.start[:, :2].copy(), goal=self.goal[:, :2].copy())
 
@@ -140,7 +141,7 @@ class ChainQuery:
         rounds: NDArray[np.float64] | None = None,
         bound: float = inf,
     ) -> float:
-        """Make a guess allowed and short, in place; return its length, infinite if that cannot be."""
+        """Make a guess feasible and short, in place. Return its length, or infinity if it cannot be made feasible."""
         kind = Kind(touchers, on, self.start, self.goal, self.walls.shape, self.friction, self.margin, self.push)
         work = new_work(len(on), self.walls.dimensions)
         return float(settle(guess, enough, self.rounds if rounds is None else rounds, bound, kind, work))
@@ -150,20 +151,23 @@ class ChainQuery:
         return lengths_over_walls(self.start, self.goal, self.walls)
 
     def bounds_of(self, touchers: NDArray[np.int64], on: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return lower bounds of the lengths of all chains of some kinds, shape (kinds, cycles) each; float64, shape (kinds,)."""
+        """Return lower bounds on the lengths of chains; float64, shape (kinds,).
+
+        Each row of ``touchers`` and ``on``, shape (kinds, cycles), is one kind of chain.
+        """
         return bounds_of(touchers, on, self.start, self.goal, self.walls, self._lengths_over_walls)
 
     def guess(self, cycles: int) -> NDArray[np.float64]:
-        """Return unknowns to begin with: the middles of walls, and differences on half of the straight way."""
+        """Return initial unknowns: the midpoints of the walls, and differences halfway along the straight line."""
         between = (self.before + (self.after - self.before) * np.arange(1, cycles)[:, None] / cycles) / 2
         return np.concatenate((np.zeros(cycles * (self.walls.dimensions - 1)), between.ravel()))
 
 
 def refined(query: ChainQuery, chain: Chain) -> Chain:
-    """Return a chain of the same kind made as short as can be; the same one if that fails or it is very long."""
+    """Return the shortest chain of the same kind, or the chain itself if the optimization fails or the chain is very long."""
     if chain.cycles > _DEEPEST:
         return chain
-    if chain.last is not None:  # aim at what it reaches
+    if chain.last is not None:  # use the difference that the chain really reaches
         off = (chain.last - query.after) / 2
         query = replace(query, goal=query.goal + np.stack([-off, off]))
     guess = chain.unknowns.copy()

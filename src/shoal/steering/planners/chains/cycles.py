@@ -1,4 +1,4 @@
-"""Single cycles: the difference nearest to a target that one contact and one adjustment make."""
+"""Single cycles: the difference nearest to a target that one contact and one adjustment can make."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ class Cycle(NamedTuple):
     Attributes
     ----------
     distance : float
-        How far the difference that it makes is from the target.
+        Distance between the resulting difference and the target.
     toucher : int
-        0 or 1: which particle the wall holds.
+        Index of the particle that the wall holds, 0 or 1.
     wall : int
     low, high : float
-        Where along the wall the contact may be.
+        Interval of possible contacts along the wall.
     after : ndarray of float64, shape (2,)
-        The difference that it makes.
+        The difference after the cycle.
     """
 
     distance: float
@@ -41,7 +41,7 @@ class Cycle(NamedTuple):
         return one_line(self)
 
     def contact(self, walls: NormalizedWalls, point: Points) -> tuple[float, Points]:
-        """Return the contact nearest to a point: along the wall, and as a point."""
+        """Return the possible contact nearest to a point: its position along the wall, and the point itself."""
         if self.wall == len(walls.normals):
             angle = self.low / walls.circle[2]
             return self.low, walls.circle[2] * np.array([np.cos(angle), np.sin(angle)])
@@ -51,12 +51,12 @@ class Cycle(NamedTuple):
 
 
 def nearest_cycles(query: ChainQuery, delta: Points, target: Points) -> list[Cycle]:
-    """Return for each wall and toucher the cycle that turns a difference into the one nearest to the target; in the plane.
+    """Return, for each wall and toucher, the cycle in the plane whose resulting difference is nearest to the target.
 
     Notes
     -----
-    Source: paper W, algorithms 2 and 3, corrected, with friction. On a disk what particle 1 does by touching, particle 2 does
-    by touching opposite.
+    Source: paper W, algorithms 2 and 3, corrected, with friction. On a disk, every effect of a contact of particle 1 can also be
+    achieved by particle 2 on the opposite side.
     """
     if query.walls.round:
         radius = query.walls.circle[2]

@@ -1,4 +1,4 @@
-"""Nodes of the roadmap on a disk with friction: differences from which cycles lead to a large one, and around the middle."""
+"""Roadmap nodes for a disk with friction: differences from which cycles reach a large difference, and a path around the centre."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from shoal.steering.contact.friction_limits import turn_on_the_way
 from shoal.steering.workspaces.convex_geometry import Points
 
 MOST_CYCLES = 500
-CONTACTS, TILTS = 129, 9  # contacts and directions among which a rung is sought
-LEAST = 1e-3  # of the radius: no need to begin with a smaller difference
+CONTACTS, TILTS = 129, 9  # number of contacts and directions in the search for the next node
+LEAST = 1e-3  # relative to the radius: smaller differences are not needed
 SAME = 1e-9
-BETWEEN = 300  # differences on a way around the middle
+BETWEEN = 300  # number of differences on a path around the centre
 
 
 def backward_nodes(after: Points, *, radius: float, friction: float, margin: float) -> Points:
-    """Return the smallest differences from which one, two, three, ... cycles lead to one; float64, shape (nodes, 2).
+    """Return the smallest differences from which one, two, three, ... cycles reach ``after``; float64, shape (nodes, 2).
 
-    Each cycle can turn Δ either way by the same angle: those that always turn in one way and those that turn to and fro.
+    Each cycle can turn Δ by the same angle to either side. The result contains chains that always turn to one side and chains that
+    alternate.
     """
     cone = float(np.arctan(friction)) * (1 - 1e-6)
     sizes, turns = [float(np.hypot(*after))], list[float]()
@@ -39,12 +40,12 @@ def backward_nodes(after: Points, *, radius: float, friction: float, margin: flo
 
 
 def _smallest_before(size: float, radius: float, cone: float, margin: float) -> tuple[float, float]:
-    """Return the smallest |Δ| from which one cycle leads to one of a size at the angle 0, and its angle."""
+    """Return the smallest |Δ| from which one cycle reaches a difference of length ``size`` and angle 0, and its angle."""
     inner = radius - margin
     half = np.arccos(min(1.0, (radius**2 + size**2 - inner**2) / (2 * radius * size)))
     contact = np.pi + half * (1 - SAME) * np.linspace(-1, 1, CONTACTS)[:, None]
     way = contact + cone * np.linspace(-1, 1, TILTS)
-    x, y = radius * np.cos(contact) + size, radius * np.sin(contact)  # of the other particle at the end
+    x, y = radius * np.cos(contact) + size, radius * np.sin(contact)  # depth of the other particle at the end
     along = x * np.cos(way) + y * np.sin(way)
     room = along + np.sqrt(np.maximum(along**2 - (x**2 + y**2 - inner**2), 0.0))
     back = np.clip(size * np.cos(way), 0.0, np.maximum(room, 0.0))
@@ -55,7 +56,7 @@ def _smallest_before(size: float, radius: float, cone: float, margin: float) -> 
 
 
 def turning_nodes(before: Points, after: Points, *, radius: float, friction: float) -> Points:
-    """Return differences on the way from one to another between which |Δ| can only shrink; none for other pairs."""
+    """Return intermediate differences between two differences if |Δ| can only shrink between them; otherwise no differences."""
     large, small = float(np.hypot(*before)), float(np.hypot(*after))
     most = float(np.arctan(friction))
     begin = float(np.arctan2(before[1], before[0]))

@@ -1,7 +1,7 @@
-"""Shorter chains from known ones: cycles are put in, taken out, or given to the other particle, and the chain is made short again.
+"""Improvement of chains: insert or remove a cycle, or exchange its toucher, and shorten the chain again.
 
-Chains of more than three cycles are too many to be tried all. A corner that holds by one wall and then by the other, or a contact
-that wanders along a wall in small steps, is found by putting cycles into a shorter chain.
+Chains of more than three cycles have too many kinds to try all. Long optimal chains, such as one that alternates between the two
+walls of a corner or moves along a wall in small steps, are found by inserting cycles into shorter chains.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from shoal.steering.workspaces.convex_geometry import Points
 _Item = TypeVar("_Item")
 
 MOST_CYCLES = 8
-SLACK = 1.2  # times the shortest: longer ones are not kept
-WIDTH = 8  # chains from which others are made
-TRIES, ROUND_TRIES, FAR_TRIES = 90, 90, 200  # chains that are tried: over flat walls, a round one, and where goals are far apart
-SPIRALS = ((1.0, -1.0), (1.0, 1.0), (-1.0, -1.0))  # to which sides differences turn on the way to such goals
-_BACKWARD = 16  # cycles of a chain to them
-REFINED = 3  # of the shortest rough chains
-NEARLY = 1.1  # times the shortest: chains of few cycles so long are begun with, too
-EACH = 30  # made of one chain
-_WORTH = 1e-4  # of the length: what a cycle more must gain
-_SAME = 2e-4  # of the length: of chains that differ by less that of fewer cycles is kept
+SLACK = 1.2  # relative to the shortest length: longer chains are dropped
+WIDTH = 8  # number of chains that are changed
+TRIES, ROUND_TRIES, FAR_TRIES = 90, 90, 200  # number of chains tried: on flat walls, on a round wall, and for distant goals
+SPIRALS = ((1.0, -1.0), (1.0, 1.0), (-1.0, -1.0))  # sides to which differences turn for distant goals
+_BACKWARD = 16  # cycles of a chain for distant goals
+REFINED = 3  # number of shortest rough chains that are used
+NEARLY = 1.1  # relative to the shortest length: short chains up to this length are also starting points
+EACH = 30  # number of candidates made from one chain
+_WORTH = 1e-4  # relative to the length: gain that justifies one more cycle
+_SAME = 2e-4  # relative to the length: among chains that differ by less, the one with fewer cycles is kept
 _ROUGH = REFINING[:3]
 _ROUGH_ROUND = REFINING[:4]
 
@@ -50,22 +50,22 @@ class ChainPool:
     query: ChainQuery
     chains: list[Chain] = field(default_factory=list)
     _known: set[tuple[object, ...]] = field(default_factory=set)
-    _expanded: dict[int, Chain] = field(default_factory=dict)  # kept, so that no other gets the number
+    _expanded: dict[int, Chain] = field(default_factory=dict)  # keep a reference, so that the id is not used again
 
     @property
     def best(self) -> Chain | None:
-        """The shortest chain, of about equal ones that of fewer cycles; None if there is none."""
+        """The shortest chain, or the one with fewest cycles among almost equally short chains; None if the pool is empty."""
         return self.chains[0] if self.chains else None
 
     @property
     def bound(self) -> float:
-        """How short a chain must be to be kept."""
+        """Maximum length of a chain that the pool accepts."""
         if not self.chains:
             return inf
         return min(self.chains[-1].length if len(self.chains) >= WIDTH else inf, SLACK * self.chains[0].length)
 
     def add(self, chain: Chain) -> bool:
-        """Take a chain in, if it is one of the shortest; return whether it was."""
+        """Add a chain if it is one of the shortest. Return whether it was added."""
         alike = [other for other in self.chains if abs(chain.length - other.length) < _SAME * other.length]
         if not chain.length < self.bound or any(other.cycles <= chain.cycles for other in alike):
             return False
@@ -75,13 +75,13 @@ class ChainPool:
         return True
 
     def begin(self, chain: Chain) -> None:
-        """Make a chain allowed and short, and take it in."""
+        """Make a chain feasible and short, and add it."""
         along = chain.unknowns[: chain.cycles * (self.query.walls.dimensions - 1)].reshape(chain.cycles, -1)
         deltas = list(chain.differences(self.query.before, self.query.after))
         self.tried(_Candidate(0.0, chain.touchers.tolist(), chain.walls.tolist(), list(along), deltas))
 
     def tried(self, one: _Candidate) -> int:
-        """Make a candidate allowed and short, and take it in; return 1, or 0 where that is known to be of no use."""
+        """Make a candidate feasible and short, and add it. Return 1, or 0 if its lower bound already excludes it."""
         query, guess, round_ = self.query, one.guess, self.query.walls.round
         kind = (*one.touchers, *one.walls, np.round(guess, 2).tobytes() if round_ else b"")
         if kind in self._known:
@@ -95,7 +95,7 @@ class ChainPool:
         return 1
 
     def improve(self, tries: int) -> None:
-        """Make chains of those in the pool, the shortest first, until so many were tried."""
+        """Change the chains of the pool, the shortest first, until ``tries`` candidates were tried."""
         while tries > 0 and not self.query.late:
             parent = next((chain for chain in self.chains if id(chain) not in self._expanded), None)
             if parent is None:
@@ -112,15 +112,15 @@ class ChainPool:
 
 
 class _Candidate(NamedTuple):
-    """A chain to try: a known one with a cycle more, one fewer, or one of the other particle.
+    """A candidate: a known chain with one cycle more, one cycle less, or another toucher in one cycle.
 
     Attributes
     ----------
     way : float
-        Least way of a particle to its new wall: what has less is tried first.
+        Shortest path of a particle to its new wall. Candidates with small values are tried first.
     touchers, walls : list of int
     along : list of ndarray of float64, shape (d - 1,)
-        Contacts along their walls, to begin with.
+        Initial positions of the contacts along their walls.
     deltas : list of ndarray of float64, shape (d,)
         Differences at the start, between cycles and at the end.
     """
@@ -133,12 +133,12 @@ class _Candidate(NamedTuple):
 
     @property
     def guess(self) -> NDArray[np.float64]:
-        """The unknowns to begin with."""
+        """The initial unknowns of the optimization."""
         return np.concatenate([*self.along, *self.deltas[1:-1]])
 
 
 def with_bounds(query: ChainQuery, found: list[_Candidate]) -> list[tuple[_Candidate, float]]:
-    """Return candidates with lower bounds of their lengths."""
+    """Return candidates with lower bounds on their lengths."""
     bounds = np.empty(len(found))
     for cycles in {len(one.walls) for one in found}:
         some = [k for k, one in enumerate(found) if len(one.walls) == cycles]
@@ -147,12 +147,13 @@ def with_bounds(query: ChainQuery, found: list[_Candidate]) -> list[tuple[_Candi
 
 
 def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
-    """Return what may be shorter than a chain; those come first for which a particle has the least way to its new wall."""
+    """Return chains that may be shorter than ``chain``, sorted by the shortest path of a particle to its new wall."""
     d, circle, half = query.walls.dimensions, len(query.walls.normals), pi * query.walls.circle[2]
     along = list(chain.unknowns[: chain.cycles * (d - 1)].reshape(-1, d - 1))
     deltas = list(chain.differences(query.before, query.after))
     touchers, walls = chain.touchers.tolist(), chain.walls.tolist()
-    opposite = [one + half * np.eye(d - 1)[0] for one in along]  # what one does by touching, the other does by touching opposite
+    # every effect of one particle's contact can also be achieved by the other on the opposite side
+    opposite = [one + half * np.eye(d - 1)[0] for one in along]
     found = []
     for place in range(chain.cycles if chain.cycles > 1 else 0):
         between = min(max(place, 1), chain.cycles - 1)
@@ -185,7 +186,7 @@ def _cut(items: list[_Item], place: int) -> list[_Item]:
 
 
 def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> list[int]:
-    """Return which particle should touch in each cycle over a round wall, the differences as they are, for the least way."""
+    """Return, for each cycle over a round wall, the toucher with the shorter path, keeping the differences."""
     signs = np.array([1.0, -1.0])
     contacts = chain.contacts(query.walls) * np.where(chain.touchers == 0, 1.0, -1.0)[:, None]
     contacts[:, 2:] *= np.where(chain.touchers == 0, 1.0, -1.0)[:, None]  # heights are not mirrored
@@ -204,7 +205,7 @@ def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> list[i
 
 
 def states_of(query: ChainQuery, chain: Chain, deltas: Points) -> Points:
-    """Return where the particles are before each contact, and at the end of the last cycle; shape (cycles + 1, 2, d)."""
+    """Return the positions of the particles before each contact and at the end of the last cycle; shape (cycles + 1, 2, d)."""
     states = np.empty((chain.cycles + 1, 2, query.walls.dimensions))
     states[0] = query.start
     for m, (toucher, contact) in enumerate(zip(chain.touchers, chain.contacts(query.walls), strict=True)):
@@ -216,12 +217,12 @@ def states_of(query: ChainQuery, chain: Chain, deltas: Points) -> Points:
 def _new_contacts(
     query: ChainQuery, chain: Chain, along: list[Points], place: int, toucher: int, point: Points
 ) -> Iterator[tuple[int, Points, float, float]]:
-    """Yield walls, contacts, shares of the change after them and ways for a new cycle of a particle that is at a point."""
+    """Yield wall, contact, fraction of the change after it, and path length for a new cycle of a particle at ``point``."""
     walls = query.walls
     flat = len(walls.normals)
     ways = walls.normals @ point - walls.offsets
     places = np.arange(flat)
-    if walls.sides > MANY:  # those nearest to it, and those of the contacts before and after
+    if walls.sides > MANY:  # walls nearest to the point, and walls of the previous and next contacts
         beside = chain.walls[[max(place - 1, 0), min(place, chain.cycles - 1)]]
         places = np.unique([*np.argsort(ways)[:6], *beside, *range(walls.sides, flat)])
     for wall in places.tolist():
@@ -239,13 +240,13 @@ def _new_contacts(
 
 
 def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chain]:
-    """Return the shortest chains of any number of cycles that are found, the shortest first; none if there are none.
+    """Return the shortest chains found with any number of cycles, the shortest first. The list may be empty.
 
     Parameters
     ----------
     query : ChainQuery
     seeds : iterable of Chain
-        Chains to begin with, besides those that are found.
+        Initial chains in addition to those that the search finds.
     """
     pool = ChainPool(query)
     for chain in seeds:

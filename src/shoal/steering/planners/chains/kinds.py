@@ -1,8 +1,8 @@
-"""Kinds of chains, which particle touches which wall in which order, and lower bounds of their lengths.
+"""Kinds of chains (sequences of touchers and walls) and lower bounds on their lengths.
 
-A particle that touches walls goes at least to its goal mirrored in them; all that changes the difference is a move while one
-particle is held. So with one toucher the length is at least its way plus |Dg - Ds|; with both, half of the sum of both lengths and
-|Dg - Ds|.
+A particle that touches walls travels at least the distance to its goal mirrored in these walls. Only moves during which a particle
+is held change the difference. With a single toucher, the length is therefore at least its path plus |Dg - Ds|. With both touchers,
+it is at least half the sum of both paths and |Dg - Ds|.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ _AROUND = np.exp(2j * np.pi * np.arange(48) / 48)
 
 
 def way_over_circle(one: Points, other: Points, radius: float) -> float:
-    """Return the length of the shortest way from one point to another over a circle around zero.
+    """Return the length of the shortest path from one point to another that touches a circle around the origin.
 
     Notes
     -----
-    Its contact is a root z, |z| = 1, of A z^4 - B z^3 + conj(B) z - conj(A), with A = conj(S G) and B = r conj(S + G) (Alhazen).
-    Near the wall roots lie close together; there the feet of both points are as good.
+    The contact is a root z, |z| = 1, of A z^4 - B z^3 + conj(B) z - conj(A), with A = conj(S G) and B = r conj(S + G) (Alhazen's
+    problem). Near the wall, roots lie close together. There the nearest wall points of both points are equally good.
     """
     s, g = complex(*one[:2]) / radius, complex(*other[:2]) / radius
     a, b = np.conj(s * g), np.conj(s + g)
@@ -37,7 +37,10 @@ def way_over_circle(one: Points, other: Points, radius: float) -> float:
 
 
 def lengths_over_walls(start: Points, goal: Points, walls: NormalizedWalls) -> NDArray[np.float64]:
-    """Return each particle's shortest way to its goal over each wall; float64, shape (2, walls + 1), the last is the circle."""
+    """Return each particle's shortest path to its goal over each wall; float64, shape (2, walls + 1).
+
+    The last column is the circle.
+    """
     high = np.maximum(start @ walls.normals.T - walls.offsets, 0)
     low = np.maximum(goal @ walls.normals.T - walls.offsets, 0)
     flat = np.sqrt(np.sum((start - goal) ** 2, axis=1)[:, None] + 4 * high * low)
@@ -49,7 +52,7 @@ def bounds_of(
     touchers: NDArray[np.int64], on: NDArray[np.int64], start: Points, goal: Points, walls: NormalizedWalls,
     lengths: NDArray[np.float64],
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Return lower bounds of the lengths of all chains of some kinds; float64, shape (kinds,).
+    """Return lower bounds on the lengths of all chains of some kinds; float64, shape (kinds,).
 
     Parameters
     ----------
@@ -57,10 +60,10 @@ def bounds_of(
     start, goal : ndarray of float64, shape (2, d)
     walls : NormalizedWalls
     lengths : ndarray of float64, shape (2, walls + 1)
-        What `lengths_over_walls` returns.
+        The result of `lengths_over_walls`.
     """
     apart = float(np.linalg.norm((start[1] - start[0]) - (goal[1] - goal[0])))
-    normals = np.vstack([walls.normals, np.zeros((1, walls.dimensions))])  # what is mirrored in the circle stays
+    normals = np.vstack([walls.normals, np.zeros((1, walls.dimensions))])  # no change for mirror images in the circle
     offsets = np.append(walls.offsets, 0.0)
     least, used = np.empty((2, len(on))), np.empty((2, len(on)), dtype=np.bool_)
     for p in (0, 1):
@@ -81,7 +84,7 @@ def bounds_of(
 def kinds_of(
     start: Points, goal: Points, walls: NormalizedWalls, *, cycles: int, push: float, bound: float = inf
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return the kinds of chains of so many cycles over flat walls that may be shorter than a bound, the shortest bounds first.
+    """Return the kinds of chains of ``cycles`` cycles over flat walls that may be shorter than a bound, sorted by lower bound.
 
     Returns
     -------
@@ -92,7 +95,7 @@ def kinds_of(
     firsts, lasts = (_fitting(delta, walls, least) for delta, least in ((start[1] - start[0], push), (goal[1] - goal[0], -1e-12)))
     choices = [firsts, *[options] * (cycles - 2), lasts] if cycles > 1 else [np.intersect1d(firsts, lasts)]
     kinds = np.stack(np.meshgrid(*choices, indexing="ij"), axis=-1).reshape(-1, cycles)
-    kinds = kinds[(kinds[:, 1:] != kinds[:, :-1]).all(axis=1)]  # twice the same would be once
+    kinds = kinds[(kinds[:, 1:] != kinds[:, :-1]).all(axis=1)]  # two equal consecutive contacts are one contact
     touchers, on = kinds % 2, kinds // 2
     bounds = bounds_of(touchers, on, start, goal, walls, lengths_over_walls(start, goal, walls))
     order = np.argsort(bounds, kind="stable")
@@ -101,9 +104,12 @@ def kinds_of(
 
 
 def _fitting(delta: Points, walls: NormalizedWalls, least: float) -> NDArray[np.int64]:
-    """Return which walls and touchers, as 2 wall + toucher, can hold with the other particle inside: quickly and generously.
+    """Return the pairs of wall and toucher, as 2 wall + toucher, that may be feasible.
 
-    The other's distance to each wall is linear in the contact, so its largest value over the frame's box must not be negative.
+    The test is fast and never excludes a feasible pair.
+
+    The other particle's distance to each wall is linear in the contact. Its largest value over the bounding box of the wall's frame
+    must not be negative.
     """
     heights = walls.normals @ delta
     middle = walls.frames[:, 0] @ walls.normals.T - walls.offsets  # wall, other wall

@@ -1,4 +1,4 @@
-"""Chains of many cycles: the fewest over a map of differences, the outermost and the innermost that cycles make among them."""
+"""Chains of many cycles: the chain with fewest cycles on a roadmap of extreme differences."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ from shoal.steering.planners.chains.sides import between_few_sides, on_all_sides
 from shoal.steering.workspaces.convex_geometry import Points
 
 MAPS = ((300, 60, 1.02, 200), (1500, 120, 1.01, 400))
-"""Maps that are tried one after the other: extreme differences, directions they are extreme in, by how much, and random ones."""
+"""Settings of the roadmaps that are tried in turn: numbers of extreme differences, of directions, minimum gain, random nodes.
+"""
 
-_INSIDE = 1 + 1e-2  # of margin and push, so that a chain of links holds the limits of `chains`
+_INSIDE = 1 + 1e-2  # factor for margin and push, so that a chain of links satisfies the limits of `chains`
 _DIRECTIONS = 48  # on a disk
 
 
 def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int], ...] = MAPS, seed: int = 0) -> Chain | None:
-    """Return a chain in the plane that ends with the goal's difference exactly, None if the maps hold none.
+    """Return a chain in the plane that ends exactly with the goal's difference, or None if the roadmaps contain none.
 
     Notes
     -----
-    Ours: a probabilistic roadmap in the Δ configuration space, whose links are two-move sets, with nodes where these are at their
-    largest: differences larger than all others of about the same direction that come from the start's, and smaller than all others
-    that lead to the goal's. With friction the ways along these may be the only ones. Over polygons of many corners the map is one
-    over few of their sides.
+    This own method is a probabilistic roadmap in the Δ configuration space. Its links are two-move sets. Its nodes lie where these
+    sets extend farthest: the largest reachable differences in each direction from the start, and the smallest differences from
+    which the goal can be reached. With friction, only paths along these nodes may exist. For polygons with many corners, the
+    roadmap uses only a few of their sides.
     """
     few = between_few_sides(query)
     if few is not query:
@@ -57,7 +58,7 @@ def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int],
 
 
 def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: float) -> Points:
-    """Return the outermost differences that come from the start's, and the innermost that lead to the goal's."""
+    """Return the outermost differences reachable from the start, and the innermost differences that lead to the goal."""
     walls = query.walls
     if walls.round and query.friction < inf:
         radius, friction = float(walls.circle[2]), model.friction
@@ -77,7 +78,7 @@ def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: 
 
 
 def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:
-    """Return directions in which cycles change Δ: straight from the walls and at the edges of the cones of friction."""
+    """Return the directions in which cycles change Δ: along the wall normals and along the edges of the friction cones."""
     normals = query.walls.normals
     if not len(normals):
         return np.asarray(2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS)
@@ -88,7 +89,7 @@ def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:
 
 
 def _spread(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
-    """Return random differences, of all sizes and orders of size."""
+    """Return random differences with lengths of all orders of magnitude."""
     angles = 2 * np.pi * rng.random(count)
     sizes = np.where(rng.random(count) < 0.6, rng.random(count), 10 ** (-3 * rng.random(count)))
     far = 2 * float(query.walls.circle[2]) if query.walls.round else 2.0
@@ -96,7 +97,7 @@ def _spread(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
 
 
 def _over(nodes: Points, model: CycleModel) -> Chain | None:
-    """Return the chain of the fewest cycles from node 0 to node 1."""
+    """Return the chain with fewest cycles from node 0 to node 1."""
     parents, order = np.empty(len(nodes), dtype=np.int64), np.empty(len(nodes), dtype=np.int64)
     if not fewest_cycles(nodes, model, parents, order):
         return None

@@ -1,4 +1,4 @@
-"""The shortest chains of one, two or three cycles: all kinds by branch and bound, or many first guesses over a round wall."""
+"""The shortest chains of up to three cycles, by branch and bound over all kinds, or from many initial guesses on a round wall."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from shoal.steering.planners.chains.chain import REFINING, ROOM, Chain, ChainQue
 from shoal.steering.planners.chains.kinds import kinds_of
 from shoal.steering.planners.chains.sides import between_few_sides, on_all_sides, slid
 
-_POLISHED = 8  # rough chains over a circle that are worth it
+_POLISHED = 8  # number of rough chains over a circle that are refined
 
 
 def shortest_chain(query: ChainQuery, *, cycles: tuple[int, ...] = (1, 2, 3), first_found: bool = False) -> Chain | None:
-    """Return the shortest chain of one of the given numbers of cycles, None if there is none.
+    """Return the shortest chain with one of the given numbers of cycles, or None if no chain exists.
 
     Parameters
     ----------
     query : ChainQuery
     cycles : tuple of int
-        Numbers of cycles, in the order in which they are tried.
+        Numbers of cycles in the order of the search.
     first_found : bool
-        Stop with the first number of cycles that has a chain.
+        Whether to stop at the first number of cycles that has a chain.
 
     Notes
     -----
-    On flat walls branch and bound over all kinds of chains, each of which is a convex problem. On a round wall the best of many
-    first guesses, refined.
+    On flat walls, branch and bound searches all kinds of chains; each kind is a convex problem. On a round wall, the best of many
+    initial guesses are refined.
     """
     best: Chain | None = None
     for number in cycles:
@@ -43,7 +43,7 @@ def shortest_chain(query: ChainQuery, *, cycles: tuple[int, ...] = (1, 2, 3), fi
 
 
 def chains_of(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield ever shorter chains of so many cycles, all shorter than the bound."""
+    """Yield increasingly short chains with this number of cycles, all shorter than the bound."""
     if not query.walls.round:
         few = between_few_sides(query)
         yield from _flat(query, cycles, bound) if few is query else _many_sided(query, few, cycles, bound)
@@ -51,12 +51,12 @@ def chains_of(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     for found in _round(query, cycles, bound):
         bound = found.length
         yield found
-    if len(query.walls.normals) and (cycles <= 2 or bound == inf):  # the caps of a cylinder
+    if len(query.walls.normals) and (cycles <= 2 or bound == inf):  # the end caps of a cylinder
         yield from _capped(query, cycles, bound)
 
 
 def _many_sided(query: ChainQuery, few: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield ever shorter chains over flat walls, those that lie nearest to chains over few of them."""
+    """Yield increasingly short chains over flat walls, close to chains over a few of these walls."""
     for rough in _flat(few, cycles, 1.1 * bound):
         guess = on_all_sides(query, few, rough)
         length = query.settle(guess.unknowns, guess.touchers, guess.walls, rounds=REFINING[:3])
@@ -68,7 +68,7 @@ def _many_sided(query: ChainQuery, few: ChainQuery, cycles: int, bound: float) -
 
 
 def _flat(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield ever shorter chains over flat walls only."""
+    """Yield increasingly short chains over flat walls only."""
     touchers, on, bounds = kinds_of(query.start, query.goal, query.walls, cycles=cycles, push=query.push, bound=bound)
     for kind, least in enumerate(bounds):
         if least >= bound - 1e-9 or query.late:
@@ -81,7 +81,7 @@ def _flat(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
 
 
 def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield ever shorter chains with a round wall."""
+    """Yield increasingly short chains with a round wall."""
     firsts = list(_guesses(query, cycles))
     rough: list[tuple[float, int, NDArray[np.int64], NDArray[np.float64]]] = []
     met: set[tuple[float, ...]] = set()
@@ -93,7 +93,7 @@ def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
             continue
         for first in firsts:
             guess = first.copy()
-            # What particle 1 does by touching, particle 2 does by touching opposite.
+            # Every effect of a contact of particle 1 can also be achieved by particle 2 on the opposite side.
             guess[: cycles * (d - 1) : d - 1] += pi * query.walls.circle[2] * touchers
             length = query.settle(guess, touchers, on, enough=ROOM, rounds=REFINING[:1])
             place = (*kind, *np.round(guess, 2).tolist())
@@ -105,7 +105,7 @@ def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
     for length, _, touchers, guess in sorted(rough, key=lambda entry: entry[:2]):
         if length == inf or polished == _POLISHED:
             break
-        if length - last < 1e-5:  # the same again
+        if length - last < 1e-5:  # the same chain again
             continue
         last, polished = length, polished + 1
         found = query.settle(guess, touchers, on, enough=ROOM)
@@ -115,7 +115,7 @@ def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
 
 
 def _capped(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield ever shorter chains in a cylinder with an end cap among the walls."""
+    """Yield increasingly short chains in a cylinder that use at least one end cap."""
     caps = len(query.walls.normals)
     radius, d = query.walls.circle[2], query.walls.dimensions
     for on in product(range(caps + 1), repeat=cycles):
@@ -137,7 +137,7 @@ def _capped(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
 
 
 def _guesses(query: ChainQuery, cycles: int) -> Iterator[NDArray[np.float64]]:
-    """Yield chains of contacts of particle 1 over a round wall, from angles all around, that hold all limits."""
+    """Yield feasible chains of contacts of particle 1 over a round wall, from contact angles all around."""
     walls, d = query.walls, query.walls.dimensions
     radius = walls.circle[2]
     ends = {1: 9, 2: 7, 3: 3}.get(cycles, 2)

@@ -1,4 +1,4 @@
-"""Chains over polygons of many corners: over few of the sides first, then over those sides where the contacts would lie."""
+"""Chains over polygons with many corners: search over a few sides first, then over the sides near the contacts found."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from shoal.steering.planners.chains.chain import REFINING, Chain, ChainQuery
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import NormalizedWalls, with_few_sides
 
-FEW = 9  # sides over which all kinds of chains are tried
-MANY = 12  # sides that are too many for that
-_WORTH = 1e-4  # of the length: what a change of sides must gain
-_END = 0.98  # of a side: a contact farther out may have to go on to the next side
+FEW = 9  # maximum number of sides for which all kinds of chains are tried
+MANY = 12  # number of sides from which this reduction is used
+_WORTH = 1e-4  # relative to the length: gain that justifies a change of sides
+_END = 0.98  # relative to a side: a contact farther out may move to the next side
 
 
 def between_few_sides(query: ChainQuery) -> ChainQuery:
-    """Return the query between few of the walls; itself if there are not many, or if the few would not enclose anything."""
+    """Return the query with a few of the walls, or the query itself if it has few walls or the few would not enclose an area."""
     found = with_few_sides(query.walls, FEW) if query.walls.sides > MANY else None
     return query if found is None else replace(query, walls=found[0])
 
 
 def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
-    """Return a chain between few walls with its contacts on the nearest of all walls; its length is no longer true."""
+    """Move a chain's contacts from the few walls to the nearest of all walls. The stored length of the result is out of date."""
     if few is query:
         return chain
     walls, d = query.walls, query.walls.dimensions
@@ -41,13 +41,13 @@ def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
 
 
 def _along_side(walls: NormalizedWalls, side: int, point: Points) -> float:
-    """Return how far from the middle of a side the nearest of its points to a point is."""
+    """Return the position along a side of the point nearest to ``point``, measured from the side's midpoint."""
     frame, end = walls.frames[side], np.linalg.norm(walls.frames[side, 0, :2] - walls.corners[side])
     return float(np.clip(frame[1] @ (point - frame[0]), -0.9 * end, 0.9 * end))
 
 
 def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
-    """Yield chains with a contact that lies at the end of its side so many sides farther on; their lengths are not true."""
+    """Yield chains in which a contact at the end of its side moves ``step`` sides further. Their stored lengths are out of date."""
     walls, d = query.walls, query.walls.dimensions
     contacts = chain.contacts(walls)
     for m, side in enumerate(chain.walls.tolist()):
@@ -64,7 +64,7 @@ def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
 
 
 def slid(query: ChainQuery, chain: Chain) -> Chain:
-    """Return a chain whose contacts have gone on to the sides beside theirs as long as that makes it shorter."""
+    """Return a chain whose contacts have moved to neighbouring sides as long as this shortens the chain."""
     step = query.walls.sides // FEW if query.walls.sides > MANY else 0
     while step > 0 and not query.late:
         shorter = None
