@@ -194,7 +194,7 @@ class SteeringTask:
     def tidied(self, moves: Points, *, start: Points) -> Points:
         """Return a plan without its tiny moves if the previous move can be extended instead.
 
-        Return possible first moves with resulting states: none, or small moves if no move releases both particles.
+        A chain keeps the other particle at a margin from the walls. If that particle touches a wall next, its path is only this margin.
         """
         size = self.world.room.size
         k = 1
