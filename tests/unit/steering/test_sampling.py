@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.steering import steer
@@ -11,10 +13,13 @@ from shoal.steering import ContactWorld, SteeringProblem, SteeringTask, disk, po
 from shoal.steering.contact.region_world import RegionWorld
 from shoal.steering.planners import sampling
 from shoal.steering.planners.sampling import Sampling
+from shoal.steering.planners.sampling import _sees as sees
 
 SQUARE = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
 YARD = region([(0, 0), (4, 0), (4, 4), (0, 4)], [[(1.5, 1.5), (2.5, 1.5), (2.5, 2.5), (1.5, 2.5)]])
 CORNER = region([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)])
+TURNS = np.arange(60) * np.pi / 30
+STAR = region(np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1) * np.where(np.arange(60) % 2, 0.6, 1.0)[:, None])
 POSTS = region([(0, 0), (6, 0), (6, 4), (0, 4)], [[(1, 1), (2, 0.8), (2.2, 2.5)], [(3.5, 1.5), (5, 1.2), (4.6, 2.9), (3.8, 3)]])
 
 
@@ -118,6 +123,44 @@ def test_seeds():
     first, again, other = (planned(world, *pairs, seed=seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
+
+
+@quick
+def test_size_changes_nothing():
+    world = [RegionWorld(region(scale * YARD.outline, [scale * YARD.obstacles[0]])) for scale in (1.0, 1024.0)]
+    start, goal = np.array([(1.2, 2.0), (2.8, 2.0)]), np.array([(2.8, 2.0), (1.2, 2.0)])
+    small = planned(world[0], start, goal)
+    np.testing.assert_allclose(planned(world[1], 1024 * start, 1024 * goal, 1024e-6), 1024 * small, rtol=1e-9)
+
+
+def test_edges_that_are_left_out_would_not_have_been_met():
+    """As if each particle had a look at every edge, where it only does at those in boxes that it comes near."""
+    chance = np.random.default_rng(3)
+    for room in (YARD, CORNER, POSTS, STAR):
+        world, other = RegionWorld(room), RegionWorld(room)
+        everywhere = np.tile([-np.inf, np.inf, -np.inf, np.inf], (1, 1))
+        other.__dict__["edges"] = world.edges._replace(boxes=everywhere)
+        center = np.mean([room.outline.min(axis=0), room.outline.max(axis=0)], axis=0)
+        spots = chance.uniform(-0.5, 0.5, (400, 2)) * room.size + center
+        state = np.concatenate([spots[room.contains(spots)], *room.rings])
+        once = state.copy()
+        for move in chance.normal(size=(40, 2)) * room.size * chance.random((40, 1)) ** 3:
+            np.testing.assert_array_equal(world.moved(state, move), other.moved(once, move))
+
+
+def test_many_corners_are_looked_from_as_they_are_needed(monkeypatch):
+    """Not from each to each: 600 corners took 78 CPU seconds, most of them before the clock was looked at."""
+    asked = []
+    monkeypatch.setattr(sampling, "_sees", lambda *given: asked.append(given) or sees(*given))
+    start, goal = np.array([(-0.5, 0.3), (-0.5, 0.1)]), np.array([(0.5, 0.1), (0.5, -0.1)])
+    task = SteeringTask(RegionWorld(STAR), start, goal, 1e-6)
+    way = next(sampling._Translations(task).around(start[0] - goal[0]))
+    assert 1.0 < np.linalg.norm(way, axis=1).sum() < 1.03
+    assert len(asked) < 5
+    late = replace(task, deadline=0.0)
+    assert Sampling().plan(late) is None
+    assert not [*sampling._Translations(late).around(start[0] - goal[0])]
+    assert len(asked) < 5
 
 
 def test_what_cannot_be(monkeypatch):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from functools import cached_property
-from math import inf
+from math import ceil, inf, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.steering.contact.world import SteeringWorld
@@ -66,7 +67,8 @@ class RegionWorld(SteeringWorld):
             first += len(ring)
         before = along[links[:, 0]]
         reflex = before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0] < 0
-        return kernels.Edges(edges, normals, lengths, links, reflex, float(self.workspace.size) * self.touch / TOUCH)
+        size = float(self.workspace.size) * self.touch / TOUCH
+        return kernels.Edges(edges, normals, lengths, links, reflex, size, _boxes_of_runs(edges))
 
     def is_held(self, point: Points, move: Points) -> bool:
         """Return whether an edge would hold a particle at the start of a move."""
@@ -77,3 +79,11 @@ class RegionWorld(SteeringWorld):
         for point in state:
             kernels.advance(point, move, self.edges)
         return state
+
+
+def _boxes_of_runs(edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the boxes around about as many runs of edges as there are edges in each; float64, shape (runs, 4)."""
+    runs = ceil(sqrt(len(edges)))
+    length = -(-len(edges) // runs)
+    ends = edges[np.minimum(np.arange(runs * length), len(edges) - 1)].reshape(runs, 2 * length, 2)
+    return np.stack([ends.min(axis=1), ends.max(axis=1)], axis=2).reshape(runs, 4)

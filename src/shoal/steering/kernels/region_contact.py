@@ -8,9 +8,10 @@ from math import sqrt
 from shoal.jit import in_place_kernel
 from shoal.steering.kernels.contact import PUSHED, TOUCH
 
-Edges = namedtuple("Edges", "ends normals lengths links reflex size")
+Edges = namedtuple("Edges", "ends normals lengths links reflex size boxes")
 """The boundary of a region: x and y of both ends of each edge, the free side on the left; inward unit normals and lengths; the
-edges before and after each; where the corner at the beginning of an edge is reflex, wider than 180 degrees; the region's size."""
+edges before and after each; where the corner at the beginning of an edge is reflex, wider than 180 degrees; the region's size; and
+the boxes around runs of edges (least and largest x, then y), so that most edges need no look."""
 
 GAP = 1e-12  # of the size: by so much edges are longer for who comes to them, so that nobody slips through where two meet
 
@@ -59,25 +60,38 @@ def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normal
 
 
 @in_place_kernel
-def is_held(point, move, ends, normals, lengths, links, reflex, size):
+def run_near(run, x, y, x_after, y_after, near, boxes, count):
+    """Return the first edge of a run and the one after its last, the same one if the run is not near to a straight way."""
+    size = -(-count // boxes.shape[0])
+    if min(x, x_after) - near > boxes[run, 1] or max(x, x_after) + near < boxes[run, 0]:
+        return 0, 0
+    if min(y, y_after) - near > boxes[run, 3] or max(y, y_after) + near < boxes[run, 2]:
+        return 0, 0
+    return run * size, min((run + 1) * size, count)
+
+
+@in_place_kernel
+def is_held(point, move, ends, normals, lengths, links, reflex, size, boxes):
     """Tell whether the boundary that a particle is on does not let it follow a move."""
     x, y, touch = point[0], point[1], TOUCH * size
     length = sqrt(move[0] ** 2 + move[1] ** 2)
-    for edge in range(ends.shape[0]):
-        if not pushes(move, edge, normals, length) or not is_on(x, y, edge, ends, normals, lengths, touch):
-            continue
-        before, after = links[edge, 0], links[edge, 1]
-        x0, y0, x1, y1 = ends[edge, 0], ends[edge, 1], ends[edge, 2], ends[edge, 3]
-        if reflex[edge] and is_excused(x, y, move, length, edge, before, x0, y0, ends, normals, lengths, touch):
-            continue
-        if reflex[after] and is_excused(x, y, move, length, edge, after, x1, y1, ends, normals, lengths, touch):
-            continue
-        return True
+    for run in range(boxes.shape[0]):
+        first, last = run_near(run, x, y, x, y, touch, boxes, ends.shape[0])
+        for edge in range(first, last):
+            if not pushes(move, edge, normals, length) or not is_on(x, y, edge, ends, normals, lengths, touch):
+                continue
+            before, after = links[edge, 0], links[edge, 1]
+            x0, y0, x1, y1 = ends[edge, 0], ends[edge, 1], ends[edge, 2], ends[edge, 3]
+            if reflex[edge] and is_excused(x, y, move, length, edge, before, x0, y0, ends, normals, lengths, touch):
+                continue
+            if reflex[after] and is_excused(x, y, move, length, edge, after, x1, y1, ends, normals, lengths, touch):
+                continue
+            return True
     return False
 
 
 @in_place_kernel
-def first_edge(point, move, ends, normals, lengths, links, reflex, size):
+def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
     """Return the share of a move after which a free particle meets an edge, the edge (-1 if none), and how far along it that is.
 
     Edges that it is on at the start let it go: it leaves them, or the corner between them. A reflex corner that it just passes
@@ -86,21 +100,23 @@ def first_edge(point, move, ends, normals, lengths, links, reflex, size):
     x, y, touch = point[0], point[1], TOUCH * size
     length = sqrt(move[0] ** 2 + move[1] ** 2)
     share, met, along = 1.0, -1, 0.0
-    for edge in range(ends.shape[0]):
-        speed = normals[edge, 0] * move[0] + normals[edge, 1] * move[1]
-        away = signed_distance(x, y, edge, ends, normals)
-        # Who is behind the line of an edge cannot come upon its free side; away > -touch is for rounding.
-        if speed >= 0 or away > -speed * share or away < -touch or is_on(x, y, edge, ends, normals, lengths, touch):
-            continue
-        found = max(away / -speed, 0.0)
-        place = place_along(x + found * move[0], y + found * move[1], edge, ends, normals)
-        if place < -GAP * size or place > lengths[edge] + GAP * size:
-            continue
-        if reflex[edge] and place < touch and not pushes(move, links[edge, 0], normals, length):
-            continue
-        if reflex[links[edge, 1]] and place > lengths[edge] - touch and not pushes(move, links[edge, 1], normals, length):
-            continue
-        share, met, along = found, edge, min(max(place, 0.0), lengths[edge])
+    for run in range(boxes.shape[0]):
+        first, last = run_near(run, x, y, x + share * move[0], y + share * move[1], touch, boxes, ends.shape[0])
+        for edge in range(first, last):
+            speed = normals[edge, 0] * move[0] + normals[edge, 1] * move[1]
+            away = signed_distance(x, y, edge, ends, normals)
+            # Who is behind the line of an edge cannot come upon its free side; away > -touch is for rounding.
+            if speed >= 0 or away > -speed * share or away < -touch or is_on(x, y, edge, ends, normals, lengths, touch):
+                continue
+            found = max(away / -speed, 0.0)
+            place = place_along(x + found * move[0], y + found * move[1], edge, ends, normals)
+            if place < -GAP * size or place > lengths[edge] + GAP * size:
+                continue
+            if reflex[edge] and place < touch and not pushes(move, links[edge, 0], normals, length):
+                continue
+            if reflex[links[edge, 1]] and place > lengths[edge] - touch and not pushes(move, links[edge, 1], normals, length):
+                continue
+            share, met, along = found, edge, min(max(place, 0.0), lengths[edge])
     return share, met, along
 
 
@@ -109,10 +125,10 @@ def advance(point, move, edges):
     """Move one particle, in place; return the share of the input after which it stopped, 1 if it never did."""
     if move[0] == 0 and move[1] == 0:
         return 1.0
-    ends, normals, lengths, links, reflex, size = edges
-    if is_held(point, move, ends, normals, lengths, links, reflex, size):
+    ends, normals, lengths, links, reflex, size, boxes = edges
+    if is_held(point, move, ends, normals, lengths, links, reflex, size, boxes):
         return 0.0
-    share, met, along = first_edge(point, move, ends, normals, lengths, links, reflex, size)
+    share, met, along = first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes)
     if met < 0:
         point[0] += move[0]
         point[1] += move[1]

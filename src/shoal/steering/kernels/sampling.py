@@ -43,11 +43,13 @@ def add_normals(point, world, total):
     """Add the inward normals of all walls that a particle is nearly on."""
     near = 0.5 * LIFT * world.walls.size
     if world.flat:
-        edges = world.edges
-        for edge in range(edges.ends.shape[0]):
-            if region_contact.is_on(point[0], point[1], edge, edges.ends, edges.normals, edges.lengths, 0.5 * LIFT * edges.size):
-                total[0] += edges.normals[edge, 0]
-                total[1] += edges.normals[edge, 1]
+        edges, x, y = world.edges, point[0], point[1]
+        for run in range(edges.boxes.shape[0]):
+            first, last = region_contact.run_near(run, x, y, x, y, near, edges.boxes, edges.ends.shape[0])
+            for edge in range(first, last):
+                if region_contact.is_on(x, y, edge, edges.ends, edges.normals, edges.lengths, near):
+                    total[0] += edges.normals[edge, 0]
+                    total[1] += edges.normals[edge, 1]
         return
     for wall in range(world.walls.normals.shape[0] + 1):
         if contact.touches(point, wall, world.walls, near):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -66,7 +66,7 @@ class Sampling:
         rng = np.random.default_rng(task.seed)
         # Simulation takes many times as long for sliding particles.
         share = 1.0 if task.world.friction == np.inf else SLIDING
-        world, translations = world_of(task.world), _Translations(room, task.goal)
+        world, translations = world_of(task.world), _Translations(task)
         found: list[Points] = []
         simple = len(task.start) == 2 and task.world.friction == np.inf
         for tree in range(TREES + (MORE_TREES if simple else MORE_TREES // 2)):
@@ -88,14 +88,12 @@ def world_of(world: Any) -> kernels.World:
     if room.round:
         none = np.zeros((0, 2))
         ints, bools = none.astype(np.int64), np.zeros(0, dtype=np.bool_)
-        edges = Edges(np.zeros((0, 4)), none, np.zeros(0), ints, bools, size)
+        edges = Edges(np.zeros((0, 4)), none, np.zeros(0), ints, bools, size, np.zeros((0, 4)))
     else:
         region = room if isinstance(room, Region) else Region(room.vertices, ())
         edges = RegionWorld(region).edges._replace(size=size)
-    if isinstance(world, ContactWorld):
-        walls = world.walls._replace(size=size)
-    else:
-        walls = Walls(np.zeros((0, 2)), np.zeros(0), np.zeros(3), 1.0, np.inf, np.eye(3)[0])
+    unused = Walls(np.zeros((0, 2)), np.zeros(0), np.zeros(3), size, np.inf, np.eye(3)[0])
+    walls = world.walls._replace(size=size) if isinstance(world, ContactWorld) else unused
     return kernels.World(bool(not room.round and world.friction == np.inf), edges, walls)
 
 
@@ -151,7 +149,7 @@ class _Tree:
         size, room = float(self.task.world.room.size), np.zeros((kernels.STEPS, 2))
         after = state.copy()
         count = kernels.translate(after, x, y, self.world, size, room, 0)
-        ends = [room[:count]]
+        ends: Iterable[Points] = [room[:count]]
         if self.task.error(after) > self.task.tolerance:
             ends = translations.around(np.array([-x, -y]))
         for end in ends:
@@ -176,21 +174,20 @@ class _Translations:
     An offset is their common displacement from the goal.
     """
 
-    def __init__(self, room: Any, goal: Points) -> None:
-        self._room, self._goal = room, goal
+    def __init__(self, task: SteeringTask) -> None:
+        self._task = task
+        self._offsets: dict[float, _FreeOffsets | None] = {}
 
-    @cached_property
-    def offsets(self) -> list[_FreeOffsets]:
-        """Return, for each margin, the offsets from which a path leads to the goal. The list is empty for a convex workspace."""
-        if not isinstance(self._room, Region):
-            return []
-        found = (free_offsets(self._room, self._goal, margin * float(self._room.size)) for margin in MARGINS)
-        return [one for one in found if one is not None]
-
-    def around(self, offset: Points) -> list[Points]:
-        """Return the moves from an offset to the goal, one path per feasible margin."""
-        paths = (one.path(offset) for one in self.offsets)
-        return [np.diff(np.vstack([offset, path, np.zeros(2)]), axis=0) for path in paths if path is not None]
+    def around(self, offset: Points) -> Iterator[Points]:
+        """Yield the moves from an offset to the goal, one path per feasible margin. There are none in a convex workspace."""
+        room = self._task.world.room
+        for margin in MARGINS if isinstance(room, Region) else ():
+            if margin not in self._offsets and not self._task.late:
+                self._offsets[margin] = free_offsets(room, self._task.goal, margin * float(room.size))
+            free = self._offsets.get(margin)
+            path = None if free is None else free.path(offset, self._task)
+            if path is not None:
+                yield np.diff(np.vstack([offset, path, np.zeros(2)]), axis=0)
 
 
 @dataclass
@@ -203,43 +200,55 @@ class _FreeOffsets:
         ``free``: the free offsets. ``inner``: the offsets where paths may bend, slightly smaller so that rounding errors stay
         inside ``free``.
     places : ndarray of float64, shape (n, 2)
-        The point nearest to the goal, and the corners of ``inner``.
-    lengths : ndarray of float64, shape (n,)
-        Length of the shortest path from each place to the first one.
-    following : ndarray of int64, shape (n,)
-        The next place on that path.
+        The point nearest to the goal, and the reflex corners of ``inner``, where shortest paths bend.
     reach : float
         Maximum distance of an offset outside ``inner`` that can still be connected by a straight move.
+    seen : dict of int to ndarray of bool, shape (n,)
+        Which places can be reached by a straight free path, for each place that was asked so far.
     """
 
     free: Any
     inner: Any
     places: Points
-    lengths: NDArray[np.float64]
-    following: NDArray[np.int64]
     reach: float
+    seen: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
 
-    def path(self, offset: Points) -> Points | None:
-        """Return the bends of the shortest path from an offset to the goal; float64, shape (points, 2)."""
+    def path(self, offset: Points, task: SteeringTask) -> Points | None:
+        """Return the bends of the shortest path from an offset to the goal; float64, shape (points, 2).
+
+        It is an A* search from the goal. It returns None if there is no path, or no time left to find it.
+        """
         first = _nearest(self.inner, offset, self.reach)
         if first is None:
             return None
-        seen = _sees(self.free, first, self.places)
-        lengths = np.where(seen, np.linalg.norm(self.places - first, axis=1) + self.lengths, np.inf)
-        node = int(np.argmin(lengths))
-        if not lengths[node] < np.inf:
+        left = np.linalg.norm(self.places - first, axis=1)
+        joined = _sees(self.free, first, self.places)
+        lengths, before = np.where(np.arange(len(left)) == 0, 0.0, np.inf), np.zeros(len(left), dtype=np.int64)
+        waiting = lengths + left
+        best, end = np.inf, -1
+        while waiting.min() < best and not task.late:
+            node = int(np.argmin(waiting))
+            waiting[node] = np.inf
+            if joined[node] and lengths[node] + left[node] < best:
+                best, end = lengths[node] + left[node], node
+            if node not in self.seen:
+                self.seen[node] = _sees(self.free, self.places[node], self.places)
+            through = lengths[node] + np.linalg.norm(self.places - self.places[node], axis=1)
+            shorter = self.seen[node] & (through < lengths)
+            lengths[shorter], before[shorter] = through[shorter], node
+            waiting[shorter] = (through + left)[shorter]
+        if end < 0:
             return None
-        way = [first, self.places[node]]
-        while node != 0:
-            node = int(self.following[node])
-            way.append(self.places[node])
+        way = [first, self.places[end]]
+        while end != 0:
+            end = int(before[end])
+            way.append(self.places[end])
         return np.array(way)
 
 
 def free_offsets(room: Region, goal: Points, margin: float) -> _FreeOffsets | None:
     """Return the offsets connected to the goal for which all particles keep a margin to the walls, or None if there are none."""
     import shapely
-    from scipy.sparse.csgraph import dijkstra
     from shapely import affinity
 
     near = room.shape.buffer(-margin, join_style="mitre")
@@ -252,14 +261,16 @@ def free_offsets(room: Region, goal: Points, margin: float) -> _FreeOffsets | No
         last = _nearest(inner, np.zeros(2), reach) if inner.geom_type == "Polygon" else None
         if last is not None:
             shapely.prepare(part)
-            places = np.vstack([last, *[np.asarray(ring.coords)[:-1] for ring in (inner.exterior, *inner.interiors)]])
-            graph = np.zeros((len(places), len(places)))
-            for row, place in enumerate(places):
-                away = np.maximum(np.linalg.norm(places - place, axis=1), 1e-300)
-                graph[row] = np.where(_sees(part, place, places), away, 0.0)
-            lengths, following = dijkstra(graph, indices=0, directed=False, return_predecessors=True)
-            return _FreeOffsets(part, inner, places, lengths, following.astype(np.int64), reach)
+            turned = shapely.orient_polygons(inner)
+            bends = [_reflex_corners(np.asarray(ring.coords)[:-1]) for ring in (turned.exterior, *turned.interiors)]
+            return _FreeOffsets(part, inner, np.vstack([last, *bends]), reach)
     return None
+
+
+def _reflex_corners(ring: Points) -> Points:
+    """Return the corners of a ring that are wider than 180 degrees, measured on its left side."""
+    (x, y), (x_after, y_after) = (ring - np.roll(ring, 1, axis=0)).T, (np.roll(ring, -1, axis=0) - ring).T
+    return np.asarray(ring[x * y_after < y * x_after])
 
 
 def _sees(free: Any, place: Points, others: Points) -> NDArray[np.bool_]:
