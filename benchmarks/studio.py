@@ -1,7 +1,8 @@
 """How the studio feels, and how it bears attacks: python -m benchmarks.studio [--attacks] [--sockets N] [--bytes N]
 
 Without options: a table of what a hand feels, measured in headless Chromium on a studio of its own. With --attacks: connections
-that never say anything, a body that never ends, 500 jobs, and whether the studio answers and leaves no process behind.
+that never say anything, a body that never ends, 500 jobs, three jobs whose server is killed, and whether the studio answers,
+loses nothing and leaves no process behind.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import http.client
 import json
 import os
 import re
+import resource
 import shutil
 import signal
 import socket
@@ -73,10 +75,10 @@ class Server:
                 ticks += sum(map(int, Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split()[11:13]))
         return ticks / os.sysconf("SC_CLK_TCK")
 
-    def end(self) -> list[int]:
+    def end(self, how: int = signal.SIGINT) -> list[int]:
         """End it; return the processes that are left two seconds later; those that nobody has buried are none."""
         below = self.processes()
-        self.process.send_signal(signal.SIGINT)
+        self.process.send_signal(how)
         self.process.wait(30)
         time.sleep(2)
         return [one for one in below if self._runs(one)]
@@ -220,6 +222,7 @@ def feel() -> int:
 
 def attacks(sockets: int, size: int) -> int:
     faults = []
+    resource.setrlimit(resource.RLIMIT_NOFILE, (resource.getrlimit(resource.RLIMIT_NOFILE)[1],) * 2)
     with served() as (server, folder):
 
         def check_well(after: str) -> None:
@@ -237,14 +240,10 @@ def attacks(sockets: int, size: int) -> int:
                 lines.append(socket.create_connection(("127.0.0.1", server.port), timeout=5))
             except OSError:
                 refused += 1
-            if len(lines) >= 500:  # as many at once as one may open here
-                for line in lines[:250]:
-                    line.close()
-                del lines[:250]
+        check_well(f"{len(lines)} sockets open at once that say nothing ({refused} refused)")
         for line in lines:
             line.close()
-        time.sleep(0.5)
-        check_well(f"{sockets} sockets that say nothing ({refused} refused)")
+        check_well("none of them")
 
         sent, piece = 0, b"100000\r\n" + b"x" * 2**20 + b"\r\n"
         head = f"PUT /api/files/huge.npy HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nCookie: {server.cookie}\r\n"
@@ -267,11 +266,30 @@ def attacks(sockets: int, size: int) -> int:
         print(f"500 jobs: {counts}, {len(list(folder.glob('*.npz')))} episodes")
         faults.extend(["a job is lost"] * (counts != {"done": 500} or len(list(folder.glob("*.npz"))) != 500))
         check_well("500 jobs")
-        left = server.end()
+        left = kill_and_count(server, folder, spec, faults)
         print(f"processes left: {left}")
         faults.extend(["a process is left"] * bool(left))
     print("faults: " + ("; ".join(faults) or "none"))
     return 1 if faults else 0
+
+
+def kill_and_count(server: Server, folder: Path, spec: dict[str, dict[str, object]], faults: list[str]) -> list[int]:
+    """Kill the server while three jobs run; the next one has to finish them. Return the processes that either left behind."""
+    there = len(list(folder.glob("*.npz")))
+    for seed in range(3):
+        long = {"problem": spec["problem"] | {"map": "maze:151x151", "particles": 30}, "seed": seed}
+        server.ask("/api/jobs", "POST", {"kind": "play", "spec": long})
+    while json.loads(server.ask("/api/jobs")[2])["counts"].get("running", 0) < min(3, os.cpu_count() or 1):
+        time.sleep(0.05)
+    left = server.end(signal.SIGKILL)
+    server = Server(folder)
+    until = time.monotonic() + 300
+    while (counts := json.loads(server.ask("/api/jobs")[2])["counts"]).get("done", 0) < 503 and time.monotonic() < until:
+        time.sleep(0.5)
+    kept = len(list(folder.glob("*.npz"))) - there
+    print(f"three jobs and a killed server: {counts}, {kept} more episodes")
+    faults.extend(["a job of a killed server is lost"] * (counts != {"done": 503} or kept != 3))
+    return left + server.end()
 
 
 def main() -> int:

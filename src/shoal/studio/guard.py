@@ -7,7 +7,7 @@ import hmac
 import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
-from typing import Any
+from typing import Any, ClassVar
 from urllib.parse import parse_qs
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -188,19 +188,25 @@ async def _answer(send: Send, status: int, sentence: str, more: dict[str, str]) 
 
 
 class LimitedConnection(H11Protocol):
-    """A connection of a server that has not too many of them, and does not wait for one that says nothing."""
+    """A connection of a server that has not too many of them, and does not wait for one that says nothing.
+
+    Where there are too many, the oldest makes room that has not asked for anything; if each has, the newest.
+    """
 
     open_now = 0
+    silent: ClassVar[dict[LimitedConnection, None]] = {}  # the oldest first
 
     def connection_made(self, transport: Any) -> None:
         """Take a connection, or drop it."""
         LimitedConnection.open_now += 1
         self.counted = True
         super().connection_made(transport)
-        if LimitedConnection.open_now > MOST_CONNECTIONS:
-            transport.abort()
-            return
+        self.silent[self] = None
         self.patience = asyncio.get_running_loop().call_later(SLOWEST, self._give_up)
+        if LimitedConnection.open_now > MOST_CONNECTIONS:
+            last = next((one for one in self.silent if one.scope is None), self)
+            last.transport.abort()
+            last._left()
 
     def _give_up(self) -> None:
         if self.scope is None and not self.transport.is_closing():
@@ -220,5 +226,5 @@ class LimitedConnection(H11Protocol):
         if self.counted:
             self.counted = False
             LimitedConnection.open_now -= 1
-            if hasattr(self, "patience"):
-                self.patience.cancel()
+            self.silent.pop(self, None)
+            self.patience.cancel()

@@ -1,6 +1,6 @@
 /* Search: a region dropped, named or drawn; robots and vehicles; the plan as the form changes, simulations, missions. */
 import { ask, newest, on, state, upload } from "../shared/api.js";
-import { makeForm, seedIn } from "../shared/form.js";
+import { makeForm, seedField, seedIn } from "../shared/form.js";
 import { el, guarded, number, svg, tabbed } from "../shared/page.js";
 import { showCopies } from "../shared/share.js";
 import { MetricCanvas, handle } from "./search/canvas.js";
@@ -45,7 +45,7 @@ export function search({ remember }) {
   canvas.world.append(land, drawing.layer, ways.tour, ways.ways);
   const warning = el("p.warning", { role: "status", hidden: true }), source = el("b.source", {}), facts = el("p.facts", {}), where = el("p.soft.where", {});
   const list = el("ul.fleet", { "aria-label": "Robots" });
-  const seedInput = el("input.short", { type: "number", min: 0, value: 0, id: "searchSeed", onchange: () => { seed = seedIn(seedInput); redo(); } });
+  const { input: seedInput, element: seedRow } = seedField("searchSeed", () => { seed = seedIn(seedInput); redo(); });
 
   const frame = () => drawing.told.frame ?? plan?.frame ?? null;
   const fields = () => ({ kind: "search", ...(region ? { region } : {}), ...form.values(), vehicle: vehicle.value() });
@@ -286,7 +286,7 @@ export function search({ remember }) {
   const element = el("div.place.search-place", {},
     el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, stages.panels),
     el("section.panel-side", { "aria-label": "Settings" }, chooser, missions.form.element, form.element, vehicle.element, underlay.element),
-    el("footer.bottom", {}, el("label", { htmlFor: "searchSeed" }, "Seed"), seedInput, simulate.word, simulate.bar,
+    el("footer.bottom", {}, seedRow, simulate.word, simulate.bar,
       el("button.second", { type: "button", onclick: guarded(async () => showCopies(await ready(), seed)) }, "As Python …"), simulate.go));
   for (const kind of ["dragover", "dragenter"]) element.addEventListener(kind, (event) => { event.preventDefault(); element.classList.add("dropping"); });
   for (const kind of ["dragleave", "drop"]) element.addEventListener(kind, () => element.classList.remove("dropping"));

@@ -1,6 +1,6 @@
 /* Steering: drag particles and goals; greedy's plan follows the hand, better plans come after; the Δ space beside it. */
 import { ask, newest, on, run, state, upload } from "../shared/api.js";
-import { makeForm, seedIn } from "../shared/form.js";
+import { makeForm, seedField, seedIn } from "../shared/form.js";
 import { duration, el, guarded, number, svg, tabs, told } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
 import { exports, failure, showCopies } from "../shared/share.js";
@@ -25,7 +25,7 @@ export function steering({ remember }) {
   const room = svg("svg", { class: "room", role: "group", "aria-label": "The workspace: particles are squares, goals are rings. Tab to one and move it with the arrow keys." });
   const space = svg("svg", { class: "room", role: "img", "aria-label": "The Δ configuration space" });
   const table = el("div.plans", { role: "radiogroup", "aria-label": "Plans" }), reachWord = el("p.reached", {});
-  const seedInput = el("input.short", { type: "number", min: 0, value: 0, id: "steeringSeed", onchange: () => { seed = seedIn(seedInput); redo(); } });
+  const { input: seedInput, element: seedRow } = seedField("steeringSeed", () => { seed = seedIn(seedInput); redo(); });
 
   const fields = () => ({ kind: "steering", ...problem });
 
@@ -298,7 +298,7 @@ export function steering({ remember }) {
     element: el("div.place", {},
       el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, Object.values(panels)),
       el("section.panel-side", { "aria-label": "Settings" }, chooser, form.element),
-      el("footer.bottom", {}, el("label", { htmlFor: "steeringSeed" }, "Seed"), seedInput, word,
+      el("footer.bottom", {}, seedRow, word,
         el("button.second", { type: "button", onclick: guarded(() => showCopies(planned(), seed)) }, "As Python …"), go)),
     title: "Steering",
     async open(given) {

@@ -4,7 +4,7 @@ import { comparison } from "./vessels/compare.js";
 import { driving } from "./vessels/drive.js";
 import { Editor, pack, unpack } from "./vessels/editor.js";
 import { toolbar } from "./vessels/toolbar.js";
-import { makeForm, seedIn, written } from "../shared/form.js";
+import { makeForm, seedField, seedIn, written } from "../shared/form.js";
 import { duration, el, guarded, number, say, tabs, told } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
 import { exports, failure, showCopies } from "../shared/share.js";
@@ -40,7 +40,7 @@ export function vessels({ remember }) {
   const tools = toolbar(editor);
   const form = makeForm(schema, SECTIONS, { hidden: ["map"], ends: ENDS, changed });
   const source = el("b.source", {}), facts = el("p.facts", {}), warning = el("p.warning", { role: "status", hidden: true });
-  const seedInput = el("input.short", { type: "number", min: 0, value: 0, id: "vesselsSeed", onchange: () => { seed = seedIn(seedInput); load(); } });
+  const { input: seedInput, element: seedRow } = seedField("vesselsSeed", () => { seed = seedIn(seedInput); load(); });
 
   function fields() {
     return { kind: "swarm", map: problem.map, ...form.values() };
@@ -174,9 +174,14 @@ export function vessels({ remember }) {
     problem = { map: name };
     form.write({ vessels: photo });
     problem = { map: name, ...form.values() };
-    source.textContent = name;
     showRelevant();
     setView(photo ? "photo" : "cells");
+    await chosen(name);
+  }
+
+  /** Say where the map comes from, and open it. */
+  async function chosen(name) {
+    source.textContent = name;
     choices.value = state.files.some((file) => file.name === name) ? name : "";
     generated.value = choices.value ? "" : name;
     stages.pick("map");
@@ -265,13 +270,13 @@ export function vessels({ remember }) {
       },
     });
     running = job.id;
-    go.disabled = true;
+    go.disabled = go.hidden = true;
     stop.hidden = runBar.hidden = false;
   }
 
   function finish() {
     running = null;
-    go.disabled = false;
+    go.disabled = go.hidden = false;
     stop.hidden = runBar.hidden = true;
     runWord.textContent = "";
   }
@@ -315,7 +320,7 @@ export function vessels({ remember }) {
   const element = el("div.place", {},
     el("section.stage-side", { "aria-label": "Stage" }, stages.list, warning, Object.values(panels)),
     el("section.panel-side", { "aria-label": "Settings" }, chooser, form.element),
-    el("footer.bottom", {}, el("label", { htmlFor: "vesselsSeed" }, "Seed"), seedInput, runWord, runBar, stop,
+    el("footer.bottom", {}, seedRow, runWord, runBar, stop,
       el("button.second", { type: "button", onclick: guarded(async () => showCopies(await ready(), seed)) }, "As Python …"), go));
 
   for (const kind of ["dragover", "dragenter"]) element.addEventListener(kind, (event) => { event.preventDefault(); element.classList.add("dropping"); });
@@ -333,15 +338,12 @@ export function vessels({ remember }) {
     title: "Vessels",
     async open(given) {
       if (given?.problem?.map) {
-        ({ seed = 0 } = given);
-        seedInput.value = seed;
+        seedInput.value = seed = given.seed ?? 0;
         problem = { ...given.problem };
         form.write(problem);
-        generated.value = written(problem.map);
         showRelevant();
         setView(problem.vessels ? "photo" : "cells");
-        stages.pick("map");
-        await load();
+        await chosen(written(problem.map));
       } else if (!map) await choose(problem.map);
     },
   };

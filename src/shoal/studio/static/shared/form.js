@@ -7,6 +7,12 @@ export const NEED_OPTIONS = ["manual", "offline"];
 /** A seed as it is typed; those above 53 bits stay text, so that none of their digits are lost. */
 export const seedIn = (input) => (Number.isSafeInteger(Number(input.value)) ? Number(input.value) : input.value);
 
+/** The field of a place's seed beside its word; `id` is the field's. */
+export const seedField = (id, onchange) => {
+  const input = el("input.short", { type: "number", min: 0, value: 0, id, onchange });
+  return { input, element: el("span.seed", {}, el("label", { htmlFor: id }, "Seed"), input) };
+};
+
 let made = 0;
 
 /** Where sliders are worth having: fields between two bounds; a place may name narrower ends for the hand. */

@@ -59,14 +59,14 @@ export function comparison({ names, problem, seed }) {
     const others = policies.filter((_, i) => i !== best), sure = others.filter((one) => one.moreLow > 0);
     const name = policies[best].policy;
     verdict.textContent = sure.length === others.length
-      ? `${name} needs fewer moves than ${others.length > 1 ? "each of the others" : others[0].policy}, on ${count} starts, with 95 % confidence.`
+      ? `${name} needs the fewest moves: ${others.map((one) => `${one.policy} needs ${number(one.more)} more (95 %: ${number(one.moreLow)} to ${number(one.moreHigh)})`).join(", ")}, on ${count} starts.`
       : `${name} needs the fewest moves on average, but ${count} starts do not tell it from ${others.filter((one) => !(one.moreLow > 0)).map((one) => one.policy).join(", ")}.`;
   }
 
   function draw({ policies, best }) {
     chart.replaceChildren(
       rowsChart(policies.map((one, i) => ({ ...one, label: one.policy, best: i === best })), "Moves of each policy: each trial, the mean and its interval"),
-      dataTable("Numbers", ["Policy", "Mean moves", "95 % interval", "More than the best", "p", "Unfinished"], policies.map((one, i) => [
+      dataTable("Numbers", ["Policy", "Mean moves", "95 % interval", "More than the best", "p (Wilcoxon)", "Unfinished"], policies.map((one, i) => [
         one.policy, number(one.mean), one.low === null ? "–" : `${number(one.low)} to ${number(one.high)}`,
         i === best ? "the best" : one.moreLow === null ? number(one.more) : `${number(one.more)} (${number(one.moreLow)} to ${number(one.moreHigh)})`,
         i === best ? "–" : one.p < 1e-4 ? "< 0.0001" : number(one.p, 2), String(one.unfinished)])));

@@ -78,6 +78,6 @@ export function driving({ names, problem, seed }) {
 
   return el("div.race", {},
     el("div.stageHead", {}, el("label", { htmlFor: "rival" }, "Against"), rivals, go, mine.element, theirs.element),
-    verdict, kept, frame.element, pad,
+    verdict, kept, frame.element, el("p.empty", {}, "Press Start the race: you and the policy begin on the same cells."), pad,
     el("p.soft.hintline", {}, "Arrow keys move all particles at once (Page up and Page down: in and out). The violet ghosts are the policy’s, at your move."));
 }
